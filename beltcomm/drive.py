@@ -1,0 +1,246 @@
+"""What beltcomm asks of a servo drive, and how an adapter for one is found.
+
+An adapter is a guest: a package registers a value of type :class:`Adapter` under the entry-point group
+``beltcomm.adapters``; nothing here imports one.  Everything crossing this border is SI at the **motor shaft**
+(rad, rad/s, N m), because a drive knows no carriage.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib.metadata import entry_points
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltcomm.control import CascadeStructure
+from beltcomm.errors import UsageError
+
+Array = NDArray[np.float64]
+
+#: Columns of every recorded row, in this order; NaN where the drive does not report a quantity.
+COLUMNS = (
+    "t_s",
+    "torque_nm",
+    "torque_setpoint_nm",
+    "position_rad",
+    "velocity_rad_s",
+    "reference_position_rad",
+    "reference_velocity_rad_s",
+)
+
+Row = tuple[float, ...]
+Sink = Callable[[Row], None]
+
+
+class Clock(Protocol):
+    """Time as an argument: the wall clock of a real bus, or the virtual time of a simulated one."""
+
+    def now(self) -> float:
+        """Seconds on a clock that never goes back."""
+        ...
+
+    def sleep_until(self, t_s: float) -> None:
+        """Return when ``now() >= t_s``; virtual time moves on, real time waits."""
+        ...
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What must not be exceeded while the axis moves; watched in the drive and row by row on the host.
+
+    position_min_rad, position_max_rad : float, rad, motor shaft, in the drive's own zero.
+    speed_rad_s : float, rad/s, motor shaft.     torque_nm : float, N m, motor shaft.
+    """
+
+    position_min_rad: float
+    position_max_rad: float
+    speed_rad_s: float
+    torque_nm: float
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What the axis is asked to do, one entry per sample period; starts and ends at rest.
+
+    kind : "torque"    torque setpoint, all loops open (cyclic synchronous or profile torque);
+           "position"  the drive closes its cascade on ``position_rad`` (cyclic synchronous or interpolated position),
+                       ``velocity_rad_s`` is its velocity feedforward and ``torque_nm`` is added to its torque;
+           "velocity"  the drive closes its velocity loop on ``velocity_rad_s``.
+    period_s : float, s, a whole multiple of ``Capabilities.sample_period_s``.
+    position_rad : ndarray (n,), rad, motor shaft, absolute in the drive's zero.
+    velocity_rad_s, torque_nm : ndarray (n,).   Arrays a kind does not use are zero.
+    """
+
+    kind: Literal["torque", "position", "velocity"]
+    period_s: float
+    position_rad: Array
+    velocity_rad_s: Array
+    torque_nm: Array
+
+    def __post_init__(self) -> None:
+        n = len(self.torque_nm)
+        if not (len(self.position_rad) == len(self.velocity_rad_s) == n) or n == 0:
+            raise ValueError("the three arrays of a motion must have one equal, positive length")
+
+
+@dataclass(frozen=True)
+class Capabilities:
+    """What a connected drive can do, as read from it or from its profile (never assumed).
+
+    kinds : the kinds of :class:`Motion` it can run.
+    sample_period_s : s, shortest period of the synchronous exchange.
+    counts_per_rev : encoder counts per motor revolution.    torque_step_nm : N m, resolution of a torque setpoint.
+    torque_sampling : when the reported torque was acting, relative to the position of the same frame:
+        "over" the period that follows, "after": the period just ended.  The adapter has already shifted its rows so that
+        ``torque_nm[n]`` acts from ``t[n]`` to ``t[n+1]``; the word is kept in the run folder as provenance.
+    structure : the cascade inside the drive.
+    rated_torque_nm, peak_torque_nm : N m.    rated_current_a : A rms.    max_speed_rad_s : rad/s.
+    referenced : the drive knows its zero.
+    identity : name, maker, serial number, firmware ... as text, to recognise the same drive on ``--resume``.
+    """
+
+    name: str
+    kinds: frozenset[str]
+    sample_period_s: float
+    counts_per_rev: int
+    torque_step_nm: float
+    torque_sampling: Literal["over", "after"]
+    structure: CascadeStructure
+    rated_torque_nm: float
+    peak_torque_nm: float
+    rated_current_a: float
+    max_speed_rad_s: float
+    can_home: bool
+    referenced: bool
+    identity: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class ExchangeReport:
+    """How one recording went: rows delivered, cycles lost on the bus, and the largest deviation of a period, s."""
+
+    rows: int
+    lost_cycles: int
+    worst_jitter_s: float
+
+
+class Drive(Protocol):
+    """One connected drive.  Methods move machines; assignments never do.  Not thread-safe.
+
+    Use as a context manager: leaving it always stops the axis, restores what the adapter changed for its own purposes
+    (operation mode, PDO mapping, guarding, limits) and closes the port.
+    """
+
+    capabilities: Capabilities
+    clock: Clock
+
+    def read(self, names: Sequence[str]) -> dict[str, float]:
+        """Values of named quantities: ``position_rad``, ``velocity_rad_s``, ``torque_nm``, ``state`` (CiA 402 state
+        number), ``referenced``, and every writable name of :meth:`backup`.  Raises UsageError for an unknown name."""
+        ...
+
+    def write(self, values: Mapping[str, float]) -> dict[str, float]:
+        """Write named parameters (stage off when the drive demands it), read them back and return what is stored.
+
+        Raises ObjectRefused when the drive refuses, DriveError when the value read back is not the quantised one asked
+        for; then everything written by this call has been put back."""
+        ...
+
+    def backup(self) -> dict[str, float]:
+        """All parameters beltcomm may ever write (gains, filters, feedforward, limits), as they stand now."""
+        ...
+
+    def save(self) -> None:
+        """Make the present parameters permanent (object 1010h).  Only on the user's word."""
+        ...
+
+    def home(self, limits: Limits) -> None:
+        """Run the drive's own homing.  Raises Refused where there is none, SafetyStop, DriveFault."""
+        ...
+
+    def record(self, motion: Motion, limits: Limits, sink: Sink) -> ExchangeReport:
+        """Enable, run ``motion``, pass each row to ``sink`` while the axis moves, then bring it to rest and disable.
+
+        Rows follow :data:`COLUMNS`; ``t_s`` is the time stamp of the sample, not a grid.  Any exception out of this
+        call (also one raised by ``sink``, also KeyboardInterrupt) leaves a stopped, disabled axis.
+        Raises SafetyStop (limit, with the value), DriveFault, BusError (lost frames)."""
+        ...
+
+    def stop(self) -> None:
+        """Quick stop, then disable.  Never raises; safe to call at any time."""
+        ...
+
+    def close(self) -> None:
+        """Stop, restore, release the port.  Never raises; idempotent."""
+        ...
+
+    def __enter__(self) -> Drive: ...
+
+    def __exit__(self, *exc: object) -> None: ...
+
+
+@dataclass(frozen=True)
+class Adapter:
+    """What an adapter package registers.
+
+    name : word for messages.     summary : one line for ``beltcomm drives``.
+    schemes : what may stand before the colon of ``--drive`` (``virtual``, ``can``, ``slcan``, ``serial``).
+    open : ``open(address, options) -> Drive``; ``address`` is what follows the colon ("" when nothing does).
+        ``options``: str -> value, e.g. ``seed``, ``profile``, ``node``, ``bitrate``, ``realtime``; unknown ones are a
+        UsageError.
+    claims : whether this adapter understands an address without a scheme (``can0``, ``vcan1``).
+    """
+
+    name: str
+    summary: str
+    schemes: tuple[str, ...]
+    open: Callable[[str, Mapping[str, object]], Drive]
+    claims: Callable[[str], bool] = lambda _address: False
+
+
+@dataclass(frozen=True)
+class FoundAdapter:
+    """One entry point: the adapter, or in words why it cannot be loaded."""
+
+    entry_point: str
+    adapter: Adapter | None
+    reason: str = ""
+
+
+def find_adapters() -> list[FoundAdapter]:
+    """All registered adapters, broken ones with their reason.  A broken adapter never hurts the others."""
+    found = []
+    for point in sorted(entry_points(group="beltcomm.adapters"), key=lambda p: p.name):
+        try:
+            adapter = point.load()
+        except Exception as error:  # a guest may fail in any way; its reason is shown by `beltcomm drives`
+            found.append(FoundAdapter(point.value, None, f"{type(error).__name__}: {error}"))
+            continue
+        if isinstance(adapter, Adapter):
+            found.append(FoundAdapter(point.value, adapter))
+        else:
+            found.append(FoundAdapter(point.value, None, f"it provides a {type(adapter).__name__}, not an Adapter"))
+    return found
+
+
+def open_drive(name: str, options: Mapping[str, object] | None = None) -> Drive:
+    """Open the drive called ``name`` (``virtual``, ``virtual:g_a``, ``can0``, ``slcan:/dev/ttyACM0``).
+
+    Raises UsageError when no adapter understands the name (those found are listed), and what the adapter raises.
+    """
+    scheme, _, address = name.partition(":")
+    found = find_adapters()
+    if not found:
+        raise UsageError("no drive adapters are installed; run `pip install -e .` in the beltcomm folder")
+    for item in found:
+        if item.adapter and scheme in item.adapter.schemes:
+            return item.adapter.open(address, options or {})
+    for item in found:
+        if item.adapter and item.adapter.claims(name):
+            return item.adapter.open(name, options or {})
+    known = ", ".join(sorted(s for item in found if item.adapter for s in item.adapter.schemes))
+    broken = "".join(f" ({item.entry_point} is broken: {item.reason})" for item in found if not item.adapter)
+    raise UsageError(f"no adapter understands the drive {name!r}; known are {known} and CAN interfaces like can0{broken}")

@@ -1,0 +1,83 @@
+"""The exceptions of beltcomm. Each carries the exit code that the command line returns.
+
+::
+
+    BeltcommError
+    ├── Refused      1  the target was missed, or the person at the machine said no
+    ├── UsageError   2  wrong option, wrong axis file, impossible limits
+    ├── DataError    3  a recording or run folder that the method cannot use
+    ├── SafetyStop   4  a limit was reached; the axis was stopped
+    └── DriveError   5  no answer, wrong answer, drive fault
+        ├── BusError        nobody answers, frames lost, adapter gone
+        ├── DriveFault      the drive went into fault (EMCY code and text kept)
+        └── ObjectRefused   the drive refused a read or a write (abort code kept)
+
+A message says what, which value, which limit, and what to do next.
+"""
+
+from __future__ import annotations
+
+
+class BeltcommError(Exception):
+    """Base of everything this package raises on purpose; ``str(error)`` is one or two plain sentences."""
+
+    exit_code = 1
+
+
+class Refused(BeltcommError):
+    """Nothing is broken, but the result asked for is not to be had (infeasible design, user's no, missed target)."""
+
+    exit_code = 1
+
+
+class UsageError(BeltcommError):
+    """The command, the axis file or a limit is wrong: nothing was started."""
+
+    exit_code = 2
+
+
+class DataError(BeltcommError):
+    """A recording or a run folder cannot be used by the method that was asked for."""
+
+    exit_code = 3
+
+
+class SafetyStop(BeltcommError):
+    """A watched limit was reached and the axis was stopped.
+
+    ``reason`` is a word for programs: position, speed, torque, belt_force, interrupted, lost_frames.
+    """
+
+    exit_code = 4
+
+    def __init__(self, message: str, reason: str = "limit") -> None:
+        super().__init__(message)
+        self.reason = reason
+
+
+class DriveError(BeltcommError):
+    """The drive or the bus did not do what it must."""
+
+    exit_code = 5
+
+
+class BusError(DriveError):
+    """No node answers, frames are lost, or the interface is gone."""
+
+
+class DriveFault(DriveError):
+    """The drive reports a fault.  ``code`` is the EMCY error code (CiA 301, 7.2.7), 0 when none was sent."""
+
+    def __init__(self, message: str, code: int = 0) -> None:
+        super().__init__(message)
+        self.code = code
+
+
+class ObjectRefused(DriveError):
+    """An SDO transfer was aborted.  ``abort_code`` as in CiA 301, table 22; ``index``, ``subindex`` of the object."""
+
+    def __init__(self, message: str, abort_code: int, index: int = 0, subindex: int = 0) -> None:
+        super().__init__(message)
+        self.abort_code = abort_code
+        self.index = index
+        self.subindex = subindex

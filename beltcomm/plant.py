@@ -1,0 +1,27 @@
+"""The border between a virtual drive and the machine behind it: an object with a step method.
+
+The product's default is :class:`beltcomm.simulate.forward.SimulatedPlant`; the accuracy figures of the tests use an
+independent simulator that implements the same protocol.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+
+class Plant(Protocol):
+    """A machine seen from the motor shaft.
+
+    position_rad : float, rad, true motor angle.     velocity_rad_s : float, rad/s.
+    cart_position_m : float, m, true carriage position relative to where the run began (for judging only).
+    belt_force_n : float, N, force in the driving belt strand (for judging only).
+    """
+
+    position_rad: float
+    velocity_rad_s: float
+    cart_position_m: float
+    belt_force_n: float
+
+    def step(self, torque_nm: float, duration_s: float) -> None:
+        """Let ``torque_nm`` (held, at the motor shaft) act for ``duration_s``; deterministic."""
+        ...
