@@ -58,8 +58,8 @@ class Cascade:
 class CascadeStructure:
     """What a drive's built-in cascade can do, and how its gains are quantised: the design uses exactly this.
 
-    period_s : s, sampling period of its loops.    prefilters : the kinds available.    steps : smallest step of each gain in SI,
-    by name (``kp_nm_s_rad`` ...), 0 when continuous for our purpose.   lowest, highest : bounds of each gain in SI.
+    period_s : s, sampling period of its loops.    prefilters : the kinds available.    steps : smallest step
+    of each gain in SI by name (``kp_nm_s_rad`` ...), 0 when continuous for our purpose.  lowest, highest : SI bounds.
     """
 
     name: str
