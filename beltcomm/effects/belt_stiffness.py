@@ -1,0 +1,28 @@
+"""The belt as one spring between the driving end and the carriage, with constant stiffness."""
+
+from __future__ import annotations
+
+from beltcomm.effects._effect import DRIVING_END, Effect, Element, Parameter
+
+
+def force(stretch: float, rate: float, x: float, stiffness: float) -> float:
+    """Force in the spring:  force = c stretch, N.   stretch : m.   stiffness : N/m at the belt line.   Source: (2.25)."""
+    return stiffness * stretch
+
+
+def slope(x: float, stiffness: float) -> tuple[float, float]:
+    """(stiffness N/m, damping N s/m)."""
+    return stiffness, 0.0
+
+
+EFFECT = Effect(
+    name="belt_stiffness",
+    slot="element",
+    title="belt stiffness",
+    parameters=(Parameter("stiffness", "N/m", "belt", 2e5, 1e3, 1e8, "stiffness between driving pulley and carriage"),),
+    elements=(Element((DRIVING_END, "cart"), force, slope),),
+    group="belt spring",
+    seen="antiresonance and resonance in the frequency response",
+    check="belt tension, clamp at the carriage; compare with the data sheet",
+    source="(2.25)",
+)

@@ -1,0 +1,54 @@
+"""Coulomb friction of a body: a constant level that opposes motion and holds the body at standstill."""
+
+from __future__ import annotations
+
+from beltcomm.effects._effect import Effect, Parameter, body_units
+
+_HIGH = {"motor": 5.0, "cart": 400.0, "end_pulley": 100.0}
+_START = {"motor": 0.05, "cart": 3.0, "end_pulley": 1.0}
+_TITLE = {
+    "motor": "Coulomb friction at the motor",
+    "cart": "Coulomb friction at the carriage",
+    "end_pulley": "Coulomb friction of the end pulley",
+}
+_CHECK = {
+    "motor": "motor bearings, shaft seal, gearbox; turn the shaft by hand with the belt off",
+    "cart": "guide, seals and grease of the carriage; push it by hand with the belt slack",
+    "end_pulley": "bearing of the end pulley; turn it by hand with the belt slack",
+}
+
+
+def level(speed: float, position: float, t: float, level_: float) -> float:
+    """Level of the set-valued friction.
+
+    |force| <= level at standstill,  force = -level sign(speed) otherwise
+
+    level_ : N m at the motor shaft, or N at the carriage and the end pulley (belt line).   Source: (2.21), (2.23).
+    """
+    return level_
+
+
+def slope(speed: float, position: float, t: float, level_: float) -> float:
+    """d level/d speed: none.  At standstill the friction has no linearisation (see ``beltcomm.linear``)."""
+    return 0.0
+
+
+def on(body: str) -> Effect:
+    """The effect on one body: ``coulomb_motor``, ``coulomb_cart``, ``coulomb_end_pulley``."""
+    unit, _, side = body_units(body)
+    parameter = Parameter("level", unit, side, _START[body], 0.0, _HIGH[body], "friction that does not depend on speed")
+    return Effect(
+        name=f"coulomb_{body}",
+        slot="friction_level",
+        title=_TITLE[body],
+        parameters=(parameter,),
+        law=level,
+        slope=slope,
+        body=body,
+        seen="the torque steps when the direction changes; small torques do not move the axis",
+        check=_CHECK[body],
+        source="(2.21), (2.23); measured by (3.36)",
+    )
+
+
+EFFECTS = (on("motor"), on("cart"), on("end_pulley"))

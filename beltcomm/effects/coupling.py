@@ -1,0 +1,34 @@
+"""Compliance between motor and driving pulley: coupling and shaft."""
+
+from __future__ import annotations
+
+from beltcomm.effects._effect import Body, Effect, Element, Parameter
+
+
+def torque(twist: float, rate: float, x: float, stiffness: float, damping: float) -> float:
+    """Torque in the coupling:  K twist + D rate, N m at the motor shaft.   twist : rad, motor angle minus pulley angle times
+    gear ratio.   Source: data sheet; (2.7) without the assumption of a rigid coupling."""
+    return stiffness * twist + damping * rate
+
+
+def slope(x: float, stiffness: float, damping: float) -> tuple[float, float]:
+    """(stiffness N m/rad, damping N m s/rad)."""
+    return stiffness, damping
+
+
+EFFECT = Effect(
+    name="coupling",
+    slot="body",
+    title="compliance of the coupling",
+    parameters=(
+        Parameter("stiffness", "N m/rad", "motor", 200.0, 1.0, 1e6, "torsional stiffness of the coupling"),
+        Parameter("damping", "N m s/rad", "motor", 1e-3, 0.0, 1.0, "torsional damping of the coupling"),
+    ),
+    bodies=(
+        Body("driving_pulley", Parameter("inertia", "kg m2", "motor", 2e-5, 1e-8, 1.0, "driving pulley at the motor shaft"), rotary=True),
+    ),
+    elements=(Element(("motor", "driving_pulley"), torque, slope, angular=True),),
+    seen="a stiff belt looks softer than its data sheet; another mode at some hundred hertz",
+    check="clamping screws and elastomer of the coupling",
+    source="thesis table A.3; data sheet",
+)

@@ -1,0 +1,39 @@
+"""Gravity along a tilted axis."""
+
+from __future__ import annotations
+
+import math
+
+from beltcomm.effects._effect import Effect, Parameter
+
+#: m/s², standard gravity.
+GRAVITY_M_S2 = 9.80665
+
+
+def force(position: float, speed: float, t: float, angle: float, mass: float) -> float:
+    """Force on the carriage:  f_g = -m_c g sin(angle), N.
+
+    angle : rad, positive when the axis rises in positive direction.   mass : kg, carriage with payload.   Source: (2.22).
+    The torque that holds the axis is + i_t m_c g sin(angle) (errata 11).
+    """
+    return -mass * GRAVITY_M_S2 * math.sin(angle)
+
+
+def slope(position: float, speed: float, t: float, angle: float, mass: float) -> tuple[float, float]:
+    """(d force/d position, d force/d speed): none."""
+    return 0.0, 0.0
+
+
+EFFECT = Effect(
+    name="tilt",
+    slot="force",
+    title="tilt of the axis",
+    parameters=(Parameter("angle", "rad", "cart", 0.0, -math.pi / 2, math.pi / 2, "angle against the horizontal, rising positive"),),
+    law=force,
+    slope=slope,
+    body="cart",
+    uses=("cart.mass",),
+    seen="more torque in one direction than in the other, at every speed; grows with the payload",
+    check="spirit level; the same picture comes from a current offset or from skewed seals",
+    source="(2.22)",
+)

@@ -1,0 +1,48 @@
+"""Viscous friction of a body: proportional to speed."""
+
+from __future__ import annotations
+
+from beltcomm.effects._effect import Effect, Parameter, body_units
+
+_HIGH = {"motor": 0.5, "cart": 2000.0, "end_pulley": 500.0}
+_START = {"motor": 0.002, "cart": 5.0, "end_pulley": 1.0}
+_TITLE = {
+    "motor": "viscous friction at the motor",
+    "cart": "viscous friction at the carriage",
+    "end_pulley": "viscous friction of the end pulley",
+}
+
+
+def force(position: float, speed: float, t: float, damping: float) -> float:
+    """Force on the body:  force = -damping speed.
+
+    damping : N m s/rad at the motor shaft; N s/m at the carriage and the end pulley (belt line).   Source: (2.21), (2.23).
+    The thesis also writes d_m in N s/m at the belt: d_m[N m s/rad] = i_t² d_m[N s/m] (errata).
+    """
+    return -damping * speed
+
+
+def slope(position: float, speed: float, t: float, damping: float) -> tuple[float, float]:
+    """(d force/d position, d force/d speed)."""
+    return 0.0, -damping
+
+
+def on(body: str) -> Effect:
+    """The effect on one body: ``viscous_motor``, ``viscous_cart``, ``viscous_end_pulley``."""
+    _, unit, side = body_units(body)
+    parameter = Parameter("damping", unit, side, _START[body], 0.0, _HIGH[body], "friction in proportion to speed")
+    return Effect(
+        name=f"viscous_{body}",
+        slot="force",
+        title=_TITLE[body],
+        parameters=(parameter,),
+        law=force,
+        slope=slope,
+        body=body,
+        seen="the torque of a constant-speed stroke grows with speed",
+        check="grease, seals, bearing preload; repeat warm",
+        source="(2.21), (2.23); measured by (3.36)",
+    )
+
+
+EFFECTS = (on("motor"), on("cart"), on("end_pulley"))
