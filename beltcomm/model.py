@@ -1,0 +1,277 @@
+"""A model of an axis: bodies, effects and their parameters.  Values only; simulation and fitting live elsewhere.
+
+The same shape serves a plant file (the truth behind a virtual axis) and every model revision inside a run folder.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from beltcomm.configfiles import find_config
+from beltcomm.effects import Body, Effect, Parameter, effect_named
+from beltcomm.errors import UsageError
+
+#: Bodies that need no effect.  The first body of a model is the driven one.
+BASE_BODIES = {
+    "motor": Body(
+        "motor",
+        Parameter("inertia", "kg m2", "motor", 5e-5, 1e-8, 10.0, "motor, coupling, gearbox and driving pulley at the shaft"),
+        rotary=True,
+    ),
+    "cart": Body("cart", Parameter("mass", "kg", "cart", 1.0, 1e-3, 1e4, "carriage with payload")),
+}
+TRANSMISSION = Parameter("ratio", "m/rad", "motor", 0.0125, 1e-5, 10.0, "i_t = r / i_g: travel per radian of the motor (2.16)")
+
+
+@dataclass(frozen=True)
+class Value:
+    """One parameter value.  interval : half width of its 95 % interval, same unit; None when it is not an estimate."""
+
+    value: float
+    unit: str
+    side: str
+    low: float
+    high: float
+    interval: float | None = None
+    origin: str = ""
+
+
+@dataclass(frozen=True)
+class Model:
+    """Bodies, effects in listed order, and a value for each of their parameters (``owner.parameter``).
+
+    Raises UsageError for an unknown effect, two effects of one group, a missing or unknown parameter, a value outside its bounds.
+    """
+
+    name: str
+    effects: tuple[str, ...]
+    parameters: Mapping[str, Value]
+    base_bodies: tuple[str, ...] = ("motor", "cart")
+    source: str = ""
+    _index: Mapping[str, int] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        expected = expected_parameters(self.effects, self.base_bodies)
+        missing = [name for name in expected if name not in self.parameters]
+        unknown = [name for name in self.parameters if name not in expected]
+        if missing or unknown:
+            parts = [f"is missing {', '.join(missing)}"] if missing else []
+            parts += [f"has unknown parameters {', '.join(unknown)}"] if unknown else []
+            raise UsageError(f"model {self.name!r} {' and '.join(parts)}; its effects are {', '.join(self.effects)}")
+        for name, item in self.parameters.items():
+            if not item.low <= item.value <= item.high:
+                raise UsageError(
+                    f"{name} = {item.value:g} {item.unit} of model {self.name!r} is outside {item.low:g}..{item.high:g} {item.unit}"
+                )
+        ordered = {name: self.parameters[name] for name in expected}
+        object.__setattr__(self, "parameters", ordered)
+        object.__setattr__(self, "_index", {name: i for i, name in enumerate(ordered)})
+
+    def __getitem__(self, name: str) -> float:
+        """Value of one parameter, SI."""
+        return self.parameters[name].value
+
+    def get(self, name: str, default: float = 0.0) -> float:
+        """Value of a parameter, or ``default`` when the model has no such effect."""
+        return self.parameters[name].value if name in self.parameters else default
+
+    def index(self, name: str) -> int:
+        """Place of a parameter in :meth:`vector`."""
+        return self._index[name]
+
+    def vector(self) -> NDArray[np.float64]:
+        """All values in their fixed order, float64."""
+        return np.array([item.value for item in self.parameters.values()])
+
+    def effect_list(self) -> tuple[Effect, ...]:
+        """The effects themselves, in order."""
+        return tuple(effect_named(name) for name in self.effects)
+
+    def bodies(self) -> tuple[tuple[str, Body], ...]:
+        """(full name of the inertia parameter, body) of all bodies; the driven one first."""
+        return body_list(self.effects, self.base_bodies)
+
+    def with_values(self, values: Mapping[str, float], origin: str = "") -> Model:
+        """The same model with other numbers; intervals of the changed ones are dropped."""
+        changed = {
+            name: replace(self.parameters[name], value=float(value), interval=None, origin=origin or self.parameters[name].origin)
+            for name, value in values.items()
+        }
+        return replace(self, parameters={**self.parameters, **changed})
+
+    def with_effect(self, name: str, values: Mapping[str, float] | None = None, origin: str = "start value") -> Model:
+        """The model with one more effect, at its start values or the given ones (own parameter names)."""
+        effect = effect_named(name)
+        added = default_values(effect_parameters(effect), values or {}, origin)
+        return replace(self, effects=(*self.effects, name), parameters={**self.parameters, **added})
+
+    def without_effect(self, name: str) -> Model:
+        """The model without that effect."""
+        dropped = set(effect_parameters(effect_named(name)))
+        kept = {key: item for key, item in self.parameters.items() if key not in dropped}
+        return replace(self, effects=tuple(e for e in self.effects if e != name), parameters=kept)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain dictionary for YAML."""
+        return {
+            "name": self.name,
+            "source": self.source,
+            "bodies": list(self.base_bodies),
+            "effects": list(self.effects),
+            "parameters": {
+                name: {
+                    "value": item.value,
+                    "unit": item.unit,
+                    "side": item.side,
+                    "low": item.low,
+                    "high": item.high,
+                    "interval": item.interval,
+                    "origin": item.origin,
+                }
+                for name, item in self.parameters.items()
+            },
+        }
+
+
+def body_list(effects: Iterable[str], base_bodies: Iterable[str]) -> tuple[tuple[str, Body], ...]:
+    """(full name of the inertia parameter, body) of the base bodies and of those that effects bring."""
+    bodies = [(f"{name}.{BASE_BODIES[name].inertia.name}", BASE_BODIES[name]) for name in base_bodies]
+    for effect in map(effect_named, effects):
+        bodies += [(f"{body.name}.{body.inertia.name}", body) for body in effect.bodies]
+    return tuple(bodies)
+
+
+def effect_parameters(effect: Effect) -> dict[str, Parameter]:
+    """Parameters that an effect brings into a model, by full name: inertias of its bodies and its own."""
+    own = {f"{body.name}.{body.inertia.name}": body.inertia for body in effect.bodies}
+    own |= {f"{effect.name}.{parameter.name}": parameter for parameter in effect.parameters}
+    return own
+
+
+def expected_parameters(effects: Iterable[str], base_bodies: Iterable[str]) -> dict[str, Parameter]:
+    """All parameters of a combination, by full name in their fixed order.  Raises UsageError on a clash."""
+    expected = {f"{name}.{BASE_BODIES[name].inertia.name}": BASE_BODIES[name].inertia for name in base_bodies}
+    expected["transmission.ratio"] = TRANSMISSION
+    taken: dict[str, str] = {}
+    for effect in map(effect_named, effects):
+        if effect.group and effect.group in taken:
+            raise UsageError(f"{taken[effect.group]} and {effect.name} are both a {effect.group}: a model can have only one")
+        taken[effect.group] = effect.name
+        for name, parameter in effect_parameters(effect).items():
+            if name in expected:
+                raise UsageError(f"{effect.name} brings {name} a second time: each effect can be in a model once")
+            expected[name] = parameter
+    bodies = {body.name for _, body in body_list(effects, base_bodies)}
+    for effect in map(effect_named, effects):
+        if effect.body and effect.body not in bodies:
+            raise UsageError(f"{effect.name} acts on a body {effect.body!r} that this model does not have")
+    return expected
+
+
+def default_values(parameters: Mapping[str, Parameter], values: Mapping[str, float], origin: str) -> dict[str, Value]:
+    """Values at their start, or as given by full name or by bare parameter name."""
+    return {
+        name: Value(
+            float(values.get(name, values.get(p.name, p.start))), p.unit, p.side, p.low, p.high, None, origin
+        )
+        for name, p in parameters.items()
+    }
+
+
+def build_model(
+    name: str,
+    effects: Iterable[str],
+    values: Mapping[str, float],
+    *,
+    base_bodies: tuple[str, ...] = ("motor", "cart"),
+    origin: str = "",
+    source: str = "",
+) -> Model:
+    """A model from plain numbers by full parameter name; the others stand at their start value."""
+    effects = tuple(effects)
+    expected = expected_parameters(effects, base_bodies)
+    unknown = [key for key in values if key not in expected]
+    if unknown:
+        raise UsageError(f"model {name!r} has no parameter {', '.join(unknown)}; it has {', '.join(expected)}")
+    return Model(name, effects, default_values(expected, values, origin), base_bodies, source)
+
+
+def model_from_dict(data: Mapping[str, Any]) -> Model:
+    """Inverse of :meth:`Model.to_dict`.  Bounds and units that are left out come from the effect.  Raises UsageError."""
+    try:
+        effects = tuple(data["effects"])
+        base_bodies = tuple(data.get("bodies", ("motor", "cart")))
+        expected = expected_parameters(effects, base_bodies)
+        parameters: dict[str, Value] = {}
+        for name, item in data["parameters"].items():
+            if name not in expected:
+                raise UsageError(f"model {data.get('name')!r} has an unknown parameter {name}; expected are {', '.join(expected)}")
+            known = expected[name]
+            interval = item.get("interval")
+            parameters[name] = Value(
+                float(item["value"]),
+                str(item.get("unit", known.unit)),
+                str(item.get("side", known.side)),
+                float(item.get("low", known.low)),
+                float(item.get("high", known.high)),
+                None if interval is None else float(interval),
+                str(item.get("origin", "")),
+            )
+            if parameters[name].unit != known.unit:
+                raise UsageError(f"{name} is given in {parameters[name].unit!r}; it must be in {known.unit!r}")
+        return Model(str(data["name"]), effects, parameters, base_bodies, str(data.get("source", "")))
+    except (KeyError, TypeError, ValueError) as error:
+        raise UsageError(f"this is not a model file: {type(error).__name__} at {error}") from error
+
+
+@dataclass(frozen=True)
+class PlantFile:
+    """The truth behind a virtual axis: a model and the drive's imperfections.
+
+    setpoint_delay_s : s, torque setpoint to acting torque.  torque_noise_nm : N m rms on the reported torque.
+    """
+
+    model: Model
+    setpoint_delay_s: float
+    torque_noise_nm: float
+    counts_per_rev: int
+
+
+def load_plant(name: str | Path) -> PlantFile:
+    """Load ``configs/plants/NAME.yaml`` or a path.  Raises UsageError."""
+    path = find_config("plants", str(name))
+    data = read_yaml(path)
+    model = model_from_dict(data)
+    drive = data.get("drive", {})
+    try:
+        return PlantFile(
+            model,
+            float(drive.get("setpoint_delay_s", 1e-3)),
+            float(drive.get("torque_noise_nm", 6e-3)),
+            int(drive.get("counts_per_rev", 65536)),
+        )
+    except (TypeError, ValueError) as error:
+        raise UsageError(f"the drive section of {path} is unreadable: {error}") from error
+
+
+def load_model(path: Path) -> Model:
+    """Load a model or plant file.  Raises UsageError."""
+    return model_from_dict(read_yaml(path))
+
+
+def read_yaml(path: Path) -> dict[str, Any]:
+    """A YAML mapping from a file.  Raises UsageError with the file's name and the parser's line."""
+    try:
+        data = yaml.load(path.read_text(encoding="utf-8"), Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise UsageError(f"{path} cannot be read: {error}") from error
+    if not isinstance(data, dict):
+        raise UsageError(f"{path} does not hold a mapping of names to values")
+    return data
