@@ -2,12 +2,52 @@
 
 All quantities at the motor shaft.  The loop is the thesis's cascade (figure 4.1): position gain, velocity PI behind a
 prefilter, velocity from position by a first-order high-pass (6.1), feedforward (4.16), conditional integration (6.26).
+
+Discrete form, sampling period T, z = exp(jωT):
+
+- measured velocity: (1 − z⁻¹)/(T_R + T − T_R z⁻¹), the backward difference behind a first-order lag with the pole
+  T_R/(T_R + T); at low frequencies it lags by T_R + T/2;
+- reference velocity, when it is filtered: (1 + z⁻¹)/2 and the same lag, so that it lags by the same T_R + T/2;
+- prefilter on the velocity error: bilinear transform (Tustin), prewarped at its centre or cutoff;
+- PI: K_P + K_I T/(z − 1), the forward-Euler integrator (6.25).
+
+The compiled step (``cascade_step``, ``velocity_step``, ``new_state``, ``reset_state``) stands in
+:mod:`beltcomm.cascade_kernel` and is loaded on first use, because numba takes longer to import than ``--help`` may last.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltcomm.errors import UsageError
+
+if TYPE_CHECKING:
+    from beltcomm.cascade_kernel import cascade_step, new_state, reset_state, velocity_step
+
+Array = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+__all__ = [
+    "Cascade",
+    "CascadeStructure",
+    "Feedforward",
+    "Prefilter",
+    "cascade_step",
+    "discrete_coefficients",
+    "new_state",
+    "pi_response",
+    "prefilter_response",
+    "reset_state",
+    "velocity_filter_response",
+    "velocity_step",
+]
+
+_COMPILED = frozenset({"cascade_step", "velocity_step", "new_state", "reset_state"})
 
 
 @dataclass(frozen=True)
@@ -60,6 +100,7 @@ class CascadeStructure:
 
     period_s : s, sampling period of its loops.    prefilters : the kinds available.    steps : smallest step
     of each gain in SI by name (``kp_nm_s_rad`` ...), 0 when continuous for our purpose.  lowest, highest : SI bounds.
+    Names besides the fields of :class:`Cascade`: ``integral_time_s`` for a drive that stores T_N = K_P/K_I in place of K_I.
     """
 
     name: str
@@ -72,3 +113,99 @@ class CascadeStructure:
     steps: dict[str, float] = field(default_factory=dict)
     lowest: dict[str, float] = field(default_factory=dict)
     highest: dict[str, float] = field(default_factory=dict)
+
+
+def discrete_coefficients(cascade: Cascade, period_s: float, torque_limit_nm: float) -> Array:
+    """The numbers that the compiled step runs on, in the order that :mod:`beltcomm.cascade_kernel` unpacks.
+
+    period_s : float, s, > 0, sampling period T of the loops.   torque_limit_nm : float, N m, motor shaft, > 0.
+    Returns ndarray (17,): T, K_P, K_I, K_PP, T_R, filter_reference (0 or 1), prefilter b0 b1 b2 a1 a2, inertia, viscous,
+    Coulomb and offset of the feedforward, K_v, torque limit.
+    Raises UsageError when a number is out of its range, or the prefilter lies at or above the Nyquist frequency π/T.
+    """
+    if not (period_s > 0.0 and math.isfinite(period_s)):
+        raise UsageError(f"the loop period is {period_s} s; give a positive number of seconds")
+    if not torque_limit_nm > 0.0:
+        raise UsageError(f"the torque limit of the controller is {torque_limit_nm} N m; give a positive torque")
+    gains = (cascade.kp_nm_s_rad, cascade.ki_nm_rad, cascade.kpp_1_s, cascade.velocity_filter_s)
+    for name, value in zip(("K_P", "K_I", "K_PP", "T_R"), gains, strict=True):
+        if not (value >= 0.0 and math.isfinite(value)):
+            raise UsageError(f"the controller's {name} is {value}; give a finite number that is not negative")
+    forward = cascade.feedforward
+    return np.array(
+        [
+            period_s,
+            *gains,
+            1.0 if cascade.filter_reference else 0.0,
+            *_prefilter_coefficients(cascade.prefilter, period_s),
+            forward.inertia_kg_m2,
+            forward.viscous_nm_s_rad,
+            forward.coulomb_nm,
+            forward.offset_nm,
+            forward.velocity,
+            torque_limit_nm,
+        ]
+    )
+
+
+def velocity_filter_response(omega_rad_s: Array, velocity_filter_s: float, period_s: float) -> ComplexArray:
+    """Frequency response from the sampled motor angle to the measured velocity, 1/s.
+
+    (1 − z⁻¹)/(T_R + T − T_R z⁻¹),  z = exp(jωT):  (6.1) by backward differences.
+
+    omega_rad_s : ndarray, rad/s.   velocity_filter_s : T_R, s.   period_s : T, s.   Returns the shape of ``omega_rad_s``.
+    """
+    delayed = np.exp(-1j * omega_rad_s * period_s)
+    return np.asarray((1.0 - delayed) / (velocity_filter_s + period_s - velocity_filter_s * delayed))
+
+
+def prefilter_response(omega_rad_s: Array, prefilter: Prefilter, period_s: float) -> ComplexArray:
+    """Frequency response of the prefilter as the compiled step runs it.
+
+    (b0 + b1 z⁻¹ + b2 z⁻²)/(1 + a1 z⁻¹ + a2 z⁻²),  z = exp(jωT):  (4.1), (4.3) by the prewarped bilinear transform.
+
+    omega_rad_s : ndarray, rad/s.   period_s : T, s.   Raises UsageError as :func:`discrete_coefficients`.
+    """
+    b0, b1, b2, a1, a2 = _prefilter_coefficients(prefilter, period_s)
+    delayed = np.exp(-1j * omega_rad_s * period_s)
+    return np.asarray((b0 + (b1 + b2 * delayed) * delayed) / (1.0 + (a1 + a2 * delayed) * delayed))
+
+
+def pi_response(omega_rad_s: Array, kp_nm_s_rad: float, ki_nm_rad: float, period_s: float) -> ComplexArray:
+    """Frequency response of the PI velocity controller, N m s/rad.
+
+    K_P + K_I T/(z − 1),  z = exp(jωT):  (4.6) with the integrator (6.25).   omega_rad_s : ndarray, rad/s, not 0.
+    """
+    return np.asarray(kp_nm_s_rad + ki_nm_rad * period_s / np.expm1(1j * omega_rad_s * period_s))
+
+
+def _prefilter_coefficients(prefilter: Prefilter, period_s: float) -> tuple[float, float, float, float, float]:
+    """b0, b1, b2, a1, a2 of the prefilter; s/ω0 becomes (1 − z⁻¹)/(1 + z⁻¹)/tan(ω0 T/2), exact at ω0."""
+    if prefilter.kind == "none":
+        return 1.0, 0.0, 0.0, 0.0, 0.0
+    omega = prefilter.omega_rad_s
+    if not 0.0 < omega < math.pi / period_s:
+        raise UsageError(
+            f"the {prefilter.kind} prefilter at {omega:.6g} rad/s does not fit a loop of {period_s:g} s: "
+            f"choose a frequency above 0 and below {math.pi / period_s:.6g} rad/s"
+        )
+    k = math.tan(0.5 * omega * period_s)
+    if prefilter.kind == "notch":
+        if not prefilter.d_n > 0.0:
+            raise UsageError(f"the notch width d_n is {prefilter.d_n}; give a positive number (above 1 to attenuate)")
+        damping_above, damping_below = k / prefilter.d_n, k * prefilter.d_n
+        numerator = (1.0 + 2.0 * damping_above + k * k, 2.0 * (k * k - 1.0), 1.0 - 2.0 * damping_above + k * k)
+    else:
+        damping_below = k / math.sqrt(2.0)
+        numerator = (k * k, 2.0 * k * k, k * k)
+    a0 = 1.0 + 2.0 * damping_below + k * k
+    b0, b1, b2 = (value / a0 for value in numerator)
+    return b0, b1, b2, 2.0 * (k * k - 1.0) / a0, (1.0 - 2.0 * damping_below + k * k) / a0
+
+
+def __getattr__(name: str) -> Any:
+    if name in _COMPILED:
+        from beltcomm import cascade_kernel
+
+        return getattr(cascade_kernel, name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

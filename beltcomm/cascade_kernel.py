@@ -1,0 +1,150 @@
+"""The cascade as a servo drive runs it: one compiled step per sampling period.
+
+Numbers are those of ``beltcomm.control.discrete_coefficients``; the state is one array of seven, so that other compiled
+code can hold it.  All quantities at the motor shaft.
+
+Sources: figure 4.1, (4.1), (4.3), (4.6), (4.16), (6.1), (6.25), (6.26).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import ParamSpec, TypeVar, cast
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+_P = ParamSpec("_P")
+_R = TypeVar("_R")
+
+
+def _compiled(function: Callable[_P, _R]) -> Callable[_P, _R]:
+    """numba's ``njit(cache=True)`` with the types of the function kept."""
+    return cast("Callable[_P, _R]", numba.njit(cache=True)(function))
+
+
+# Places in the state.
+_POSITION, _VELOCITY, _REFERENCE, _FILTERED_REFERENCE, _BIQUAD_1, _BIQUAD_2, _INTEGRAL = range(7)
+
+
+def new_state() -> Array:
+    """State of a cascade at rest at position 0: ndarray (7,).
+
+    Motor angle of the last step, rad; measured velocity, rad/s; reference velocity of the last step, rad/s; filtered
+    reference velocity, rad/s; two states of the prefilter (transposed direct form II), rad/s; integrator x_I, rad.
+    """
+    return np.zeros(7)
+
+
+@_compiled
+def reset_state(state: Array, position_rad: float) -> None:
+    """Bring ``state`` to rest at ``position_rad``, as a drive does when its stage is switched on; nothing is remembered."""
+    state[:] = 0.0
+    state[_POSITION] = position_rad
+
+
+@_compiled
+def cascade_step(
+    coefficients: Array,
+    state: Array,
+    reference_position_rad: float,
+    reference_velocity_rad_s: float,
+    reference_acceleration_rad_s2: float,
+    position_rad: float,
+    extra_torque_nm: float,
+) -> float:
+    """One period of the position cascade; returns the torque setpoint, N m, and moves ``state`` on.
+
+    e = K_PP (φ_d − φ) + filtered K_v ω_d − ω,   τ = PI(prefilter(e)) + feedforward(ω_d, dω_d/dt) + extra, limited.
+
+    coefficients, state : ndarray (17,), (7,).   The feedforward uses ω_d as it is, not filtered and not times K_v.
+    """
+    error = coefficients[3] * (reference_position_rad - position_rad)
+    return _velocity_loop(
+        coefficients,
+        state,
+        error,
+        coefficients[15] * reference_velocity_rad_s,
+        reference_velocity_rad_s,
+        reference_acceleration_rad_s2,
+        position_rad,
+        extra_torque_nm,
+    )
+
+
+@_compiled
+def velocity_step(
+    coefficients: Array,
+    state: Array,
+    reference_velocity_rad_s: float,
+    reference_acceleration_rad_s2: float,
+    position_rad: float,
+    extra_torque_nm: float,
+) -> float:
+    """One period of the velocity loop alone; returns the torque setpoint, N m, and moves ``state`` on.
+
+    As :func:`cascade_step` with K_PP = 0 and K_v = 1: the velocity asked for is the setpoint itself, not a feedforward.
+    """
+    return _velocity_loop(
+        coefficients,
+        state,
+        0.0,
+        reference_velocity_rad_s,
+        reference_velocity_rad_s,
+        reference_acceleration_rad_s2,
+        position_rad,
+        extra_torque_nm,
+    )
+
+
+@_compiled
+def _velocity_loop(
+    coefficients: Array,
+    state: Array,
+    position_term: float,
+    compared_velocity: float,
+    reference_velocity: float,
+    reference_acceleration: float,
+    position: float,
+    extra_torque: float,
+) -> float:
+    period, kp, ki, lag = coefficients[0], coefficients[1], coefficients[2], coefficients[4]
+    pole = lag / (lag + period)
+    state[_VELOCITY] = pole * state[_VELOCITY] + (1.0 - pole) * (position - state[_POSITION]) / period
+    state[_POSITION] = position
+
+    if coefficients[5] != 0.0:
+        mean = 0.5 * (compared_velocity + state[_REFERENCE])
+        state[_FILTERED_REFERENCE] = pole * state[_FILTERED_REFERENCE] + (1.0 - pole) * mean
+    else:
+        state[_FILTERED_REFERENCE] = compared_velocity
+    state[_REFERENCE] = compared_velocity
+
+    raw_error = position_term + state[_FILTERED_REFERENCE] - state[_VELOCITY]
+    error = coefficients[6] * raw_error + state[_BIQUAD_1]
+    state[_BIQUAD_1] = coefficients[7] * raw_error - coefficients[9] * error + state[_BIQUAD_2]
+    state[_BIQUAD_2] = coefficients[8] * raw_error - coefficients[10] * error
+
+    feedforward = (
+        coefficients[11] * reference_acceleration
+        + coefficients[12] * reference_velocity
+        + coefficients[13] * np.sign(reference_velocity)
+        + coefficients[14]
+        + extra_torque
+    )
+    limit = coefficients[16]
+    demand = kp * error + ki * state[_INTEGRAL] + feedforward
+
+    # (6.26).  τ_d[k+1] in its condition is the torque that this error would lead to with the integrator moved on; taken
+    # literally with e[k+1] and τ_FF[k+1] a step of the feedforward would wind the integrator up instead of down.
+    integral = state[_INTEGRAL] + period * error
+    next_demand = kp * error + ki * integral + feedforward
+    if ki > 0.0:
+        if next_demand >= limit and error > 0.0:
+            integral = (limit - kp * error - feedforward) / ki
+        elif next_demand <= -limit and error < 0.0:
+            integral = (-limit - kp * error - feedforward) / ki
+    state[_INTEGRAL] = integral
+    return float(min(max(demand, -limit), limit))
