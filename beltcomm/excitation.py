@@ -1,0 +1,262 @@
+"""Torque signals that make an axis show its frequency response.
+
+An :class:`Excitation` is a finished torque record: rest, run-in, measured periods, rest.  Each kind of signal is one
+function that returns one.  All torques at the motor shaft.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from math import floor
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltcomm.errors import Refused, UsageError
+
+Array = NDArray[np.float64]
+
+#: Delays i with a_i = 1 in (3.2) that give the longest sequence, by order: one primitive polynomial over GF(2) each.
+#: Source: P. Alfke, Xilinx application note XAPP 052 (1996), table 3.
+MAXIMAL_TAPS: Mapping[int, tuple[int, ...]] = {
+    3: (3, 2),
+    4: (4, 3),
+    5: (5, 3),
+    6: (6, 5),
+    7: (7, 6),
+    8: (8, 6, 5, 4),
+    9: (9, 5),
+    10: (10, 7),
+    11: (11, 9),
+    12: (12, 6, 4, 1),
+    13: (13, 4, 3, 1),
+    14: (14, 5, 3, 1),
+    15: (15, 14),
+    16: (16, 15, 13, 4),
+}
+
+#: Spectrum zero (3.5) over highest frequency to be seen.  The lines have half their power at 0.443 of the zero
+#: (sinc² x = 1/2), and half an octave above a resonance is needed for its upper flank: 2^(1/2) / 0.443.
+ZERO_OVER_HIGHEST = 3.2
+#: Half the sampling frequency over highest frequency to be seen: the upper flank of a resonance belongs to it.
+NYQUIST_OVER_HIGHEST = 1.1
+#: Lowest frequency to be seen over lowest line (3.6), so that the rigid slope below an antiresonance is seen too.
+LOWEST_OVER_LINE = 10.0
+#: "these frequencies start in the range of one" hertz (3.1): the lines lie at least this close, Hz.
+WIDEST_LINE_SPACING_HZ = 1.0
+#: Measured periods without which the scatter between periods, and so the noise level, means little.
+FEWEST_REPEATS = 3
+#: Rest before and after the motion: effects-and-diagnosis.md, 3.
+REST_BEFORE_S = 0.25
+REST_AFTER_S = 0.45
+
+
+@dataclass(frozen=True, eq=False)
+class Excitation:
+    """One torque record that starts and ends at rest; ``torque[n]`` acts from sample n to n + 1.
+
+    kind : "prbs", the only one so far.     torque : ndarray (n,), N m, motor shaft, read-only.
+    period_samples : samples of one period.     repeats : measured periods, the run-in not counted.
+    amplitude_nm : N m, largest absolute torque.     sample_period_s : s.
+    first_sample : index where the first measured period begins.
+    band_hz : lowest and highest excited frequency, Hz.     parameters : what the signal was made from, by name.
+    """
+
+    kind: str
+    torque: Array
+    period_samples: int
+    repeats: int
+    amplitude_nm: float
+    sample_period_s: float
+    first_sample: int
+    band_hz: tuple[float, float]
+    parameters: Mapping[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        torque = np.array(self.torque, dtype=np.float64)
+        torque.setflags(write=False)
+        object.__setattr__(self, "torque", torque)
+
+    @property
+    def duration_s(self) -> float:
+        """Length of the whole record with rest and run-in, s."""
+        return len(self.torque) * self.sample_period_s
+
+
+@dataclass(frozen=True)
+class PrbsChoice:
+    """Order, clock and number of measured periods of a PRBS, and in words why these."""
+
+    order: int
+    clock: int
+    repeats: int
+    reason: str
+
+
+def prbs_bits(order: int) -> NDArray[np.int8]:
+    """One period of a maximal-length binary sequence, s(k) = mod(Σ a_i s(k-i), 2), from s(-1) = ... = s(-n) = 1.
+
+    order : n in 3 to 16.     Returns ndarray (2^n - 1,), 0 or 1, with 2^(n-1) ones.
+    Raises UsageError for another order.     Source: thesis (3.1) to (3.3).
+    """
+    if order not in MAXIMAL_TAPS:
+        raise UsageError(f"a PRBS of order {order} is not available; choose an order from 3 to 16")
+    length = 2**order - 1
+    bits = np.ones(order + length, dtype=np.int8)
+    for k in range(order, order + length):
+        bits[k] = sum(int(bits[k - i]) for i in MAXIMAL_TAPS[order]) % 2
+    return bits[order:]
+
+
+def prbs(
+    order: int,
+    clock: int,
+    peak_to_peak_nm: float,
+    sample_period_s: float,
+    repeats: int,
+    *,
+    run_in_periods: int = 1,
+    torque_step_nm: float = 0.0,
+) -> Excitation:
+    """Pseudorandom binary torque that leaves a free axis where it was.
+
+    u((P k + i) T_s) = A (s(k) - 1/2) - A / (2 M),   i = 0 ... P - 1,   M = 2^n - 1
+
+    The second term takes away the mean of (3.4); without it the cart drifts in open loop.  The sequence is rotated so that
+    its integral, the momentum, starts as near as a sample allows to its own mean; one sample before the run-in brings in the
+    rest and one after the last period takes it out again.  So a frictionless rigid axis has no mean speed in any
+    period and ends at rest, and the belt alone decides how long the run-in must be.
+
+    order : n, 3 to 16.     clock : P, samples per bit.     peak_to_peak_nm : A of (3.4), N m, motor shaft: the thesis's
+    0.3 N m is ±0.15 N m.     sample_period_s : T_s, s.     repeats : measured periods.
+    run_in_periods : periods before ``first_sample``.     torque_step_nm : N m, resolution of the drive's torque
+    setpoint, 0 for none.  The momentum is rounded instead of the torque, because the mean taken away is smaller than
+    a step and would be lost: the torque then has at most one step more than asked for.
+    Raises UsageError for values that are no PRBS.     Source: thesis (3.1) to (3.6); thesis.md, erratum 10.
+    """
+    if clock < 1 or repeats < 1 or run_in_periods < 0:
+        raise UsageError(
+            f"clock {clock}, {repeats} measured and {run_in_periods} run-in periods: clock and measured periods must be "
+            "at least 1, run-in periods at least 0"
+        )
+    if not peak_to_peak_nm > 0 or not sample_period_s > 0 or torque_step_nm < 0:
+        raise UsageError(
+            f"peak to peak {peak_to_peak_nm} N m, sample period {sample_period_s} s, torque step {torque_step_nm} N m: "
+            "the first two must be positive, the step not negative"
+        )
+    if torque_step_nm > peak_to_peak_nm / 2:
+        raise UsageError(
+            f"the amplitude ±{peak_to_peak_nm / 2:.4g} N m is below one torque step of the drive, {torque_step_nm:.4g} N m; "
+            f"ask for at least {2 * torque_step_nm:.4g} N m from peak to peak"
+        )
+    period = np.repeat(peak_to_peak_nm * (prbs_bits(order) - 0.5), clock)
+    period -= period.mean()
+    period, start = _rotated_to_mean_momentum(period)
+    if torque_step_nm > 0:
+        period, start = _in_steps(period, start, torque_step_nm)
+    torque = np.concatenate(
+        (
+            np.zeros(round(REST_BEFORE_S / sample_period_s)),
+            [start],
+            np.tile(period, run_in_periods + repeats),
+            [-start],
+            np.zeros(round(REST_AFTER_S / sample_period_s)),
+        )
+    )
+    n_period = len(period)
+    return Excitation(
+        kind="prbs",
+        torque=torque,
+        period_samples=n_period,
+        repeats=repeats,
+        amplitude_nm=float(np.max(np.abs(torque))),
+        sample_period_s=sample_period_s,
+        first_sample=round(REST_BEFORE_S / sample_period_s) + 1 + run_in_periods * n_period,
+        band_hz=prbs_band(order, clock, sample_period_s),
+        parameters={
+            "order": order,
+            "clock": clock,
+            "peak_to_peak_nm": peak_to_peak_nm,
+            "run_in_periods": run_in_periods,
+            "torque_step_nm": torque_step_nm,
+        },
+    )
+
+
+def prbs_band(order: int, clock: int, sample_period_s: float) -> tuple[float, float]:
+    """Lowest line and first zero of the spectrum, Hz, the latter not above half the sampling frequency.
+
+    f_min = 1 / ((2^n - 1) P T_s),   f_max = 1 / (P T_s)     Source: thesis (3.5), (3.6); raises nothing.
+    """
+    bit_s = clock * sample_period_s
+    return 1.0 / ((2**order - 1) * bit_s), min(1.0 / bit_s, 0.5 / sample_period_s)
+
+
+def choose_prbs(sample_period_s: float, lowest_hz: float, highest_hz: float, duration_s: float) -> PrbsChoice:
+    """Order, clock and measured periods of a PRBS that shows ``lowest_hz`` to ``highest_hz`` within ``duration_s``.
+
+    The clock is the largest that keeps half the power up to half an octave above ``highest_hz``: more torque at low
+    frequencies.  The order is the smallest whose lines (3.6) lie no further apart than a tenth of ``lowest_hz`` and
+    1 Hz: a longer period would only move the cart further (its stroke grows with the period's 3/2 power).  The time
+    left over becomes measured periods.
+
+    sample_period_s : s.     lowest_hz : the lowest antiresonance expected.     highest_hz : the highest resonance
+    expected.     duration_s : s, the whole record with rest and one period of run-in.
+    Raises UsageError for numbers that cannot be meant, Refused when sampling or duration do not reach, with what would.
+    Source: thesis (3.5), (3.6); thesis.md, erratum 9: at 1 kHz clock 2 with order 9 to 11.
+    """
+    if not (sample_period_s > 0 and 0 < lowest_hz < highest_hz and duration_s > 0):
+        raise UsageError(
+            f"sample period {sample_period_s} s, {lowest_hz} Hz to {highest_hz} Hz in {duration_s} s: all must be positive "
+            "and the lowest frequency below the highest"
+        )
+    nyquist_hz = 0.5 / sample_period_s
+    if NYQUIST_OVER_HIGHEST * highest_hz > nyquist_hz:
+        raise Refused(
+            f"a resonance at {highest_hz:.4g} Hz cannot be seen with a sample period of {1e3 * sample_period_s:.4g} ms: "
+            f"that ends at {nyquist_hz:.4g} Hz and {NYQUIST_OVER_HIGHEST * highest_hz:.4g} Hz are needed; sample at least "
+            f"every {500.0 / (NYQUIST_OVER_HIGHEST * highest_hz):.3g} ms or leave the resonance out"
+        )
+    clock = max(1, floor(1.0 / (ZERO_OVER_HIGHEST * highest_hz * sample_period_s)))
+    spacing_hz = min(lowest_hz / LOWEST_OVER_LINE, WIDEST_LINE_SPACING_HZ)
+    fitting = [n for n in MAXIMAL_TAPS if prbs_band(n, clock, sample_period_s)[0] <= spacing_hz]
+    if not fitting:
+        raise Refused(
+            f"lines every {spacing_hz:.3g} Hz, as an antiresonance at {lowest_hz:.3g} Hz asks for, need a PRBS beyond order "
+            f"{max(MAXIMAL_TAPS)} at clock {clock} and {1e3 * sample_period_s:.4g} ms; sample more slowly or start higher"
+        )
+    order = min(fitting)
+    line_hz, zero_hz = prbs_band(order, clock, sample_period_s)
+    for_periods_s = duration_s - REST_BEFORE_S - REST_AFTER_S - 2 * sample_period_s
+    repeats = floor(for_periods_s * line_hz + 1e-9) - 1
+    if repeats < FEWEST_REPEATS:
+        needed_s = duration_s - for_periods_s + (1 + FEWEST_REPEATS) / line_hz
+        raise Refused(
+            f"{duration_s:.3g} s are too short for one period of run-in and {FEWEST_REPEATS} measured periods of "
+            f"{1.0 / line_hz:.3g} s; allow {needed_s:.3g} s or raise the lowest frequency above {lowest_hz:.3g} Hz"
+        )
+    return PrbsChoice(
+        order,
+        clock,
+        repeats,
+        f"order {order}, clock {clock}: lines every {line_hz:.3g} Hz (at most {spacing_hz:.3g} Hz for an antiresonance at "
+        f"{lowest_hz:.4g} Hz), excited up to {zero_hz:.4g} Hz (resonance at {highest_hz:.4g} Hz); {repeats} measured "
+        f"periods of {1.0 / line_hz:.3g} s after one of run-in",
+    )
+
+
+def _rotated_to_mean_momentum(period: Array) -> tuple[Array, float]:
+    """The period begun where its running sum is nearest to the sum's mean, and the torque of one sample still missing."""
+    momentum = np.concatenate(([0.0], np.cumsum(period)[:-1]))
+    above_mean = momentum - momentum.mean()
+    start = int(np.argmin(np.abs(above_mean)))
+    return np.roll(period, -start), float(above_mean[start])
+
+
+def _in_steps(period: Array, start: float, step_nm: float) -> tuple[Array, float]:
+    """Period and lead-in in whole steps; their running sum never leaves the exact one by more than half a step."""
+    # The sum of a period is zero, so it ends on the level it began with: said here and not left to rounding.
+    momentum = np.concatenate(([start], start + np.cumsum(period)[:-1], [start]))
+    levels = np.rint(momentum / step_nm) * step_nm
+    return np.diff(levels), float(levels[0])
