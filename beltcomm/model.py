@@ -15,7 +15,7 @@ import yaml
 from numpy.typing import NDArray
 
 from beltcomm.configfiles import find_config
-from beltcomm.effects import Body, Effect, Parameter, effect_named
+from beltcomm.effects import DRIVING_END, Body, Effect, Parameter, effect_named
 from beltcomm.errors import UsageError
 
 #: Bodies that need no effect.  The first body of a model is the driven one.
@@ -27,7 +27,7 @@ BASE_BODIES = {
     ),
     "cart": Body("cart", Parameter("mass", "kg", "cart", 1.0, 1e-3, 1e4, "carriage with payload")),
 }
-TRANSMISSION = Parameter("ratio", "m/rad", "motor", 0.0125, 1e-5, 10.0, "i_t = r / i_g: travel per radian of the motor (2.16)")
+TRANSMISSION = Parameter("ratio", "m/rad", "motor", 0.0125, 1e-5, 10.0, "i_t = r/i_g: travel per radian of the motor (2.16)")
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class Value:
 class Model:
     """Bodies, effects in listed order, and a value for each of their parameters (``owner.parameter``).
 
-    Raises UsageError for an unknown effect, two effects of one group, a missing or unknown parameter, a value outside its bounds.
+    Raises UsageError for an unknown effect, two effects of one group, a missing or unknown parameter, a value out of bounds.
     """
 
     name: str
@@ -67,9 +67,8 @@ class Model:
             raise UsageError(f"model {self.name!r} {' and '.join(parts)}; its effects are {', '.join(self.effects)}")
         for name, item in self.parameters.items():
             if not item.low <= item.value <= item.high:
-                raise UsageError(
-                    f"{name} = {item.value:g} {item.unit} of model {self.name!r} is outside {item.low:g}..{item.high:g} {item.unit}"
-                )
+                bounds = f"{item.low:g}..{item.high:g} {item.unit}"
+                raise UsageError(f"{name} of model {self.name!r} is {item.value:g} {item.unit}, outside {bounds}")
         ordered = {name: self.parameters[name] for name in expected}
         object.__setattr__(self, "parameters", ordered)
         object.__setattr__(self, "_index", {name: i for i, name in enumerate(ordered)})
@@ -100,10 +99,12 @@ class Model:
 
     def with_values(self, values: Mapping[str, float], origin: str = "") -> Model:
         """The same model with other numbers; intervals of the changed ones are dropped."""
-        changed = {
-            name: replace(self.parameters[name], value=float(value), interval=None, origin=origin or self.parameters[name].origin)
-            for name, value in values.items()
-        }
+        changed = {}
+        for name, value in values.items():
+            if name not in self.parameters:
+                raise UsageError(f"model {self.name!r} has no parameter {name}; it has {', '.join(self.parameters)}")
+            old = self.parameters[name]
+            changed[name] = replace(old, value=float(value), interval=None, origin=origin or old.origin)
         return replace(self, parameters={**self.parameters, **changed})
 
     def with_effect(self, name: str, values: Mapping[str, float] | None = None, origin: str = "start value") -> Model:
@@ -170,17 +171,17 @@ def expected_parameters(effects: Iterable[str], base_bodies: Iterable[str]) -> d
             expected[name] = parameter
     bodies = {body.name for _, body in body_list(effects, base_bodies)}
     for effect in map(effect_named, effects):
-        if effect.body and effect.body not in bodies:
-            raise UsageError(f"{effect.name} acts on a body {effect.body!r} that this model does not have")
+        touched = {effect.body, *(end for element in effect.elements for end in element.ends)} - {"", DRIVING_END}
+        if not touched <= bodies:
+            lacking = ", ".join(sorted(touched - bodies))
+            raise UsageError(f"{effect.name} acts on {lacking}, which this model does not have; it has {', '.join(sorted(bodies))}")
     return expected
 
 
 def default_values(parameters: Mapping[str, Parameter], values: Mapping[str, float], origin: str) -> dict[str, Value]:
     """Values at their start, or as given by full name or by bare parameter name."""
     return {
-        name: Value(
-            float(values.get(name, values.get(p.name, p.start))), p.unit, p.side, p.low, p.high, None, origin
-        )
+        name: Value(float(values.get(name, values.get(p.name, p.start))), p.unit, p.side, p.low, p.high, None, origin)
         for name, p in parameters.items()
     }
 
@@ -212,7 +213,7 @@ def model_from_dict(data: Mapping[str, Any]) -> Model:
         parameters: dict[str, Value] = {}
         for name, item in data["parameters"].items():
             if name not in expected:
-                raise UsageError(f"model {data.get('name')!r} has an unknown parameter {name}; expected are {', '.join(expected)}")
+                raise UsageError(f"model {data.get('name')!r} has an unknown parameter {name}; it needs {', '.join(expected)}")
             known = expected[name]
             interval = item.get("interval")
             parameters[name] = Value(

@@ -14,10 +14,10 @@ from beltcomm.effects import (
     tilt,
     viscous,
 )
-from beltcomm.effects._effect import DRIVING_END, Body, Effect, Element, Parameter, Point
+from beltcomm.effects._effect import DRIVING_BODY, DRIVING_END, Body, Effect, Element, Parameter, Point
 from beltcomm.errors import UsageError
 
-__all__ = ["DRIVING_END", "EFFECTS", "Body", "Effect", "Element", "Parameter", "Point", "effect_named"]
+__all__ = ["DRIVING_BODY", "DRIVING_END", "EFFECTS", "Body", "Effect", "Element", "Parameter", "Point", "effect_named"]
 
 EFFECTS: tuple[Effect, ...] = (
     belt_stiffness.EFFECT,

@@ -10,8 +10,9 @@ Slot = Literal["torque_path", "friction_level", "force", "element", "kinematics"
 Side = Literal["motor", "cart", "belt", "drive"]
 Law = Callable[..., float]
 
-#: Body that the belt's driven end is fixed to; the composer resolves it to the driving pulley where a coupling splits it off.
+#: Body that the belt's driven end is fixed to: ``DRIVING_BODY`` where a coupling splits it off, else the first body.
 DRIVING_END = "driving_end"
+DRIVING_BODY = "driving_pulley"
 
 
 @dataclass(frozen=True)
@@ -33,7 +34,7 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Body:
-    """A moving mass.  ``inertia`` names its inertia parameter; ``rotary`` bodies move in rad at the motor shaft, others in m."""
+    """A moving mass with its inertia parameter; ``rotary`` bodies move in rad at the motor shaft, others in m."""
 
     name: str
     inertia: Parameter
@@ -45,7 +46,7 @@ class Element:
     """A massless connection of two bodies: ``force = law(stretch, rate, x, *own parameters)``.
 
     stretch = coordinate of ``ends[0]`` minus that of ``ends[1]``; a positive force pulls the first body back and the second
-    one on.  Coordinates are m along the belt, or rad at the motor shaft when ``angular``.    x : m, carriage position on the axis.
+    one on.  Coordinates are m along the belt, or rad at the motor shaft when ``angular``.    x : m, carriage on the axis.
     slope : ``(x, *own parameters) -> (stiffness, damping)``, N/m and N s/m (N m/rad and N m s/rad when angular).
     """
 
@@ -81,7 +82,7 @@ class Effect:
     body : the body a force or a friction level acts on.     elements, bodies : what an element or body effect brings.
     slope : linearisation; for ``force``: (position, speed, t, *p) -> (d force/d position, d force/d speed); for
     ``friction_level``: (speed, position, t, *p) -> d level/d speed.
-    group : effects of one group exclude each other.     seen, check : for the technician.     source : where the law is from.
+    group : effects of one group exclude each other.     seen, check : for the technician.     source : origin of the law.
     """
 
     name: str
@@ -106,5 +107,5 @@ class Effect:
 
 
 def body_units(body: str) -> tuple[str, str, Side]:
-    """Units of force and of viscous friction on a body, and its side: N m and N m s/rad at the motor, N and N s/m elsewhere."""
+    """Units of force and of viscous friction on a body, and its side: N m, N m s/rad at the motor; N, N s/m elsewhere."""
     return ("N m", "N m s/rad", "motor") if body == "motor" else ("N", "N s/m", "cart" if body == "cart" else "belt")

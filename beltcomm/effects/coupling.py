@@ -25,7 +25,11 @@ EFFECT = Effect(
         Parameter("damping", "N m s/rad", "motor", 1e-3, 0.0, 1.0, "torsional damping of the coupling"),
     ),
     bodies=(
-        Body("driving_pulley", Parameter("inertia", "kg m2", "motor", 2e-5, 1e-8, 1.0, "driving pulley at the motor shaft"), rotary=True),
+        Body(
+            "driving_pulley",
+            Parameter("inertia", "kg m2", "motor", 2e-5, 1e-8, 1.0, "driving pulley at the motor shaft"),
+            rotary=True,
+        ),
     ),
     elements=(Element(("motor", "driving_pulley"), torque, slope, angular=True),),
     seen="a stiff belt looks softer than its data sheet; another mode at some hundred hertz",

@@ -23,14 +23,11 @@ from typing import Any
 
 from platformdirs import user_cache_path
 
-from beltcomm.effects import DRIVING_END, Effect, effect_named
+from beltcomm.effects import DRIVING_BODY, DRIVING_END, Effect, effect_named
 from beltcomm.model import Model, body_list, expected_parameters
 
 #: Changes whenever the generated source changes shape, so that an old cache is never met.
 _VERSION = 1
-
-#: The body whose belt coordinate is the driven end of the belt: the pulley where a coupling splits it from the motor.
-_DRIVING_BODY = "driving_pulley"
 
 
 @dataclass(frozen=True)
@@ -38,9 +35,10 @@ class Kernel:
     """The compiled functions of one combination of effects; arrays are float64, ``p`` is ``Model.vector()``.
 
     advance(q, v, p, torque, t, h, n) -> belt force N: n sub-steps of h seconds with held motor torque, q and v in place.
-    run(q, v, p, torque, t, sample, n, theta, omega, cart, belt): whole record, state at each sample's start into the outputs.
+    run(q, v, p, torque, t, sample, n, theta, omega, cart, belt): whole record, state at the start of each sample and the
+        largest belt force in it.
     inverse(theta, omega, p, t, h, bristle, load, cart): load torque at the motor shaft, N m, that the given motor motion
-        needs besides the motor's own inertia; cart position, m.  ``bristle`` : rad, distance in which motor friction turns round.
+        needs besides the motor's own inertia; cart position, m.  ``bristle`` : rad, in which motor friction turns round.
     forces(q, v, p, t, out): smooth forces on all bodies.      levels(q, v, p, t, out): friction levels of all bodies.
     """
 
@@ -91,7 +89,7 @@ class _Writer:
 
     def end(self, name: str) -> int:
         if name == DRIVING_END:
-            return self.number.get(_DRIVING_BODY, 0)
+            return self.number.get(DRIVING_BODY, 0)
         return self.number[name]
 
     def coordinate(self, i: int, variable: str, angular: bool) -> str:
@@ -103,7 +101,7 @@ class _Writer:
         return self.coordinate(i, "q", False)
 
     def forces(self, speed: str, indent: str) -> list[str]:
-        """f_i from positions q_i and speeds ``speed``_i; ``strand`` is the force in the belt between driven end and carriage."""
+        """f_i from positions q_i and speeds ``speed``_i; ``strand`` is the belt force between driven end and carriage."""
         lines = [f"f{i} = 0.0" for i in range(len(self.bodies))] + ["strand = 0.0", f"x = {self.carriage()}"]
         for effect in self.effects:
             if effect.slot == "force" and effect.law is not None:
@@ -233,8 +231,9 @@ class _Writer:
         return "q0" if rotary == self.bodies[0][1].rotary else "ratio * q0"
 
     def fingerprint(self) -> str:
-        """Hash of every law's source: a changed law must not meet machine code of the old one."""
-        text = "".join(inspect.getsource(law) for _, law in sorted(self.laws.items()))
+        """Hash of the modules of all laws (constants included): a changed law must not meet machine code of the old one."""
+        modules = sorted({law.__module__ for law in self.laws.values()})
+        text = "".join(inspect.getsource(sys.modules[module]) for module in modules)
         return hashlib.sha256(text.encode()).hexdigest()
 
 

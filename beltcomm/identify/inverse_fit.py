@@ -1,0 +1,238 @@
+"""The final estimate: explains torque from measured motion, with friction and the belt damper inside the model, all records at once.
+
+Minimises the whitened residual of ``beltcomm.identify.residual`` over the free parameters.  Blocks of half a second whose residual is
+larger than the noise are weighted down (a likelihood with unknown scale in bad blocks), so that one disturbed stretch cannot
+outvote the rest.  Intervals come from the scatter of the gradient between groups of two seconds (sandwich form), so they hold
+for correlated and uneven residuals too, and they grow with the misfit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+from scipy.stats import t as student
+
+from beltcomm.errors import DataError
+from beltcomm.identify.residual import Stretch, stretches, torque_noise, whitened
+from beltcomm.model import Model
+from beltcomm.recording import Recording
+
+Array = NDArray[np.float64]
+
+#: s; blocks with one weight.  Longer than the resonance rings, shorter than a stroke.
+BLOCK_S = 0.5
+#: s; groups between which the gradient is independent: longer than the carriage rings at its antiresonance.
+GROUP_S = 2.0
+#: A direction of the parameter space known worse than this share of its value is called not identifiable.
+UNKNOWN_SHARE = 0.5
+
+
+@dataclass(frozen=True)
+class InverseFit:
+    """Result of the final fit.
+
+    model : with values and 95 % intervals.   free : names of the fitted parameters.   correlation : (k, k).
+    misfit : mean square of the whitened residual on fitted records, 1 = noise floor.    held_out_misfit : same on held-out ones.
+    record_misfit : by record.   samples : number that counted.   noise_nm : N m rms.   remarks : sentences (bounds, not identifiable).
+    """
+
+    model: Model
+    free: tuple[str, ...]
+    correlation: Array
+    covariance: Array
+    misfit: float
+    held_out_misfit: float | None
+    record_misfit: Mapping[str, float]
+    samples: int
+    noise_nm: float
+    remarks: tuple[str, ...]
+
+
+def fit_inverse(
+    recordings: Sequence[Recording],
+    start: Model,
+    *,
+    counts_per_rev: int,
+    fixed: Sequence[str] = ("transmission.ratio",),
+    noise_nm: float | None = None,
+    progress: Callable[[float], None] = lambda _fraction: None,
+) -> InverseFit:
+    """Fit all parameters of ``start`` but the ``fixed`` ones to the recordings that are not held out.
+
+    Raises DataError when too few samples are left or the fit does not converge to finite values.
+    """
+    noise = torque_noise(list(recordings)) if noise_nm is None else noise_nm
+    step = 2.0 * np.pi / counts_per_rev
+    pieces = [piece for recording in recordings for piece in stretches(recording, start, step, noise)]
+    fitted = [piece for piece in pieces if not piece.held_out]
+    free = tuple(
+        name for name in start.parameters if name not in fixed and start.parameters[name].low < start.parameters[name].high
+    )
+    samples = sum(int(piece.keep.sum()) for piece in fitted)
+    groups = _labels(fitted, GROUP_S)
+    if not fitted or groups.max(initial=0) < len(free) + 3:
+        raise DataError(
+            f"only {samples} moving samples are usable for {len(free)} parameters; record at least {2 * (len(free) + 5)} s of motion"
+        )
+    # The motion between samples is reconstructed with the inertia at hand, so the fit is run twice.
+    problem = _Problem(fitted, start, free)
+    solution, weights = problem.solve(problem.start(), progress)
+    better = problem.model_at(solution)
+    pieces = [piece for recording in recordings for piece in stretches(recording, better, step, noise)]
+    fitted = [piece for piece in pieces if not piece.held_out]
+    groups = _labels(fitted, GROUP_S)
+    problem = _Problem(fitted, better, free)
+    solution, weights = problem.solve(problem.start(), progress)
+    return _report(problem, solution, weights, groups, [piece for piece in pieces if piece.held_out], noise)
+
+
+class _Problem:
+    """The whitened residual as a function of scaled parameters."""
+
+    def __init__(self, pieces: list[Stretch], model: Model, free: tuple[str, ...]) -> None:
+        self.pieces, self.model, self.free = pieces, model, free
+        self.vector = model.vector()
+        self.places = [model.index(name) for name in free]
+        values = [model.parameters[name] for name in free]
+        self.scale = np.array([abs(v.value) if v.value else max(1e-2 * min(abs(v.high), 1e3), 1e-6) for v in values])
+        self.low = np.array([v.low for v in values]) / self.scale
+        self.high = np.array([v.high for v in values]) / self.scale
+        self.blocks = _labels(pieces, BLOCK_S)
+
+    def start(self) -> Array:
+        return np.asarray(np.clip(self.vector[self.places] / self.scale, self.low, self.high))
+
+    def full(self, x: Array) -> Array:
+        vector = self.vector.copy()
+        vector[self.places] = x * self.scale
+        return vector
+
+    def model_at(self, x: Array) -> Model:
+        return self.model.with_values(dict(zip(self.free, x * self.scale, strict=True)), "final fit")
+
+    def residual(self, x: Array) -> Array:
+        vector = self.full(x)
+        return np.concatenate([whitened(piece, self.model, vector) for piece in self.pieces])
+
+    def jacobian(self, x: Array) -> Array:
+        columns = []
+        for i in range(len(x)):
+            step = 1e-3 * max(abs(x[i]), 0.1)
+            ahead, behind = x.copy(), x.copy()
+            ahead[i] = min(x[i] + step, self.high[i])
+            behind[i] = max(x[i] - step, self.low[i])
+            columns.append((self.residual(ahead) - self.residual(behind)) / (ahead[i] - behind[i]))
+        return np.stack(columns, axis=1)
+
+    def weights(self, x: Array) -> Array:
+        squares = self.residual(x) ** 2
+        count = np.bincount(self.blocks)
+        mean = np.bincount(self.blocks, squares) / np.maximum(count, 1)
+        return np.asarray((1.0 / np.sqrt(np.maximum(1.0, mean)))[self.blocks])
+
+    def solve(self, x: Array, progress: Callable[[float], None]) -> tuple[Array, Array]:
+        """Iteratively reweighted least squares; three rounds settle the weights."""
+        weights = self.weights(x)
+        for round_number in range(3):
+            current = weights
+            result = least_squares(
+                lambda y, w=current: self.residual(y) * w,
+                x,
+                jac=lambda y, w=current: self.jacobian(y) * w[:, None],
+                bounds=(self.low, self.high),
+                ftol=1e-9,
+                xtol=1e-7,
+                max_nfev=40,
+            )
+            if not np.all(np.isfinite(result.x)):
+                raise DataError(
+                    "the final fit did not converge; compare the recordings with the axis file (units, signs, feed constant)"
+                )
+            settled = bool(np.max(np.abs(result.x - x)) < 1e-5)
+            x, weights = result.x, self.weights(result.x)
+            progress((round_number + 1) / 3)
+            if settled:
+                break
+        return x, weights
+
+
+def _labels(pieces: Sequence[Stretch], seconds: float) -> NDArray[np.int64]:
+    """Running number of the time block of every kept sample, blocks never crossing a stretch."""
+    labels, first = [], 0
+    for piece in pieces:
+        block = np.flatnonzero(piece.keep) // max(int(seconds / piece.motion.sample_s), 1)
+        labels.append(block + first)
+        first += piece.motion.samples
+    if not labels:
+        return np.zeros(0, dtype=np.int64)
+    return np.unique(np.concatenate(labels), return_inverse=True)[1].astype(np.int64)
+
+
+def _report(
+    problem: _Problem, x: Array, weights: Array, groups: NDArray[np.int64], held_out: list[Stretch], noise: float
+) -> InverseFit:
+    residual = problem.residual(x)
+    jacobian = problem.jacobian(x) * weights[:, None]
+    weighted = residual * weights
+    at_bound = (x <= problem.low + 1e-6) | (x >= problem.high - 1e-6)
+    inside = np.flatnonzero(~at_bound)
+    reduced = jacobian[:, inside]
+    information = reduced.T @ reduced
+    number = int(groups.max()) + 1
+    gradient = np.stack([np.bincount(groups, reduced[:, i] * weighted, number) for i in range(len(inside))], axis=1)
+    inverse = np.linalg.pinv(information)
+    sandwich = inverse @ (gradient.T @ gradient) @ inverse * number / max(number - len(inside), 1)
+    # The scatter between few groups can by chance fall below what the noise alone gives: never report less than that.
+    plain = inverse * max(float(np.mean(weighted**2)), 1.0)
+    floor = np.sqrt(np.maximum(np.diag(plain) / np.maximum(np.diag(sandwich), 1e-300), 1.0))
+    covariance = np.zeros((len(x), len(x)))
+    covariance[np.ix_(inside, inside)] = sandwich * np.outer(floor, floor)
+    deviation = np.sqrt(np.diag(covariance))
+    half = deviation * problem.scale * float(student.ppf(0.975, max(number - len(inside), 1)))
+    model = problem.model_at(x)
+    remarks = []
+    parameters = dict(model.parameters)
+    for i, name in enumerate(problem.free):
+        item = parameters[name]
+        if at_bound[i]:
+            side = "lower" if x[i] <= problem.low[i] + 1e-6 else "upper"
+            remarks.append(f"{name} sits at its {side} bound {item.value:g} {item.unit}: not determined by this data")
+            continue
+        parameters[name] = replace(item, interval=float(half[i]))
+        if half[i] > UNKNOWN_SHARE * abs(item.value):
+            remarks.append(f"{name} = {item.value:.3g} ± {half[i]:.2g} {item.unit} is not identifiable from this data")
+    spread = np.where(deviation > 0, deviation, 1.0)
+    correlation = covariance / np.outer(spread, spread)
+    remarks += _correlated(problem.free, correlation)
+    vector = problem.full(x)
+    squares = {}
+    for piece in [*problem.pieces, *held_out]:
+        squares.setdefault(piece.record, []).append(whitened(piece, problem.model, vector) ** 2)
+    by_record = {name: float(np.mean(np.concatenate(parts))) for name, parts in squares.items() if sum(map(len, parts))}
+    away = [whitened(piece, problem.model, vector) ** 2 for piece in held_out]
+    away = [part for part in away if len(part)]
+    return InverseFit(
+        model=replace(model, parameters=parameters),
+        free=problem.free,
+        correlation=correlation,
+        covariance=covariance * np.outer(problem.scale, problem.scale),
+        misfit=float(np.mean(residual**2)),
+        held_out_misfit=float(np.mean(np.concatenate(away))) if away else None,
+        record_misfit=by_record,
+        samples=len(residual),
+        noise_nm=noise,
+        remarks=tuple(remarks),
+    )
+
+
+def _correlated(names: tuple[str, ...], correlation: Array) -> list[str]:
+    found = []
+    for i in range(len(names)):
+        for j in range(i + 1, len(names)):
+            if abs(correlation[i, j]) > 0.95:
+                found.append(f"{names[i]} and {names[j]} are told apart badly (correlation {correlation[i, j]:+.2f})")
+    return found
