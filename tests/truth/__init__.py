@@ -1,0 +1,21 @@
+"""The independent truth simulator: judges the product and therefore imports nothing from it.
+
+``nominal(name)`` and ``draw(name, rng)`` give the thesis's rigs; :class:`TruthPlant` takes any :class:`Axis`.
+"""
+
+from truth.plant import Axis, ConstantBelt, Coupling, EndStops, ThreeSectionBelt, TruthPlant, TwoStrandBelt
+from truth.rigs import RIGS, Rig, draw, nominal
+
+__all__ = [
+    "RIGS",
+    "Axis",
+    "ConstantBelt",
+    "Coupling",
+    "EndStops",
+    "Rig",
+    "ThreeSectionBelt",
+    "TruthPlant",
+    "TwoStrandBelt",
+    "draw",
+    "nominal",
+]
