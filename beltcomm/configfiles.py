@@ -1,0 +1,195 @@
+"""Settings files: finding them by name, reading YAML without surprises, writing whole files or none.
+
+Shipped files stand in ``beltcomm/configs`` inside a wheel and in ``configs`` beside the package in a checkout.
+"""
+
+from __future__ import annotations
+
+import difflib
+import os
+import re
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from beltcomm.errors import BeltcommError, UsageError
+
+_PACKAGE = Path(__file__).resolve().parent
+#: Where shipped files are looked for, first hit wins: the wheel's place, then the checkout's.
+CONFIG_FOLDERS = (_PACKAGE / "configs", _PACKAGE.parent / "configs")
+_WORD_FOR = {"axes": "axis", "plants": "plant", "drives": "drive profile"}
+
+
+def find_config(kind: str, name: str) -> Path:
+    """The file that ``name`` means.
+
+    kind : "axes", "plants" or "drives".
+    name : the name of a shipped file, or a path (anything with a slash or ending in ``.yaml``).
+    Raises UsageError when there is no such file, with the names that exist.
+    """
+    word = _WORD_FOR.get(kind, kind)
+    if "/" in name or os.sep in name or name.endswith((".yaml", ".yml")):
+        path = Path(name).expanduser()
+        if path.is_file():
+            return path
+        shipped = path.stem if path.stem in config_names(kind) else ""
+        hint = f"; the shipped {word} of that name is called {shipped}" if shipped else "; check the path"
+        raise UsageError(f"the {word} file {name} does not exist{hint}")
+    for folder in CONFIG_FOLDERS:
+        path = folder / kind / f"{name}.yaml"
+        if path.is_file():
+            return path
+    known = config_names(kind)
+    raise UsageError(
+        f"no {word} is called {name!r}{did_you_mean(name, known)}; known are {', '.join(known) or 'none'}, "
+        "or give the path of a .yaml file"
+    )
+
+
+def config_names(kind: str) -> list[str]:
+    """Names of the shipped files of one kind, sorted."""
+    return sorted({path.stem for folder in CONFIG_FOLDERS for path in (folder / kind).glob("*.yaml")})
+
+
+def did_you_mean(word: str, known: Iterable[str]) -> str:
+    """ ", did you mean X?" for the known word that resembles ``word`` most, or "" when none does."""
+    by_lower = {item.lower(): item for item in known}
+    close = difflib.get_close_matches(word.lower(), by_lower, n=1, cutoff=0.6)
+    return f", did you mean {by_lower[close[0]]}?" if close else ""
+
+
+class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]  # the C parser where libyaml is there
+    """YAML with the numbers of YAML 1.2: ``1e-6`` is a number, ``010`` is ten, ``1:30`` and dates stay text."""
+
+
+def _mapping_without_repeats(loader: Any, node: yaml.MappingNode) -> dict[Any, Any]:
+    seen = set()
+    for key, _ in node.value:
+        if isinstance(key, yaml.ScalarNode):
+            if key.value in seen:
+                line = key.start_mark.line + 1
+                raise yaml.constructor.ConstructorError(None, None, f"{key.value} stands twice, again in line {line}")
+            seen.add(key.value)
+    loader.flatten_mapping(node)
+    mapping: dict[Any, Any] = yaml.SafeLoader.construct_mapping(loader, node, deep=True)
+    return mapping
+
+
+def _float(loader: Any, node: yaml.ScalarNode) -> float:
+    text = str(node.value).lower()
+    return float(text.replace(".inf", "inf").replace(".nan", "nan"))
+
+
+def _int(loader: Any, node: yaml.ScalarNode) -> int:
+    text = str(node.value)
+    return int(text, 16) if "x" in text.lower() else int(text)
+
+
+_Loader.yaml_implicit_resolvers = {
+    first: [item for item in items if item[0].rsplit(":", 1)[1] not in {"int", "float", "timestamp"}]
+    for first, items in _Loader.yaml_implicit_resolvers.items()
+}
+_INT = re.compile(r"[-+]?[0-9]+$|0[xX][0-9a-fA-F]+$")
+_FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?$|[-+]?\.(inf|Inf|INF)$|\.(nan|NaN|NAN)$")
+_Loader.add_implicit_resolver("tag:yaml.org,2002:int", _INT, list("-+0123456789"))
+_Loader.add_implicit_resolver("tag:yaml.org,2002:float", _FLOAT, list("-+.0123456789"))
+_Loader.add_constructor("tag:yaml.org,2002:map", _mapping_without_repeats)
+_Loader.add_constructor("tag:yaml.org,2002:float", _float)
+_Loader.add_constructor("tag:yaml.org,2002:int", _int)
+
+
+class _Dumper(yaml.SafeDumper):
+    """Quotes every text that :class:`_Loader` would take for a number."""
+
+
+_Dumper.add_implicit_resolver("tag:yaml.org,2002:float", _FLOAT, list("-+.0123456789"))
+
+
+def read_yaml(path: Path, failure: type[BeltcommError] = UsageError) -> dict[str, Any]:
+    """The mapping in a YAML file; an empty file is an empty mapping.
+
+    Raises ``failure`` for a file that cannot be read, is not UTF-8 or not YAML, holds one key twice, or is no mapping.
+    """
+    try:
+        data = yaml.load(path.read_text(encoding="utf-8-sig"), Loader=_Loader)
+    except OSError as error:
+        raise failure(f"{path} cannot be read: {error.strerror or error}") from error
+    except UnicodeDecodeError as error:
+        raise failure(f"{path} is not UTF-8 text (byte {error.start}); save it as UTF-8") from error
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        raise failure(f"{path} is not valid YAML: {_first_words(error)}") from error
+    if data is None:
+        return {}
+    if not isinstance(data, dict):
+        raise failure(f"{path} holds a {type(data).__name__}; it must hold a mapping of names to values")
+    return {str(key): value for key, value in data.items()}
+
+
+def line_of(path: Path, keys: tuple[str, ...]) -> int:
+    """The line where a key stands, counted from 1, for messages; 0 when it is not found.   keys : from the outermost."""
+    try:
+        node = yaml.compose(path.read_text(encoding="utf-8-sig"), Loader=_Loader)
+    except (OSError, ValueError, yaml.YAMLError):
+        return 0
+    line = 0
+    for wanted in keys:
+        if not isinstance(node, yaml.MappingNode):
+            return line
+        for key, value in node.value:
+            if key.value == wanted:
+                line, node = key.start_mark.line + 1, value
+                break
+        else:
+            return line
+    return line
+
+
+def to_yaml(mapping: Mapping[str, Any]) -> str:
+    """YAML text of plain values (text, numbers, lists, mappings, numpy scalars and arrays); floats come back exactly.
+
+    Raises TypeError for a value that is none of these.
+    """
+    return yaml.dump(_plain(mapping), Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=120)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a file whole or not at all: a temporary file beside it, flushed to the disk, then renamed over it.
+
+    Raises UsageError when the folder is missing, read-only or full.
+    """
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        with open(temporary, "w", encoding="utf-8", newline="\n") as file:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(temporary, path)
+    except OSError as error:
+        temporary.unlink(missing_ok=True)
+        raise UsageError(f"{path} cannot be written: {error.strerror or error}; choose another place") from error
+
+
+def _plain(value: Any) -> Any:
+    """The same value in the types YAML knows."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    if isinstance(value, (set, frozenset)):
+        return sorted(_plain(item) for item in value)
+    if isinstance(value, Path):
+        return str(value)
+    if hasattr(value, "tolist"):  # numpy array or scalar; numpy itself is not needed here
+        return _plain(value.tolist())
+    if value is None or isinstance(value, (bool, int, float, str)):
+        return value
+    raise TypeError(f"{type(value).__name__} cannot be written to YAML")
+
+
+def _first_words(error: Exception) -> str:
+    """What the parser found and where, on one line."""
+    mark = getattr(error, "problem_mark", None)
+    problem = getattr(error, "problem", None) or str(error).splitlines()[0]
+    return f"{problem} (line {mark.line + 1}, column {mark.column + 1})" if mark else str(problem)
