@@ -1,0 +1,107 @@
+"""Every effect of the catalogue: complete, bounded, and its law agrees with its slope."""
+
+from __future__ import annotations
+
+import itertools
+import re
+from pathlib import Path
+
+import pytest
+
+from beltcomm.effects import EFFECTS, Effect, Parameter, effect_named
+from beltcomm.errors import UsageError
+
+UNITS = {"kg", "kg m2", "N", "N m", "N/m", "N s/m", "N s", "N m/rad", "N m s/rad", "m", "rad"}
+POSITIONS_M = (0.02, 0.31, 0.57)
+each_effect = pytest.mark.parametrize("effect", EFFECTS, ids=lambda effect: effect.name)
+
+
+def parameters_of(effect: Effect) -> list[Parameter]:
+    return [*effect.parameters, *(body.inertia for body in effect.bodies)]
+
+
+def typical_values(effect: Effect) -> list[float]:
+    """Values of a law's arguments away from zero, so that no slope hides behind a zero parameter."""
+    own = [p.start or 0.3 * p.high for p in effect.parameters]
+    return [*own, *(7.0 for _ in effect.uses)]
+
+
+def difference(function, at: float, step: float) -> float:
+    return (function(at + step) - function(at - step)) / (2.0 * step)
+
+
+def test_names_are_unique() -> None:
+    names = [effect.name for effect in EFFECTS]
+    assert len(set(names)) == len(names)
+
+
+@each_effect
+def test_is_complete(effect: Effect) -> None:
+    assert effect.title
+    assert effect.seen
+    assert effect.check
+    assert re.search(r"\(2\.\d+\)|table A\.\d|data sheet", effect.source), "the source names an equation, a table or a sheet"
+    for parameter in parameters_of(effect):
+        assert parameter.unit in UNITS
+        assert parameter.side in ("motor", "cart", "belt", "drive")
+        assert parameter.meaning
+        assert parameter.low < parameter.high
+        assert parameter.low <= parameter.start <= parameter.high
+
+
+@each_effect
+def test_stands_in_the_documented_slot(effect: Effect) -> None:
+    table = (Path(__file__).parent.parent / "docs" / "effects.md").read_text(encoding="utf-8")
+    rows = {cells[1].strip(" `"): cells[-2] for cells in (row.split("|") for row in table.splitlines() if row.startswith("|"))}
+    documented = re.sub(r"\(.*?\)", "", rows[effect.slot])
+    assert effect.name in [name.strip() for name in documented.split(",")]
+
+
+@each_effect
+def test_motor_side_units_belong_to_rotary_bodies(effect: Effect) -> None:
+    angular = {"N m", "N m s/rad", "N m/rad", "kg m2"}
+    for parameter in parameters_of(effect):
+        if parameter.side == "motor":
+            assert parameter.unit in angular
+        elif parameter.side in ("cart", "belt"):
+            assert parameter.unit not in angular
+
+
+@each_effect
+def test_law_agrees_with_its_slope(effect: Effect) -> None:
+    values = typical_values(effect)
+    checked = 0
+    for element, x in itertools.product(effect.elements, POSITIONS_M):
+        stiffness, damping = element.slope(x, *values)
+        by_stretch = difference(lambda s: element.law(s, 0.02, x, *values), 1e-4, 1e-6)  # noqa: B023 - used at once
+        by_rate = difference(lambda r: element.law(1e-4, r, x, *values), 0.02, 1e-3)  # noqa: B023
+        assert by_stretch == pytest.approx(stiffness, rel=1e-7, abs=1e-6)
+        assert by_rate == pytest.approx(damping, rel=1e-7, abs=1e-6)
+        checked += 1
+    for speed, position in itertools.product((-1.3, 0.4), POSITIONS_M):
+        if effect.slot == "force":
+            by_position, by_speed = effect.slope(position, speed, 2.0, *values)
+            assert difference(lambda q: effect.law(q, speed, 2.0, *values), position, 1e-4) == pytest.approx(by_position)  # noqa: B023
+            assert difference(lambda v: effect.law(position, v, 2.0, *values), speed, 1e-4) == pytest.approx(by_speed)  # noqa: B023
+            checked += 1
+        elif effect.slot == "friction_level":
+            by_speed = effect.slope(speed, position, 2.0, *values)
+            assert difference(lambda v: effect.law(v, position, 2.0, *values), speed, 1e-4) == pytest.approx(by_speed)  # noqa: B023
+            assert effect.law(speed, position, 2.0, *values) >= 0.0
+            checked += 1
+    assert checked, "an effect without any law does nothing"
+
+
+def test_belt_stiffness_is_that_of_the_data_sheet() -> None:
+    """EA = 106 250 N, l3 = 0.79 m: 296 kN/m at l1 = 0.55 m and never below 269 (thesis.md, section 1)."""
+    effect = effect_named("belt_stiffness_position")
+    slope = effect.elements[0].slope
+    assert slope(0.5, 106250.0, 0.79, 0.05)[0] == pytest.approx(296e3, rel=2e-3)
+    assert min(slope(0.001 * i, 106250.0, 0.79, 0.05)[0] for i in range(740)) == pytest.approx(269e3, rel=1e-3)
+
+
+def test_unknown_effect_names_the_nearest() -> None:
+    with pytest.raises(UsageError, match="did you mean coulomb_cart"):
+        effect_named("coulomb_cort")
+    with pytest.raises(UsageError, match="beltcomm effects"):
+        effect_named("qqq")
