@@ -1,0 +1,84 @@
+"""From the address of a drive to an open CAN bus of python-can."""
+
+from __future__ import annotations
+
+import math
+import re
+import time
+from dataclasses import dataclass
+from typing import Any, Final
+
+import can
+
+from beltcomm.errors import BusError, UsageError
+
+DEFAULT_BITRATE: Final = 1_000_000
+_SOCKETCAN: Final = re.compile(r"(v?can|slcan)\d+")
+_SERIAL_PORT: Final = re.compile(r"(/|COM\d+$|socket://)")
+#: Bits on the bus, worst-case stuffing and spacing, of a SYNC and of a frame with n data bytes (11-bit identifiers).
+_SYNC_BITS: Final = 55
+_FRAME_BITS: Final = {4: 95, 6: 115, 8: 135}
+#: Above this load frames wait for each other longer than a cycle can afford.
+_LARGEST_LOAD: Final = 0.6
+
+
+class MonotonicClock:
+    """The clock of a real bus."""
+
+    def now(self) -> float:
+        """Seconds of the system's monotonic clock."""
+        return time.monotonic()
+
+    def sleep_until(self, t_s: float) -> None:
+        """Wait until ``now() >= t_s``."""
+        while (left_s := t_s - time.monotonic()) > 0:
+            time.sleep(left_s)
+
+
+@dataclass(frozen=True)
+class Address:
+    """An interface of python-can and its channel."""
+
+    interface: str
+    channel: str
+
+    @classmethod
+    def parse(cls, text: str) -> Address:
+        """``can0``, ``vcan0`` (SocketCAN) · ``/dev/ttyACM0``, ``COM3``, ``socket://host:port`` (slcan) · ``pcan:PCAN_USBBUS1``
+        (any interface of python-can).  Raises UsageError."""
+        if is_socketcan(text):
+            return cls("socketcan", text)
+        if _SERIAL_PORT.match(text):
+            return cls("slcan", text)
+        interface, colon, channel = text.partition(":")
+        if colon and channel and interface in can.VALID_INTERFACES:
+            return cls(interface, channel)
+        raise UsageError(
+            f"{text!r} is no CAN interface; write can0 (SocketCAN), slcan:/dev/ttyACM0 (serial CAN adapter) or "
+            "can:INTERFACE:CHANNEL with an interface of python-can"
+        )
+
+
+def is_socketcan(name: str) -> bool:
+    """Whether a drive's name is that of a SocketCAN interface."""
+    return _SOCKETCAN.fullmatch(name) is not None
+
+
+def open_bus(address: Address, bitrate: int) -> can.BusABC:
+    """Open the interface.  Raises BusError, UsageError when python-can lacks what the interface needs."""
+    arguments: dict[str, Any] = {} if address.interface == "socketcan" else {"bitrate": bitrate}
+    try:
+        return can.Bus(channel=address.channel, interface=address.interface, **arguments)
+    except can.CanInterfaceNotImplementedError as error:
+        raise UsageError(f"the CAN interface {address.interface!r} cannot be used here: {error}") from error
+    except (can.CanError, OSError, ValueError) as error:
+        remedy = f"plug it in and check the name; ports in use cannot be opened twice ({bitrate} bit/s)"
+        if address.interface == "socketcan":
+            remedy = f"bring it up with `ip link set {address.channel} up type can bitrate {bitrate}`"
+        raise BusError(f"the CAN interface {address.channel} cannot be opened: {error}; {remedy}") from error
+
+
+def shortest_period_ms(bitrate: int, frame_bytes: tuple[int, ...]) -> int:
+    """The shortest period, whole ms, at which SYNC and frames with these data bytes load the bus by at most 60 %."""
+    bits = _SYNC_BITS + sum(_FRAME_BITS[length] for length in frame_bytes)
+    return math.ceil(bits / bitrate * 1e3 / _LARGEST_LOAD)

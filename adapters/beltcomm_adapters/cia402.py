@@ -1,0 +1,191 @@
+"""The CiA 402 state machine seen from the host: states, the next control word, what a fault means.
+
+Written from CiA 402-2 (states, statusword, controlword); the drive's word is never assumed, every step is confirmed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from enum import IntEnum
+from typing import Final
+
+from beltcomm.drive import Clock
+from beltcomm.errors import BusError, DriveError, DriveFault, ObjectRefused
+from beltcomm_adapters.link import Link
+from beltcomm_adapters.sdo import Objects
+
+
+class State(IntEnum):
+    """States of CiA 402, numbered in the order in which a drive passes them."""
+
+    NOT_READY = 0
+    SWITCH_ON_DISABLED = 1
+    READY_TO_SWITCH_ON = 2
+    SWITCHED_ON = 3
+    OPERATION_ENABLED = 4
+    QUICK_STOP_ACTIVE = 5
+    FAULT_REACTION_ACTIVE = 6
+    FAULT = 7
+
+    @property
+    def words(self) -> str:
+        """The state in the standard's words, for messages."""
+        return self.name.replace("_", " ").title()
+
+
+SHUTDOWN: Final = 0x0006
+SWITCH_ON: Final = 0x0007
+ENABLE_OPERATION: Final = 0x000F
+ENABLE_INTERPOLATION: Final = 0x001F  # bit 4 in mode 7
+START_HOMING: Final = 0x001F  # bit 4 in mode 6
+DISABLE_VOLTAGE: Final = 0x0000
+QUICK_STOP: Final = 0x0002
+FAULT_RESET: Final = 0x0080
+
+#: Statusword bits.
+FAULTED: Final = 1 << 3
+TARGET_REACHED: Final = 1 << 10
+INTERNAL_LIMIT: Final = 1 << 11
+FOLLOWS: Final = 1 << 12  # modes 8, 9, 10: the target is followed; mode 7: interpolation active; mode 6: homing attained
+HOMING_ERROR: Final = 1 << 13
+
+_PATTERNS: Final = (
+    (0x4F, 0x00, State.NOT_READY),
+    (0x4F, 0x40, State.SWITCH_ON_DISABLED),
+    (0x6F, 0x21, State.READY_TO_SWITCH_ON),
+    (0x6F, 0x23, State.SWITCHED_ON),
+    (0x6F, 0x27, State.OPERATION_ENABLED),
+    (0x6F, 0x07, State.QUICK_STOP_ACTIVE),
+    (0x4F, 0x0F, State.FAULT_REACTION_ACTIVE),
+    (0x4F, 0x08, State.FAULT),
+)
+
+_TOWARDS_ENABLED: Final = {
+    State.SWITCH_ON_DISABLED: SHUTDOWN,
+    State.READY_TO_SWITCH_ON: SWITCH_ON,
+    State.SWITCHED_ON: ENABLE_OPERATION,
+    State.OPERATION_ENABLED: ENABLE_OPERATION,
+    State.QUICK_STOP_ACTIVE: DISABLE_VOLTAGE,
+}
+
+#: EMCY error codes by group (CiA 301, 7.2.7.1) and the single ones CiA 402 names.
+_STANDARD_EMERGENCIES: Final = {
+    0x8130: "life guard or heartbeat: the host fell silent",
+    0x8140: "recovered from bus off",
+    0x8611: "following error too large",
+    0x8612: "reference or position limit",
+    0x8400: "speed control",
+    0x8500: "position control",
+    0x8600: "positioning",
+    0x2310: "continuous over-current",
+    0x2350: "I2t overload",
+}
+_EMERGENCY_GROUPS: Final = {
+    0x1000: "generic error",
+    0x2000: "current",
+    0x3000: "voltage",
+    0x4000: "temperature",
+    0x5000: "device hardware",
+    0x6000: "device software",
+    0x7000: "additional modules, encoder",
+    0x8000: "monitoring",
+    0x9000: "external error",
+    0xF000: "additional functions",
+    0xFF00: "device specific",
+}
+
+
+def state_of(statusword: int) -> State:
+    """The state a statusword tells.
+
+    Bit 3 alone means a fault: drives differ in the other bits of that row.  An unknown pattern counts as not ready.
+    """
+    for mask, pattern, state in _PATTERNS:
+        if statusword & mask == pattern:
+            return state
+    return State.FAULT if statusword & FAULTED else State.NOT_READY
+
+
+def step_to_enabled(state: State) -> int:
+    """The control word that leads one confirmed step on from ``state`` towards Operation Enabled; 0 where only waiting helps.
+
+    Never a fault reset: leaving a fault is a decision of its own.
+    """
+    return _TOWARDS_ENABLED.get(state, DISABLE_VOLTAGE)
+
+
+def emergency_text(code: int, special: Mapping[int, str]) -> str:
+    """What an EMCY error code means: the maker's text, CiA 402's, or the group of CiA 301."""
+    if code in special:
+        return special[code]
+    if code in _STANDARD_EMERGENCIES:
+        return _STANDARD_EMERGENCIES[code]
+    return _EMERGENCY_GROUPS.get(code & 0xFF00, _EMERGENCY_GROUPS.get(code & 0xF000, "unknown"))
+
+
+class StateMachine:
+    """States asked and commanded by SDO, while nothing cyclic runs."""
+
+    def __init__(self, link: Link, objects: Objects, emergencies: Mapping[int, str]) -> None:
+        self._link = link
+        self._objects = objects
+        self._emergencies = emergencies
+        self._clock: Clock = link.clock
+
+    def statusword(self) -> int:
+        """6041h as the drive has it now."""
+        return self._objects.read_int(0x6041, 0, "uint16")
+
+    def state(self) -> State:
+        """The present state."""
+        return state_of(self.statusword())
+
+    def fault(self, doing: str) -> DriveFault:
+        """The drive's fault as an exception: code and text from its EMCY, else from 603Fh."""
+        code = self._link.emergency.code if self._link.emergency else 0
+        if not code:
+            try:
+                code = self._objects.read_if_there(0x603F, 0, "uint16") or 0
+            except (BusError, ObjectRefused):
+                code = 0
+        text = f"error {code:04X}h, {emergency_text(code, self._emergencies)}" if code else "no error code was sent"
+        return DriveFault(f"the drive went into fault while {doing}: {text}; remove the cause, then start again", code)
+
+    def reset_fault(self, timeout_s: float = 1.0) -> None:
+        """Acknowledge a fault, if there is one; the drive is left disabled.  Raises DriveFault when it stays."""
+        if not self.statusword() & FAULTED:
+            return
+        for command in (DISABLE_VOLTAGE, FAULT_RESET):  # the edge of bit 7 counts
+            self._objects.write(0x6040, 0, "uint16", command)
+        cleared = self._wait(lambda word: not word & FAULTED, timeout_s)
+        self._objects.write(0x6040, 0, "uint16", DISABLE_VOLTAGE)
+        if not cleared:
+            raise self.fault("resetting its fault, which is still there")
+        self._link.forget_emergency()
+
+    def disable(self, timeout_s: float = 3.0) -> None:
+        """Quick stop when the axis is enabled, then take the stage off.  Raises BusError, DriveError when it stays on."""
+        state = self.state()
+        if state is State.OPERATION_ENABLED:
+            self._objects.write(0x6040, 0, "uint16", QUICK_STOP)
+            self._wait(lambda word: state_of(word) not in (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE), timeout_s)
+        self._objects.write(0x6040, 0, "uint16", DISABLE_VOLTAGE)
+        live = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.SWITCHED_ON)
+        if not self._wait(lambda word: state_of(word) not in live, timeout_s):
+            raise DriveError(f"the drive stays in {self.state().words} after Disable Voltage; switch its power off")
+
+    def confirm_mode(self, mode: int, timeout_s: float = 0.5) -> None:
+        """Wait until 6061h shows the mode that was written to 6060h.  Raises DriveError."""
+        end_s = self._clock.now() + timeout_s
+        while (shown := self._objects.read_int(0x6061, 0, "int8")) != mode:
+            if self._clock.now() >= end_s:
+                raise DriveError(f"the drive does not take mode of operation {mode} (6061h shows {shown}); it may not have it")
+            self._link.pump(0.01)
+
+    def _wait(self, done: Callable[[int], bool], timeout_s: float) -> bool:
+        end_s = self._clock.now() + timeout_s
+        while not done(self.statusword()):
+            if self._clock.now() >= end_s:
+                return False
+            self._link.pump(0.01)
+        return True

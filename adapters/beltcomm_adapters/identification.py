@@ -1,0 +1,96 @@
+"""Who answers: identity and capabilities of a connected drive, as read from it or from its profile."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+from beltcomm.drive import Capabilities
+from beltcomm.errors import BusError, ObjectRefused
+from beltcomm_adapters.buses import shortest_period_ms
+from beltcomm_adapters.gains import structure_of
+from beltcomm_adapters.profiles import Profile
+from beltcomm_adapters.scaling import Scaling
+from beltcomm_adapters.sdo import Objects
+
+HOMING_MODE = 6
+_MODE_BITS = {1: 0, 2: 1, 3: 2, 4: 3, 6: 5, 7: 6, 8: 7, 9: 8, 10: 9}  # 6502h
+_RPM = 2.0 * math.pi / 60.0
+#: Data bytes of the fullest exchange (position with offsets): receive PDOs, transmit PDOs.
+_FULLEST = (6, 6, 8, 6)
+
+
+def read_identity(objects: Objects, where: str) -> dict[str, str]:
+    """What tells this drive from others: 1018h, 1008h to 100Ah, as text.
+
+    Raises BusError when nobody answers; ``where`` names interface, bit rate and node in its sentence.
+    """
+    try:
+        device_type = objects.read_int(0x1000, 0, "uint32")
+    except BusError as error:
+        raise BusError(
+            f"no drive answers on {where}; check that it is on, its node number and bit rate, the cable and both terminators"
+        ) from error
+    identity = {"device_type": f"{device_type:08X}h"}
+    for subindex, key in enumerate(("vendor_id", "product_code", "revision", "serial_number"), start=1):
+        try:
+            value = objects.read_if_there(0x1018, subindex, "uint32")
+        except ObjectRefused:
+            value = None
+        if value is not None:
+            identity[key] = str(value)
+    for index, key in ((0x1008, "device_name"), (0x1009, "hardware"), (0x100A, "firmware")):
+        if text := objects.read_text(index):
+            identity[key] = text
+    return identity
+
+
+def supported_modes(objects: Objects, profile: Profile) -> frozenset[int]:
+    """Modes of operation the drive has: 6502h, or the profile's word where the drive does not tell."""
+    bits = objects.read_if_there(0x6502, 0, "uint32")
+    if bits is None:
+        return frozenset(profile.supported_modes)
+    return frozenset(mode for mode, bit in _MODE_BITS.items() if bits >> bit & 1)
+
+
+def sync_period_s(objects: Objects) -> float | None:
+    """60C2h in s, None when the drive has no such object."""
+    value = objects.read_if_there(0x60C2, 1, "uint8")
+    return None if value is None else value * 10.0 ** objects.read_int(0x60C2, 2, "int8")
+
+
+def read_capabilities(
+    objects: Objects, profile: Profile, scaling: Scaling, identity: Mapping[str, str], bitrate: int | None, referenced: bool
+) -> Capabilities:
+    """Capabilities of the drive.  ``bitrate``: of the bus, None when the bus carries any load."""
+    modes = supported_modes(objects, profile)
+    period_s = profile.shortest_sync_ms * 1e-3
+    if profile.sync_change == "after_reset":
+        period_s = sync_period_s(objects) or period_s
+    if bitrate is not None:
+        period_s = max(period_s, shortest_period_ms(bitrate, _FULLEST) * 1e-3)
+    peak_permille = objects.read_if_there(0x6073, 0, "uint16") or objects.read_int(0x6072, 0, "uint16")
+    fastest = int.from_bytes(objects.read_bytes(0x6080), "little") * _RPM
+    return Capabilities(
+        name=identity.get("device_name", profile.title),
+        kinds=frozenset(kind for kind, mode in profile.modes.items() if mode in modes),
+        sample_period_s=period_s,
+        counts_per_rev=scaling.counts_per_rev,
+        torque_step_nm=scaling.torque_nm,
+        torque_sampling=profile.torque_sampling,
+        structure=structure_of(profile, _loop_period_s(objects, profile, period_s)),
+        rated_torque_nm=scaling.rated_torque_nm,
+        peak_torque_nm=peak_permille * 1e-3 * scaling.rated_torque_nm,
+        rated_current_a=scaling.rated_current_a,
+        max_speed_rad_s=fastest,
+        can_home=HOMING_MODE in modes,
+        referenced=referenced,
+        identity=dict(identity),
+    )
+
+
+def _loop_period_s(objects: Objects, profile: Profile, otherwise_s: float) -> float:
+    """Period of the velocity loop, told by the drive in us; the exchange's period where it does not tell."""
+    if profile.loop_period is None:
+        return otherwise_s
+    return int.from_bytes(objects.read_bytes(*profile.loop_period), "little") * 1e-6

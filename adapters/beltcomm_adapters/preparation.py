@@ -1,0 +1,210 @@
+"""Before an axis may move: what is asked is checked, and the drive gets its mode, its own limits and a watchdog."""
+
+from __future__ import annotations
+
+import math
+from typing import Final, Literal
+
+import numpy as np
+
+from beltcomm.drive import Array, Capabilities, Limits, Motion
+from beltcomm.errors import DriveError, ObjectRefused, UsageError
+from beltcomm_adapters.cia402 import StateMachine
+from beltcomm_adapters.identification import sync_period_s
+from beltcomm_adapters.link import GUARD_TIME_MS, HOST_NODE
+from beltcomm_adapters.profiles import Profile
+from beltcomm_adapters.scaling import Scaling
+from beltcomm_adapters.sdo import Lending, Objects
+from beltcomm_adapters.setpoints import Layout
+
+#: The drive's own speed limit stands this far above the host's: the host brakes, the drive switches off and lets the axis
+#: coast.
+_DRIVE_SPEED_SHARE: Final = 1.2
+#: Cycles from a breach to the quick stop at worst: three lost answers, one to notice, one until the command is active.
+_REACTION_CYCLES: Final = 5
+_LONGEST_SYNC_MS: Final = 20
+_QUICK_STOP_AND_DISABLE: Final = 2  # 605Ah
+_LINEAR_INTERPOLATION: Final = -2  # 60C0h
+_INT32: Final = 2**31 - 1
+_RPM: Final = 2.0 * math.pi / 60.0
+#: Rounding of a float period, far below any timer's resolution.
+_SAME_S: Final = 1e-9
+
+
+def check_motion(
+    motion: Motion, limits: Limits, capabilities: Capabilities, profile: Profile, here_rad: float, drive_torque_nm: float
+) -> None:
+    """Raises UsageError when ``motion`` cannot be run inside ``limits`` by this drive from where the axis is.
+
+    here_rad : present motor angle, rad.     drive_torque_nm : the drive's own torque limit, 6072h, N m.
+    """
+    if motion.kind not in capabilities.kinds:
+        offered = ", ".join(sorted(capabilities.kinds)) or "none"
+        raise UsageError(f"{capabilities.name} cannot run a motion of kind {motion.kind!r}; it offers {offered}")
+    _check_period(motion, capabilities, profile)
+    if not (limits.position_min_rad < limits.position_max_rad and limits.speed_rad_s > 0 and limits.torque_nm > 0):
+        raise UsageError(f"these limits leave no room to move: {limits}")
+    if not limits.position_min_rad <= here_rad <= limits.position_max_rad:
+        raise UsageError(
+            f"the motor stands at {here_rad:.4g} rad, outside the window {limits.position_min_rad:.4g} to "
+            f"{limits.position_max_rad:.4g} rad; move the carriage into it first"
+        )
+    for name in ("position_rad", "velocity_rad_s", "torque_nm"):
+        if not np.all(np.isfinite(getattr(motion, name))):
+            raise UsageError(f"{name} of the motion contains values that are no numbers")
+    if motion.kind != "torque":
+        _check_torque_input(motion, profile)
+    peak_nm = float(np.abs(motion.torque_nm).max())
+    if peak_nm > limits.torque_nm * (1 + 1e-9):
+        raise UsageError(f"the motion asks for {peak_nm:.4g} N m, the limit is {limits.torque_nm:.4g} N m; reduce the amplitude")
+    if peak_nm > drive_torque_nm + capabilities.torque_step_nm:
+        raise UsageError(
+            f"the motion asks for {peak_nm:.4g} N m, the drive's own limit 6072h is {drive_torque_nm:.4g} N m; reduce the "
+            "amplitude or raise torque_limit_nm"
+        )
+    if motion.kind == "velocity":
+        _check_speed(motion.velocity_rad_s, limits)
+    if motion.kind == "position":
+        _check_path(motion, limits, here_rad)
+
+
+def _check_period(motion: Motion, capabilities: Capabilities, profile: Profile) -> None:
+    shortest_s, period_s = capabilities.sample_period_s, motion.period_s
+    times = round(period_s / shortest_s)
+    if times < 1 or abs(times * shortest_s - period_s) > _SAME_S:
+        raise UsageError(f"the period {period_s:g} s is no whole multiple of {shortest_s:g} s, the drive's shortest on this bus")
+    if profile.sync_change == "at_once" and period_s > _LONGEST_SYNC_MS * 1e-3 + _SAME_S:
+        raise UsageError(f"the period {period_s:g} s is longer than {_LONGEST_SYNC_MS} ms; use a shorter one")
+    if profile.sync_change == "after_reset" and motion.kind == "position" and times != 1:
+        raise UsageError(
+            f"this drive interpolates positions at its stored period {shortest_s:g} s (60C2h) only, not at {period_s:g} s; "
+            "sample the motion at that period"
+        )
+
+
+def _check_torque_input(motion: Motion, profile: Profile) -> None:
+    if motion.torque_nm.any() and not (motion.kind == "position" and profile.offsets):
+        raise UsageError(
+            f"{profile.title} takes no feedforward torque in a motion of kind {motion.kind!r}; plan it without (torque_nm = 0)"
+        )
+
+
+def _check_speed(velocity_rad_s: Array, limits: Limits) -> None:
+    fastest = float(np.abs(velocity_rad_s).max())
+    if fastest > limits.speed_rad_s * (1 + 1e-9):
+        raise UsageError(f"the motion reaches {fastest:.4g} rad/s, the limit is {limits.speed_rad_s:.4g} rad/s; slow it down")
+
+
+def _check_path(motion: Motion, limits: Limits, here_rad: float) -> None:
+    path = motion.position_rad
+    low, high = float(path.min()), float(path.max())
+    if low < limits.position_min_rad or high > limits.position_max_rad:
+        raise UsageError(
+            f"the motion goes from {low:.4g} to {high:.4g} rad, the window is {limits.position_min_rad:.4g} to "
+            f"{limits.position_max_rad:.4g} rad; shorten it"
+        )
+    if abs(path[0] - here_rad) > limits.speed_rad_s * motion.period_s:
+        raise UsageError(
+            f"the motion starts at {path[0]:.4g} rad, but the motor stands at {here_rad:.4g} rad; start it where the axis is"
+        )
+    _check_speed(np.diff(path, prepend=path[0]) / motion.period_s, limits)
+
+
+def prepare(
+    objects: Objects,
+    lending: Lending,
+    machine: StateMachine,
+    profile: Profile,
+    scaling: Scaling,
+    layout: Layout,
+    period_s: float,
+    limits: Limits,
+    speeds_rad_s: Array | None,
+) -> None:
+    """Mode of operation, setpoints at rest, limits inside the drive, SYNC period; everything but setpoints is lent.
+
+    The drive's own limits are only ever tightened.  speeds_rad_s : the speeds of a motion in mode 3, whose ramps are opened
+    just so far that they do not shape it.
+    """
+    mode = layout.mode
+    if objects.read_int(0x6060, 0, "int8"):
+        lending.set(0x6060, 0, "int8", mode)
+    else:  # "no mode" is where a drive starts and cannot be gone back to
+        objects.write(0x6060, 0, "int8", mode)
+    machine.confirm_mode(mode)
+    lending.set_if_there(0x605A, 0, "int16", _QUICK_STOP_AND_DISABLE)
+    if profile.sync_change == "at_once" and sync_period_s(objects) is not None:
+        lending.set(0x60C2, 2, "int8", -3)
+        lending.set(0x60C2, 1, "uint8", round(period_s * 1e3))
+    if mode in (4, 10):
+        objects.write(0x6071, 0, "int16", 0)
+    if mode == 4 and profile.torque_slope_permille_s is not None:
+        lending.set(0x6087, 0, "uint32", profile.torque_slope_permille_s)
+    if mode == 7:
+        lending.set_if_there(0x60C0, 0, "int16", _LINEAR_INTERPOLATION)
+        lending.set_if_there(0x60C1, 2, "uint8", 0)  # absolute positions; before sub 1 (F1 p195)
+    if mode == 3 and speeds_rad_s is not None:
+        steepest = float(np.abs(np.diff(speeds_rad_s, prepend=0.0, append=0.0)).max()) / period_s
+        ramp = max(1, math.ceil(steepest / scaling.acceleration_rad_s2))
+        for index in (0x6083, 0x6084):
+            lending.set(index, 0, "uint32", ramp)
+    _tighten_limits(objects, lending, profile, scaling, limits, limits.speed_rad_s * _REACTION_CYCLES * period_s)
+
+
+def _tighten_limits(
+    objects: Objects, lending: Lending, profile: Profile, scaling: Scaling, limits: Limits, margin_rad: float
+) -> None:
+    torque = max(math.ceil(limits.torque_nm / scaling.torque_nm), profile.torque_limit_lowest_permille)
+    if torque < objects.read_int(0x6072, 0, "uint16"):
+        lending.set(0x6072, 0, "uint16", torque)
+    stored = objects.read_bytes(0x6080)
+    speed = math.ceil(_DRIVE_SPEED_SHARE * limits.speed_rad_s / _RPM)  # 6080h is in min⁻¹
+    if speed < int.from_bytes(stored, "little"):
+        lending.set(0x6080, 0, "uint32" if len(stored) == 4 else "uint16", speed)
+    if math.isinf(limits.position_min_rad):
+        return
+    low = math.floor((limits.position_min_rad - margin_rad) / scaling.position_rad)
+    high = math.ceil((limits.position_max_rad + margin_rad) / scaling.position_rad)
+    if (stored_low := objects.read_if_there(0x607D, 1, "int32")) is None:
+        return
+    stored_high = objects.read_int(0x607D, 2, "int32")
+    if stored_low < stored_high:  # otherwise these limits are switched off
+        low, high = max(low, stored_low), min(high, stored_high)
+    low, high = max(low, -_INT32), min(high, _INT32)
+    steps = [(1, low), (2, high)]
+    for part, value in reversed(steps) if low > stored_high else steps:  # never a minimum above its maximum
+        lending.set(0x607D, part, "int32", value)
+
+
+def guard(objects: Objects, lending: Lending, profile: Profile) -> Literal["heartbeat", "node_guarding"]:
+    """Have the drive watch its host, 50 ms; returns the sign of life it wants.
+
+    Raises DriveError when it can do neither: an axis with a torque setpoint must not outlive its host.
+    """
+    wanted = profile.guarding
+    for kind in (wanted, "node_guarding" if wanted == "heartbeat" else "heartbeat"):
+        try:
+            if kind == "heartbeat":
+                lending.set(0x1016, 1, "uint32", HOST_NODE << 16 | GUARD_TIME_MS)
+                return "heartbeat"
+            lending.set(0x1017, 0, "uint16", 0)  # a heartbeat of the drive would switch node guarding off
+            lending.set(0x100D, 0, "uint8", 1)
+            lending.set(0x100C, 0, "uint16", GUARD_TIME_MS)
+            return "node_guarding"
+        except ObjectRefused:
+            continue
+    raise DriveError(
+        "this drive watches neither a heartbeat (1016h) nor node guarding (100Ch): it would go on moving when the computer "
+        "dies; beltcomm does not move it"
+    )
+
+
+def homing_speeds_rad_s(objects: Objects, scaling: Scaling, limits: Limits) -> tuple[float, float]:
+    """The two speeds of the drive's homing (6099h).  Raises UsageError when one is above the limit."""
+    fast, slow = (objects.read_int(0x6099, part, "uint32") * scaling.speed_rad_s for part in (1, 2))
+    if max(fast, slow) > limits.speed_rad_s:
+        raise UsageError(
+            f"the drive homes at {fast:.4g} and {slow:.4g} rad/s (6099h), the limit is {limits.speed_rad_s:.4g} rad/s; reduce the "
+            "homing speeds with the maker's tool or raise the limit"
+        )
+    return fast, slow

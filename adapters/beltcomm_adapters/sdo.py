@@ -1,0 +1,226 @@
+"""Objects of a drive by number: typed reads and writes (SDO, CiA 301, 7.2.4), and values lent for a while.
+
+The transfer protocol is the stock ``canopen`` client; its waiting is replaced, because it expects a receiving thread.
+"""
+
+from __future__ import annotations
+
+import logging
+import struct
+from collections.abc import Callable
+from typing import Final, TypeVar
+
+import can
+from canopen.objectdictionary import ObjectDictionary
+from canopen.sdo.client import SdoClient
+from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
+
+from beltcomm.errors import BusError, DriveError, ObjectRefused
+from beltcomm_adapters.link import Link
+
+# The client logs every abort as an error; here an abort is an exception with its own words.
+logging.getLogger("canopen").addHandler(logging.NullHandler())
+
+FORMATS: Final = {
+    "int8": "<b",
+    "uint8": "<B",
+    "int16": "<h",
+    "uint16": "<H",
+    "int32": "<i",
+    "uint32": "<I",
+    "real32": "<f",
+}
+
+#: Motor and encoder data and the current controller's gains: a wrong value there damages the drive or makes it run away.
+NEVER_WRITTEN: Final = frozenset({0x60F6, 0x6410, *range(0x2021, 0x2027), 0x604D, 0x6075, 0x6076})
+
+ANSWER_TIME_S: Final = 0.3
+SAVE_TIME_S: Final = 15.0
+#: A transfer that nobody answers is begun anew: one lost frame is no reason to give up.
+_ATTEMPTS: Final = 3
+_SAVE: Final = 0x65766173  # "save", CiA 301, 7.5.2.13
+_NO_OBJECT, _NO_SUBINDEX = 0x06020000, 0x06090011
+
+_Result = TypeVar("_Result")
+
+
+class _Client(SdoClient):
+    """Stock client that waits by pumping the link."""
+
+    RETRY_DELAY = 0.0
+
+    def __init__(self, link: Link) -> None:
+        super().__init__(0x600 + link.node, 0x580 + link.node, ObjectDictionary())  # type: ignore[no-untyped-call]
+        self.network = self  # type: ignore[assignment]  # all that is asked of a network is send_message
+        self.answer_time_s = ANSWER_TIME_S
+        self._link = link
+        link.subscribe(self.tx_cobid, self._on_frame)
+
+    def send_message(self, cob_id: int, data: bytes) -> None:
+        self._link.send_data(cob_id, bytes(data))
+
+    def _on_frame(self, message: can.Message) -> None:
+        if len(message.data) == 8:
+            self.responses.put(bytes(message.data))
+
+    def read_response(self) -> bytes:
+        end_s = self._link.clock.now() + self.answer_time_s
+        while self.responses.empty():
+            left_s = end_s - self._link.clock.now()
+            if left_s <= 0:
+                raise SdoCommunicationError("no answer")
+            self._link.pump(left_s)
+        response: bytes = self.responses.get_nowait()
+        if response[0] == 0x80:
+            raise SdoAbortedError(struct.unpack_from("<L", response, 4)[0])
+        return response
+
+
+class Objects:
+    """The object dictionary of one drive, one transfer at a time."""
+
+    def __init__(self, link: Link) -> None:
+        self._client = _Client(link)
+        self.node = link.node
+
+    def read_bytes(self, index: int, subindex: int = 0) -> bytes:
+        """Raw content of an object.  Raises ObjectRefused, BusError."""
+        return self._transfer(index, subindex, "read", lambda: self._client.upload(index, subindex))
+
+    def read(self, index: int, subindex: int, kind: str) -> float:
+        """Value of an object of type ``kind`` (a key of :data:`FORMATS`).  Raises ObjectRefused, BusError, DriveError."""
+        raw = self.read_bytes(index, subindex)
+        layout = FORMATS[kind]
+        if len(raw) < struct.calcsize(layout):
+            raise DriveError(f"object {name_of(index, subindex)} has {len(raw)} bytes, expected is {kind}; is the profile right?")
+        value: float = struct.unpack_from(layout, raw)[0]
+        return value
+
+    def read_int(self, index: int, subindex: int, kind: str) -> int:
+        """As :meth:`read`, for whole numbers."""
+        return int(self.read(index, subindex, kind))
+
+    def read_if_there(self, index: int, subindex: int, kind: str) -> int | None:
+        """As :meth:`read_int`; None when the drive has no such object."""
+        try:
+            return self.read_int(index, subindex, kind)
+        except ObjectRefused as error:
+            if error.abort_code in (_NO_OBJECT, _NO_SUBINDEX):
+                return None
+            raise
+
+    def read_text(self, index: int, subindex: int = 0) -> str:
+        """Content of a VISIBLE_STRING object, "" when the drive has none."""
+        try:
+            return self.read_bytes(index, subindex).rstrip(b"\x00").decode("ascii", "replace").strip()
+        except ObjectRefused:
+            return ""
+
+    def write(self, index: int, subindex: int, kind: str, value: float) -> None:
+        """Write an object.  Raises ObjectRefused, BusError, DriveError (one of :data:`NEVER_WRITTEN`, or no room for the value)."""
+        if index in NEVER_WRITTEN:
+            raise DriveError(f"object {name_of(index, subindex)} is motor or encoder data and is never written by beltcomm")
+        try:
+            data = struct.pack(FORMATS[kind], value if kind == "real32" else int(value))
+        except (struct.error, OverflowError, ValueError) as error:
+            raise DriveError(f"the value {value:g} does not fit into object {name_of(index, subindex)} ({kind})") from error
+        self._transfer(index, subindex, f"write {value:g}", lambda: self._client.download(index, subindex, data))
+
+    def save(self) -> None:
+        """Make all parameters permanent (1010h:1); the drive may take seconds."""
+        self._client.answer_time_s = SAVE_TIME_S
+        try:
+            self.write(0x1010, 1, "uint32", _SAVE)
+        finally:
+            self._client.answer_time_s = ANSWER_TIME_S
+
+    def lend(self) -> Lending:
+        """A context in which objects are changed for a while."""
+        return Lending(self)
+
+    def _transfer(self, index: int, subindex: int, verb: str, transfer: Callable[[], _Result]) -> _Result:
+        for attempt in range(1, _ATTEMPTS + 1):
+            try:
+                return transfer()
+            except SdoAbortedError as error:
+                text = SdoAbortedError.CODES.get(error.code, "no standard text")
+                raise ObjectRefused(
+                    f"the drive refused to {verb} object {name_of(index, subindex)}: {text} (abort code {error.code:08X}h)",
+                    error.code,
+                    index,
+                    subindex,
+                ) from error
+            except SdoCommunicationError as error:
+                if attempt == _ATTEMPTS:
+                    raise BusError(
+                        f"node {self.node} gave no valid answer to {verb} of object {name_of(index, subindex)} in "
+                        f"{_ATTEMPTS} attempts ({error}); check the cable, the bit rate and that the drive is on"
+                    ) from error
+        raise AssertionError("unreachable")
+
+
+def name_of(index: int, subindex: int = 0) -> str:
+    """An object as the standards write it: 6041h, 2100h:3."""
+    return f"{index:04X}h" if subindex == 0 else f"{index:04X}h:{subindex:X}"
+
+
+class Lending:
+    """Objects changed for a while: the first value of each is kept, and put back in reverse order.
+
+    As a context manager it gives everything back on the way out; what cannot be given back is a DriveError, or a note on
+    the exception that is already under way.
+    """
+
+    def __init__(self, objects: Objects) -> None:
+        self._objects = objects
+        self._lent: list[tuple[int, int, str, float]] = []
+
+    def set(self, index: int, subindex: int, kind: str, value: float) -> None:
+        """Write ``value`` and remember what stood there.  Raises as :meth:`Objects.write`."""
+        before = self._objects.read(index, subindex, kind)
+        if before == value:
+            return
+        self._lent.append((index, subindex, kind, before))  # first, so that an interrupted write is undone as well
+        try:
+            self._objects.write(index, subindex, kind, value)
+        except ObjectRefused:
+            self._lent.pop()
+            raise
+
+    def set_if_there(self, index: int, subindex: int, kind: str, value: float) -> bool:
+        """As :meth:`set`; False when the drive has no such object or does not let it be written."""
+        try:
+            self.set(index, subindex, kind, value)
+        except ObjectRefused:
+            return False
+        return True
+
+    def give_back(self) -> list[str]:
+        """Put everything back, last change first.  Returns what could not be, in words; never raises a DriveError.
+
+        A drive that does not answer at all is asked once, not once per object.
+        """
+        failures = []
+        while self._lent:
+            index, subindex, kind, before = self._lent.pop()
+            try:
+                self._objects.write(index, subindex, kind, before)
+            except BusError as error:
+                names = ", ".join(name_of(*entry) for entry in [(index, subindex), *((i, s) for i, s, *_ in reversed(self._lent))])
+                self._lent.clear()
+                failures.append(f"the objects {names} could not be set back: {error}")
+            except DriveError as error:
+                failures.append(f"object {name_of(index, subindex)} could not be set back to {before:g}: {error}")
+        return failures
+
+    def __enter__(self) -> Lending:
+        return self
+
+    def __exit__(self, _kind: object, error: BaseException | None, _trace: object) -> None:
+        failures = self.give_back()
+        if not failures:
+            return
+        text = "; ".join(failures)
+        if error is None:
+            raise DriveError(f"{text}; switch the drive off and on to get its stored parameters back")
+        error.add_note(text)

@@ -1,0 +1,94 @@
+"""Setpoints on the wire: which objects carry them in which mode of operation, and a motion in the drive's units."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final, Literal
+
+from beltcomm.drive import Motion
+from beltcomm_adapters.cia402 import ENABLE_INTERPOLATION, ENABLE_OPERATION
+from beltcomm_adapters.exchange import MappedObject
+from beltcomm_adapters.scaling import Scaling
+
+_CONTROLWORD: Final[MappedObject] = (0x6040, 0, 16)
+
+
+@dataclass(frozen=True)
+class Layout:
+    """How setpoints of one mode of operation travel.
+
+    received : objects of each receive PDO; the first begins with 6040h.     follows : statusword bit 12 must be set.
+    running : control word while moving.
+    """
+
+    mode: int
+    received: tuple[tuple[MappedObject, ...], ...]
+    follows: bool
+    running: int = ENABLE_OPERATION
+
+
+def layout_of(mode: int, offsets: bool) -> Layout:
+    """The layout of a mode of operation: 3, 4, 6, 7, 8, 9 or 10; ``offsets``: mode 8 carries 60B1h and 60B2h as well."""
+    torque, velocity = ((_CONTROLWORD, (0x6071, 0, 16)),), ((_CONTROLWORD, (0x60FF, 0, 32)),)
+    position: tuple[tuple[MappedObject, ...], ...] = ((_CONTROLWORD, (0x607A, 0, 32)),)
+    if offsets:
+        position += (((0x60B1, 0, 32), (0x60B2, 0, 16)),)
+    return {
+        3: Layout(3, velocity, False),
+        4: Layout(4, torque, False),
+        6: Layout(6, ((_CONTROLWORD,),), False),
+        7: Layout(7, ((_CONTROLWORD, (0x60C1, 1, 32)),), True, ENABLE_INTERPOLATION),
+        8: Layout(8, position, True),
+        9: Layout(9, velocity, True),
+        10: Layout(10, torque, True),
+    }[mode]
+
+
+@dataclass(frozen=True)
+class Setpoints:
+    """A motion in the drive's units, one entry per period; ``kind`` as in :class:`beltcomm.drive.Motion`."""
+
+    kind: Literal["torque", "position", "velocity"]
+    position: tuple[int, ...]
+    velocity: tuple[int, ...]
+    torque: tuple[int, ...]
+
+    @classmethod
+    def of(cls, motion: Motion, scaling: Scaling) -> Setpoints:
+        """Quantise a motion."""
+
+        def raw(values: Sequence[float], unit: float) -> tuple[int, ...]:
+            return tuple(round(value / unit) for value in values)
+
+        return cls(
+            motion.kind,
+            raw(motion.position_rad.tolist(), scaling.position_rad),
+            raw(motion.velocity_rad_s.tolist(), scaling.speed_rad_s),
+            raw(motion.torque_nm.tolist(), scaling.torque_nm),
+        )
+
+
+class Frames:
+    """Payloads of a layout's receive PDOs."""
+
+    def __init__(self, layout: Layout, kind: str) -> None:
+        self._layout = layout
+        self._kind = kind
+        self._offsets = len(layout.received) > 1
+
+    def of(self, controlword: int, position: int, velocity: int, torque: int) -> tuple[bytes, ...]:
+        """One payload per receive PDO."""
+        if self._layout.mode == 6:
+            return (struct.pack("<H", controlword),)
+        if self._kind == "torque":
+            return (struct.pack("<Hh", controlword, torque),)
+        if self._kind == "velocity":
+            return (struct.pack("<Hi", controlword, velocity),)
+        head = struct.pack("<Hi", controlword, position)
+        return (head, struct.pack("<ih", velocity, torque)) if self._offsets else (head,)
+
+    def at_rest(self, controlword: int, position: int) -> tuple[bytes, ...]:
+        """No torque, no speed, and ``position`` where positions are commanded."""
+        return self.of(controlword, position, 0, 0)

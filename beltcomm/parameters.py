@@ -1,0 +1,95 @@
+"""Named drive parameters and the controller values they stand for.
+
+The names are what :meth:`beltcomm.drive.Drive.write`, ``backup`` and ``read`` speak; all values are SI at the motor shaft.
+A drive offers the names its structure has; a name it does not offer has, inside that drive, the value of a plain cascade.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Final, Literal
+
+from beltcomm.control import Cascade, Feedforward, Prefilter
+from beltcomm.errors import UsageError
+
+PrefilterKind = Literal["none", "notch", "butterworth"]
+
+#: ``prefilter_kind`` as a number, by its position in this tuple.
+PREFILTER_KINDS: Final[tuple[PrefilterKind, ...]] = ("none", "notch", "butterworth")
+
+#: Every name of a controller gain, in the order of :class:`beltcomm.control.Cascade`.
+GAIN_NAMES: Final = (
+    "kp_nm_s_rad",
+    "ki_nm_rad",
+    "kpp_1_s",
+    "velocity_filter_s",
+    "prefilter_kind",
+    "prefilter_omega_rad_s",
+    "prefilter_d_n",
+    "filter_reference",
+    "ff_inertia_kg_m2",
+    "ff_viscous_nm_s_rad",
+    "ff_coulomb_nm",
+    "ff_offset_nm",
+    "ff_velocity",
+)
+
+#: Limits inside the drive: largest torque, N m, and largest speed, rad/s, motor shaft.
+LIMIT_NAMES: Final = ("torque_limit_nm", "speed_limit_rad_s")
+
+
+def cascade_to_parameters(cascade: Cascade) -> dict[str, float]:
+    """The named parameters of a controller, all of :data:`GAIN_NAMES`.
+
+    prefilter_kind : position in :data:`PREFILTER_KINDS`.   filter_reference : 1 or 0.
+    """
+    prefilter, feedforward = cascade.prefilter, cascade.feedforward
+    return {
+        "kp_nm_s_rad": cascade.kp_nm_s_rad,
+        "ki_nm_rad": cascade.ki_nm_rad,
+        "kpp_1_s": cascade.kpp_1_s,
+        "velocity_filter_s": cascade.velocity_filter_s,
+        "prefilter_kind": float(PREFILTER_KINDS.index(prefilter.kind)),
+        "prefilter_omega_rad_s": prefilter.omega_rad_s,
+        "prefilter_d_n": prefilter.d_n,
+        "filter_reference": float(cascade.filter_reference),
+        "ff_inertia_kg_m2": feedforward.inertia_kg_m2,
+        "ff_viscous_nm_s_rad": feedforward.viscous_nm_s_rad,
+        "ff_coulomb_nm": feedforward.coulomb_nm,
+        "ff_offset_nm": feedforward.offset_nm,
+        "ff_velocity": feedforward.velocity,
+    }
+
+
+def parameters_to_cascade(parameters: Mapping[str, float]) -> Cascade:
+    """The controller that a drive with these parameters runs; the inverse of :func:`cascade_to_parameters`.
+
+    parameters : the four gains at least; further names of :data:`GAIN_NAMES` that are missing are not in the drive, so no
+        prefilter, no feedforward torque, no velocity feedforward, reference unfiltered.  Other names (limits) are ignored.
+    Raises UsageError for a missing gain or an unknown prefilter kind.
+    """
+    missing = [name for name in GAIN_NAMES[:4] if name not in parameters]
+    if missing:
+        raise UsageError(f"the controller gains {', '.join(missing)} are missing; a controller needs {', '.join(GAIN_NAMES[:4])}")
+
+    def value(name: str) -> float:
+        return float(parameters.get(name, 0.0))
+
+    kind = value("prefilter_kind")
+    if kind not in range(len(PREFILTER_KINDS)):
+        raise UsageError(f"prefilter_kind {kind:g} is none of 0 (none), 1 (notch), 2 (butterworth)")
+    return Cascade(
+        kp_nm_s_rad=value("kp_nm_s_rad"),
+        ki_nm_rad=value("ki_nm_rad"),
+        kpp_1_s=value("kpp_1_s"),
+        velocity_filter_s=value("velocity_filter_s"),
+        prefilter=Prefilter(PREFILTER_KINDS[int(kind)], value("prefilter_omega_rad_s"), value("prefilter_d_n")),
+        feedforward=Feedforward(
+            inertia_kg_m2=value("ff_inertia_kg_m2"),
+            viscous_nm_s_rad=value("ff_viscous_nm_s_rad"),
+            coulomb_nm=value("ff_coulomb_nm"),
+            offset_nm=value("ff_offset_nm"),
+            velocity=value("ff_velocity"),
+        ),
+        filter_reference=bool(value("filter_reference")),
+    )
