@@ -1,0 +1,161 @@
+"""The sections of ``axis.yaml``: every entry with its meaning and the bounds outside which it cannot be.
+
+A missing entry is None.  SI units, the unit in the name.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Entry:
+    """Meaning and bounds of one number in ``axis.yaml``.   above : exclusive.   at_least, at_most : inclusive."""
+
+    meaning: str
+    above: float = -math.inf
+    at_least: float = -math.inf
+    at_most: float = math.inf
+    whole: bool = False
+
+    def fault(self, value: float) -> str:
+        """What must hold and does not, "" when the value is possible."""
+        if not math.isfinite(value):
+            return "it must be a finite number"
+        if self.whole and not float(value).is_integer():
+            return "it must be a whole number"
+        if value <= self.above:
+            return f"it must be above {self.above:g}"
+        if value < self.at_least:
+            return f"it must be at least {self.at_least:g}"
+        if value > self.at_most:
+            return f"it must be at most {self.at_most:g}, so look at the unit"
+        return ""
+
+
+# Upper bounds catch a data sheet's kg mm², mm or N/mm written as SI; no toothed-belt axis comes near them.
+def _known(meaning: str, **bounds: Any) -> Any:
+    return field(default=None, metadata={"entry": Entry(meaning, **bounds)})
+
+
+@dataclass(frozen=True)
+class Motor:
+    """The motor; all at its shaft."""
+
+    name: str = ""
+    inertia_kg_m2: float | None = _known("inertia of the rotor, with encoder and brake", above=0.0, at_most=1.0)
+    torque_constant_nm_a: float | None = _known("torque per ampere (rms) k_m (2.3)", above=0.0, at_most=100.0)
+    rated_torque_nm: float | None = _known("torque the motor holds for ever", above=0.0, at_most=1e4)
+    peak_torque_nm: float | None = _known("largest torque of the motor", above=0.0, at_most=1e5)
+    encoder_counts_per_rev: int | None = _known("encoder counts per motor revolution", above=0.0, whole=True)
+
+
+@dataclass(frozen=True)
+class Gearbox:
+    """The gearbox: ratio i_g = motor speed over pulley speed (2.6); its inertia at the output, as Θ_g in (2.8)."""
+
+    ratio: float = field(default=1.0, metadata={"entry": Entry("motor speed over pulley speed i_g", above=0.0, at_most=1e3)})
+    inertia_kg_m2: float = field(
+        default=0.0, metadata={"entry": Entry("inertia of the gearbox at its output shaft", at_least=0.0, at_most=1.0)}
+    )
+
+
+@dataclass(frozen=True)
+class Coupling:
+    """The coupling on the motor shaft; without a stiffness it is rigid."""
+
+    inertia_kg_m2: float = field(default=0.0, metadata={"entry": Entry("inertia of the coupling", at_least=0.0, at_most=1.0)})
+    stiffness_nm_rad: float | None = _known("torsional stiffness of the coupling", above=0.0)
+
+
+@dataclass(frozen=True)
+class Pulley:
+    """The driving pulley (and, of the same make, the end pulley)."""
+
+    effective_radius_m: float | None = _known("effective radius r: belt travel per radian of the pulley", above=0.0, at_most=1.0)
+    inertia_kg_m2: float | None = _known("inertia of one pulley", at_least=0.0, at_most=1.0)
+    teeth: int | None = _known("teeth of the pulley", above=0.0, whole=True)
+
+
+@dataclass(frozen=True)
+class Belt:
+    """The toothed belt."""
+
+    specific_stiffness_n: float | None = _known("specific stiffness EA: force per unit strain", above=0.0)
+    pitch_m: float | None = _known("distance of the belt's teeth", above=0.0, at_most=0.1)
+    pulley_distance_m: float | None = _known("distance of the pulleys' centres l3", above=0.0, at_most=200.0)
+    preload_n: float | None = _known("pretension of the belt", at_least=0.0)
+
+
+@dataclass(frozen=True)
+class Travel:
+    """Where the carriage may go; its zero is the axis zero."""
+
+    min_m: float | None = _known("lowest position of the carriage", at_least=-100.0, at_most=100.0)
+    max_m: float | None = _known("highest position of the carriage", at_least=-100.0, at_most=100.0)
+    driven_side_offset_m: float = field(
+        default=0.0,
+        metadata={"entry": Entry("belt length l1 from driving pulley to carriage at position 0", at_least=0.0, at_most=100.0)},
+    )
+
+
+@dataclass(frozen=True)
+class AxisLimits:
+    """What the mechanics allow, at the carriage and the pulley; the motor's own limits stand under motor."""
+
+    speed_m_s: float | None = _known("largest speed of the carriage", above=0.0, at_most=100.0)
+    acceleration_m_s2: float | None = _known("largest acceleration of the carriage", above=0.0, at_most=1e4)
+    feed_force_n: float | None = _known("largest force the belt may carry", above=0.0)
+    pulley_torque_nm: float | None = _known("largest torque at the driving pulley", above=0.0)
+
+
+@dataclass(frozen=True)
+class TrajectoryLimits:
+    """Limits of a reference motion, at the carriage (table A.8)."""
+
+    jerk_m_s3: float = field(metadata={"entry": Entry("largest jerk", above=0.0)})
+    acceleration_m_s2: float = field(metadata={"entry": Entry("largest acceleration", above=0.0, at_most=1e4)})
+    speed_m_s: float = field(metadata={"entry": Entry("largest speed", above=0.0, at_most=100.0)})
+
+
+@dataclass(frozen=True)
+class Mounting:
+    """How the axis stands: α of figure 2.5, positive when positive travel goes up."""
+
+    tilt_deg: float = field(default=0.0, metadata={"entry": Entry("tilt against the horizontal", at_least=-90.0, at_most=90.0)})
+
+
+@dataclass(frozen=True)
+class Payload:
+    """What is mounted on the carriage."""
+
+    mass_kg: float | None = _known("mass on the carriage, when known", at_least=0.0, at_most=1e5)
+
+
+#: Sections of ``axis.yaml`` in their order.
+SECTIONS: Mapping[str, type[Any]] = {
+    "motor": Motor,
+    "gearbox": Gearbox,
+    "coupling": Coupling,
+    "pulley": Pulley,
+    "belt": Belt,
+    "travel": Travel,
+    "limits": AxisLimits,
+    "mounting": Mounting,
+    "payload": Payload,
+}
+
+
+def entries_of(section: type[Any]) -> dict[str, Entry]:
+    """The numbers of a section by name."""
+    return {item.name: item.metadata["entry"] for item in fields(section) if "entry" in item.metadata}
+
+
+def meaning_of(entry: str) -> str:
+    """What a dotted entry such as ``pulley.teeth`` means; "" for an unknown one."""
+    section, _, key = entry.partition(".")
+    known = entries_of(SECTIONS[section]) if section in SECTIONS else {}
+    return known[key].meaning if key in known else ""
