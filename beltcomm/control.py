@@ -41,6 +41,7 @@ __all__ = [
     "discrete_coefficients",
     "new_state",
     "pi_response",
+    "prefilter_coefficients",
     "prefilter_response",
     "reset_state",
     "velocity_filter_response",
@@ -137,7 +138,7 @@ def discrete_coefficients(cascade: Cascade, period_s: float, torque_limit_nm: fl
             period_s,
             *gains,
             1.0 if cascade.filter_reference else 0.0,
-            *_prefilter_coefficients(cascade.prefilter, period_s),
+            *prefilter_coefficients(cascade.prefilter, period_s),
             forward.inertia_kg_m2,
             forward.viscous_nm_s_rad,
             forward.coulomb_nm,
@@ -166,7 +167,7 @@ def prefilter_response(omega_rad_s: Array, prefilter: Prefilter, period_s: float
 
     omega_rad_s : ndarray, rad/s.   period_s : T, s.   Raises UsageError as :func:`discrete_coefficients`.
     """
-    b0, b1, b2, a1, a2 = _prefilter_coefficients(prefilter, period_s)
+    b0, b1, b2, a1, a2 = prefilter_coefficients(prefilter, period_s)
     delayed = np.exp(-1j * omega_rad_s * period_s)
     return np.asarray((b0 + (b1 + b2 * delayed) * delayed) / (1.0 + (a1 + a2 * delayed) * delayed))
 
@@ -179,7 +180,7 @@ def pi_response(omega_rad_s: Array, kp_nm_s_rad: float, ki_nm_rad: float, period
     return np.asarray(kp_nm_s_rad + ki_nm_rad * period_s / np.expm1(1j * omega_rad_s * period_s))
 
 
-def _prefilter_coefficients(prefilter: Prefilter, period_s: float) -> tuple[float, float, float, float, float]:
+def prefilter_coefficients(prefilter: Prefilter, period_s: float) -> tuple[float, float, float, float, float]:
     """b0, b1, b2, a1, a2 of the prefilter; s/ω0 becomes (1 − z⁻¹)/(1 + z⁻¹)/tan(ω0 T/2), exact at ω0."""
     if prefilter.kind == "none":
         return 1.0, 0.0, 0.0, 0.0, 0.0

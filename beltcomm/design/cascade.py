@@ -1,0 +1,334 @@
+"""The product's controller design: the loop that will run, proven on every plant stated."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltcomm.control import Cascade, CascadeStructure, Feedforward, Prefilter
+from beltcomm.design.design_plant import DesignPlant
+from beltcomm.design.loops import SampledPlants, loop_shape, open_loops, open_velocity_loop, position_path, sample_plants
+from beltcomm.design.margins import PROOF_POINTS, Margins, margins_on
+from beltcomm.design.prefilters import PrefilterKind, butterworth_cutoff_rad_s, notch_width
+from beltcomm.design.search import Gains, best_gains, highest_position_gain
+from beltcomm.design.specification import GROUPS, Infeasible, Specification, describe, relaxed
+from beltcomm.errors import UsageError
+
+#: Grid points per plant of the search, and what it keeps in reserve for the finer grid of the proof.
+_SEARCH_POINTS = 220
+_RESERVE_DEG, _RESERVE_DB = 0.1, 0.05
+_LACKABLE: tuple[PrefilterKind, ...] = ("notch", "butterworth")
+
+
+@dataclass(frozen=True)
+class DesignResult:
+    """A cascade with its proof.
+
+    margins : one per plant, in the order of ``plants``.   binding : the conditions that stopped the gains from growing.
+    remarks : what a drive with more of the thesis's cascade would have reached, in words.
+    """
+
+    cascade: Cascade
+    structure: CascadeStructure
+    specification: Specification
+    plants: tuple[DesignPlant, ...]
+    margins: tuple[Margins, ...]
+    binding: tuple[str, ...]
+    remarks: tuple[str, ...]
+
+    @property
+    def stiffness(self) -> float:
+        """K_I K_PP, N m/(rad s), what the design maximises: a lasting error breaks friction free after τ_c/(K_I K_PP e)."""
+        return self.cascade.ki_nm_rad * self.cascade.kpp_1_s
+
+    def open_loops(self, plant: int, omega_rad_s: NDArray[np.float64]) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+        """Open velocity loop and open position loop of one plant, for plots; see ``loops.open_loops``."""
+        return open_loops(self.plants[plant], self.cascade, self.structure.period_s, omega_rad_s)
+
+
+def design_cascade(
+    plants: Sequence[DesignPlant], structure: CascadeStructure, specification: Specification | None = None
+) -> DesignResult:
+    """The cascade with the largest K_I K_PP that meets the specification on every plant, in the drive's own form.
+
+    plants : positions, payloads and damping values the loop must hold for (``with_friction_fractions`` for the last).
+    structure : what the drive offers; its period, prefilters, bounds and steps are those of the result.
+    Prefilters are laid out on the plant with the lowest resonance (4.2.1); gains are quantised, then proven.
+    Raises Infeasible (a Refused) with what binds and the nearest feasible request; UsageError without plants.
+    """
+    specification = specification or Specification()
+    if not plants:
+        raise UsageError("the design has no plant; state at least one position and payload")
+    search = sample_plants(plants, structure.period_s, _SEARCH_POINTS)
+    proof = sample_plants(plants, structure.period_s, PROOF_POINTS)
+    found = _best_cascade(search, proof, structure, specification)
+    if found is None:
+        raise _infeasible(search, proof, structure, specification)
+    cascade, achieved = found
+    return DesignResult(
+        cascade,
+        structure,
+        specification,
+        tuple(plants),
+        achieved,
+        _binding(cascade, achieved, structure, specification),
+        _remarks(cascade, search, proof, structure, specification),
+    )
+
+
+def meets(achieved: Sequence[Margins], specification: Specification) -> bool:
+    """Whether the margins of every plant meet the specification and both loops are stable."""
+    return all(
+        one.stable
+        and one.velocity_stable
+        and one.phase_margin_deg >= specification.phase_margin_deg
+        and one.suppression_db <= specification.suppression_db
+        and min(one.gain_margin_db, one.position_gain_margin_db) >= specification.gain_margin_db
+        and max(one.sensitivity_db, one.position_sensitivity_db) <= specification.sensitivity_db
+        and one.position_phase_margin_deg >= specification.position_phase_margin_deg
+        for one in achieved
+    )
+
+
+def candidate_prefilters(
+    plants: Sequence[DesignPlant], structure: CascadeStructure, specification: Specification
+) -> list[Prefilter]:
+    """The prefilters that drive and specification allow, laid out on the plant with the lowest resonance; below π/T only."""
+    softest = min(plants, key=lambda plant: plant.resonance_rad_s)
+    lowest_antiresonance = min(plant.antiresonance_rad_s for plant in plants)
+    result = []
+    kinds: tuple[PrefilterKind, ...] = ("none", "butterworth", "notch")
+    for kind in kinds:
+        if kind not in structure.prefilters or (specification.prefilters is not None and kind not in specification.prefilters):
+            continue
+        if kind == "none":
+            prefilter = Prefilter()
+        elif kind == "butterworth":
+            prefilter = Prefilter(kind, butterworth_cutoff_rad_s(lowest_antiresonance, specification.butterworth_db))
+        else:
+            width = notch_width(softest.resonance_rad_s, softest.antiresonance_rad_s, specification.notch_db)
+            prefilter = Prefilter(kind, softest.resonance_rad_s, width)
+        if prefilter.omega_rad_s < math.pi / structure.period_s:
+            result.append(prefilter)
+    return result
+
+
+def _best_cascade(
+    search: SampledPlants, proof: SampledPlants, structure: CascadeStructure, specification: Specification
+) -> tuple[Cascade, tuple[Margins, ...]] | None:
+    best: tuple[Cascade, tuple[Margins, ...]] | None = None
+    for prefilter in candidate_prefilters(search.plants, structure, specification):
+        for lag in _velocity_filters(structure, specification):
+            # Coarse steps may cost more than the reserve of the search: then it looks for gains further inside.
+            for reserve in (1.0, 3.0, 10.0, 40.0):
+                found = _proven(search, proof, structure, specification, prefilter, lag, reserve)
+                if found is not None:
+                    break
+            if found is not None and (best is None or _stiffness(found[0]) > _stiffness(best[0])):
+                best = found
+    return best
+
+
+def _proven(
+    search: SampledPlants,
+    proof: SampledPlants,
+    structure: CascadeStructure,
+    specification: Specification,
+    prefilter: Prefilter,
+    lag: float,
+    reserve: float,
+) -> tuple[Cascade, tuple[Margins, ...]] | None:
+    inside = _with_reserve(specification, reserve)
+    shape = loop_shape(search, prefilter, lag)
+    gains = best_gains(shape, structure.period_s, structure, inside)
+    if gains is None:
+        return None
+    forward = Feedforward(velocity=1.0 if structure.velocity_feedforward else 0.0)
+    quantised = []
+    for kp, ki in _quantised_pi(gains, structure):
+        velocity = open_velocity_loop(shape, kp, ki)
+        kpp = float(highest_position_gain(position_path(velocity, shape.estimator), inside))
+        kpp = _on_step(min(kpp, structure.highest.get("kpp_1_s", math.inf)), structure.steps.get("kpp_1_s", 0.0), math.floor)
+        if kpp > 0.0 and kpp >= structure.lowest.get("kpp_1_s", 0.0):
+            quantised.append(Cascade(kp, ki, kpp, lag, prefilter, forward, structure.reference_filter))
+    for cascade in sorted(quantised, key=_stiffness, reverse=True):
+        achieved = margins_on(cascade, proof)
+        if meets(achieved, specification):
+            return cascade, achieved
+    return None
+
+
+def _with_reserve(specification: Specification, factor: float) -> Specification:
+    degrees, decibels = factor * _RESERVE_DEG, factor * _RESERVE_DB
+    return replace(
+        specification,
+        phase_margin_deg=min(specification.phase_margin_deg + degrees, 89.9),
+        suppression_db=specification.suppression_db - decibels,
+        gain_margin_db=specification.gain_margin_db + decibels,
+        sensitivity_db=max(specification.sensitivity_db - decibels, 0.5 * specification.sensitivity_db),
+        position_phase_margin_deg=min(specification.position_phase_margin_deg + degrees, 89.9),
+    )
+
+
+def _quantised_pi(gains: Gains, structure: CascadeStructure) -> list[tuple[float, float]]:
+    """K_P and K_I on the drive's steps, rounded each way, within its bounds."""
+    kps = {_on_step(gains.kp, structure.steps.get("kp_nm_s_rad", 0.0), way) for way in (math.floor, math.ceil)}
+    pairs = []
+    for kp, way in itertools.product(sorted(kps), (math.floor, math.ceil)):
+        if "integral_time_s" in structure.highest:
+            tn = _on_step(gains.tn, structure.steps.get("integral_time_s", 0.0), way)
+            ki = kp / tn if structure.lowest.get("integral_time_s", 0.0) <= tn <= structure.highest["integral_time_s"] else 0.0
+        else:
+            ki = _on_step(gains.kp / gains.tn, structure.steps.get("ki_nm_rad", 0.0), way)
+        if ki > 0.0 and _within(kp, "kp_nm_s_rad", structure) and _within(ki, "ki_nm_rad", structure):
+            pairs.append((kp, ki))
+    return sorted(set(pairs))
+
+
+def _on_step(value: float, step: float, way: object) -> float:
+    if step <= 0.0:
+        return value
+    # A value that already lies on a step must not lose one to rounding.
+    return step * (math.floor(value / step + 1e-9) if way is math.floor else math.ceil(value / step - 1e-9))
+
+
+def _within(value: float, name: str, structure: CascadeStructure) -> bool:
+    return structure.lowest.get(name, 0.0) <= value * (1.0 + 1e-12) and value <= structure.highest.get(name, math.inf)
+
+
+def _velocity_filters(structure: CascadeStructure, specification: Specification) -> list[float]:
+    low = structure.lowest.get("velocity_filter_s", 0.0)
+    high = structure.highest.get("velocity_filter_s", math.inf)
+    step = structure.steps.get("velocity_filter_s", 0.0)
+    return sorted({_on_step(min(max(lag, low), high), step, math.floor) for lag in specification.velocity_filters_s})
+
+
+def _stiffness(cascade: Cascade) -> float:
+    return cascade.ki_nm_rad * cascade.kpp_1_s
+
+
+def _binding(
+    cascade: Cascade, achieved: Sequence[Margins], structure: CascadeStructure, specification: Specification
+) -> tuple[str, ...]:
+    """The conditions met with less than a degree or 0.3 dB to spare, with the plant, and the bounds of the drive reached."""
+    lines = []
+    for words, name, limit, unit, sign, near in (
+        ("velocity phase margin", "phase_margin_deg", specification.phase_margin_deg, "deg", 1.0, 1.0),
+        ("resonance suppression", "suppression_db", specification.suppression_db, "dB", -1.0, 0.3),
+        ("velocity gain margin", "gain_margin_db", specification.gain_margin_db, "dB", 1.0, 0.3),
+        ("velocity sensitivity", "sensitivity_db", specification.sensitivity_db, "dB", -1.0, 0.3),
+        ("position phase margin", "position_phase_margin_deg", specification.position_phase_margin_deg, "deg", 1.0, 1.0),
+        ("position gain margin", "position_gain_margin_db", specification.gain_margin_db, "dB", 1.0, 0.3),
+        ("position sensitivity", "position_sensitivity_db", specification.sensitivity_db, "dB", -1.0, 0.3),
+    ):
+        worst = min(achieved, key=lambda one, name=name, sign=sign: sign * getattr(one, name))  # type: ignore[misc]
+        value = float(getattr(worst, name))
+        if sign * (value - limit) < near:
+            where = f" at {worst.plant}" if worst.plant else ""
+            lines.append(f"{words} {value:.1f} {unit} (asked {limit:g}){where}")
+    values = {
+        "kp_nm_s_rad": cascade.kp_nm_s_rad,
+        "ki_nm_rad": cascade.ki_nm_rad,
+        "kpp_1_s": cascade.kpp_1_s,
+        "integral_time_s": cascade.kp_nm_s_rad / cascade.ki_nm_rad,
+    }
+    for name, value in values.items():
+        for bound, words in ((structure.lowest.get(name), "lowest"), (structure.highest.get(name), "highest")):
+            if bound is not None and math.isclose(value, bound, rel_tol=1e-3):
+                lines.append(f"the drive's {words} {name} {bound:g}")
+    return tuple(lines)
+
+
+def _remarks(
+    cascade: Cascade,
+    search: SampledPlants,
+    proof: SampledPlants,
+    structure: CascadeStructure,
+    specification: Specification,
+) -> tuple[str, ...]:
+    """What the parts of the thesis's cascade that this drive lacks would have brought."""
+    remarks = []
+    lacking = tuple(k for k in _LACKABLE if k not in structure.prefilters)
+    for kind in lacking:
+        found = _best_cascade(search, proof, replace(structure, prefilters=(kind,)), replace(specification, prefilters=(kind,)))
+        if found is not None and _stiffness(found[0]) > 1.05 * _stiffness(cascade):
+            factor = _stiffness(found[0]) / _stiffness(cascade)
+            remarks.append(f"with a {kind} prefilter the drive could have reached {factor:.1f} times the stiffness K_I K_PP")
+    if not structure.velocity_feedforward:
+        remarks.append(
+            f"without velocity feedforward the motor trails by {1.0 / cascade.kpp_1_s:.3g} rad for every rad/s of speed "
+            f"(speed over K_PP); with it this part of the error would vanish"
+        )
+    elif not structure.reference_filter:
+        lag = cascade.velocity_filter_s + 0.5 * structure.period_s
+        remarks.append(
+            f"the reference velocity does not pass the velocity filter: on acceleration a the velocity error is "
+            f"{1e3 * lag:.2f} ms times a, and the position error that over K_PP"
+        )
+    if not structure.torque_feedforward:
+        remarks.append("without torque feedforward the integrator alone must deliver the torque for inertia and friction")
+    return tuple(remarks)
+
+
+def _infeasible(
+    search: SampledPlants, proof: SampledPlants, structure: CascadeStructure, specification: Specification
+) -> Infeasible:
+    """Which group of conditions alone stands in the way, and the nearest request that is feasible."""
+    if not candidate_prefilters(search.plants, structure, specification):
+        offered = ", ".join(structure.prefilters)
+        return Infeasible(
+            f"none of the prefilters asked for fits {structure.name}, which offers {offered}; ask for one of these",
+            ("prefilter",),
+            None,
+        )
+    alone = {}
+    for group, words in GROUPS.items():
+        relaxation = _nearest(search, proof, structure, specification, (group,))
+        if relaxation is not None:
+            alone[words] = relaxation
+    if alone:
+        binding = tuple(alone)
+        _, nearest = min(alone.values(), key=lambda pair: pair[0])
+    else:
+        binding = tuple(GROUPS.values())
+        together = _nearest(search, proof, structure, specification, tuple(GROUPS))
+        if together is None:
+            return Infeasible(
+                f"no cascade of {structure.name} is stable with any margin worth the name on all {len(search.plants)} plants; "
+                "its bounds on the gains or its loop period do not fit this axis",
+                binding,
+                None,
+            )
+        _, nearest = together
+    what = " or ".join(binding) + " must give way" if alone else ", ".join(binding) + " must give way together"
+    return Infeasible(
+        f"no cascade of {structure.name} meets {describe(specification)} on all {len(search.plants)} plants: "
+        f"{what}; the nearest request that it meets is {describe(nearest)}",
+        binding,
+        nearest,
+    )
+
+
+def _nearest(
+    search: SampledPlants,
+    proof: SampledPlants,
+    structure: CascadeStructure,
+    specification: Specification,
+    groups: tuple[str, ...],
+) -> tuple[float, Specification] | None:
+    """Smallest share of relaxation of the groups that makes the request feasible, to 1 %, and that request."""
+    low, high = 0.0, 1.0
+    if _best_cascade(search, proof, structure, relaxed(specification, groups, high)) is None:
+        return None
+    while high - low > 0.01:
+        middle = 0.5 * (low + high)
+        if _best_cascade(search, proof, structure, relaxed(specification, groups, middle)) is None:
+            low = middle
+        else:
+            high = middle
+    return high, relaxed(specification, groups, high)

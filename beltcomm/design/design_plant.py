@@ -1,0 +1,159 @@
+"""The plant of the design: two masses and a dead time, sampled exactly as the drive samples it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import expm
+
+from beltcomm.errors import UsageError
+
+Array = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+
+@dataclass(frozen=True)
+class DesignPlant:
+    """Two-mass model (2.25) at one operating point, friction as viscous damping, and the dead time of the torque path.
+
+    inertia_kg_m2 : Θ_e, kg m², motor side.   transmission_m_rad : i_t, m/rad (pulley radius over gear ratio).
+    mass_kg : m_c, kg, carriage.   stiffness_n_m : c, N/m, belt.
+    motor_damping_nm_s_rad : d_m, N m s/rad at the motor shaft (the thesis's transfer functions print d_m/i_t², N s/m).
+    cart_damping_ns_m : d_c, N s/m, carriage.   belt_damping_ns_m : d, N s/m, belt.
+    dead_time_s : from torque setpoint to acting torque, without the hold of the sampling, s.
+    name : for messages, such as "0.55 m, 13.4 kg, no friction".
+    Raises UsageError for a number that is not finite, a negative damping or dead time, a mass or stiffness not above 0.
+    """
+
+    inertia_kg_m2: float
+    transmission_m_rad: float
+    mass_kg: float
+    stiffness_n_m: float
+    motor_damping_nm_s_rad: float = 0.0
+    cart_damping_ns_m: float = 0.0
+    belt_damping_ns_m: float = 0.0
+    dead_time_s: float = 0.0
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        for field in ("inertia_kg_m2", "transmission_m_rad", "mass_kg", "stiffness_n_m"):
+            value = getattr(self, field)
+            if not (value > 0.0 and math.isfinite(value)):
+                raise UsageError(f"the design plant's {field} is {value}; it must be a positive, finite number")
+        for field in ("motor_damping_nm_s_rad", "cart_damping_ns_m", "belt_damping_ns_m", "dead_time_s"):
+            value = getattr(self, field)
+            if not (value >= 0.0 and math.isfinite(value)):
+                raise UsageError(f"the design plant's {field} is {value}; it must be finite and not negative")
+
+    @property
+    def total_inertia_kg_m2(self) -> float:
+        """m_e = Θ_e + i_t² m_c, kg m², motor side (4.15)."""
+        return self.inertia_kg_m2 + self.transmission_m_rad**2 * self.mass_kg
+
+    @property
+    def friction_damping_nm_s_rad(self) -> float:
+        """d_v = d_m + i_t² d_c, N m s/rad, motor side (4.15)."""
+        return self.motor_damping_nm_s_rad + self.transmission_m_rad**2 * self.cart_damping_ns_m
+
+    @property
+    def resonance_rad_s(self) -> float:
+        """ω_r = sqrt(c (Θ_e + i_t² m_c)/(Θ_e m_c)), rad/s, undamped (2.44)."""
+        return math.sqrt(self.stiffness_n_m * self.total_inertia_kg_m2 / (self.inertia_kg_m2 * self.mass_kg))
+
+    @property
+    def antiresonance_rad_s(self) -> float:
+        """ω_z = sqrt(c/m_c), rad/s, undamped (2.45)."""
+        return math.sqrt(self.stiffness_n_m / self.mass_kg)
+
+    @property
+    def resonance_damping(self) -> float:
+        """Damping ratio ζ_r of the resonance, to first order in the dampings (projection on the undamped mode).
+
+        2 ζ_r sqrt(c m*) = d + (m_c² d_m i_t² + Θ_e² d_c)/(Θ_e + i_t² m_c)²,   m* = Θ_e m_c/(Θ_e + i_t² m_c).
+        """
+        total = self.total_inertia_kg_m2
+        motor = self.motor_damping_nm_s_rad * (self.transmission_m_rad * self.mass_kg / total) ** 2
+        cart = self.cart_damping_ns_m * (self.inertia_kg_m2 / total) ** 2
+        relative_mass = self.inertia_kg_m2 * self.mass_kg / total
+        return (self.belt_damping_ns_m + motor + cart) / (2.0 * math.sqrt(self.stiffness_n_m * relative_mass))
+
+    def state_space(self) -> tuple[Array, Array]:
+        """A (4, 4) and B (4,) of dx/dt = A x + B τ_m,  x = (φ_m, ω_m, i_t φ_m − x_c, dx_c/dt); SI, (2.25) with d."""
+        J, i, m = self.inertia_kg_m2, self.transmission_m_rad, self.mass_kg
+        c, d, d_m, d_c = self.stiffness_n_m, self.belt_damping_ns_m, self.motor_damping_nm_s_rad, self.cart_damping_ns_m
+        A = np.array(
+            [
+                [0.0, 1.0, 0.0, 0.0],
+                [0.0, -(d_m + i * i * d) / J, -i * c / J, i * d / J],
+                [0.0, i, 0.0, -1.0],
+                [0.0, i * d / m, c / m, -(d + d_c) / m],
+            ]
+        )
+        return A, np.array([0.0, 1.0 / J, 0.0, 0.0])
+
+    def sampled(self, period_s: float) -> tuple[Array, Array, Array, int]:
+        """Exact sampling of the plant with held torque setpoint u and dead time: x[k+1] = Φ x[k] + Γ0 u[k−n] + Γ1 u[k−n−1].
+
+        Returns Φ (4, 4), Γ0 (4,), Γ1 (4,), n: whole periods of the dead time; Γ1 carries its fraction.
+        Source: modified z-transform (hold split at the fraction of the dead time).
+        """
+        return _sampled(self, period_s)
+
+    def sampled_response(self, omega_rad_s: Array, period_s: float) -> ComplexArray:
+        """Exact response of the full model (2.38) from torque setpoint to sampled motor angle, rad/(N m).
+
+        omega_rad_s : ndarray (n,), rad/s, above 0, at most π/T.   period_s : T, s, hold and sampling of the loop.
+        """
+        advance, new, old, whole = self.sampled(period_s)
+        z = np.exp(1j * omega_rad_s * period_s)
+        right = new + old / z[:, None]
+        states = np.linalg.solve(z[:, None, None] * np.eye(4) - advance, right[..., None])
+        return np.asarray(states[:, 0, 0] * z**-whole)
+
+    def continuous_response(self, omega_rad_s: Array) -> ComplexArray:
+        """The thesis's plant: (2.42) times exp(−s dead time), s = jω, rad/(N m); no belt damper, no sampling."""
+        s = 1j * omega_rad_s
+        total = self.total_inertia_kg_m2
+        rigid = s * s * total + s * self.friction_damping_nm_s_rad
+        inertia = self.inertia_kg_m2 * self.mass_kg / total
+        damping = (self.mass_kg * self.motor_damping_nm_s_rad + self.inertia_kg_m2 * self.cart_damping_ns_m) / total
+        numerator = self.mass_kg * s * s + self.cart_damping_ns_m * s + self.stiffness_n_m
+        return np.asarray(numerator / (inertia * s * s + damping * s + self.stiffness_n_m) / rigid * np.exp(-s * self.dead_time_s))
+
+
+def with_friction_fractions(plant: DesignPlant, fractions: Sequence[float]) -> list[DesignPlant]:
+    """The plant with d_m and d_c scaled by each fraction; the belt damper stays.
+
+    Around standstill Coulomb friction poses as damping, on the moving axis it is gone: a loop must hold for all fractions
+    from 0 (constant friction) to 1 (what a frequency response around standstill shows); thesis sheet, 2.7 and 3.
+    """
+    return [
+        replace(
+            plant,
+            motor_damping_nm_s_rad=fraction * plant.motor_damping_nm_s_rad,
+            cart_damping_ns_m=fraction * plant.cart_damping_ns_m,
+            name=f"{plant.name}, {100.0 * fraction:.0f} % of the apparent damping".lstrip(", "),
+        )
+        for fraction in fractions
+    ]
+
+
+@lru_cache(maxsize=512)
+def _sampled(plant: DesignPlant, period_s: float) -> tuple[Array, Array, Array, int]:
+    """See :meth:`DesignPlant.sampled`; kept, because search, proof and poles ask for the same plants."""
+    whole = math.floor(plant.dead_time_s / period_s + 1e-9)
+    fraction = max(plant.dead_time_s - whole * period_s, 0.0)
+    A, B = plant.state_space()
+    block = np.zeros((5, 5))
+    block[:4, :4], block[:4, 4] = A, B
+    # exp of the augmented matrix holds exp(A t) and the integral of exp(A s) B over 0 .. t.
+    whole_period, rest, start = expm(block * np.array([period_s, period_s - fraction, fraction])[:, None, None])
+    result = whole_period[:4, :4], rest[:4, 4], rest[:4, :4] @ start[:4, 4]
+    for array in result:
+        array.flags.writeable = False
+    return *result, whole

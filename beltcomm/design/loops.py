@@ -1,0 +1,152 @@
+"""The loops that run: sampled plant, dead time, velocity filter, prefilter and PI in their discrete form."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltcomm.control import (
+    Cascade,
+    Prefilter,
+    pi_response,
+    prefilter_coefficients,
+    prefilter_response,
+    velocity_filter_response,
+)
+from beltcomm.design.design_plant import DesignPlant
+
+Array = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+
+@dataclass(frozen=True)
+class SampledPlants:
+    """Several plants on one frequency grid each, refined around their own resonance and antiresonance.
+
+    plants : tuple of p plants.   period_s : T, s.   omega_rad_s : ndarray (p, n), increasing along the rows, up to π/T.
+    response : ndarray (p, n), torque setpoint to sampled motor angle, rad/(N m).
+    """
+
+    plants: tuple[DesignPlant, ...]
+    period_s: float
+    omega_rad_s: Array
+    response: ComplexArray
+
+
+@dataclass(frozen=True)
+class LoopShape:
+    """The velocity loop without its PI controller, and what is needed to close it.
+
+    without_pi : ndarray (p, n), prefilter × plant × velocity estimator, rad/s per N m.
+    integrator : T/(z − 1), s.   estimator : motor angle to measured velocity, 1/s.   resonance_rad_s : ndarray (p, 1).
+    """
+
+    omega_rad_s: Array
+    without_pi: ComplexArray
+    integrator: ComplexArray
+    estimator: ComplexArray
+    resonance_rad_s: Array
+
+
+def sample_plants(plants: Sequence[DesignPlant], period_s: float, points: int) -> SampledPlants:
+    """Exact sampled responses of all plants; ``points`` per plant on the log-spaced base grid, as many again around ω_r, ω_z.
+
+    The base grid runs from a two-hundredth of the lowest antiresonance to π/T.
+    """
+    lowest = min(plant.antiresonance_rad_s for plant in plants) / 200.0
+    omega = np.array([_frequencies(plant, period_s, lowest, points) for plant in plants])
+    response = np.array([plant.sampled_response(row, period_s) for plant, row in zip(plants, omega, strict=True)])
+    return SampledPlants(tuple(plants), period_s, omega, response)
+
+
+def loop_shape(sampled: SampledPlants, prefilter: Prefilter, velocity_filter_s: float) -> LoopShape:
+    """The shape of the velocity loop with this prefilter and T_R.  Raises UsageError for a prefilter above π/T."""
+    omega, period = sampled.omega_rad_s, sampled.period_s
+    estimator = velocity_filter_response(omega, velocity_filter_s, period)
+    return LoopShape(
+        omega,
+        prefilter_response(omega, prefilter, period) * sampled.response * estimator,
+        pi_response(omega, 0.0, 1.0, period),
+        estimator,
+        np.array([[plant.resonance_rad_s] for plant in sampled.plants]),
+    )
+
+
+def open_velocity_loop(shape: LoopShape, kp: float, ki: float) -> ComplexArray:
+    """L_ω = PI × prefilter × plant × estimator, ndarray (p, n)."""
+    return np.asarray((kp + ki * shape.integrator) * shape.without_pi)
+
+
+def position_path(velocity_loop: ComplexArray, estimator: ComplexArray) -> ComplexArray:
+    """Position loop without K_PP, (4.10) with the prefilter in it: L_ω/(1 + L_ω)/estimator, s."""
+    return np.asarray(velocity_loop / ((1.0 + velocity_loop) * estimator))
+
+
+def open_loops(plant: DesignPlant, cascade: Cascade, period_s: float, omega_rad_s: Array) -> tuple[ComplexArray, ComplexArray]:
+    """Open velocity loop and open position loop at given frequencies, for plots: two ndarray (n,).
+
+    omega_rad_s : ndarray (n,), rad/s, above 0, at most π/T.   Margins are read where they equal −1.
+    """
+    sampled = SampledPlants((plant,), period_s, omega_rad_s[None, :], plant.sampled_response(omega_rad_s, period_s)[None, :])
+    shape = loop_shape(sampled, cascade.prefilter, cascade.velocity_filter_s)
+    velocity = open_velocity_loop(shape, cascade.kp_nm_s_rad, cascade.ki_nm_rad)
+    return velocity[0], cascade.kpp_1_s * position_path(velocity, shape.estimator)[0]
+
+
+def closed_loop_poles(plant: DesignPlant, cascade: Cascade, period_s: float) -> ComplexArray:
+    """Poles z of the closed cascade without feedforward; K_PP = 0 gives the velocity loop and one pole at 1, the free angle.
+
+    State: plant (4), torque setpoints under way (n + 1), last angle, measured velocity, prefilter (2), integrator.
+    The matrix is one period of the loop applied to the unit vectors.
+    """
+    advance, new, old, whole = plant.sampled(period_s)
+    size = 4 + whole + 1 + 5
+    state = np.eye(size)
+    plant_state, line, rest = state[:4], state[4 : 5 + whole], state[5 + whole :]
+    last_angle, velocity, memory_1, memory_2, integral = rest
+    lag = cascade.velocity_filter_s
+    angle = plant_state[0]
+    measured = (lag * velocity + angle - last_angle) / (lag + period_s)
+    raw_error = -cascade.kpp_1_s * angle - measured
+    b0, b1, b2, a1, a2 = prefilter_coefficients(cascade.prefilter, period_s)
+    error = b0 * raw_error + memory_1
+    torque = cascade.kp_nm_s_rad * error + cascade.ki_nm_rad * integral
+    under_way = np.vstack([torque, line])
+    matrix = np.vstack(
+        [
+            advance @ plant_state + np.outer(new, under_way[whole]) + np.outer(old, under_way[whole + 1]),
+            under_way[:-1],
+            angle,
+            measured,
+            b1 * raw_error - a1 * error + memory_2,
+            b2 * raw_error - a2 * error,
+            integral + period_s * error,
+        ]
+    )
+    return np.asarray(np.linalg.eigvals(matrix))
+
+
+def _frequencies(plant: DesignPlant, period_s: float, lowest_rad_s: float, points: int) -> Array:
+    """Log-spaced base, and around ω_r and ω_z offsets that grow from a tenth of the half width to a fifth of the frequency."""
+    # A hair below π/T, where the Butterworth filter has a zero and no logarithm.
+    nyquist = 0.999 * math.pi / period_s
+    side = points // 4
+    around = []
+    for omega_0, damping in (
+        (_folded(plant.resonance_rad_s, period_s), plant.resonance_damping),
+        (_folded(plant.antiresonance_rad_s, period_s), plant.resonance_damping),
+    ):
+        width = omega_0 * np.geomspace(0.1 * max(damping, 1e-4), 0.2, side)
+        around += [omega_0 - width, omega_0 + width]
+    grid = np.concatenate([np.geomspace(lowest_rad_s, nyquist, points), *around])
+    return np.sort(np.clip(grid, lowest_rad_s, nyquist))
+
+
+def _folded(omega_rad_s: float, period_s: float) -> float:
+    """Where a frequency appears after sampling, rad/s."""
+    rate = 2.0 * math.pi / period_s
+    return abs((omega_rad_s + 0.5 * rate) % rate - 0.5 * rate)
