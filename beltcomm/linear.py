@@ -246,6 +246,14 @@ def fastest_rate(model: Model, point: Point) -> float:
     return float(np.max(np.abs(_eigenvalues(matrices(model, sliding))), initial=0.0))
 
 
+def describes(model: Model, position_m: float) -> bool:
+    """Whether the model means anything with the carriage there: beyond the pulleys a belt section has negative length."""
+    if not math.isfinite(position_m):
+        return False
+    effects = model.effect_list()
+    return all(e.slope(position_m, *_values(model, effect))[0] >= 0.0 for effect in effects for e in effect.elements)
+
+
 def smooth_forces(model: Model, positions: ArrayLike, speeds: ArrayLike, time_s: float = 0.0) -> Array:
     """Smooth forces on all bodies from the laws themselves, (n,), N m or N.   positions, speeds : (n,), rad or m; per s."""
     q, v = np.asarray(positions, dtype=float), np.asarray(speeds, dtype=float)

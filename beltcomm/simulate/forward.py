@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from beltcomm.errors import Refused, UsageError
-from beltcomm.linear import equilibrium, fastest_rate, operating_point
+from beltcomm.linear import describes, equilibrium, fastest_rate, operating_point
 from beltcomm.model import Model
 from beltcomm.simulate.compose import kernel_for
 
@@ -60,7 +60,7 @@ def simulate_torque(
     position_m : m, carriage at the start, at rest in static equilibrium (beltcomm.linear.equilibrium); unused with ``state``.
     substeps : integration steps per sampling period.     time_s : s, session clock at the start.
 
-    Raises UsageError when the sub-steps are too long for the model, Refused when the motion leaves what the model describes.
+    Raises UsageError when the sub-steps are too long for the model, Refused when the carriage leaves what the model describes.
     """
     torque = np.ascontiguousarray(torque_nm, dtype=np.float64)
     if torque.ndim != 1 or not np.all(np.isfinite(torque)):
@@ -70,9 +70,9 @@ def simulate_torque(
     q, v = start.positions.copy(), start.speeds.copy()
     theta, omega, cart, belt = np.empty((4, torque.size))
     kernel_for(model).run(q, v, model.vector(), torque, time_s, sample_period_s, substeps, theta, omega, cart, belt)
-    if not np.all(np.isfinite(q)):
-        lost = int(np.argmax(~np.isfinite(cart))) * sample_period_s
-        raise Refused(f"the carriage left the travel that model {model.name!r} describes {lost:g} s after the start")
+    for reached in (np.min(cart, initial=position_m), np.max(cart, initial=position_m)):
+        if not describes(model, float(reached)):
+            raise Refused(f"the carriage ran to {reached:g} m, where model {model.name!r} has no belt; use less torque or time")
     t_s = np.asarray(time_s + sample_period_s * np.arange(torque.size))
     return Simulated(t_s, theta, omega, cart, belt, State(q, v))
 
@@ -84,9 +84,11 @@ def at_rest(model: Model, position_m: float) -> State:
 
 
 def check_step(model: Model, position_m: float, duration_s: float, substeps: int) -> None:
-    """Raise UsageError unless ``substeps`` integration steps in ``duration_s`` resolve the model's fastest motion."""
+    """Raise UsageError unless ``substeps`` integration steps in ``duration_s`` resolve the model's fastest motion there."""
     if not (duration_s > 0.0 and substeps >= 1):
         raise UsageError(f"simulation needs a period above 0 s and at least one sub-step, not {duration_s:g} s and {substeps}")
+    if not describes(model, position_m):
+        raise UsageError(f"the carriage cannot start at {position_m:g} m: model {model.name!r} has no belt there")
     needed = duration_s * fastest_rate(model, operating_point(model, position_m)) / _LARGEST_STEP
     if substeps < needed:
         raise UsageError(

@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from beltcomm.errors import Refused, UsageError
+from beltcomm.linear import describes
 from beltcomm.model import Model
 from beltcomm.simulate.compose import kernel_for
 from beltcomm.simulate.forward import at_rest, check_step
@@ -15,6 +16,10 @@ from beltcomm.simulate.forward import at_rest, check_step
 #: the model: they only keep a virtual axis from leaving the travel its model describes, and nothing identifies them.
 _STOP_STIFFNESS_N_M = 2e5
 _STOP_DAMPING_RATIO = 0.3
+
+
+#: m of travel after which the plant looks whether its model still describes the axis (too slow for every step).
+_LOOK_EVERY_M = 5e-3
 
 
 class SimulatedPlant:
@@ -41,6 +46,7 @@ class SimulatedPlant:
         kernel = kernel_for(model)
         carriage = kernel.bodies.index("cart") if "cart" in kernel.bodies else 0
         name, body = model.bodies()[carriage]
+        self._model, self._known_m = model, 0.0
         self._advance = kernel.advance
         self._p = model.vector()
         state = at_rest(model, position_m)
@@ -62,7 +68,7 @@ class SimulatedPlant:
     def step(self, torque_nm: float, duration_s: float) -> None:
         """Let ``torque_nm`` (held, at the motor shaft) act for ``duration_s``; deterministic.
 
-        Raises Refused when the motion has left what the model describes.
+        Raises Refused when the carriage has left what the model describes.
         """
         if duration_s != self._duration_s:
             self._duration_s = duration_s
@@ -79,8 +85,15 @@ class SimulatedPlant:
         self.position_rad = q.item(0) - self._start_rad
         self.velocity_rad_s = v.item(0)
         self.cart_position_m = q.item(i) * self._lever - self._start_m
-        if not math.isfinite(self.position_rad):
-            raise Refused("the carriage left the travel that the plant's model describes; give the plant end stops")
+        if abs(self.cart_position_m - self._known_m) > _LOOK_EVERY_M:
+            self._look()
+
+    def _look(self) -> None:
+        """Raise Refused when the carriage stands where the model means nothing."""
+        self._known_m = self.cart_position_m
+        reached = self._start_m + self.cart_position_m
+        if not describes(self._model, reached):
+            raise Refused(f"the carriage ran to {reached:g} m, where model {self._model.name!r} has no belt; give it end stops")
 
     def _step_near_stop(self, torque_nm: float) -> None:
         """The same step with the buffers' force added to the carriage after each sub-step (operator splitting).

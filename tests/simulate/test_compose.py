@@ -1,0 +1,110 @@
+"""Composition: the compiled kernel says what the laws say, in any order, and is compiled once per machine."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from beltcomm.effects import EFFECTS
+from beltcomm.linear import smooth_forces
+from beltcomm.model import Model, build_model
+from beltcomm.simulate import compose
+from beltcomm.simulate.compose import kernel_for, kernel_source
+from beltcomm.simulate.forward import simulate_torque
+
+FULL = ("end_pulley", "coupling", "belt_damping", "viscous_motor", "viscous_cart", "viscous_end_pulley",
+        "coulomb_motor", "coulomb_cart", "coulomb_end_pulley", "tilt")  # fmt: skip
+COMBINATIONS = (FULL, ("belt_stiffness_position", "belt_damping", "viscous_cart"), ("belt_stiffness", "coulomb_cart"))
+
+
+def model_of(effects: tuple[str, ...]) -> Model:
+    model = build_model("m", effects, {})
+    return model.with_values({"tilt.angle": 0.3}) if "tilt" in effects else model
+
+
+def test_the_combinations_hold_every_effect() -> None:
+    assert {name for effects in COMBINATIONS for name in effects} == {effect.name for effect in EFFECTS}
+
+
+@pytest.mark.parametrize("effects", COMBINATIONS, ids=lambda effects: effects[0])
+def test_compiled_forces_are_those_of_the_laws(effects: tuple[str, ...]) -> None:
+    """Generated and compiled code against the laws called one by one in Python, at random states."""
+    model, random = model_of(effects), np.random.default_rng(3)
+    bodies = model.bodies()
+    scale = np.array([1.0 / model["transmission.ratio"] if body.rotary else 1.0 for _, body in bodies])
+    for _ in range(5):
+        q = scale * (0.3 + 1e-3 * random.normal(size=len(bodies)))
+        v = scale * random.normal(size=len(bodies))
+        got = np.empty(len(bodies))
+        kernel_for(model).forces(q, v, model.vector(), 1.5, got)
+        np.testing.assert_allclose(got, smooth_forces(model, q, v, 1.5), rtol=1e-9, atol=1e-9)
+
+
+def test_levels_stand_at_their_bodies() -> None:
+    model = build_model("m", FULL, {"coulomb_motor.level": 0.1, "coulomb_cart.level": 4.0, "coulomb_end_pulley.level": 2.0})
+    kernel = kernel_for(model)
+    got = np.empty(4)
+    kernel.levels(np.zeros(4), np.ones(4), model.vector(), 0.0, got)
+    assert dict(zip(kernel.bodies, got.tolist(), strict=True)) == {
+        "motor": 0.1, "cart": 4.0, "end_pulley": 2.0, "driving_pulley": 0.0,
+    }  # fmt: skip
+
+
+def test_the_order_of_effects_does_not_matter() -> None:
+    effects = ("belt_stiffness", "coulomb_cart")
+    torque = 0.2 * np.sign(np.sin(np.arange(300) / 11.0))
+    one, other = (simulate_torque(model_of(order), torque, 1e-3) for order in (effects, effects[::-1]))
+    np.testing.assert_allclose(one.position_rad, other.position_rad, rtol=1e-9, atol=1e-12)
+
+
+def test_an_end_pulley_without_mass_is_the_spring_by_position() -> None:
+    """Three masses with a light end pulley move as the two-mass model with the replacement stiffness (2.26)."""
+    belt = {"specific_stiffness": 106250.0, "pulley_distance": 0.79, "offset": 0.05}
+    two = build_model("two", COMBINATIONS[1], {f"belt_stiffness_position.{k}": x for k, x in belt.items()}
+                      | {"belt_damping.damping": 0.0, "viscous_cart.damping": 5.0})  # fmt: skip
+    values = {f"end_pulley.{name}": x for name, x in belt.items()} | {
+        "end_pulley.mass": 1e-3, "end_pulley.specific_damping": 0.0, "coupling.stiffness": 1e4, "coupling.damping": 0.0,
+        "belt_damping.damping": 0.0, "driving_pulley.inertia": 2e-5, "motor.inertia": 3e-5, "viscous_cart.damping": 5.0,
+        "viscous_motor.damping": 0.0, "viscous_end_pulley.damping": 0.0, "coulomb_motor.level": 0.0,
+        "coulomb_cart.level": 0.0, "coulomb_end_pulley.level": 0.0,
+    }  # fmt: skip
+    three = build_model("three", FULL, values)
+    torque = 0.1 * np.sin(2 * np.pi * 10.0 * np.arange(200) / 1e3)
+    a = simulate_torque(two, torque, 1e-3, position_m=0.3, substeps=200)
+    b = simulate_torque(three, torque, 1e-3, position_m=0.3, substeps=200)
+    travel = np.ptp(a.cart_position_m)
+    np.testing.assert_allclose(a.cart_position_m, b.cart_position_m, atol=5e-3 * travel)
+
+
+def test_a_changed_law_gets_another_kernel(monkeypatch: pytest.MonkeyPatch) -> None:
+    combination = (("motor", "cart"), ("belt_stiffness", "coulomb_cart"))
+    before = kernel_source(*combination)
+    assert kernel_source(*combination) == before
+    read = compose.inspect.getsource
+    monkeypatch.setattr(compose.inspect, "getsource", lambda module: read(module).replace("return level_", "return 2 * level_"))
+    assert kernel_source(*combination) != before
+
+
+def test_a_second_process_compiles_nothing(tmp_path: Path) -> None:
+    script = (
+        "from beltcomm.model import build_model\n"
+        "from beltcomm.simulate.compose import kernel_for\n"
+        "import numpy as np\n"
+        "model = build_model('m', ('belt_stiffness',), {})\n"
+        "kernel = kernel_for(model)\n"
+        "kernel.advance(np.zeros(2), np.zeros(2), model.vector(), 0.1, 0.0, 5e-5, 20)\n"
+        "print(sum(kernel.advance.stats.cache_hits.values()), sum(kernel.advance.stats.cache_misses.values()))\n"
+    )
+    environment = {**os.environ, "XDG_CACHE_HOME": str(tmp_path), "NUMBA_CACHE_DIR": ""}
+
+    def hits_and_misses() -> list[int]:
+        done = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True, check=True)
+        return [int(word) for word in done.stdout.split()]
+
+    assert hits_and_misses() == [0, 1]
+    assert hits_and_misses() == [1, 0]
