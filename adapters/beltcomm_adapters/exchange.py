@@ -12,7 +12,7 @@ from typing import Final, Literal, NamedTuple
 import can
 
 from beltcomm.errors import DriveError, ObjectRefused
-from beltcomm_adapters.link import NMT_PRE_OPERATIONAL, NMT_START, Link
+from beltcomm_adapters.link import INTERFACE_ERRORS, NMT_PRE_OPERATIONAL, NMT_START, Link
 from beltcomm_adapters.sdo import Lending, Objects
 
 _INVALID: Final = 1 << 31
@@ -110,18 +110,21 @@ class Exchange:
         Raises BusError (the interface is gone), DriveError (an answer that is not what was mapped).
         """
         link, due_s, period_s = self._link, self._next_s, self._period_s
-        clock, send = link.clock, link.send
+        clock, send = link.clock, link.bus.send
         clock.sleep_until(due_s)
         now_s = clock.now()
         self._next_s = (due_s if now_s - due_s <= _LATE_SHARE * period_s else now_s) + period_s
         if self._incomplete:
             self._drop_late()
-        send(self._sync)
-        for message, data in zip(self._out, frames, strict=True):
-            message.data = bytearray(data)
-            send(message)
-        link.show_life(now_s)
-        sample = self._answer(now_s + _WAIT_SHARE * period_s)
+        try:
+            send(self._sync)
+            for message, data in zip(self._out, frames):  # noqa: B905  # as many as mapped; a check per cycle costs time
+                message.data = bytearray(data)
+                send(message)
+            link.show_life(now_s)
+            sample = self._answer(now_s + _WAIT_SHARE * period_s)
+        except INTERFACE_ERRORS as error:
+            raise link.gone(error) from error
         if sample is None:
             self._incomplete = True
             self.lost += 1
@@ -131,21 +134,22 @@ class Exchange:
         return sample
 
     def _answer(self, end_s: float) -> Sample | None:
-        link = self._link
+        receive, first_id, second_id = self._link.bus.recv, self._first, self._second
         wait_s = _WAIT_SHARE * self._period_s
         first: can.Message | None = None
         second: can.Message | None = None
         while first is None or second is None:
-            message = link.receive(wait_s)
+            message = receive(wait_s)
             if message is None:
                 return None
-            if message.arbitration_id == self._first and not message.is_error_frame:
+            cob_id = message.arbitration_id
+            if cob_id == first_id and not message.is_error_frame:
                 first = message
-            elif message.arbitration_id == self._second and not message.is_error_frame:
+            elif cob_id == second_id and not message.is_error_frame:
                 second = message
             else:
-                link.dispatch(message)
-                wait_s = end_s - link.clock.now()
+                self._link.dispatch(message)
+                wait_s = end_s - self._link.clock.now()
                 if wait_s <= 0:
                     return None
         try:

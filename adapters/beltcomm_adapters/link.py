@@ -24,6 +24,9 @@ GUARD_TIME_MS: Final = 50
 #: The host speaks three times within the guard time, so that two lost frames are no fault.
 GUARD_PERIOD_S: Final = 0.015
 
+#: What python-can and the interfaces below it raise.
+INTERFACE_ERRORS: Final = (can.CanError, OSError)
+
 NMT_START, NMT_PRE_OPERATIONAL = 0x01, 0x80
 _OPERATIONAL: Final = b"\x05"
 
@@ -60,11 +63,8 @@ class Link:
         """Put a frame on the bus.  Raises BusError when the interface does not take it."""
         try:
             self.bus.send(message)
-        except (can.CanError, OSError) as error:
-            raise BusError(
-                f"a frame could not be sent on {self.bus.channel_info} ({error}); check that the interface is up, the "
-                "drive is on and the bus is terminated"
-            ) from error
+        except INTERFACE_ERRORS as error:
+            raise self.gone(error) from error
 
     def send_data(self, cob_id: int, data: bytes) -> None:
         """Send one data frame."""
@@ -78,8 +78,15 @@ class Link:
         """The next frame from the bus, None when none came within ``timeout_s``.  Raises BusError."""
         try:
             return self.bus.recv(timeout_s)
-        except (can.CanError, OSError) as error:
-            raise BusError(f"the interface {self.bus.channel_info} is gone ({error}); plug it in and start again") from error
+        except INTERFACE_ERRORS as error:
+            raise self.gone(error) from error
+
+    def gone(self, error: Exception) -> BusError:
+        """What the interface's failure means, in words."""
+        return BusError(
+            f"the CAN interface {self.bus.channel_info} does not send or receive ({error}); check that it is plugged in and up, "
+            "that the drive is on and the bus terminated"
+        )
 
     def dispatch(self, message: can.Message) -> None:
         """Hand a frame to who has subscribed to it; error frames, remote frames and strangers are dropped."""

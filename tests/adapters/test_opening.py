@@ -1,0 +1,174 @@
+"""From a drive's name to a connected drive: addresses, profiles, units, and the sentences when it fails."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from adapters.stub_node import StubBus, StubNode
+from beltcomm.drive import find_adapters, open_drive
+from beltcomm.errors import BusError, DriveError, UsageError
+from beltcomm_adapters.buses import Address, shortest_period_ms
+from beltcomm_adapters.canopen import connect
+from beltcomm_adapters.link import Link
+from beltcomm_adapters.profiles import CONFIDENCES, choose_profile, load_profile
+from beltcomm_adapters.scaling import read_scaling
+from beltcomm_adapters.sdo import Objects
+
+
+@pytest.mark.parametrize(
+    ("text", "interface", "channel"),
+    [
+        ("can0", "socketcan", "can0"),
+        ("vcan1", "socketcan", "vcan1"),
+        ("/dev/ttyACM0", "slcan", "/dev/ttyACM0"),
+        ("COM3", "slcan", "COM3"),
+        ("socket://host:2000", "slcan", "socket://host:2000"),
+        ("pcan:PCAN_USBBUS1", "pcan", "PCAN_USBBUS1"),
+    ],
+)
+def test_addresses(text, interface, channel):
+    assert Address.parse(text) == Address(interface, channel)
+
+
+@pytest.mark.parametrize("text", ["", "can", "cannon:1", "pcan:", "ttyACM0"])
+def test_what_is_no_address_says_what_is(text):
+    with pytest.raises(UsageError, match="write can0"):
+        Address.parse(text)
+
+
+def test_the_bus_load_sets_the_shortest_period():
+    # drive-protocols.md 3: 250 Hz from 250 kbit/s, 500 Hz needs 500 kbit/s, 1 kHz needs 1 Mbit/s
+    fullest = (6, 6, 8, 6)
+    assert [shortest_period_ms(rate, fullest) for rate in (1_000_000, 500_000, 250_000)] == [1, 2, 4]
+    assert shortest_period_ms(500_000, (4, 8)) == 1
+
+
+def test_adapters_register_their_schemes():
+    schemes = {scheme for item in find_adapters() if item.adapter for scheme in item.adapter.schemes}
+    assert {"can", "slcan", "serial"} <= schemes
+
+
+def test_serial_says_what_to_use_instead():
+    with pytest.raises(UsageError, match=r"not built yet.*slcan"):
+        open_drive("serial:/dev/ttyUSB0")
+
+
+def test_an_interface_that_is_missing_says_how_to_bring_it_up():
+    with pytest.raises(BusError, match=r"vcan97 cannot be opened.*ip link set vcan97 up"):
+        open_drive("vcan97")
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"colour": 1}, "no option colour; it has node, bitrate, profile"),
+        ({"node": 200}, "node must be a whole number from 1 to 126"),
+        ({"node": "one"}, "node must be"),
+        ({"bitrate": 5}, "bitrate must be"),
+    ],
+)
+def test_options_are_checked(options, words):
+    with pytest.raises(UsageError, match=words):
+        open_drive("can0", options)
+
+
+def _connect(*nodes: StubNode, node: int | None = None, profile: str | None = None):
+    bus = StubBus(*nodes)
+    return connect(bus, bus.clock, node, profile, 1_000_000, bus.shutdown)
+
+
+def test_an_empty_bus_says_so_with_its_bit_rate():
+    with pytest.raises(BusError, match="no node answers on stub bus at 1000 kbit/s"):
+        _connect()
+
+
+def test_a_missing_node_is_named():
+    with pytest.raises(BusError, match="no drive answers on stub bus, node 7, 1000 kbit/s"):
+        _connect(StubNode(), node=7)
+
+
+def test_a_connected_drive_tells_what_it_is():
+    with _connect(StubNode()) as drive:
+        capabilities = drive.capabilities
+        assert capabilities.kinds == {"torque", "position", "velocity"}  # 6502h = 3A0h: 6, 8, 9, 10
+        assert capabilities.rated_torque_nm == 1.0
+        assert capabilities.peak_torque_nm == 3.0
+        assert capabilities.max_speed_rad_s == pytest.approx(6000 * 2 * math.pi / 60)
+        assert capabilities.identity["vendor_id"] == str(0x99)
+        assert not capabilities.referenced
+        with pytest.raises(UsageError, match="no quantity x; it has position_rad"):
+            drive.read(["x"])
+
+
+def test_a_failing_connect_releases_the_bus_and_gives_back_what_it_took():
+    node = StubNode()
+    node.put(0x6076, 0, 0)
+    bus, released = StubBus(node), []
+    with pytest.raises(DriveError, match="rated torque 0 N m"):
+        connect(bus, bus.clock, 1, None, None, lambda: released.append(bus.shutdown()))
+    assert released == [None]
+
+
+def test_profiles_are_chosen_by_identity():
+    assert choose_profile({"vendor_id": "29", "device_name": "CMMP-AS-C5-11A"}, None).name == "cmmp-as"
+    assert (
+        choose_profile({"vendor_id": "0", "product_code": "1", "device_name": "beltcomm reference drive"}, None).name == "reference"
+    )
+    assert choose_profile({"vendor_id": "29", "device_name": "CMMT"}, None).name == "cia402"
+    assert choose_profile({}, None).name == "cia402"
+    assert choose_profile({}, "cmmp-as").name == "cmmp-as"
+    with pytest.raises(UsageError, match="cmmpas"):
+        choose_profile({}, "cmmpas")
+
+
+@pytest.mark.parametrize("name", ["reference", "cmmp-as", "cia402"])
+def test_every_odd_number_of_a_profile_has_a_source(name):
+    profile = load_profile(name)
+    told = {key for key, entry in profile.sources.items() if entry["source"] and entry["confidence"] in CONFIDENCES}
+    assert {"torque_sampling"} <= told
+    assert not profile.parameters or "parameters" in told
+    if name == "cmmp-as":
+        assert {"enable_logic", "torque_limit_lowest_permille", "torque_slope_permille_s", "emergency", "guarding"} <= told
+
+
+def _units(**values: int) -> StubNode:
+    node = StubNode()
+    for key, value in values.items():
+        index, _, sub = key[1:].partition("_")
+        node.objects[int(index, 16), int(sub or 0)] = ("<I", value)
+    return node
+
+
+def _scaling(node: StubNode, profile: str):
+    with StubBus(node) as bus:
+        objects = Objects(Link(bus, bus.clock, 1))
+        with objects.lend() as lending:
+            return read_scaling(objects, load_profile(profile), lending)
+
+
+def test_cia402_units_follow_feed_and_gear():
+    # 131072 counts, 3:1 gear, 3600 units per turn of the output: 1200 units per motor turn
+    node = _units(x608F_1=131072, x608F_2=1, x6091_1=3, x6091_2=1, x6092_1=3600, x6092_2=1)
+    scaling = _scaling(node, "cia402")
+    assert scaling.counts_per_rev == 131072
+    assert scaling.position_rad == pytest.approx(2 * math.pi / 1200)
+    assert scaling.speed_rad_s == scaling.position_rad
+    node.objects[0x60A9, 0] = ("<I", 0x00B44700)
+    assert _scaling(node, "cia402").speed_rad_s == pytest.approx(2 * math.pi / 60)
+    node.put(0x60A9, 0, 0x12345678)
+    with pytest.raises(DriveError, match="60A9h = 12345678h"):
+        _scaling(node, "cia402")
+
+
+def test_the_factor_group_is_read_and_the_speed_unit_refined_for_a_while():
+    node = _units(x6093_1=1, x6093_2=2, x6094_1=0x1000, x6094_2=1, x6097_1=0x100, x6097_2=1)
+    scaling = _scaling(node, "cmmp-as")
+    assert scaling.position_rad == pytest.approx(math.pi / 65536)
+    assert scaling.speed_rad_s == pytest.approx(2 * math.pi / 60 / 4096)
+    assert scaling.acceleration_rad_s2 == pytest.approx(2 * math.pi / 60)
+    assert node.written == [(0x6094, 1, 1), (0x6094, 1, 0x1000)]
+    node.put(0x6093, 2, 0)
+    with pytest.raises(DriveError, match="6093h is 1/0"):
+        _scaling(node, "cmmp-as")

@@ -1,0 +1,49 @@
+"""CiA 402 states and fault texts, against the standard's table written out here."""
+
+from __future__ import annotations
+
+import itertools
+
+import pytest
+
+from beltcomm_adapters.cia402 import State, emergency_text, state_of, step_to_enabled
+
+# CiA 402-2, statusword: x0xx in bits 6,5,3..0 as text, "x" is any
+TABLE = {
+    "0x0000": State.NOT_READY,
+    "1x0000": State.SWITCH_ON_DISABLED,
+    "010001": State.READY_TO_SWITCH_ON,
+    "010011": State.SWITCHED_ON,
+    "010111": State.OPERATION_ENABLED,
+    "000111": State.QUICK_STOP_ACTIVE,
+    "0x1111": State.FAULT_REACTION_ACTIVE,
+    "0x1000": State.FAULT,
+}
+
+
+@pytest.mark.parametrize(("pattern", "state"), TABLE.items())
+def test_states_by_the_standards_table_whatever_the_other_bits(pattern, state):
+    for bits in itertools.product("01", repeat=pattern.count("x")):
+        filled = iter(bits)
+        six = "".join(next(filled) if c == "x" else c for c in pattern)
+        word = int(six[0]) << 6 | int(six[1]) << 5 | int(six[2:], 2)
+        for others in (0x0000, 0x1290, 0xFF90):
+            assert state_of(word | others) is state
+
+
+def test_bit_3_is_a_fault_in_any_pattern():
+    assert state_of(0x0B) is State.FAULT
+    assert state_of(0x2F) in (State.FAULT, State.FAULT_REACTION_ACTIVE)
+
+
+def test_the_way_to_operation_enabled_has_three_commands_and_none_out_of_a_fault():
+    assert [step_to_enabled(State(n)) for n in (1, 2, 3)] == [0x06, 0x07, 0x0F]
+    assert all(step_to_enabled(state) & 0x80 == 0 for state in State)
+    assert step_to_enabled(State.FAULT) == 0
+
+
+def test_a_fault_is_named_by_the_maker_then_by_the_standard():
+    assert emergency_text(0x8611, {0x8611: "17-x"}) == "17-x"
+    assert emergency_text(0x8130, {}).startswith("life guard")
+    assert emergency_text(0x4310, {}) == "temperature"
+    assert emergency_text(0xFF01, {}) == "device specific"
