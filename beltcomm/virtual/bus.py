@@ -1,0 +1,191 @@
+"""A CAN bus in lock-step: virtual time, no threads, the same frames in every run.
+
+Order inside the tick that begins at t_k = k · 1 ms:
+
+1. every node's ``begin_tick``: it latches its samples, supervises itself and sends what its own clock makes due;
+2. the host's frames of this instant, each answered before ``send`` returns;
+3. when time moves on, every node's ``finish_tick``: its loops decide, and its machine moves to t_k+1.
+
+So the loops of tick k use what the SYNC at t_k has activated.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import struct
+from collections import deque
+from collections.abc import Callable
+from typing import Protocol
+
+import can
+
+TICKS_PER_SECOND = 1000
+TICK_S = 1.0 / TICKS_PER_SECOND
+
+# A time that was computed as 0.1 + 0.003 lies a few ulp beside the tick it means.
+_ROUNDING_TICKS = 1e-6
+
+Frame = tuple[float, int, bytes, str]
+"""Virtual time in s, arbitration ID, data, "host" or "node"; a remote frame is ``(t, id, b"", "host rtr")``."""
+
+
+class WallClock(Protocol):
+    """Real time, passed in; see :class:`beltcomm.drive.Clock`."""
+
+    def now(self) -> float:
+        """Seconds on a clock that never goes back."""
+        ...
+
+    def sleep_until(self, t_s: float) -> None:
+        """Return when ``now() >= t_s``."""
+        ...
+
+
+class Node(Protocol):
+    """What the bus asks of a node attached to it."""
+
+    def receive(self, identifier: int, data: bytes, remote: bool) -> None:
+        """Take one frame with an 11-bit identifier; answers go out by :meth:`LockstepBus.transmit`."""
+        ...
+
+    def begin_tick(self, tick: int) -> None:
+        """Virtual time has become ``tick`` milliseconds."""
+        ...
+
+    def finish_tick(self) -> None:
+        """Virtual time is about to leave the present tick."""
+        ...
+
+
+class VirtualClock:
+    """The clock of a :class:`LockstepBus`: waiting on it lets the nodes run."""
+
+    def __init__(self, bus: LockstepBus) -> None:
+        self._bus = bus
+        self._asked_for_s = 0.0
+
+    def now(self) -> float:
+        """Virtual time in s, a whole number of ticks (up to the rounding of the time last slept to)."""
+        return max(self._bus.tick / TICKS_PER_SECOND, self._asked_for_s)
+
+    def sleep_until(self, t_s: float) -> None:
+        """Run the nodes up to the first whole tick at or after ``t_s``."""
+        last = math.ceil(t_s * TICKS_PER_SECOND - _ROUNDING_TICKS)
+        while self._bus.tick < last:
+            self._bus.advance()
+        if self._bus.tick == last:
+            self._asked_for_s = t_s  # so that ``now() >= t_s`` holds when t_s is an ulp above its tick
+
+
+class LockstepBus(can.BusABC):
+    """The host's end of a virtual CAN bus with any number of nodes.
+
+    ``send`` reaches every node before it returns; what nodes send is queued for ``recv``, stamped with virtual time.
+    Virtual time moves only inside ``clock.sleep_until`` and inside ``recv`` on an empty queue, in whole ticks of 1 ms.
+
+    wall_clock : paces the ticks in real time; None runs as fast as it can.  missed_cycles : ticks that the wall clock had
+        already left when they were due; they are dropped from the schedule, not caught up in a burst.
+    on_frame : called with every :data:`Frame` on the bus, e.g. ``list.append`` or a :class:`FrameHash`.
+    """
+
+    def __init__(self, wall_clock: WallClock | None = None) -> None:
+        super().__init__(channel="virtual")
+        self.channel_info = "beltcomm virtual bus"
+        self.clock = VirtualClock(self)
+        self.tick = 0
+        self.missed_cycles = 0
+        self.on_frame: Callable[[Frame], object] | None = None
+        self._nodes: list[Node] = []
+        self._queue: deque[tuple[float, int, bytes]] = deque()
+        self._wall_clock = wall_clock
+        self._wall_start_s = wall_clock.now() if wall_clock else 0.0
+
+    def attach(self, node: Node) -> None:
+        """Connect a node; it starts at the present tick."""
+        self._nodes.append(node)
+        node.begin_tick(self.tick)
+
+    def detach(self, node: Node) -> None:
+        """Pull a node's plug: it hears, sends and computes nothing any more."""
+        self._nodes.remove(node)
+
+    def advance(self) -> None:
+        """Let virtual time move on by one tick."""
+        for node in self._nodes:
+            node.finish_tick()
+        self.tick += 1
+        if self._wall_clock is not None:
+            self._pace(self._wall_clock)
+        for node in self._nodes:
+            node.begin_tick(self.tick)
+
+    def transmit(self, sender: Node, identifier: int, data: bytes) -> None:
+        """Put a node's frame on the bus: to the other nodes at once, to the host through its queue."""
+        now_s = self.tick / TICKS_PER_SECOND
+        if self.on_frame is not None:
+            self.on_frame((now_s, identifier, data, "node"))
+        self._queue.append((now_s, identifier, data))
+        for node in self._nodes:
+            if node is not sender:
+                node.receive(identifier, data, False)
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        """Deliver ``msg`` to every node; their answers are queued when this returns.
+
+        Raises can.CanOperationError after ``shutdown``.
+        """
+        if self._is_shutdown:
+            raise can.CanOperationError("the virtual bus is shut down; open a new one")
+        data = bytes(msg.data)
+        remote = msg.is_remote_frame
+        if self.on_frame is not None:
+            source = "host rtr" if remote else "host"
+            self.on_frame((self.tick / TICKS_PER_SECOND, msg.arbitration_id, data, source))
+        if msg.is_extended_id or msg.is_error_frame or msg.is_fd:
+            return  # CANopen nodes listen to classic base frames only
+        for node in self._nodes:
+            node.receive(msg.arbitration_id, data, remote)
+
+    def recv(self, timeout: float | None = None) -> can.Message | None:
+        """The next frame a node has sent; None when virtual time has run ``timeout`` seconds without one.
+
+        With ``timeout=None`` virtual time runs on until a frame comes, however long that is.
+        """
+        ticks_left = math.inf if timeout is None else math.ceil(timeout * TICKS_PER_SECOND - _ROUNDING_TICKS)
+        queue = self._queue
+        while True:
+            while queue:
+                time_s, identifier, data = queue.popleft()
+                message = can.Message(time_s, identifier, False, data=data)
+                if self._filters is None or self._matches_filters(message):
+                    return message
+            if ticks_left <= 0:
+                return None
+            self.advance()
+            ticks_left -= 1
+
+    def _pace(self, wall: WallClock) -> None:
+        due_s = self._wall_start_s + self.tick / TICKS_PER_SECOND
+        late_ticks = int((wall.now() - due_s) * TICKS_PER_SECOND)
+        if late_ticks >= 1:
+            self.missed_cycles += late_ticks
+            self._wall_start_s += late_ticks / TICKS_PER_SECOND
+        else:
+            wall.sleep_until(due_s)
+
+
+class FrameHash:
+    """A frame hook that keeps only a SHA-256 of everything that went over the bus."""
+
+    def __init__(self) -> None:
+        self._hash = hashlib.sha256()
+
+    def __call__(self, frame: Frame) -> None:
+        """Add one frame."""
+        time_s, identifier, data, source = frame
+        self._hash.update(struct.pack("<dHB", time_s, identifier & 0xFFFF, len(data)) + data + source.encode())
+
+    def hexdigest(self) -> str:
+        """Hash of all frames so far."""
+        return self._hash.hexdigest()

@@ -1,0 +1,219 @@
+"""The virtual drive: a CANopen node with a servo inside and a machine behind it."""
+
+from __future__ import annotations
+
+from beltcomm.errors import UsageError
+from beltcomm.plant import Plant
+from beltcomm.virtual.bus import TICKS_PER_SECOND, LockstepBus
+from beltcomm.virtual.cia402 import State
+from beltcomm.virtual.dictionary import NonVolatile, ObjectDictionary, SdoAbort
+from beltcomm.virtual.emcy import Code, ErrorRegister
+from beltcomm.virtual.faults import Faults
+from beltcomm.virtual.loops import Loops
+from beltcomm.virtual.motor import EMMS_AS_70, Motor
+from beltcomm.virtual.nmt import OPERATIONAL, PRE_OPERATIONAL, STOPPED, Nmt
+from beltcomm.virtual.pdo import PdoSet
+from beltcomm.virtual.profiles import PROFILES
+from beltcomm.virtual.sdo import SdoServer
+from beltcomm.virtual.servo import Servo
+from beltcomm.virtual.stage import Encoder, PowerStage
+
+_SYNC, _EMCY, _SDO_ANSWER, _SDO_REQUEST, _NODE_CONTROL = 0x80, 0x80, 0x580, 0x600, 0x700
+_SAVE, _LOAD = int.from_bytes(b"save", "little"), int.from_bytes(b"load", "little")
+
+
+class VirtualDrive:
+    """A servo drive on a :class:`LockstepBus`.  It is told nothing but CAN frames and the motion of its machine.
+
+    plant : the machine; stepped by this drive alone.   profile : "reference" or "cmmp-as" (docs/reference-drive.md).
+    node_id : 1 to 127.   seed : of the torque noise.   counts_per_rev : encoder.
+    setpoint_delay_s : s, >= 0, from the tick in which a torque setpoint is decided to the torque.
+    torque_noise_nm : N m, standard deviation of 6077h.   motor : its nameplate.
+    zero_rad : motor angle where the encoder counts 0.   referenced : an absolute encoder knows that zero from power-on.
+    end_switches_rad : motor angles of the lower and upper end switch; None: none are wired.
+    nonvolatile : what 1010h saves; pass it to the next drive to play a power cycle.
+    fault_bits : bits 3-0 of the statusword in the state Fault: 08h (CiA 402) or 0Fh.
+    faults : what goes wrong.   Raises UsageError for an unknown profile, a node ID or a delay out of range.
+    """
+
+    def __init__(
+        self,
+        bus: LockstepBus,
+        plant: Plant,
+        profile: str = "reference",
+        *,
+        node_id: int = 1,
+        seed: int = 0,
+        counts_per_rev: int = 65536,
+        setpoint_delay_s: float = 1e-3,
+        torque_noise_nm: float = 6e-3,
+        motor: Motor = EMMS_AS_70,
+        zero_rad: float = 0.0,
+        referenced: bool = False,
+        end_switches_rad: tuple[float, float] | None = None,
+        nonvolatile: NonVolatile | None = None,
+        fault_bits: int = 0x08,
+        faults: Faults | None = None,
+    ) -> None:
+        if profile not in PROFILES:
+            raise UsageError(f"there is no virtual drive {profile!r}; choose one of {', '.join(PROFILES)}")
+        if not 1 <= node_id <= 127:
+            raise UsageError(f"the node ID {node_id} is not a CANopen one; choose 1 to 127")
+        if setpoint_delay_s < 0.0:
+            raise UsageError(f"the setpoint delay is {setpoint_delay_s} s; give 0 or more")
+        self.faults = faults if faults is not None else Faults()
+        self._bus = bus
+        self._node_id = node_id
+        self._stored: NonVolatile = {} if nonvolatile is None else nonvolatile
+        kind = PROFILES[profile]
+        self._dictionary = ObjectDictionary(kind.rows(node_id, motor, counts_per_rev))
+        self._dictionary.load(self._stored)
+        self._errors = ErrorRegister(self._dictionary, self._send_emcy)
+        loops = Loops(self._dictionary, kind, motor, counts_per_rev)
+        stage = PowerStage(plant, motor, setpoint_delay_s, torque_noise_nm, seed, self.faults)
+        encoder = Encoder(plant, counts_per_rev, zero_rad, self.faults)
+        self._servo = Servo(
+            self._dictionary,
+            kind,
+            loops,
+            stage,
+            encoder,
+            plant,
+            self._errors,
+            self.faults,
+            end_switches_rad,
+            referenced,
+            fault_bits,
+        )
+        self._sdo = SdoServer(self._dictionary)
+        self._pdos = PdoSet(self._dictionary, self._send_pdo, self._errors.report, kind.type_254_is_cyclic)
+        self._nmt = Nmt(
+            self._dictionary,
+            node_id,
+            self._send_node_control,
+            self._nmt_changed,
+            self._reset,
+            lambda: self._servo.communication_lost(Code.LIFE_GUARD),
+        )
+        self._silent = False
+        self._syncs = 0
+        self._sync_owed = False
+        self._sent_pdos = 0
+        entry = self._dictionary.entry
+        entry(0x1005).check = self._check_sync_id
+        entry(0x1010, 1).check = self._save
+        entry(0x1011, 1).check = self._restore_defaults
+        self._servo.restart()
+        self._pdos.configure()
+        bus.attach(self)
+
+    @property
+    def state(self) -> State:
+        """CiA 402 state, for tests that look inside; the host reads 6041h."""
+        return self._servo.machine.state
+
+    def receive(self, identifier: int, data: bytes, remote: bool) -> None:
+        """One frame from the bus."""
+        if self._silent:
+            return
+        if remote:
+            if identifier == _NODE_CONTROL + self._node_id:
+                self._nmt.guard_request()
+            return
+        receiver = self._pdos.receivers.get(identifier)
+        if receiver is not None:
+            receiver(data)
+        elif identifier == _SYNC:
+            self._on_sync()
+        elif identifier == _SDO_REQUEST + self._node_id:
+            if self._nmt.state in (PRE_OPERATIONAL, OPERATIONAL):
+                answer = self._sdo.answer(data)
+                if answer is not None:
+                    self._send(_SDO_ANSWER + self._node_id, answer)
+        elif identifier == 0:
+            self._nmt.command(data)
+        elif _NODE_CONTROL < identifier <= _NODE_CONTROL + 127 and len(data) == 1:
+            self._nmt.heard(identifier - _NODE_CONTROL)
+
+    def begin_tick(self, tick: int) -> None:
+        """t_k: latch, supervise, then what is due by time."""
+        silent_from_s = self.faults.silent_from_s
+        self._silent = silent_from_s is not None and tick / TICKS_PER_SECOND >= silent_from_s
+        self._servo.latch(tick)
+        self._nmt.tick(tick)
+        if self._sync_owed:
+            self._sync_owed = False
+            self._pdos.on_sync()
+        self._pdos.on_tick(tick)
+
+    def finish_tick(self) -> None:
+        """Loops of tick k with what is in force now, then the machine moves to t_k+1."""
+        self._servo.run()
+
+    def _on_sync(self) -> None:
+        self._syncs += 1
+        if self._syncs in self.faults.ignore_sync:
+            return
+        if self._syncs in self.faults.late_sync:
+            self._sync_owed = True
+            return
+        self._pdos.on_sync()
+
+    def _send(self, identifier: int, data: bytes) -> None:
+        if not self._silent:
+            self._bus.transmit(self, identifier, data)
+
+    def _send_pdo(self, identifier: int, data: bytes) -> None:
+        self._sent_pdos += 1
+        if self._sent_pdos not in self.faults.drop_tpdo:
+            self._send(identifier, data)
+
+    def _send_emcy(self, data: bytes) -> None:
+        if self._nmt.state in (PRE_OPERATIONAL, OPERATIONAL):
+            self._send(_EMCY + self._node_id, data)
+
+    def _send_node_control(self, data: bytes) -> None:
+        self._send(_NODE_CONTROL + self._node_id, data)
+
+    def _nmt_changed(self, old: int, new: int) -> None:
+        if OPERATIONAL in (old, new):
+            self._pdos.set_operational(new == OPERATIONAL)
+        if new == STOPPED and self._servo.machine.powered:
+            self._servo.communication_lost(Code.COMMUNICATION)
+
+    def _reset(self, node: bool) -> None:
+        """Reset of the node, or of its communication only: then a motor under power is braked into fault."""
+        self._sdo.reset()
+        self._sync_owed = False
+        if node:
+            self._dictionary.load(self._stored)
+            self._errors.restart()
+            self._servo.restart()
+        else:
+            if self._servo.machine.powered:
+                self._servo.communication_lost(Code.COMMUNICATION)
+            self._dictionary.load(self._stored, communication_only=True)
+        self._pdos.configure()
+
+    @staticmethod
+    def _check_sync_id(value: int) -> int:
+        if value & 0x7FFFFFFF != _SYNC:
+            raise SdoAbort(SdoAbort.BAD_VALUE)
+        return value
+
+    def _save(self, signature: int) -> int:
+        self._check_signature(signature, _SAVE)
+        self._dictionary.save(self._stored)
+        return 1
+
+    def _restore_defaults(self, signature: int) -> int:
+        """Defaults become valid with the next reset or power-on (CiA 301, 7.5.2.14)."""
+        self._check_signature(signature, _LOAD)
+        self._stored.clear()
+        return 1
+
+    def _check_signature(self, given: int, wanted: int) -> None:
+        if given != wanted:
+            raise SdoAbort(SdoAbort.NOT_STORED)
+        if self._dictionary.stage_on:
+            raise SdoAbort(SdoAbort.WRONG_STATE)

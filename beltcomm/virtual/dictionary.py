@@ -1,0 +1,183 @@
+"""The object dictionary: rows (what an object is) and entries (its value in this drive).
+
+A row is data; which rows a drive has is told by :mod:`beltcomm.virtual.objects` and :mod:`beltcomm.virtual.profiles`.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Callable, Iterable, MutableMapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+Value = int | float | str
+NonVolatile = MutableMapping[tuple[int, int], Value]
+"""What survives a power cycle: (index, subindex) -> value.  Kept outside the drive."""
+
+_CODES = {"u8": "<B", "i8": "<b", "u16": "<H", "i16": "<h", "u32": "<I", "i32": "<i", "f32": "<f"}
+_LENGTHS = {kind: struct.calcsize(code) for kind, code in _CODES.items()}
+
+
+class SdoAbort(Exception):
+    """A transfer is refused with this abort code (CiA 301, table 22)."""
+
+    TOGGLE = 0x05030000
+    UNKNOWN_COMMAND = 0x05040001
+    UNSUPPORTED_ACCESS = 0x06010000
+    WRITE_ONLY = 0x06010001
+    READ_ONLY = 0x06010002
+    NO_OBJECT = 0x06020000
+    NOT_MAPPABLE = 0x06040041
+    PDO_TOO_LONG = 0x06040042
+    TOO_LONG = 0x06070012
+    TOO_SHORT = 0x06070013
+    NO_SUBINDEX = 0x06090011
+    BAD_VALUE = 0x06090030
+    TOO_HIGH = 0x06090031
+    TOO_LOW = 0x06090032
+    NOT_STORED = 0x08000020
+    WRONG_STATE = 0x08000022
+
+    def __init__(self, code: int) -> None:
+        super().__init__(f"{code:08X}h")
+        self.code = code
+
+
+@dataclass(frozen=True)
+class Row:
+    """One object.
+
+    kind : data type.   access : as in CiA 301.   default : value after 1011h.   low, high : range; None is the type's own.
+    pdo : "r" mappable into receive PDOs, "t" into transmit PDOs.   when : writable "any" time, with the axis at "still"
+    (stage off or standstill), or only with the stage "off".   stored : saved by 1010h.
+    """
+
+    index: int
+    subindex: int
+    kind: Literal["u8", "i8", "u16", "i16", "u32", "i32", "f32", "str"]
+    access: Literal["const", "ro", "wo", "rw"]
+    default: Value
+    meaning: str
+    low: float | None = None
+    high: float | None = None
+    pdo: Literal["", "r", "t", "rt"] = ""
+    when: Literal["any", "still", "off"] = "any"
+    stored: bool = False
+
+    @property
+    def length(self) -> int:
+        """Bytes; 0 for a string."""
+        return _LENGTHS.get(self.kind, 0)
+
+    @property
+    def code(self) -> str:
+        """``struct`` code of one value, little endian."""
+        return _CODES[self.kind]
+
+
+class Entry:
+    """The value of one object, and who must know when it is written.
+
+    check : called before a write with the new value; returns the value to store or raises SdoAbort.
+    changed : called after a write.
+    """
+
+    __slots__ = ("changed", "check", "row", "value")
+
+    def __init__(self, row: Row) -> None:
+        self.row = row
+        self.value: Any = row.default  # int, float or str, as the row says
+        self.check: Callable[[Any], Value] | None = None
+        self.changed: Callable[[], None] | None = None
+
+    @property
+    def needs_check(self) -> bool:
+        """Whether a value of the right type can still be refused."""
+        row = self.row
+        return self.check is not None or row.low is not None or row.high is not None or row.when != "any"
+
+
+class ObjectDictionary:
+    """All objects of one drive.
+
+    stage_on, moving : kept up to date by the servo; they decide on writes that need the axis still or the stage off.
+    """
+
+    def __init__(self, rows: Iterable[Row]) -> None:
+        self.stage_on = False
+        self.moving = False
+        self._entries = {(row.index, row.subindex): Entry(row) for row in _with_counts(list(rows))}
+        self._indices = {index for index, _ in self._entries}
+
+    def entry(self, index: int, subindex: int = 0) -> Entry:
+        """One entry; raises SdoAbort when there is none."""
+        found = self._entries.get((index, subindex))
+        if found is None:
+            raise SdoAbort(SdoAbort.NO_SUBINDEX if index in self._indices else SdoAbort.NO_OBJECT)
+        return found
+
+    def has(self, index: int, subindex: int = 0) -> bool:
+        """Whether the drive has this object."""
+        return (index, subindex) in self._entries
+
+    def read(self, index: int, subindex: int) -> bytes:
+        """Value as the bytes of an upload; raises SdoAbort."""
+        entry = self.entry(index, subindex)
+        row = entry.row
+        if row.access == "wo":
+            raise SdoAbort(SdoAbort.WRITE_ONLY)
+        if row.kind == "str":
+            return str(entry.value).encode("ascii")
+        return struct.pack(row.code, entry.value)
+
+    def write(self, index: int, subindex: int, data: bytes, sized: bool = True) -> None:
+        """Store the bytes of a download; raises SdoAbort.  ``sized`` False: the client has not told the length."""
+        entry = self.entry(index, subindex)
+        row = entry.row
+        if row.access in ("ro", "const"):
+            raise SdoAbort(SdoAbort.READ_ONLY)
+        if not sized:
+            data = data[: row.length]
+        if len(data) != row.length:
+            raise SdoAbort(SdoAbort.TOO_LONG if len(data) > row.length else SdoAbort.TOO_SHORT)
+        self.store(entry, struct.unpack(row.code, data)[0])
+        if entry.changed is not None:
+            entry.changed()
+
+    def store(self, entry: Entry, value: Any) -> None:
+        """Check a written value against range and drive state and keep it; raises SdoAbort.  ``changed`` is not called."""
+        row = entry.row
+        if row.when != "any" and self.stage_on and (row.when == "off" or self.moving):
+            raise SdoAbort(SdoAbort.WRONG_STATE)
+        if isinstance(value, float) and not math.isfinite(value):
+            raise SdoAbort(SdoAbort.BAD_VALUE)
+        if row.high is not None and value > row.high:
+            raise SdoAbort(SdoAbort.TOO_HIGH)
+        if row.low is not None and value < row.low:
+            raise SdoAbort(SdoAbort.TOO_LOW)
+        entry.value = value if entry.check is None else entry.check(value)
+
+    def load(self, stored: NonVolatile, communication_only: bool = False) -> None:
+        """Values after power-on or reset: what was saved, defaults for the rest.  No ``changed`` is called.
+
+        communication_only : only the parameters of CiA 301, as after a reset of the communication.
+        """
+        for key, entry in self._entries.items():
+            if not communication_only or (key[0] < 0x2000 and entry.row.stored):
+                entry.value = stored.get(key, entry.row.default)
+
+    def save(self, stored: NonVolatile) -> None:
+        """Keep every stored object's value."""
+        stored.clear()
+        stored.update({key: entry.value for key, entry in self._entries.items() if entry.row.stored})
+
+
+def _with_counts(rows: list[Row]) -> list[Row]:
+    """The rows, and for each record without a row for subindex 0 the constant highest subindex."""
+    highest: dict[int, int] = {}
+    for row in rows:
+        highest[row.index] = max(row.subindex, highest.get(row.index, 0))
+    given = {row.index for row in rows if row.subindex == 0}
+    counts = [Row(i, 0, "u8", "const", top, "highest subindex") for i, top in highest.items() if i not in given]
+    return rows + counts

@@ -1,0 +1,167 @@
+"""The control loops of the drive: scaling, gains and limits from the objects, and the compiled cascade on top of them.
+
+SI at the motor shaft.  Angles are the encoder's, whole counts; the zero of the user's positions is kept apart, so that
+homing moves no reference.
+"""
+
+from __future__ import annotations
+
+import math
+
+from beltcomm.control import cascade_step, discrete_coefficients, new_state, reset_state, velocity_step
+from beltcomm.virtual.bus import TICK_S
+from beltcomm.virtual.dictionary import ObjectDictionary
+from beltcomm.virtual.motor import Motor
+from beltcomm.virtual.profiles import Profile
+
+#: Below this speed the axis counts as standing: five encoder counts per tick at 65536 counts per revolution.
+STANDSTILL_RAD_S = 0.5
+
+# The compiled cascade wants a positive limit; this one moves nothing.
+_NO_TORQUE_NM = 1e-9
+
+
+class Loops:
+    """What the modes of operation drive the axis with.
+
+    angle_rad, speed_rad_s : the present sample.   limit_nm : bound of the torque setpoint.
+    demand_rad, following_error_rad, output_rad_s, demand_nm : position reference, error and output of the position
+    controller, and torque setpoint of the last loop.   limited : a setpoint was cut to a limit.
+    """
+
+    def __init__(self, dictionary: ObjectDictionary, profile: Profile, motor: Motor, counts_per_rev: int) -> None:
+        self.dictionary = dictionary
+        self.profile = profile
+        self._motor = motor
+        self._counts_per_rev = counts_per_rev
+        self.shift_counts = 0
+        self.angle_rad = 0.0
+        self.speed_rad_s = 0.0
+        self._state = new_state()
+        self._limits = dictionary.entry(0x607D, 1), dictionary.entry(0x607D, 2)
+        self._period_ms = dictionary.entry(0x60C2, 1)
+        self.restart()
+        for index in profile.gain_objects:
+            for subindex in range(1, 256):
+                if dictionary.has(index, subindex):
+                    dictionary.entry(index, subindex).changed = self._mark_gains
+        for index in (0x6072, 0x6073, 0x6075):
+            dictionary.entry(index).changed = self.reload_limit
+        for index, subindex in ((0x607E, 0), (0x6093, 1), (0x6093, 2), (0x6094, 1), (0x6094, 2), (0x6097, 1), (0x6097, 2)):
+            if dictionary.has(index, subindex):
+                dictionary.entry(index, subindex).changed = self.reload_scaling
+
+    def restart(self) -> None:
+        """Take over all objects after power-on."""
+        self.i2t_limited = False
+        self.reload_scaling()
+        self.reload_gains()
+        self._period_at_reset: int = self._period_ms.value
+        self.begin()
+
+    def reload_scaling(self) -> None:
+        """607Eh and the factor group."""
+        self.scaling = self.profile.scaling(self.dictionary, self._counts_per_rev)
+        self.units_per_count = self.scaling.position * math.tau / self._counts_per_rev
+        self._output_limit, self._dead_zone = self.profile.output_limit(self.dictionary, self.scaling)
+
+    def reload_gains(self) -> None:
+        """Gains, filters and feedforward; the controller starts from rest with them."""
+        self._gains_stale = False
+        self._cascade = self.profile.cascade(self.dictionary)
+        self._output_limit, self._dead_zone = self.profile.output_limit(self.dictionary, self.scaling)
+        self._plain_position_error = math.isinf(self._output_limit) and self._dead_zone == 0.0
+        self.filter_pole = self._cascade.velocity_filter_s / (self._cascade.velocity_filter_s + TICK_S)
+        self.reload_limit()
+        self.open()
+
+    def reload_limit(self) -> None:
+        """6072h, 6073h, the motor's peak and I²t make one bound of the torque."""
+        entry = self.dictionary.entry
+        self.nm_per_unit = self._motor.torque_constant_nm_a * entry(0x6075).value * 1e-6  # 0.1 % of rated in mA
+        limit = min(self.nm_per_unit * min(entry(0x6072).value, entry(0x6073).value), self._motor.peak_torque_nm)
+        if self.i2t_limited:
+            limit = min(limit, self._motor.rated_torque_nm)
+        self.limit_nm = max(limit, _NO_TORQUE_NM)
+        self._coefficients = discrete_coefficients(self._cascade, TICK_S, self.limit_nm)
+
+    @property
+    def interpolation_ticks(self) -> int:
+        """60C2h in force."""
+        period: int = self._period_at_reset if self.profile.period_at_reset else self._period_ms.value
+        return period
+
+    def angle_of(self, position: float) -> float:
+        """Encoder angle of a user position."""
+        return position / self.scaling.position - self.shift_counts * math.tau / self._counts_per_rev
+
+    def position_of(self, angle_rad: float) -> int:
+        """User position of an encoder angle."""
+        return round((angle_rad * self._counts_per_rev / math.tau + self.shift_counts) * self.units_per_count)
+
+    def within_limits(self, angle_rad: float) -> float:
+        """The angle, cut to the software limits 607Dh while they are on."""
+        lower, upper = self._limits[0].value, self._limits[1].value
+        if lower < upper:
+            ends = sorted((self.angle_of(lower), self.angle_of(upper)))
+            inside = min(max(angle_rad, ends[0]), ends[1])
+            if inside != angle_rad:
+                self.limited = True
+                return inside
+        return angle_rad
+
+    def begin(self) -> None:
+        """Start of a tick: take over gains written since the last one, forget what the last loop decided."""
+        if self._gains_stale:
+            self.reload_gains()
+        self.limited = False
+        self.demand_rad = self.angle_rad
+        self.following_error_rad = 0.0
+        self.output_rad_s = 0.0
+        self.demand_nm = 0.0
+
+    def open(self) -> None:
+        """No controller runs; the next one starts from rest."""
+        self._closed = False
+
+    def torque(self, torque_nm: float) -> float:
+        """All loops open: the torque itself, limited."""
+        self.open()
+        return self._decide(min(max(torque_nm, -self.limit_nm), self.limit_nm))
+
+    def velocity(self, speed_rad_s: float, acceleration_rad_s2: float, extra_nm: float = 0.0) -> float:
+        """Velocity loop on a reference."""
+        self._close()
+        return self._decide(
+            velocity_step(self._coefficients, self._state, speed_rad_s, acceleration_rad_s2, self.angle_rad, extra_nm)
+        )
+
+    def position(self, angle_rad: float, speed_rad_s: float, acceleration_rad_s2: float, extra_nm: float = 0.0) -> float:
+        """Position cascade on a reference."""
+        self._close()
+        self.demand_rad = angle_rad
+        error = angle_rad - self.angle_rad
+        self.following_error_rad = error
+        if not self._plain_position_error:
+            error = math.copysign(max(0.0, abs(error) - self._dead_zone), error)
+            bound = self._output_limit / max(self._cascade.kpp_1_s, 1e-9)
+            error = min(max(error, -bound), bound)
+            angle_rad = self.angle_rad + error
+        self.output_rad_s = self._cascade.kpp_1_s * error
+        return self._decide(
+            cascade_step(self._coefficients, self._state, angle_rad, speed_rad_s, acceleration_rad_s2, self.angle_rad, extra_nm)
+        )
+
+    def _mark_gains(self) -> None:
+        self._gains_stale = True
+
+    def _close(self) -> None:
+        if not self._closed:
+            reset_state(self._state, self.angle_rad)
+            self._closed = True
+
+    def _decide(self, torque_nm: float) -> float:
+        self.demand_nm = torque_nm
+        if abs(torque_nm) >= self.limit_nm:
+            self.limited = True
+        return torque_nm

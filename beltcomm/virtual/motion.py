@@ -1,0 +1,132 @@
+"""Reference generators inside the drive: trapezoidal profile, ramp, linear interpolation.  rad, rad/s at the motor shaft."""
+
+from __future__ import annotations
+
+import math
+
+from beltcomm.virtual.bus import TICK_S
+
+Segment = tuple[float, float]
+"""Duration, s; constant acceleration, rad/s²."""
+
+
+def stop_segments(speed: float, deceleration: float) -> list[Segment]:
+    """Brake to rest."""
+    return [(abs(speed) / deceleration, -math.copysign(deceleration, speed))]
+
+
+def trapezoid(distance: float, speed: float, top_speed: float, acceleration: float, deceleration: float) -> list[Segment]:
+    """Fastest way over ``distance`` that ends at rest, from ``speed``, with bounded speed and acceleration.
+
+    Peak speed v from  (v² - v0²)/2a + v²/2d = distance,  cut at ``top_speed``.  Moving the wrong way or too fast to stop
+    in front of the target, the profile brakes first.  distance : rad, signed.   speed : rad/s, signed.   others > 0.
+    """
+    braking = speed * abs(speed) / (2.0 * deceleration)
+    if distance == braking:
+        return stop_segments(speed, deceleration)
+    direction = math.copysign(1.0, distance - braking)
+    left, v0 = direction * distance, direction * speed
+    segments: list[Segment] = []
+    if v0 < 0.0:
+        segments.append((-v0 / deceleration, direction * deceleration))
+        left += v0 * v0 / (2.0 * deceleration)
+        v0 = 0.0
+    elif v0 > top_speed:
+        segments.append(((v0 - top_speed) / deceleration, -direction * deceleration))
+        left -= (v0 * v0 - top_speed * top_speed) / (2.0 * deceleration)
+        v0 = top_speed
+    peak_squared = (left + v0 * v0 / (2.0 * acceleration)) / (0.5 / acceleration + 0.5 / deceleration)
+    peak = min(top_speed, math.sqrt(max(peak_squared, v0 * v0)))
+    ramps = (peak * peak - v0 * v0) / (2.0 * acceleration) + peak * peak / (2.0 * deceleration)
+    segments.append(((peak - v0) / acceleration, direction * acceleration))
+    if peak > 0.0:
+        segments.append((max(0.0, left - ramps) / peak, 0.0))
+    segments.append((peak / deceleration, -direction * deceleration))
+    return segments
+
+
+class Trajectory:
+    """A position reference that runs through segments of constant acceleration, sampled once per tick.
+
+    position, speed, acceleration : the present reference.   done : it is at rest.
+    """
+
+    def __init__(self, position: float, speed: float) -> None:
+        self.position, self.speed, self.acceleration = position, speed, 0.0
+        self.done = True
+        self.run([])
+
+    def run(self, segments: list[Segment], end: float | None = None) -> None:
+        """Follow ``segments`` from the present reference on; ``end`` is their exact end position."""
+        self._segments = segments
+        self._end = end
+        self._start = (self.position, self.speed)
+        self._elapsed_ticks = 0
+        self.done = not segments
+
+    def step(self) -> None:
+        """Move the reference on by one tick."""
+        if self.done:
+            self.speed = self.acceleration = 0.0
+            return
+        self._elapsed_ticks += 1
+        position, speed = self._start
+        left = self._elapsed_ticks * TICK_S
+        for duration, acceleration in self._segments:
+            part = min(left, duration)
+            position += (speed + 0.5 * acceleration * part) * part
+            speed += acceleration * part
+            left -= part
+            if left <= 0.0:
+                self.position, self.speed, self.acceleration = position, speed, acceleration
+                return
+        self.position = position if self._end is None else self._end
+        self.speed = self.acceleration = 0.0
+        self.done = True
+
+
+class Ramp:
+    """A value that follows its target with bounded slope.  slope : the step of the last tick per second."""
+
+    def __init__(self, value: float) -> None:
+        self.value = value
+        self.slope = 0.0
+
+    def step(self, target: float, rising: float, falling: float) -> None:
+        """One tick; ``rising`` is the slope away from zero, ``falling`` towards it, per second."""
+        value = self.value
+        if value * target < 0.0 or abs(target) < abs(value):
+            goal = 0.0 if value * target < 0.0 else target
+            step = falling * TICK_S
+        else:
+            goal, step = target, rising * TICK_S
+        change = min(max(goal - value, -step), step)
+        self.value = value + change
+        self.slope = change / TICK_S
+
+
+class Interpolator:
+    """Linear interpolation of a pair (position, speed) between setpoints that come every ``ticks`` ticks.
+
+    The setpoint that arrives at t_k is reached in the loop of tick k + ticks - 1: at once when ticks = 1.
+    """
+
+    def __init__(self, position: float, speed: float) -> None:
+        self.position, self.speed = position, speed
+        self._target = (position, speed)
+        self._step = (0.0, 0.0)
+        self._left = 0
+
+    def step(self, position: float, speed: float, ticks: int) -> None:
+        """One tick towards the present setpoint."""
+        if (position, speed) != self._target:
+            self._target = (position, speed)
+            self._left = ticks
+            self._step = ((position - self.position) / ticks, (speed - self.speed) / ticks)
+        if self._left > 1:
+            self._left -= 1
+            self.position += self._step[0]
+            self.speed += self._step[1]
+        else:
+            self._left = 0
+            self.position, self.speed = self._target

@@ -1,0 +1,254 @@
+"""The two drives that can be played: rows of their own, scaling, and what they do differently."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from beltcomm.control import Cascade, Feedforward, Prefilter
+from beltcomm.virtual.dictionary import ObjectDictionary, Row
+from beltcomm.virtual.motor import Motor
+from beltcomm.virtual.objects import communication_rows, drive_rows, motion_rows, parameter, pdo_rows
+
+_RPM_PER_RAD_S = 30.0 / math.pi
+_NYQUIST_RAD_S = 3141.0  # just below π/T of the 1 ms loops
+_PREFILTERS = ("none", "notch", "butterworth")
+
+
+@dataclass(frozen=True)
+class Scaling:
+    """User units per SI unit at the motor shaft; negative where 607Eh turns the sign.
+
+    position : per rad.   velocity : per rad/s.   acceleration : per rad/s², always positive.
+    """
+
+    position: float
+    velocity: float
+    acceleration: float
+
+
+@dataclass(frozen=True)
+class Profile:
+    """What tells one kind of drive from the other.
+
+    rows : objects by (node ID, motor, encoder counts per revolution).   scaling, cascade, output_limit : from the
+    dictionary; output_limit gives bound and dead zone of the position controller, rad/s and rad.
+    type_254_is_cyclic : a transmit PDO of type 254 is sent every inhibit time.
+    following_error_faults : 6065h leads to a fault; else only to bit 13, and 6510h:22h switches the stage off.
+    i2t_faults : the motor's I²t leads to a fault; else the current falls to the rated one.
+    period_at_reset : 60C2h becomes active at the next reset; else at once.
+    """
+
+    name: str
+    rows: Callable[[int, Motor, int], list[Row]]
+    scaling: Callable[[ObjectDictionary, int], Scaling]
+    cascade: Callable[[ObjectDictionary], Cascade]
+    output_limit: Callable[[ObjectDictionary, Scaling], tuple[float, float]]
+    gain_objects: tuple[int, ...]
+    modes: frozenset[int]
+    type_254_is_cyclic: bool = False
+    following_error_faults: bool = True
+    i2t_faults: bool = True
+    period_at_reset: bool = False
+    vendor_bits: bool = False
+
+
+def _mode_bits(modes: frozenset[int]) -> int:
+    return sum(1 << (mode - 1) for mode in modes)
+
+
+def _signs(dictionary: ObjectDictionary) -> tuple[int, int]:
+    polarity = dictionary.entry(0x607E).value
+    return (-1 if polarity & 0x80 else 1), (-1 if polarity & 0x40 else 1)
+
+
+_REFERENCE_MODES = frozenset({1, 3, 4, 6, 7, 8, 9, 10})
+
+
+def _reference_rows(node_id: int, motor: Motor, counts: int) -> list[Row]:
+    def gain(subindex: int, default: float, meaning: str, high: float, low: float = 0.0) -> Row:
+        return parameter(0x2100, subindex, "f32", default, meaning, low, high, pdo="", when="still")
+
+    return [
+        *communication_rows(node_id, "beltcomm reference drive", vendor=0, product=1),
+        Row(0x1016, 1, "u32", "rw", 0, "heartbeat consumer: node ID << 16 | time, ms", stored=True),
+        *pdo_rows(node_id, longest_map=8, event_timer=True),
+        *drive_rows(motor, _mode_bits(_REFERENCE_MODES), quick_stop_codes=(2, 6)),
+        *motion_rows(counts, counts),
+        Row(0x6075, 0, "u32", "ro", round(1000 * motor.rated_current_a), "rated current, mA", pdo="t"),
+        Row(0x6076, 0, "u32", "ro", round(1000 * motor.rated_torque_nm), "rated torque, mN m", pdo="t"),
+        parameter(0x6072, 0, "u16", motor.peak_permille, "max torque, 0.1 % of rated"),
+        parameter(0x6080, 0, "u32", round(motor.max_speed_rpm), "max motor speed, 1/min"),
+        Row(0x608F, 1, "u32", "ro", counts, "encoder increments"),
+        Row(0x608F, 2, "u32", "ro", 1, "motor revolutions"),
+        Row(0x6091, 1, "u32", "ro", 1, "motor shaft revolutions"),
+        Row(0x6091, 2, "u32", "ro", 1, "driving shaft revolutions"),
+        Row(0x6092, 1, "u32", "ro", counts, "feed, counts"),
+        Row(0x6092, 2, "u32", "ro", 1, "driving shaft revolutions"),
+        Row(0x60B0, 0, "i32", "rw", 0, "position offset", pdo="rt"),
+        Row(0x60B1, 0, "i32", "rw", 0, "velocity offset", pdo="rt"),
+        Row(0x60B2, 0, "i16", "rw", 0, "torque offset, 0.1 % of rated", pdo="rt"),
+        parameter(0x60C2, 1, "u8", 1, "interpolation period, ms", 1, 20, pdo=""),
+        parameter(0x60C2, 2, "i8", -3, "power of ten of the period", -3, -3, pdo=""),
+        gain(1, 0.002, "K_P, N m s/rad", high=100.0),
+        gain(2, 0.02, "K_I, N m/rad", high=10000.0),
+        gain(3, 1.0, "K_PP, 1/s", high=10000.0),
+        gain(4, 0.002, "velocity filter T_R, s", high=1.0),
+        parameter(0x2100, 5, "u8", 0, "prefilter: 0 none, 1 notch, 2 Butterworth", 0, 2, pdo="", when="still"),
+        gain(6, 0.0, "prefilter centre or cutoff, rad/s", high=_NYQUIST_RAD_S),
+        gain(7, 0.0, "notch width d_n", high=1000.0),
+        parameter(0x2100, 8, "u8", 0, "reference velocity passes the velocity filter", 0, 1, pdo="", when="still"),
+        gain(9, 0.0, "feedforward inertia, kg m²", high=10.0),
+        gain(10, 0.0, "feedforward viscous, N m s/rad", high=10.0),
+        gain(11, 0.0, "feedforward Coulomb, N m", high=100.0),
+        gain(12, 0.0, "feedforward offset, N m", high=100.0, low=-100.0),
+        gain(13, 0.0, "feedforward velocity K_v", high=2.0),
+        Row(0x2101, 1, "u32", "ro", 1000, "loop period, us"),
+        Row(0x2101, 2, "u8", "ro", 1, "torque sampling: 1 = mean of the period just ended"),
+    ]
+
+
+def _reference_scaling(dictionary: ObjectDictionary, counts: int) -> Scaling:
+    position, velocity = _signs(dictionary)
+    per_rad = counts / math.tau
+    return Scaling(position * per_rad, velocity * per_rad, per_rad)
+
+
+def _reference_cascade(dictionary: ObjectDictionary) -> Cascade:
+    value = [dictionary.entry(0x2100, subindex).value for subindex in range(14)]
+    kind, centre, width = _PREFILTERS[value[5]], value[6], value[7]
+    # The parts of a prefilter arrive one by one; until it is complete there is none.
+    complete = centre > 0.0 and (kind != "notch" or width > 0.0)
+    return Cascade(
+        kp_nm_s_rad=value[1],
+        ki_nm_rad=value[2],
+        kpp_1_s=value[3],
+        velocity_filter_s=value[4],
+        prefilter=Prefilter(kind, centre, width) if complete else Prefilter(),  # type: ignore[arg-type]
+        feedforward=Feedforward(*value[9:14]),
+        filter_reference=bool(value[8]),
+    )
+
+
+def _no_output_limit(dictionary: ObjectDictionary, scaling: Scaling) -> tuple[float, float]:
+    return math.inf, 0.0
+
+
+REFERENCE = Profile(
+    name="reference",
+    rows=_reference_rows,
+    scaling=_reference_scaling,
+    cascade=_reference_cascade,
+    output_limit=_no_output_limit,
+    gain_objects=(0x2100,),
+    modes=_REFERENCE_MODES,
+)
+
+_CMMP_MODES = frozenset({1, 3, 4, 6, 7})
+
+
+def _cmmp_rows(node_id: int, motor: Motor, counts: int) -> list[Row]:
+    """Objects of drive-protocols.md, 1 and 2.
+
+    Ranges and defaults are the sheet's, except: rated values, 6072h, 6073h are those of the motor, as set up by the
+    maker's tool; 60F9h and 60FBh start at cautious values, since the sheet's (gain 1.0, 2 ms) shake a belt axis.
+    """
+    peak = motor.peak_permille
+    rated_current_ma, rated_torque_mnm = round(1000 * motor.rated_current_a), round(1000 * motor.rated_torque_nm)
+    never_write = [
+        Row(0x60F6, 1, "u16", "ro", 768, "current controller gain"),
+        Row(0x60F6, 2, "u16", "ro", 1020, "current controller time, us"),
+        Row(0x6410, 3, "u16", "ro", 2000, "I²t time of the motor, ms"),
+        Row(0x6410, 0x10, "i16", "ro", 0, "phase order"),
+        Row(0x6410, 0x11, "i16", "ro", 0, "encoder offset angle"),
+        Row(0x604D, 0, "u8", "ro", 8, "pole number"),
+        *(Row(index, 0, "u32", "ro", 0, "encoder selection and data") for index in range(0x2021, 0x2027)),
+    ]
+    cycle_times = [Row(0x6510, sub, "u32", "ro", 1000, "cycle time of a loop, us") for sub in range(0xB0, 0xB4)]
+    return [
+        *communication_rows(node_id, "CMMP-AS", vendor=0x1D, product=0),
+        Row(0x1016, 1, "u32", "ro", 0, "no heartbeat consumer"),
+        *pdo_rows(node_id, longest_map=4, event_timer=False),
+        *drive_rows(motor, _mode_bits(_CMMP_MODES), quick_stop_codes=(2, 2)),
+        *motion_rows(rev_per_s=60.0, rev_per_s2=60.0),
+        *never_write,
+        *cycle_times,
+        Row(0x2000, 1, "u32", "ro", 0, "bit 0 referenced, 1 commutation valid, 2 ready for enable", pdo="t"),
+        parameter(0x6072, 0, "u16", peak, "max torque, 0.1 % of rated", low=1000),
+        parameter(0x6075, 0, "u32", rated_current_ma, "rated current, mA rms", low=1, high=rated_current_ma),
+        parameter(0x6076, 0, "u32", rated_torque_mnm, "rated torque, mN m"),
+        parameter(0x6080, 0, "u16", 32768, "max motor speed, 1/min", high=32768),
+        parameter(0x6093, 1, "u32", 1, "position factor, numerator", low=1, when="off"),
+        parameter(0x6093, 2, "u32", 1, "position factor, divisor", low=1, when="off"),
+        parameter(0x6094, 1, "u32", 0x1000, "velocity factor, numerator", low=1, high=1 << 24, when="off"),
+        parameter(0x6094, 2, "u32", 1, "velocity factor, divisor", low=1, when="off"),
+        parameter(0x6097, 1, "u32", 0x100, "acceleration factor, numerator", low=1, when="off"),
+        parameter(0x6097, 2, "u32", 1, "acceleration factor, divisor", low=1, when="off"),
+        parameter(0x60C0, 0, "i16", -2, "interpolation: linear, no buffer", -2, -2),
+        Row(0x60C1, 2, "u8", "rw", 0, "0: absolute", 0, 0, pdo="rt"),
+        parameter(0x60C2, 1, "u8", 1, "interpolation period, ms, from the next reset on", 1, 10, pdo=""),
+        parameter(0x60C2, 2, "i8", -3, "power of ten of the period", -3, -3, pdo=""),
+        parameter(0x60F9, 1, "u16", 26, "velocity gain, 1/256", 20, 64 * 256, pdo="", when="still"),
+        parameter(0x60F9, 2, "u16", 32000, "velocity integral time, us", 1, 32000, pdo="", when="still"),
+        parameter(0x60F9, 4, "u16", 400, "velocity filter time, us", 1, 32000, pdo="", when="still"),
+        Row(0x60FA, 0, "i32", "ro", 0, "output of the position controller", pdo="t"),
+        parameter(0x60FB, 1, "u16", 26, "position gain, 1/256", 0, 64 * 256, pdo="", when="still"),
+        parameter(0x60FB, 2, "u16", 0, "position integral time", 0, 0, pdo=""),
+        parameter(0x60FB, 4, "u32", 500, "bound of the position controller's output", pdo="", when="still"),
+        parameter(0x60FB, 5, "u32", 2, "dead zone of the position controller", pdo="", when="still"),
+        Row(0x6510, 0x10, "u16", "rw", 0, "enable logic: 2 gives the bus control", 0, 2),
+        parameter(0x6510, 0x22, "u32", 0, "following error that switches the stage off; 0 is never", pdo=""),
+        Row(0x6510, 0x40, "u32", "ro", rated_current_ma, "nominal current, mA"),
+        Row(0x6510, 0x41, "u32", "ro", round(rated_current_ma * peak / 1000), "peak current, mA"),
+    ]
+
+
+def _cmmp_scaling(dictionary: ObjectDictionary, counts: int) -> Scaling:
+    """Internal units are 1/65536 rev, 1/4096 min⁻¹, 1/256 min⁻¹/s; user = internal × divisor/numerator (F1 p80)."""
+
+    def factor(index: int) -> float:
+        return float(dictionary.entry(index, 2).value / dictionary.entry(index, 1).value)
+
+    position, velocity = _signs(dictionary)
+    return Scaling(
+        position * 65536.0 / math.tau * factor(0x6093),
+        velocity * 4096.0 * _RPM_PER_RAD_S * factor(0x6094),
+        256.0 * _RPM_PER_RAD_S * factor(0x6097),
+    )
+
+
+def _cmmp_cascade(dictionary: ObjectDictionary) -> Cascade:
+    kp = 0.02 * dictionary.entry(0x60F9, 1).value / 256.0
+    return Cascade(
+        kp_nm_s_rad=kp,
+        ki_nm_rad=kp / (1e-6 * dictionary.entry(0x60F9, 2).value),
+        kpp_1_s=10.0 * dictionary.entry(0x60FB, 1).value / 256.0,
+        velocity_filter_s=1e-6 * dictionary.entry(0x60F9, 4).value,
+        feedforward=Feedforward(velocity=0.0),
+        filter_reference=False,
+    )
+
+
+def _cmmp_output_limit(dictionary: ObjectDictionary, scaling: Scaling) -> tuple[float, float]:
+    bound = dictionary.entry(0x60FB, 4).value / abs(scaling.velocity)
+    dead_zone = dictionary.entry(0x60FB, 5).value / abs(scaling.position)
+    return bound, dead_zone
+
+
+CMMP_AS = Profile(
+    name="cmmp-as",
+    rows=_cmmp_rows,
+    scaling=_cmmp_scaling,
+    cascade=_cmmp_cascade,
+    output_limit=_cmmp_output_limit,
+    gain_objects=(0x60F9, 0x60FB),
+    modes=_CMMP_MODES,
+    type_254_is_cyclic=True,
+    following_error_faults=False,
+    i2t_faults=False,
+    period_at_reset=True,
+    vendor_bits=True,
+)
+
+PROFILES = {profile.name: profile for profile in (REFERENCE, CMMP_AS)}

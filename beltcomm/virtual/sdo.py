@@ -1,0 +1,107 @@
+"""SDO server: expedited and segmented transfers (CiA 301, 7.2.4), one at a time."""
+
+from __future__ import annotations
+
+import struct
+
+from beltcomm.virtual.dictionary import ObjectDictionary, SdoAbort
+
+# Command specifiers, bits 7 to 5 of the first byte; client and server.
+_CCS_DOWNLOAD_SEGMENT, _CCS_DOWNLOAD, _CCS_UPLOAD, _CCS_UPLOAD_SEGMENT, _CCS_ABORT = range(5)
+_SCS_UPLOAD_SEGMENT, _SCS_DOWNLOAD_SEGMENT, _SCS_UPLOAD, _SCS_DOWNLOAD = range(4)
+_ABORT = 0x80
+_SEGMENT = 7
+# No object of these drives is longer; a client that sends more is stopped instead of stored.
+_LONGEST_DOWNLOAD = 64
+
+
+class SdoServer:
+    """Answers one client frame with one server frame."""
+
+    def __init__(self, dictionary: ObjectDictionary) -> None:
+        self._dictionary = dictionary
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget a transfer that is under way."""
+        self._index, self._subindex = 0, 0
+        self._upload: bytes | None = None
+        self._download: bytearray | None = None
+        self._announced: int | None = None
+        self._toggle = 0
+
+    def answer(self, request: bytes) -> bytes | None:
+        """The answer to a request of 8 bytes; None to what needs no answer (an abort, a frame of another length)."""
+        if len(request) != 8:
+            return None
+        command = request[0] >> 5
+        if command in (_CCS_DOWNLOAD, _CCS_UPLOAD):
+            self.reset()
+            self._index, self._subindex = struct.unpack_from("<HB", request, 1)
+        try:
+            if command == _CCS_DOWNLOAD:
+                return self._begin_download(request)
+            if command == _CCS_UPLOAD:
+                return self._begin_upload()
+            if command == _CCS_DOWNLOAD_SEGMENT and self._download is not None:
+                return self._download_segment(request, self._download)
+            if command == _CCS_UPLOAD_SEGMENT and self._upload is not None:
+                return self._upload_segment(request, self._upload)
+            if command == _CCS_ABORT:
+                self.reset()
+                return None
+            raise SdoAbort(SdoAbort.UNKNOWN_COMMAND)  # block transfers, and segments of no transfer
+        except SdoAbort as abort:
+            answer = struct.pack("<BHBI", _ABORT, self._index, self._subindex, abort.code)
+            self.reset()
+            return answer
+
+    def _begin_download(self, request: bytes) -> bytes:
+        expedited, sized = bool(request[0] & 2), bool(request[0] & 1)
+        if expedited:
+            length = 4 - (request[0] >> 2 & 3) if sized else 4
+            self._dictionary.write(self._index, self._subindex, request[4 : 4 + length], sized)
+        else:
+            row = self._dictionary.entry(self._index, self._subindex).row
+            if row.access in ("ro", "const"):
+                raise SdoAbort(SdoAbort.READ_ONLY)
+            self._announced = struct.unpack_from("<I", request, 4)[0] if sized else None
+            if self._announced is not None and self._announced != row.length:
+                raise SdoAbort(SdoAbort.TOO_LONG if self._announced > row.length else SdoAbort.TOO_SHORT)
+            self._download = bytearray()
+        return struct.pack("<BHBI", _SCS_DOWNLOAD << 5, self._index, self._subindex, 0)
+
+    def _download_segment(self, request: bytes, download: bytearray) -> bytes:
+        self._check_toggle(request[0])
+        unused, last = request[0] >> 1 & 7, bool(request[0] & 1)
+        download += request[1 : 8 - unused]
+        if len(download) > _LONGEST_DOWNLOAD:
+            raise SdoAbort(SdoAbort.TOO_LONG)
+        answer = bytes((_SCS_DOWNLOAD_SEGMENT << 5 | self._toggle << 4, 0, 0, 0, 0, 0, 0, 0))
+        self._toggle ^= 1
+        if last:
+            self._dictionary.write(self._index, self._subindex, bytes(download))
+            self.reset()
+        return answer
+
+    def _begin_upload(self) -> bytes:
+        data = self._dictionary.read(self._index, self._subindex)
+        if 1 <= len(data) <= 4:
+            first = _SCS_UPLOAD << 5 | (4 - len(data)) << 2 | 3
+            return struct.pack("<BHB4s", first, self._index, self._subindex, data)
+        self._upload = data
+        return struct.pack("<BHBI", _SCS_UPLOAD << 5 | 1, self._index, self._subindex, len(data))
+
+    def _upload_segment(self, request: bytes, upload: bytes) -> bytes:
+        self._check_toggle(request[0])
+        segment, self._upload = upload[:_SEGMENT], upload[_SEGMENT:]
+        last = not self._upload
+        first = _SCS_UPLOAD_SEGMENT << 5 | self._toggle << 4 | (_SEGMENT - len(segment)) << 1 | last
+        self._toggle ^= 1
+        if last:
+            self.reset()
+        return struct.pack("<B7s", first, segment)
+
+    def _check_toggle(self, first: int) -> None:
+        if first >> 4 & 1 != self._toggle:
+            raise SdoAbort(SdoAbort.TOGGLE)

@@ -1,0 +1,313 @@
+"""The inside of the drive: samples, state machine, modes, loops and limits, once per tick.
+
+In tick k: :meth:`Servo.latch` samples at t_k (encoder at t_k, torque of the tick just ended), watches the limits and makes
+the statusword; :meth:`Servo.run` decides the torque with the setpoints in force and lets the machine move to t_k+1.
+Demand values (6062h, 6074h, 60F4h, 60FAh) are those of the last loop, one tick older than the samples beside them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from beltcomm.plant import Plant
+from beltcomm.virtual.bus import TICK_S, TICKS_PER_SECOND
+from beltcomm.virtual.cia402 import State, StateMachine
+from beltcomm.virtual.dictionary import ObjectDictionary, SdoAbort
+from beltcomm.virtual.emcy import Code, ErrorRegister
+from beltcomm.virtual.faults import Faults
+from beltcomm.virtual.homing import METHODS, Homing
+from beltcomm.virtual.loops import STANDSTILL_RAD_S, Loops
+from beltcomm.virtual.modes import (
+    BIT_13,
+    CyclicPosition,
+    CyclicTorque,
+    CyclicVelocity,
+    InterpolatedPosition,
+    Mode,
+    ProfilePosition,
+    ProfileTorque,
+    ProfileVelocity,
+    Stop,
+)
+from beltcomm.virtual.profiles import Profile
+from beltcomm.virtual.stage import Encoder, PowerStage
+from beltcomm.virtual.supervision import Supervision
+
+_FAULT_RESET = 1 << 7
+_VOLTAGE_ENABLED, _WARNING, _MOVING, _REMOTE = 1 << 4, 1 << 7, 1 << 8, 1 << 9
+_INTERNAL_LIMIT, _REFERENCED = 1 << 11, 1 << 15
+_WITH_POSITION_REFERENCE = frozenset({1, 7, 8})
+_MODES: dict[int, type[Mode]] = {
+    1: ProfilePosition,
+    3: ProfileVelocity,
+    4: ProfileTorque,
+    7: InterpolatedPosition,
+    8: CyclicPosition,
+    9: CyclicVelocity,
+    10: CyclicTorque,
+}
+_BUS_CONTROL = 2
+
+
+def _clamp16(value: float) -> int:
+    return min(max(round(value), -0x8000), 0x7FFF)
+
+
+def _wrap32(value: int) -> int:
+    return (value + 0x80000000 & 0xFFFFFFFF) - 0x80000000
+
+
+def _clamp32(value: float) -> int:
+    return min(max(round(value), -0x80000000), 0x7FFFFFFF)
+
+
+class Servo:
+    """Everything of the drive that is not communication.
+
+    end_switches_rad : motor angles (lower, upper) at and beyond which the switches close; None: not wired.
+    referenced : the drive knows its zero when it is switched on.
+    """
+
+    def __init__(
+        self,
+        dictionary: ObjectDictionary,
+        profile: Profile,
+        loops: Loops,
+        stage: PowerStage,
+        encoder: Encoder,
+        plant: Plant,
+        errors: ErrorRegister,
+        faults: Faults,
+        end_switches_rad: tuple[float, float] | None,
+        referenced: bool,
+        fault_bits: int,
+    ) -> None:
+        self._dictionary, self._profile, self._loops = dictionary, profile, loops
+        self._stage, self._encoder, self._plant = stage, encoder, plant
+        self._errors, self._faults = errors, faults
+        self._end_switches_rad = end_switches_rad
+        self._absolute = referenced
+        self.referenced = referenced
+        self.machine = StateMachine(self._entered, fault_bits)
+        self._supervision = Supervision(loops, self.fault)
+        self._homing = Homing(loops, self._wired_switches, self._set_home, lambda: errors.report(Code.HOMING))
+        self._modes: dict[int, Mode] = {n: make(loops) for n, make in _MODES.items() if n in profile.modes}
+        self._modes[6] = self._homing
+        self._mode_number = 1
+        self._mode = self._modes[1]
+        self._stop = Stop(loops)
+        self._switches = (False, False)
+        self._now_s = 0.0
+        self._last_controlword = 0
+        self._current_factor_written = False
+        self._bind_objects()
+
+    def _bind_objects(self) -> None:
+        entry = self._dictionary.entry
+        self._controlword, self._statusword = entry(0x6040), entry(0x6041)
+        self._controlword.changed = self._on_controlword
+        self._asked_mode, self._shown_mode = entry(0x6060), entry(0x6061)
+        self._asked_mode.check, self._asked_mode.changed = self._check_mode, self._on_mode
+        entry(0x605A).check = self._one_of(frozenset({2, 6}))
+        entry(0x6098).check = self._one_of(METHODS)
+        self._quick_stop_code = entry(0x605A)
+        self._position_demand, self._position = entry(0x6062), entry(0x6064)
+        self._velocity, self._following_error = entry(0x606C), entry(0x60F4)
+        self._torque_demand, self._torque, self._current = entry(0x6074), entry(0x6077), entry(0x6078)
+        self._inputs = entry(0x60FD)
+        self._enable_logic = entry(0x6510, 0x10) if self._dictionary.has(0x6510, 0x10) else None
+        self._vendor_status = entry(0x2000, 1) if self._dictionary.has(0x2000, 1) else None
+        self._output = entry(0x60FA) if self._dictionary.has(0x60FA) else None
+        rated_current = entry(0x6075)
+        if rated_current.row.access == "rw":
+            # F1 p97: 6073h is taken only after 6075h was written.
+            entry(0x6073).check = self._check_max_current
+            rated_current.changed = self._on_rated_current
+
+    def restart(self) -> None:
+        """Power-on, or the end of a node reset: stage off, everything from the objects."""
+        self._stage.switch_off()
+        self._last_controlword = 0
+        self._current_factor_written = False
+        self.referenced = self._absolute
+        self._loops.shift_counts = 0
+        if self._faults.rated_torque_nm is not None:
+            self._dictionary.entry(0x6076).value = round(1000 * self._faults.rated_torque_nm)
+        self._encoder.latch(self._now_s)
+        self._loops.angle_rad, self._loops.speed_rad_s = self._encoder.angle_rad, 0.0
+        self._loops.restart()
+        self.machine.power_on()
+        self._on_mode()
+
+    def latch(self, tick: int) -> None:
+        """t_k: sample, supervise, publish."""
+        now_s = self._now_s = tick / TICKS_PER_SECOND
+        loops, stage, encoder, dictionary = self._loops, self._stage, self._encoder, self._dictionary
+        before = encoder.angle_rad
+        encoder.latch(now_s)
+        loops.angle_rad = encoder.angle_rad
+        pole = loops.filter_pole
+        speed = loops.speed_rad_s = pole * loops.speed_rad_s + (1.0 - pole) * (encoder.angle_rad - before) / TICK_S
+        scaling = loops.scaling
+        position = _wrap32(round((encoder.counts + loops.shift_counts) * loops.units_per_count))
+        self._position.value = position
+        self._velocity.value = _clamp32(speed * scaling.velocity)
+        # In 0.1 % torque and current are one number: 6077h is computed from the current.
+        self._torque.value = self._current.value = _clamp16(stage.torque_sample_nm / loops.nm_per_unit)
+        dictionary.moving = abs(speed) >= STANDSTILL_RAD_S
+        if self._end_switches_rad is not None:
+            angle = self._plant.position_rad
+            self._switches = (angle <= self._end_switches_rad[0], angle >= self._end_switches_rad[1])
+            self._inputs.value = self._switches[0] | self._switches[1] << 1
+        faults = self._faults
+        if faults.emergency_at_s is not None and now_s >= faults.emergency_at_s:
+            faults.emergency_at_s = None
+            self.fault(faults.emergency_code, True)
+        if self.machine.powered:
+            self._publish_demand()
+            follows = self.machine.state == State.OPERATION_ENABLED and self._mode_number in _WITH_POSITION_REFERENCE
+            self._supervision.check(position, self._switches, self._mode is self._homing, follows)
+        if stage.i2t_exceeded != loops.i2t_limited:
+            self._on_i2t(stage.i2t_exceeded)
+        if self._remote:
+            self.machine.control(self._controlword.value)
+        self._publish_status()
+
+    def run(self) -> None:
+        """The loop of the tick, then the tick itself."""
+        loops = self._loops
+        state = self.machine.state
+        loops.begin()
+        torque_nm = 0.0
+        if state == State.OPERATION_ENABLED:
+            torque_nm = self._mode.step()
+        elif self.machine.powered:
+            torque_nm = self._stop.step()
+            if self._stop.done:
+                self.machine.ramp_done()
+        self._stage.run(torque_nm, self._now_s)
+
+    def fault(self, code: int, coast: bool) -> None:
+        """Go into fault with this EMCY code; brake first unless ``coast``."""
+        self._errors.raise_error(code)
+        self.machine.fault(coast)
+        self._publish_status()
+
+    def communication_lost(self, code: int) -> None:
+        """The master is gone or has stopped the node: a fault while the motor carries torque, else only a message."""
+        if self.machine.powered:
+            self.fault(code, False)
+        else:
+            self._errors.report(code)
+
+    @property
+    def _remote(self) -> bool:
+        return self._enable_logic is None or self._enable_logic.value == _BUS_CONTROL
+
+    def _on_controlword(self) -> None:
+        before, now = self._last_controlword, self._controlword.value
+        self._last_controlword = now
+        if not self._remote:
+            return
+        if now & ~before & _FAULT_RESET and self.machine.state == State.FAULT:
+            self._errors.clear()
+            self.machine.reset_fault()
+        self._mode.controlword = before
+        self.machine.control(now)
+        if self.machine.state == State.OPERATION_ENABLED:
+            self._mode.control(now)
+        self._mode.controlword = now
+        self._publish_status()
+
+    def _on_mode(self) -> None:
+        number = self._asked_mode.value
+        if number not in self._modes or number in self._faults.refused_modes:
+            return
+        self._shown_mode.value = self._mode_number = number
+        self._mode = self._modes[number]
+        self._mode.controlword = self._controlword.value
+        self._mode.start()
+        self._publish_status()
+
+    def _entered(self, number: int, state: State) -> None:
+        """After a transition of the state machine."""
+        self._dictionary.stage_on = self.machine.powered
+        if state == State.OPERATION_ENABLED:
+            self._supervision.begin()
+            self._loops.open()
+            self._mode.start()
+        elif state in (State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE):
+            self.machine.quick_stop_holds = self._quick_stop_code.value == 6
+            self._stop.start()
+        else:
+            self._stage.switch_off()
+            self._loops.open()
+
+    def _on_i2t(self, exceeded: bool) -> None:
+        if exceeded and self._profile.i2t_faults:
+            if self.machine.powered:
+                self.fault(Code.I2T, False)
+        else:
+            self._loops.i2t_limited = exceeded
+            self._loops.reload_limit()
+
+    def _publish_demand(self) -> None:
+        loops = self._loops
+        self._position_demand.value = _wrap32(loops.position_of(loops.demand_rad))
+        self._following_error.value = _clamp32(loops.following_error_rad * loops.scaling.position)
+        self._torque_demand.value = _clamp16(loops.demand_nm / loops.nm_per_unit)
+        if self._output is not None:
+            self._output.value = _clamp32(loops.output_rad_s * loops.scaling.velocity)
+
+    def _publish_status(self) -> None:
+        machine, loops = self.machine, self._loops
+        word = machine.status_bits | _VOLTAGE_ENABLED
+        if self._remote:
+            word |= _REMOTE
+        if machine.state == State.OPERATION_ENABLED:
+            word |= self._mode.status()
+        if self._supervision.following_error and self._mode_number in _WITH_POSITION_REFERENCE:
+            word |= BIT_13
+        if loops.limited:
+            word |= _INTERNAL_LIMIT
+        if loops.i2t_limited:
+            word |= _WARNING | _INTERNAL_LIMIT
+        if self.referenced:
+            word |= _REFERENCED
+        if self._profile.vendor_bits and self._dictionary.moving:
+            word |= _MOVING
+        self._statusword.value = word
+        if self._vendor_status is not None:
+            ready = machine.state not in (State.FAULT, State.FAULT_REACTION_ACTIVE)
+            self._vendor_status.value = self.referenced | 2 | ready << 2
+
+    def _wired_switches(self) -> tuple[bool, bool] | None:
+        return None if self._end_switches_rad is None else self._switches
+
+    def _set_home(self, angle_rad: float) -> None:
+        offset = self._dictionary.entry(0x607C).value / self._loops.units_per_count
+        self._loops.shift_counts = round(-offset) - round(angle_rad / self._encoder.rad_per_count)
+        self.referenced = True
+
+    def _check_mode(self, value: int) -> int:
+        if value not in self._modes:
+            raise SdoAbort(SdoAbort.BAD_VALUE)
+        return value
+
+    @staticmethod
+    def _one_of(allowed: frozenset[int]) -> Callable[[int], int]:
+        def check(value: int) -> int:
+            if value not in allowed:
+                raise SdoAbort(SdoAbort.BAD_VALUE)
+            return value
+
+        return check
+
+    def _check_max_current(self, value: int) -> int:
+        if not self._current_factor_written:
+            raise SdoAbort(SdoAbort.WRONG_STATE)
+        return value
+
+    def _on_rated_current(self) -> None:
+        self._current_factor_written = True
+        self._loops.reload_limit()

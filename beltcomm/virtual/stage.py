@@ -1,0 +1,115 @@
+"""Power stage, motor current and encoder: all that touches the machine."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+import numpy as np
+
+from beltcomm.plant import Plant
+from beltcomm.virtual.bus import TICK_S
+from beltcomm.virtual.faults import Faults
+from beltcomm.virtual.motor import Motor
+
+# The motor carries its peak torque from cold for this long (6410h:3 of the CMMP-AS, default 2000 ms).
+I2T_TIME_S = 2.0
+
+_NOISE_BLOCK = 4096
+# A switch of the torque this close to a tick falls on it: below the rounding of delay / tick.
+_SWITCH_ROUNDING = 1e-9
+
+
+class PowerStage:
+    """Turns torque setpoints into acting torque and lets the machine move on, one tick at a time.
+
+    A setpoint decided at t_k acts from t_k + ``setpoint_delay_s`` on, until the next one does; within a tick the machine is
+    stepped in two pieces when the switch falls inside.
+
+    mean_torque_nm : acting torque of the tick just ended, mean, N m.   torque_sample_nm : the same with sensor noise.
+    i2t_exceeded : the I²t reserve (peak current for 2 s) is used up; False again at half of it.
+    """
+
+    def __init__(
+        self, plant: Plant, motor: Motor, setpoint_delay_s: float, torque_noise_nm: float, seed: int, faults: Faults
+    ) -> None:
+        self._plant = plant
+        self._motor = motor
+        self._faults = faults
+        whole, part = divmod(setpoint_delay_s / TICK_S + _SWITCH_ROUNDING, 1.0)
+        self._delay_ticks = int(whole)
+        self._old_share = part if part > 2 * _SWITCH_ROUNDING else 0.0
+        self._noise_nm = torque_noise_nm
+        self._generator = np.random.default_rng(seed)
+        self._noise: list[float] = []
+        self._i2t_reserve = ((motor.peak_torque_nm / motor.rated_torque_nm) ** 2 - 1.0) * I2T_TIME_S
+        self._i2t = 0.0
+        self.i2t_exceeded = False
+        self.mean_torque_nm = 0.0
+        self.torque_sample_nm = 0.0
+        self.switch_off()
+
+    def switch_off(self) -> None:
+        """No current from now on; setpoints on their way are lost."""
+        self._on_the_way = deque([0.0] * self._delay_ticks)
+        self._acting_nm = 0.0
+
+    def run(self, setpoint_nm: float, now_s: float) -> None:
+        """Let one tick pass that began at ``now_s`` with this setpoint decided."""
+        self._on_the_way.append(setpoint_nm)
+        old, new = self._acting_nm, self._on_the_way.popleft()
+        self._acting_nm = new
+        share = self._old_share
+        blocked = self._faults.stuck_from_s is not None and now_s >= self._faults.stuck_from_s
+        if share == 0.0:
+            if not blocked:
+                self._plant.step(new, TICK_S)
+            mean = new
+        else:
+            if not blocked:
+                self._plant.step(old, share * TICK_S)
+                self._plant.step(new, (1.0 - share) * TICK_S)
+            mean = share * old + (1.0 - share) * new
+        self.mean_torque_nm = mean
+        if self._noise_nm > 0.0:
+            if not self._noise:
+                self._noise = (self._noise_nm * self._generator.standard_normal(_NOISE_BLOCK)).tolist()
+            self.torque_sample_nm = mean + self._noise.pop()
+        else:
+            self.torque_sample_nm = mean
+        load = mean / self._motor.rated_torque_nm
+        self._i2t = max(0.0, self._i2t + (load * load - 1.0) * TICK_S)
+        if self._i2t >= self._i2t_reserve:
+            self.i2t_exceeded = True
+        elif self._i2t <= 0.5 * self._i2t_reserve:
+            self.i2t_exceeded = False
+
+
+class Encoder:
+    """Counts of an incremental encoder on the motor shaft.
+
+    counts = floor(φ · counts_per_rev / 2π)
+
+    zero_rad : motor angle of count 0, rad.   rad_per_count : size of one count, rad.
+    counts, angle_rad : the sample latched last; the angle in whole counts.
+    """
+
+    def __init__(self, plant: Plant, counts_per_rev: int, zero_rad: float, faults: Faults) -> None:
+        self._plant = plant
+        self._per_rad = counts_per_rev / math.tau
+        self.rad_per_count = math.tau / counts_per_rev
+        self._zero_rad = zero_rad
+        self._faults = faults
+        self._jumped = 0
+        self.counts = 0
+        self.angle_rad = 0.0
+
+    def latch(self, now_s: float) -> None:
+        """Take a sample."""
+        faults = self._faults
+        if faults.encoder_step_at_s is not None and now_s >= faults.encoder_step_at_s:
+            self._jumped += faults.encoder_step_counts
+            faults.encoder_step_at_s = None
+        counts = math.floor((self._plant.position_rad - self._zero_rad) * self._per_rad * faults.encoder_sign)
+        self.counts = counts + self._jumped
+        self.angle_rad = self.counts * self.rad_per_count
