@@ -56,7 +56,7 @@ def config_names(kind: str) -> list[str]:
 def did_you_mean(word: str, known: Iterable[str]) -> str:
     """ ", did you mean X?" for the known word that resembles ``word`` most, or "" when none does."""
     by_lower = {item.lower(): item for item in known}
-    close = difflib.get_close_matches(word.lower(), by_lower, n=1, cutoff=0.6)
+    close = difflib.get_close_matches(word.lower(), by_lower, n=1, cutoff=likeness)
     return f", did you mean {by_lower[close[0]]}?" if close else ""
 
 

@@ -1,0 +1,345 @@
+"""One experiment: signals that were checked once and never change, and what was done.
+
+Formats: ``run-folder.md``.  Torque and motion are at the motor shaft (side "motor"), or on the load side where only that is
+known (side "load"), or the torque is in ampere where no torque constant is known (side "ampere").
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltcomm.axis import Axis
+from beltcomm.configfiles import did_you_mean, to_yaml, write_text
+from beltcomm.errors import DataError
+from beltcomm.quantities import in_other_unit, unit_of
+from beltcomm.recording_checks import CLIPPED_SHARE, clipped_share, gaps, jitter, velocity_unit_fault
+from beltcomm.recording_writer import RecordingWriter
+from beltcomm.sidecar import ExcitationNote, Sidecar, load_sidecar
+from beltcomm.signalfile import read_columns, write_columns
+
+Array = NDArray[np.float64]
+Side = Literal["motor", "load", "ampere"]
+
+__all__ = ["ExcitationNote", "Recording", "RecordingWriter", "Sidecar", "load_recording", "save_recording"]
+
+#: Column of each signal, by side.  ``force_setpoint_n`` and ``reference_velocity_m_s`` follow the pattern of the others.
+CHANNELS: Final[Mapping[Side, Mapping[str, str]]] = {
+    "motor": {
+        "torque": "torque_nm",
+        "torque_setpoint": "torque_setpoint_nm",
+        "position": "position_rad",
+        "velocity": "velocity_rad_s",
+        "reference_position": "reference_position_rad",
+        "reference_velocity": "reference_velocity_rad_s",
+    },
+    "load": {
+        "torque": "force_n",
+        "torque_setpoint": "force_setpoint_n",
+        "position": "position_m",
+        "velocity": "velocity_m_s",
+        "reference_position": "reference_position_m",
+        "reference_velocity": "reference_velocity_m_s",
+    },
+    "ampere": {
+        "torque": "current_a",
+        "position": "position_rad",
+        "velocity": "velocity_rad_s",
+        "reference_position": "reference_position_rad",
+        "reference_velocity": "reference_velocity_rad_s",
+    },
+}
+#: Signals with the same column on every side.
+COMMON: Final = ("temperature_c", "cart_position_m", "load_position_rad")
+_OPTIONAL = ("torque_setpoint", "velocity", "reference_position", "reference_velocity", *COMMON)
+_KNOWN = {"t_s", *COMMON, *(name for channels in CHANNELS.values() for name in channels.values())}
+
+#: Fewer samples are no measurement of a motion (a static map: of a position dependence).
+FEWEST_SAMPLES = {"static_map": 3}
+FEWEST_SAMPLES_IN_TIME = 10
+#: Steps in time above this, s, are milliseconds or sample numbers: no drive is commissioned at 4 Hz.
+LONGEST_STEP_S = 0.25
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """The signals of one experiment, arrays of one length n, copied, checked and read-only.
+
+    t_s : ndarray (n,), s, strictly rising; of a static map ndarray (0,): it has no time.
+    torque : ndarray (n,), N m at the motor shaft (side "load": N; "ampere": A); torque[n] acts from t[n] to t[n+1].
+    position : ndarray (n,), rad, motor shaft (side "load": m), sampled at t[n].
+    torque_setpoint, velocity, reference_position, reference_velocity : ndarray (n,) in the same units, None where absent.
+    temperature_c, cart_position_m, load_position_rad : ndarray (n,), None where absent.
+    side : which of the three.     sidecar : what was done.     notes : sentences on what was ignored or looks odd.
+    extra : further columns by name, kept and not used.     file : where it came from, for messages.
+    Raises DataError, naming file, column and row, for signals that no method can use.
+    """
+
+    name: str
+    t_s: Array
+    torque: Array
+    position: Array
+    torque_setpoint: Array | None = None
+    velocity: Array | None = None
+    reference_position: Array | None = None
+    reference_velocity: Array | None = None
+    temperature_c: Array | None = None
+    cart_position_m: Array | None = None
+    load_position_rad: Array | None = None
+    side: Side = "motor"
+    sidecar: Sidecar = field(default_factory=Sidecar)
+    notes: tuple[str, ...] = ()
+    extra: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+    file: str = ""
+
+    def __post_init__(self) -> None:
+        self._freeze()
+        self._check_size()
+        self._check_signals()
+        object.__setattr__(self, "notes", (*self.notes, *self._remarks()))
+
+    @property
+    def is_static_map(self) -> bool:
+        """Whether this is position against holding torque, without time."""
+        return self.sidecar.experiment == "static_map"
+
+    @property
+    def sample_period_s(self) -> float:
+        """Median time step, s.   Raises DataError for a static map."""
+        if self.is_static_map:
+            raise self._fault("it is a static map and has no time; use a record with t_s")
+        return float(np.median(np.diff(self.t_s)))
+
+    @property
+    def torque_unit(self) -> str:
+        """Unit of torque and torque_setpoint: "N m", "N" or "A"."""
+        return unit_of(CHANNELS[self.side]["torque"])
+
+    @property
+    def position_unit(self) -> str:
+        """Unit of position and reference_position: "rad" or "m"."""
+        return unit_of(CHANNELS[self.side]["position"])
+
+    def gaps(self) -> NDArray[np.intp]:
+        """Indices of the samples after which samples were lost."""
+        return gaps(self.t_s)
+
+    def columns(self) -> dict[str, NDArray[Any]]:
+        """The columns of its file by name, in the file's order."""
+        channels = CHANNELS[self.side]
+        named = {} if self.is_static_map else {"t_s": self.t_s}
+        named |= {channels[signal]: getattr(self, signal) for signal in channels if getattr(self, signal) is not None}
+        named |= {signal: getattr(self, signal) for signal in COMMON if getattr(self, signal) is not None}
+        return named | {name: column for name, column in self.extra.items() if name not in named}
+
+    def check_samples(self, fewest: int, method: str) -> None:
+        """Raise DataError when a method needs more samples than there are.   method : in words, for the message."""
+        if len(self.torque) < fewest:
+            raise self._fault(f"{method} needs {fewest} samples, it has {len(self.torque)}; record longer")
+
+    def check_against(self, axis: Axis) -> None:
+        """Raise DataError when the record contradicts the axis: travel, carriage sensor or torque in another unit.
+
+        Only what the axis states is checked; 5 % are left for mounting and data-sheet tolerances.
+        """
+        if self.side == "load":
+            ratio: float | None = 1.0
+        else:
+            ratio = axis.transmission_m_rad if axis.get("pulley.effective_radius_m") is not None else None
+        low, high = axis.travel.min_m, axis.travel.max_m
+        moved = float(np.ptp(self.position))
+        column = CHANNELS[self.side]["position"]
+        if ratio is not None and low is not None and high is not None and moved * ratio > 1.05 * (high - low):
+            raise self._fault(
+                f"{column} covers {moved:.6g} {self.position_unit}, which is {moved * ratio:.6g} m of travel, more than the "
+                f"{high - low:.6g} m of {axis}; look at the column's unit (degrees? counts? mm?) and at the pulley radius"
+            )
+        start = self.sidecar.start_position_m
+        if ratio is not None and start is not None and low is not None and high is not None:
+            reached = start + ratio * (self.position - self.position[0])
+            if reached.min() < low - 0.05 * (high - low) or reached.max() > high + 0.05 * (high - low):
+                raise self._fault(
+                    f"from start_position_m {start:.6g} m the carriage goes from {reached.min():.6g} to {reached.max():.6g} m, "
+                    f"outside the travel {low:g}..{high:g} m of {axis}; correct start_position_m or the axis file"
+                )
+        if ratio is not None and self.cart_position_m is not None and moved > 0.0:
+            quotient = float(np.ptp(self.cart_position_m)) / (moved * ratio)
+            if abs(quotient / 1000.0 - 1.0) < 0.2:
+                raise self._fault("cart_position_m is in mm: it moves 1000 times as far as the motor says; divide it by 1000")
+        peak = axis.motor.peak_torque_nm
+        largest = float(np.abs(self.torque).max())
+        if self.side == "motor" and peak is not None and largest > 1.5 * peak:
+            raise self._fault(
+                f"torque_nm reaches {largest:.4g} N m, the motor of {axis} gives at most {peak:g} N m; "
+                "look at the column's unit (mN m? per cent of rated?) and at motor.peak_torque_nm"
+            )
+
+    def _label(self) -> str:
+        return self.file or f"recording {self.name!r}"
+
+    def _fault(self, text: str) -> DataError:
+        return DataError(f"{self._label()}: {text}")
+
+    def _freeze(self) -> None:
+        """Own, read-only float arrays of one dimension."""
+        for signal in ("t_s", "torque", "position", *_OPTIONAL):
+            values = getattr(self, signal)
+            if values is not None:
+                values = np.array(values, dtype=np.float64)
+                if values.ndim != 1:
+                    raise self._fault(f"{signal} has {values.ndim} dimensions; give one value per sample")
+                values.setflags(write=False)
+                object.__setattr__(self, signal, values)
+        if self.side not in CHANNELS:
+            raise self._fault(f"side is {self.side!r}; it is one of {', '.join(CHANNELS)}")
+
+    def _check_size(self) -> None:
+        if self.is_static_map:
+            object.__setattr__(self, "t_s", np.zeros(0))
+            self.t_s.setflags(write=False)
+        samples = len(self.torque)
+        for signal in ("position", *(() if self.is_static_map else ("t_s",)), *_OPTIONAL):
+            values = getattr(self, signal)
+            if values is not None and len(values) != samples:
+                raise self._fault(f"{signal} has {len(values)} samples, torque has {samples}; they must be equally long")
+        fewest = FEWEST_SAMPLES.get(self.sidecar.experiment, FEWEST_SAMPLES_IN_TIME)
+        if samples < fewest:
+            raise self._fault(f"it has {samples} samples, at least {fewest} are needed; record longer")
+
+    def _check_signals(self) -> None:
+        channels = CHANNELS[self.side]
+        for signal in ("t_s", "torque", "position", *_OPTIONAL):
+            values = getattr(self, signal)
+            if values is not None and not np.all(np.isfinite(values)):
+                row = int(np.flatnonzero(~np.isfinite(values))[0])
+                column = channels.get(signal, signal)
+                raise self._fault(f"{column} in row {row + 1} is {values[row]}; leave out the rows without a value")
+        if not self.is_static_map:
+            self._check_time()
+        for signal, remedy in (("position", "the axis did not move or the column is wrong"), ("torque", "the column is wrong")):
+            values = getattr(self, signal)
+            if np.ptp(values) == 0.0:
+                unit = unit_of(channels[signal])
+                raise self._fault(f"{channels[signal]} is {values[0]:.6g} {unit} in every row: {remedy}; record it again")
+        note = self.sidecar.excitation
+        amplitude = note.amplitude_nm if note is not None and not self.sidecar.closed_loop else None
+        share = 0.0 if self.is_static_map else clipped_share(self.torque, self.torque_setpoint, amplitude)
+        if share >= CLIPPED_SHARE:
+            raise self._fault(
+                f"{channels['torque']} is clipped at {np.abs(self.torque).max():.4g} {self.torque_unit} in {100.0 * share:.0f} % "
+                f"of the rows (allowed: {100.0 * CLIPPED_SHARE:.0f} %); record again with a smaller amplitude or a larger range"
+            )
+        if self.velocity is not None and not self.is_static_map:
+            fault = velocity_unit_fault(self.t_s, self.position, self.velocity)
+            if fault:
+                names = f"{channels['position']} and {channels['velocity']}"
+                raise self._fault(f"{names} contradict each other: {fault}; convert the column")
+
+    def _check_time(self) -> None:
+        steps = np.diff(self.t_s)
+        if np.any(steps <= 0.0):
+            row = int(np.flatnonzero(steps <= 0.0)[0]) + 1
+            before, after = float(self.t_s[row - 1]), float(self.t_s[row])
+            raise self._fault(f"t_s in row {row + 1} is {after!r} s, not above {before!r} s in the row before; time must rise")
+        if np.median(steps) > LONGEST_STEP_S:
+            raise self._fault(
+                f"t_s rises by {np.median(steps):.4g} s per row, above {LONGEST_STEP_S:g} s: "
+                "it looks like milliseconds or sample numbers; give it in seconds"
+            )
+
+    def _remarks(self) -> list[str]:
+        """Sentences on what is odd but usable."""
+        remarks = []
+        if not self.sidecar.finished:
+            remarks.append("the record was broken off")
+        for signal in ("velocity", *COMMON):
+            values = getattr(self, signal)
+            if values is not None and np.ptp(values) == 0.0:
+                remarks.append(f"{CHANNELS[self.side].get(signal, signal)} never changes")
+        if self.side == "ampere":
+            remarks.append("no torque constant is known: torque is in ampere, and so is everything identified from it")
+        if self.is_static_map:
+            return remarks
+        lost = self.gaps()
+        if len(lost):
+            steps = np.diff(self.t_s)
+            worst = lost[int(np.argmax(steps[lost]))]
+            remarks.append(
+                f"samples were lost at {len(lost)} places, the longest gap is {steps[worst]:.4g} s at t = {self.t_s[worst]:.6g} s"
+            )
+        if jitter(self.t_s) > 0.05:
+            remarks.append(f"the time steps deviate by up to {100.0 * jitter(self.t_s):.0f} % from {self.sample_period_s:.4g} s")
+        return remarks
+
+
+def load_recording(path: Path | str, axis: Axis | None = None) -> Recording:
+    """Load ``NAME.csv`` with its sidecar ``NAME.yaml``; without one the record is ``free``.
+
+    path : also ``NAME.csv.part``, what was written before a record was broken off.
+    axis : scales current_a by its torque constant, and the record is checked against it.
+    Raises DataError, naming file, column and row.
+    """
+    path = Path(path)
+    name = path.name.removesuffix(".part").removesuffix(".csv")
+    note_path = path.with_name(f"{name}.yaml")
+    sidecar, notes = load_sidecar(note_path) if note_path.is_file() else (Sidecar(), ())
+    columns = read_columns(path, _KNOWN, torn=path.name.endswith(".part"))
+    side = _side(path, columns, sidecar)
+    channels = {"t_s": "t_s", **CHANNELS[side], **{signal: signal for signal in COMMON}}
+    signals = {signal: columns.pop(column) for signal, column in channels.items() if column in columns}
+    if columns:
+        notes = (*notes, f"columns kept and ignored: {', '.join(columns) or 'one without a name'}")
+    constant = axis.motor.torque_constant_nm_a if axis is not None else None
+    if side == "ampere" and constant is not None:
+        side, signals["torque"] = "motor", signals["torque"] * constant
+        notes = (*notes, f"torque is current_a times the torque constant of {constant:g} N m/A")
+    signals.setdefault("t_s", np.zeros(0))
+    recording = Recording(name=name, side=side, sidecar=sidecar, notes=notes, extra=columns, file=str(path), **signals)
+    if axis is not None:
+        recording.check_against(axis)
+    return recording
+
+
+def save_recording(recording: Recording, folder: Path) -> Path:
+    """Write ``NAME.csv`` and ``NAME.yaml``; returns the path of the CSV.  Floats come back exactly.
+
+    Raises DataError when a recording of that name exists: raw recordings never change.  UsageError when writing fails.
+    """
+    path = folder / f"{recording.name}.csv"
+    if path.exists():
+        raise DataError(f"{path} exists and raw recordings are never changed; choose another name")
+    write_text(path.with_suffix(".yaml"), to_yaml(recording.sidecar.to_dict()))
+    write_columns(path, recording.columns())
+    return path
+
+
+def _side(path: Path, columns: Mapping[str, object], sidecar: Sidecar) -> Side:
+    """Which side the columns are from.  Raises DataError, naming what is missing."""
+    if "t_s" not in columns and sidecar.experiment != "static_map":
+        hint = _hint("t_s", columns)
+        still = "" if hint else "; a static map of position and torque needs a sidecar with experiment: static_map"
+        raise DataError(f"{path} has no column t_s{hint}{still}")
+    for side, channels in CHANNELS.items():
+        if channels["torque"] in columns and channels["position"] in columns:
+            return side
+    torque = next((side for side, channels in CHANNELS.items() if channels["torque"] in columns), None)
+    if torque is not None:
+        missing = CHANNELS[torque]["position"]
+        beside = f" beside {CHANNELS[torque]['torque']}"
+    else:
+        missing, beside = ("force_n", "") if "position_m" in columns else ("torque_nm", " (or current_a, or force_n)")
+    raise DataError(f"{path} has no column {missing}{beside}{_hint(missing, columns)}; it has {', '.join(columns)}")
+
+
+def _hint(wanted: str, columns: Mapping[str, object]) -> str:
+    """What another column probably is."""
+    for name in columns:
+        factor = in_other_unit(name, wanted)
+        if factor is not None:
+            return f"; multiply {name} by {factor:.6g} and call it {wanted}"
+    return did_you_mean(wanted, [name for name in columns if name not in _KNOWN])

@@ -1,0 +1,100 @@
+"""Faults that a recording's numbers betray: clipped torque, wrong units, lost samples.  Arrays in, numbers or a sentence out."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+#: Share of samples at the end of the torque's range from which a record counts as clipped.
+CLIPPED_SHARE = 0.02
+#: Fewer samples in a row at the end of the range are chance.
+CLIPPED_RUN = 3
+#: A torque with no more levels than this is a switched signal (a noise-free PRBS), which rests at its ends by intent.
+SWITCHED_LEVELS = 8
+
+#: What the quotient of two velocities (or travels) tells, when it is one of these within 5 %.
+UNIT_FACTORS = {
+    180.0 / math.pi: "degrees instead of rad",
+    1.0 / math.tau: "revolutions instead of rad",
+    60.0 / math.tau: "1/min instead of rad/s",
+    1000.0: "thousandths (mm, mrad) instead of m or rad",
+    -1.0: "the opposite sign",
+}
+
+
+def gaps(t_s: Array) -> NDArray[np.intp]:
+    """Indices of the samples after which samples were lost: the step exceeds 1.5 periods.
+
+    The period is the 90th percentile of the steps, which on jittering time stamps exceeds the median; where more than a
+    tenth of the samples were lost it is the median.
+    """
+    steps = np.diff(t_s)
+    period, upper = np.percentile(steps, [50.0, 90.0])
+    if upper < 1.5 * period:
+        period = upper
+    return np.flatnonzero(steps > 1.5 * period)
+
+
+def jitter(t_s: Array) -> float:
+    """Largest deviation of a step from the median one, as a share of it, gaps left out."""
+    steps = np.diff(t_s)
+    kept = np.delete(steps, gaps(t_s))
+    period = float(np.median(steps))
+    return float(np.max(np.abs(kept - period)) / period)
+
+
+def clipped_share(torque: Array, setpoint: Array | None, amplitude: float | None) -> float:
+    """Share of the samples at which the torque was cut off at an end of its range; 0 when it was not.
+
+    Without a setpoint: runs of at least three samples exactly at the largest or smallest value, entered by a jump.
+    setpoint : what was asked; then only samples count where more was asked for.   amplitude : of a known open-loop excitation.
+    """
+    at_end = np.zeros(len(torque), dtype=bool)
+    for end in (float(torque.max()), float(torque.min())):
+        at_end |= _in_runs(torque == end) & (end != 0.0)
+    if setpoint is not None:
+        asked = np.minimum.reduce([np.roll(np.abs(setpoint), lag) for lag in range(3)])  # the torque follows 1 to 2 samples late
+        return float(np.mean(at_end & (asked > 1.02 * np.abs(torque))))
+    levels = np.unique(torque)
+    if len(levels) <= SWITCHED_LEVELS:
+        short = amplitude is not None and np.abs(torque).max() < 0.9 * amplitude
+        return float(np.mean(at_end)) if short else 0.0
+    # A torque that settles at its largest value arrives there by ever smaller steps, a clipped one by a jump.
+    entries = np.flatnonzero(at_end[1:] & ~at_end[:-1])
+    jumps = np.abs(torque[entries + 1] - torque[entries])
+    smallest = float(np.min(np.diff(levels)))
+    return float(np.mean(at_end)) if len(entries) and np.median(jumps) > 3.0 * smallest else 0.0
+
+
+def _in_runs(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """The mask without runs shorter than CLIPPED_RUN."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], mask.astype(np.int8), [0]))))
+    starts, ends = edges[::2], edges[1::2]
+    kept = np.zeros(len(mask), dtype=bool)
+    for start, end in zip(starts, ends, strict=True):
+        kept[start:end] = end - start >= CLIPPED_RUN
+    return kept
+
+
+def velocity_unit_fault(t_s: Array, position: Array, velocity: Array) -> str:
+    """What is wrong with the units of position and velocity, in words; "" when they agree or nothing can be told.
+
+    Compares travel with the integral of the velocity over 100 windows, so that a filtered velocity passes.
+    """
+    cuts = np.unique(np.linspace(0, len(t_s) - 1, 101).astype(int))
+    integral = np.concatenate(([0.0], np.cumsum(0.5 * (velocity[1:] + velocity[:-1]) * np.diff(t_s))))
+    travel, by_velocity = np.diff(position[cuts]), np.diff(integral[cuts])
+    power = float(travel @ travel), float(by_velocity @ by_velocity)
+    if min(power) <= 0.0 or abs(travel @ by_velocity) < 0.9 * math.sqrt(power[0] * power[1]):
+        return ""
+    quotient = math.copysign(math.sqrt(power[1] / power[0]), float(travel @ by_velocity))
+    for factor, words in UNIT_FACTORS.items():
+        if abs(quotient / factor - 1.0) < 0.05:
+            return f"the velocity has {words}"
+        if abs(quotient * factor - 1.0) < 0.05:
+            return f"the position has {words}"
+    return ""

@@ -1,0 +1,159 @@
+"""The sidecar of a recording: what was done while it was made (``recordings/NAME.yaml``)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any, Final
+
+from beltcomm.configfiles import did_you_mean, read_yaml
+from beltcomm.errors import DataError
+from beltcomm.quantities import unit_of
+
+#: What a record can be; ``static_map`` has position and torque or current, and no time.
+EXPERIMENTS: Final = ("frf", "friction_sweep", "reversal", "trajectory", "static_map", "free")
+#: What an excitation can be.
+EXCITATION_KINDS: Final = ("prbs", "multisine", "chirp", "gprbs")
+
+#: Likeness from which on an unknown key is called misspelt: foreign sidecars hold many keys of their own.
+MISSPELT = 0.85
+
+
+@dataclass(frozen=True)
+class ExcitationNote:
+    """The excitation of an ``frf`` record.
+
+    kind : one of EXCITATION_KINDS.     amplitude_nm : N m (N for side "load"), largest absolute torque; None when not known.
+    period_samples : samples of one period; None when it does not repeat.     first_sample : where the first period begins.
+    """
+
+    kind: str
+    amplitude_nm: float | None = None
+    period_samples: int | None = None
+    first_sample: int = 0
+
+
+@dataclass(frozen=True)
+class Sidecar:
+    """What was done.  None means not known.
+
+    experiment : one of EXPERIMENTS.     start_position_m : m, carriage position at the first sample.
+    session_time_s : s, start of the record on the session's clock.     closed_loop : a controller was active.
+    held_out : never used to fit, only to judge.     payload_kg : kg, what was mounted.     controller : the known controller.
+    source : free text.     finished : False while the record is being made, and for ever when that was broken off.
+    extra : keys that mean nothing here, kept as they are.
+    Raises DataError for an experiment or a number that cannot be.
+    """
+
+    experiment: str = "free"
+    start_position_m: float | None = None
+    session_time_s: float | None = None
+    closed_loop: bool = False
+    held_out: bool = False
+    payload_kg: float | None = None
+    excitation: ExcitationNote | None = None
+    controller: Mapping[str, Any] = field(default_factory=dict)
+    source: str = ""
+    finished: bool = True
+    extra: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        _check_choice("experiment", self.experiment, EXPERIMENTS)
+        if self.payload_kg is not None and self.payload_kg < 0.0:
+            raise DataError(f"payload_kg is {self.payload_kg:g} kg; it must not be negative")
+        if self.excitation is None:
+            return
+        _check_choice("excitation.kind", self.excitation.kind, EXCITATION_KINDS)
+        lowest = {"amplitude_nm": 0.0, "period_samples": 2, "first_sample": 0}
+        for key, low in lowest.items():
+            value = getattr(self.excitation, key)
+            if value is not None and value < low:
+                raise DataError(f"excitation.{key} is {value:g}; it must be at least {low:g}")
+
+    def to_dict(self) -> dict[str, Any]:
+        """The keys that say something, in the order of the file."""
+        data = {item.name: getattr(self, item.name) for item in fields(self) if item.name not in {"excitation", "extra"}}
+        if self.excitation is not None:
+            note = {item.name: getattr(self.excitation, item.name) for item in fields(self.excitation)}
+            data["excitation"] = {key: value for key, value in note.items() if value is not None}
+        if self.finished:  # the contract knows no such key: a finished record needs none
+            del data["finished"]
+        known = {key: value for key, value in data.items() if value is not None and value != {} and value != ""}
+        return known | dict(self.extra)
+
+
+def load_sidecar(path: Path) -> tuple[Sidecar, tuple[str, ...]]:
+    """The sidecar in a YAML file and sentences on keys that look misspelt.
+
+    Raises DataError, naming file and key, for a file that is no YAML mapping or a value that cannot be.
+    """
+    try:
+        return sidecar_from_dict(read_yaml(path, DataError))
+    except DataError as error:
+        raise error if str(path) in str(error) else DataError(f"{path}: {error}") from error
+
+
+def sidecar_from_dict(data: Mapping[str, Any]) -> tuple[Sidecar, tuple[str, ...]]:
+    """As :func:`load_sidecar`, from a mapping."""
+    names = [item.name for item in fields(Sidecar) if item.name != "extra"]
+    read: dict[str, Any] = {}
+    extra: dict[str, Any] = {}
+    remarks = []
+    for key, value in data.items():
+        if key not in names:
+            extra[key] = value
+            hint = did_you_mean(key, [name for name in names if name not in data], MISSPELT)
+            if hint:
+                remarks.append(f"the sidecar's key {key} means nothing here{hint}")
+        elif value is None:
+            continue
+        elif key == "excitation":
+            read[key] = _excitation(value)
+        elif key == "controller":
+            read[key] = _mapping(key, value)
+        else:
+            read[key] = _typed(key, value)
+    return Sidecar(**read, extra=extra), tuple(remarks)
+
+
+def _excitation(value: Any) -> ExcitationNote | None:
+    note = _mapping("excitation", value)
+    if not note:
+        return None
+    if "kind" not in note:
+        raise DataError(f"excitation.kind is missing; it is one of {', '.join(EXCITATION_KINDS)}")
+    # what else a recorder notes about its excitation (excited lines, seed) means nothing here
+    names = {item.name for item in fields(ExcitationNote)}
+    return ExcitationNote(**{key: _typed(f"excitation.{key}", note[key]) for key in note if key in names and note[key] is not None})
+
+
+def _typed(key: str, value: Any) -> Any:
+    """The value in the type its key has; raises DataError for another one."""
+    name = key.rpartition(".")[2]
+    if name in {"experiment", "source", "kind"}:
+        return str(value)
+    if name in {"closed_loop", "held_out", "finished"}:
+        if not isinstance(value, bool):
+            raise DataError(f"{key} is {value!r}; write true or false")
+        return value
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+        unit = unit_of(name)
+        raise DataError(f"{key} is {value!r}; give a number{unit and f' in {unit}'}")
+    if name in {"period_samples", "first_sample"}:
+        if not float(value).is_integer():
+            raise DataError(f"{key} is {value!r}; give a whole number of samples")
+        return int(value)
+    return float(value)
+
+
+def _mapping(key: str, value: Any) -> Mapping[str, Any]:
+    if not isinstance(value, Mapping):
+        raise DataError(f"{key} is {value!r}; it must hold names and values")
+    return value
+
+
+def _check_choice(key: str, value: str, known: tuple[str, ...]) -> None:
+    if value not in known:
+        raise DataError(f"{key} is {value!r}{did_you_mean(value, known)}; it is one of {', '.join(known)}")
