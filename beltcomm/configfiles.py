@@ -53,8 +53,11 @@ def config_names(kind: str) -> list[str]:
     return sorted({path.stem for folder in CONFIG_FOLDERS for path in (folder / kind).glob("*.yaml")})
 
 
-def did_you_mean(word: str, known: Iterable[str]) -> str:
-    """ ", did you mean X?" for the known word that resembles ``word`` most, or "" when none does."""
+def did_you_mean(word: str, known: Iterable[str], likeness: float = 0.6) -> str:
+    """The words ``, did you mean X?`` for the known word that resembles ``word`` most; "" when none does.
+
+    likeness : 0 to 1, share of matching letters from which on a word counts (``difflib.SequenceMatcher.ratio``).
+    """
     by_lower = {item.lower(): item for item in known}
     close = difflib.get_close_matches(word.lower(), by_lower, n=1, cutoff=likeness)
     return f", did you mean {by_lower[close[0]]}?" if close else ""

@@ -1,0 +1,245 @@
+"""The run folder: everything about one commissioning of one axis, in plain files.
+
+::
+
+    RUN/
+      axis.yaml                what is known beforehand
+      run.yaml                 the drive's identity and the tool's version
+      recordings/NAME.csv      signals        recordings/NAME.yaml   what was done
+      models/NAME.yaml  designs/NAME.yaml  results/NAME.yaml         the tool's own
+      journal.txt              what the session did, one line each
+
+A folder made by hand needs ``axis.yaml`` and ``recordings`` only.  Files are written whole or not at all.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from beltcomm import __version__
+from beltcomm.axis import Axis, load_axis, save_axis
+from beltcomm.configfiles import did_you_mean, read_yaml, to_yaml, write_text
+from beltcomm.errors import DataError, UsageError
+from beltcomm.recording import Recording, RecordingWriter, Sidecar, load_recording, save_recording
+from beltcomm.recording_writer import MOTOR_COLUMNS
+from beltcomm.sidecar import load_sidecar
+
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
+_KINDS = {"models": "model", "designs": "design", "results": "result"}
+
+
+class RunFolder:
+    """One run folder.  Make one with :meth:`create`, use an existing one with :meth:`open`.
+
+    path : the folder.     axis : as read from its ``axis.yaml``; None when the folder has none.
+    """
+
+    def __init__(self, path: Path, axis: Axis | None) -> None:
+        self.path = path
+        self._axis = axis
+
+    @classmethod
+    def create(cls, path: Path, axis: Axis, *, resume: bool = False) -> RunFolder:
+        """A new folder for ``axis``, or with ``resume`` the existing one, when its axis has not changed.
+
+        An empty folder counts as new.   Raises UsageError when the folder exists and ``resume`` is not asked for, when it does
+        not exist and ``resume`` is, when the axis has changed (with the entries), or when it cannot be written.
+        """
+        if resume:
+            return cls._resumed(path, axis)
+        if path.exists() and (not path.is_dir() or any(path.iterdir())):
+            raise UsageError(f"{path} exists; choose another --run folder, or continue this run with --resume")
+        run = cls(path, axis)
+        for folder in (path, run.recordings_folder):
+            _make_folder(folder)
+        save_axis(axis, path / "axis.yaml")
+        run._write_about({})
+        return run
+
+    @classmethod
+    def open(cls, path: Path) -> RunFolder:
+        """An existing folder, the tool's own or one made by hand.
+
+        Raises DataError when there is no folder or it holds neither axis nor recordings, UsageError for a wrong ``axis.yaml``.
+        """
+        if not path.is_dir():
+            what = "is a file, not a folder" if path.exists() else "does not exist"
+            raise DataError(f"the run folder {path} {what}; give the folder that holds axis.yaml and recordings/")
+        axis_path = path / "axis.yaml"
+        if not axis_path.is_file() and not (path / "recordings").is_dir():
+            raise DataError(f"{path} is no run folder: it has neither axis.yaml nor recordings/; check the path")
+        return cls(path, load_axis(axis_path) if axis_path.is_file() else None)
+
+    @classmethod
+    def _resumed(cls, path: Path, axis: Axis) -> RunFolder:
+        if not path.is_dir():
+            raise UsageError(f"--resume: the run folder {path} does not exist; check --run or leave --resume out")
+        run = cls.open(path)
+        if run.axis.fingerprint() != axis.fingerprint():
+            changes = "; ".join(run.axis.changes(axis)[:3])
+            raise UsageError(f"--resume: the axis has changed since {path} was begun ({changes}); begin a new run")
+        _make_folder(run.recordings_folder)
+        return run
+
+    @property
+    def axis(self) -> Axis:
+        """The axis.   Raises DataError when the folder has no ``axis.yaml``."""
+        if self._axis is None:
+            raise DataError(
+                f"{self.path / 'axis.yaml'} is missing; copy the axis file there or write one with "
+                f"`beltcomm init {self.path / 'axis.yaml'}`"
+            )
+        return self._axis
+
+    @property
+    def recordings_folder(self) -> Path:
+        """Where recordings stand."""
+        return self.path / "recordings"
+
+    def claim_drive(self, identity: Mapping[str, str]) -> None:
+        """Note which drive this run is made on; on a later call, that it still is.
+
+        identity : :attr:`beltcomm.drive.Capabilities.identity`.   Raises UsageError when the run was made on another drive, with
+        what differs.
+        """
+        known = self._about().get("drive", {})
+        if not known:
+            self._write_about(identity)
+            return
+        changed = [
+            f"{key} {known.get(key, 'not known')} -> {identity.get(key, 'not known')}"
+            for key in sorted({*known, *identity})
+            if known.get(key) != identity.get(key)
+        ]
+        if changed:
+            raise UsageError(f"{self.path} was made on another drive ({'; '.join(changed)}); begin a new run")
+
+    def finished(self) -> list[str]:
+        """Names of the recordings that are complete, sorted.
+
+        Raises DataError when a sidecar stands without its recording.
+        """
+        names, broken_off = [], {path.name.removesuffix(".csv.part") for path in self.recordings_folder.glob("*.csv.part")}
+        for note in sorted(self.recordings_folder.glob("*.yaml")):
+            if not note.with_suffix(".csv").is_file() and note.stem not in broken_off:
+                raise DataError(
+                    f"{note} describes a recording, but {note.stem}.csv is missing; bring it back or delete the sidecar"
+                )
+        for path in sorted(self.recordings_folder.glob("*.csv")):
+            note = path.with_suffix(".yaml")
+            if not note.is_file() or load_sidecar(note)[0].finished:
+                names.append(path.stem)
+        return names
+
+    def unfinished(self) -> list[str]:
+        """Names of the recordings that were broken off, sorted; their rows stand in ``NAME.csv.part``."""
+        return sorted(path.name.removesuffix(".csv.part") for path in self.recordings_folder.glob("*.csv.part"))
+
+    def recordings(self, experiment: str | None = None) -> list[Recording]:
+        """The complete recordings, checked, sorted by name; those of one kind of experiment when it is given.
+
+        Raises DataError when there is none, or one of them cannot be used (with file, column and row).
+        """
+        if not self.recordings_folder.is_dir():
+            raise DataError(f"{self.recordings_folder} is missing; record with `beltcomm identify`, or put CSV files there")
+        loaded = [self.recording(name) for name in self.finished()]
+        chosen = [item for item in loaded if experiment in (None, item.sidecar.experiment)]
+        if not chosen:
+            kind = f" of the kind {experiment}" if experiment else ""
+            rest = f"; broken off were {', '.join(self.unfinished())}: finish them with --resume" if self.unfinished() else ""
+            raise DataError(f"{self.recordings_folder} holds no complete recording{kind}{rest}")
+        return chosen
+
+    def recording(self, name: str) -> Recording:
+        """One recording by name, checked against the axis.   Raises DataError."""
+        path = self.recordings_folder / f"{name}.csv"
+        if not path.is_file():
+            if path.with_name(f"{name}.csv.part").is_file():
+                raise DataError(f"the recording {name} in {self.path} was broken off; finish it with --resume")
+            names = self.finished()
+            raise DataError(f"{path} does not exist{did_you_mean(name, names)}; there are {', '.join(names) or 'no recordings'}")
+        return load_recording(path, self._axis)
+
+    def new_recording(self, name: str, sidecar: Sidecar, columns: tuple[str, ...] = MOTOR_COLUMNS) -> RecordingWriter:
+        """A writer for a new recording; an earlier unfinished one of that name is moved aside.
+
+        Raises DataError when a complete one exists, UsageError for a name that is no file name.
+        """
+        _make_folder(self.recordings_folder)
+        return RecordingWriter(self.recordings_folder / f"{_checked(name)}.csv", sidecar, columns)
+
+    def add_recording(self, recording: Recording) -> Path:
+        """Write a recording made elsewhere (simulated, imported).   Raises as :meth:`new_recording`."""
+        _make_folder(self.recordings_folder)
+        _checked(recording.name)
+        return save_recording(recording, self.recordings_folder)
+
+    def save_model(self, name: str, mapping: Mapping[str, Any]) -> Path:
+        """Write ``models/NAME.yaml``; returns its path.   Raises UsageError when it cannot be written."""
+        return self._save("models", name, mapping)
+
+    def save_design(self, name: str, mapping: Mapping[str, Any]) -> Path:
+        """Write ``designs/NAME.yaml``; returns its path."""
+        return self._save("designs", name, mapping)
+
+    def save_result(self, name: str, mapping: Mapping[str, Any]) -> Path:
+        """Write ``results/NAME.yaml``; returns its path."""
+        return self._save("results", name, mapping)
+
+    def names(self, kind: str) -> list[str]:
+        """Names of what is there of a kind ("models", "designs", "results"), in the order they were written."""
+        files = (self.path / kind).glob("*.yaml")
+        return [path.stem for path in sorted(files, key=lambda path: (path.stat().st_mtime_ns, path.stem))]
+
+    def file(self, kind: str, name: str) -> Path:
+        """Path of ``KIND/NAME.yaml``.   Raises DataError when it is missing, naming what makes it."""
+        path = self.path / kind / f"{_checked(name)}.yaml"
+        if not path.is_file():
+            maker = {"models": "fit", "designs": "design"}.get(kind)
+            remedy = f"make it with `beltcomm {maker} {self.path}`" if maker else "run the command that makes it first"
+            raise DataError(f"the {_KINDS[kind]} {name} is not in {self.path}{did_you_mean(name, self.names(kind))}; {remedy}")
+        return path
+
+    def load(self, kind: str, name: str) -> dict[str, Any]:
+        """The mapping in ``KIND/NAME.yaml``.   Raises DataError when it is missing or unreadable."""
+        return read_yaml(self.file(kind, name), DataError)
+
+    def journal(self, line: str) -> None:
+        """Append one line to the session's journal.   Raises UsageError when it cannot be written."""
+        path = self.path / "journal.txt"
+        try:
+            with open(path, "a", encoding="utf-8") as file:
+                file.write(" ".join(line.split()) + "\n")
+        except OSError as error:
+            raise UsageError(f"{path} cannot be written: {error.strerror or error}; choose another --run folder") from error
+
+    def _save(self, kind: str, name: str, mapping: Mapping[str, Any]) -> Path:
+        _make_folder(self.path / kind)
+        path = self.path / kind / f"{_checked(name)}.yaml"
+        write_text(path, to_yaml(mapping))
+        return path
+
+    def _about(self) -> dict[str, Any]:
+        path = self.path / "run.yaml"
+        return read_yaml(path, DataError) if path.is_file() else {}
+
+    def _write_about(self, drive: Mapping[str, str]) -> None:
+        about = {"beltcomm": __version__, "axis_fingerprint": self.axis.fingerprint(), "drive": dict(drive)}
+        write_text(self.path / "run.yaml", to_yaml(about))
+
+
+def _make_folder(path: Path) -> None:
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UsageError(f"the folder {path} cannot be made: {error.strerror or error}; choose another --run folder") from error
+
+
+def _checked(name: str) -> str:
+    """The name, when it can be a file name everywhere."""
+    if not _NAME.fullmatch(name):
+        raise UsageError(f"{name!r} cannot be a name; use letters, digits, '_', '-' and '.', a letter or digit first")
+    return name
