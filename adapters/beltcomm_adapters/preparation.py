@@ -25,6 +25,8 @@ _REACTION_CYCLES: Final = 5
 _LONGEST_SYNC_MS: Final = 20
 _QUICK_STOP_AND_DISABLE: Final = 2  # 605Ah
 _LINEAR_INTERPOLATION: Final = -2  # 60C0h
+#: Modes in which a position controller runs, so that 607Dh bounds its target.
+_POSITION_MODES: Final = (7, 8)
 _INT32: Final = 2**31 - 1
 _RPM: Final = 2.0 * math.pi / 60.0
 #: Rounding of a float period, far below any timer's resolution.
@@ -148,12 +150,12 @@ def prepare(
         ramp = max(1, math.ceil(steepest / scaling.acceleration_rad_s2))
         for index in (0x6083, 0x6084):
             lending.set(index, 0, "uint32", ramp)
-    _tighten_limits(objects, lending, profile, scaling, limits, limits.speed_rad_s * _REACTION_CYCLES * period_s)
+    _tighten_torque_and_speed(objects, lending, profile, scaling, limits)
+    if mode in _POSITION_MODES:
+        _tighten_window(objects, lending, scaling, limits, period_s)
 
 
-def _tighten_limits(
-    objects: Objects, lending: Lending, profile: Profile, scaling: Scaling, limits: Limits, margin_rad: float
-) -> None:
+def _tighten_torque_and_speed(objects: Objects, lending: Lending, profile: Profile, scaling: Scaling, limits: Limits) -> None:
     torque = max(math.ceil(limits.torque_nm / scaling.torque_nm), profile.torque_limit_lowest_permille)
     if torque < objects.read_int(0x6072, 0, "uint16"):
         lending.set(0x6072, 0, "uint16", torque)
@@ -161,16 +163,22 @@ def _tighten_limits(
     speed = math.ceil(_DRIVE_SPEED_SHARE * limits.speed_rad_s / _RPM)  # 6080h is in min⁻¹
     if speed < int.from_bytes(stored, "little"):
         lending.set(0x6080, 0, "uint32" if len(stored) == 4 else "uint16", speed)
-    if math.isinf(limits.position_min_rad):
-        return
-    low = math.floor((limits.position_min_rad - margin_rad) / scaling.position_rad)
-    high = math.ceil((limits.position_max_rad + margin_rad) / scaling.position_rad)
-    if (stored_low := objects.read_if_there(0x607D, 1, "int32")) is None:
+
+
+def _tighten_window(objects: Objects, lending: Lending, scaling: Scaling, limits: Limits, period_s: float) -> None:
+    """607Dh around the window, as far outside as a quick stop from the speed limit goes: the drive answers a breach with a
+    fault, which brakes worse than the host's quick stop or not at all."""
+    stored_low = objects.read_if_there(0x607D, 1, "int32")
+    deceleration = objects.read_if_there(0x6085, 0, "uint32")
+    if stored_low is None or not deceleration:
         return
     stored_high = objects.read_int(0x607D, 2, "int32")
+    braking_rad = limits.speed_rad_s**2 / (2.0 * deceleration * scaling.acceleration_rad_s2)
+    margin_rad = limits.speed_rad_s * _REACTION_CYCLES * period_s + braking_rad
+    low = max(math.floor((limits.position_min_rad - margin_rad) / scaling.position_rad), -_INT32)
+    high = min(math.ceil((limits.position_max_rad + margin_rad) / scaling.position_rad), _INT32)
     if stored_low < stored_high:  # otherwise these limits are switched off
         low, high = max(low, stored_low), min(high, stored_high)
-    low, high = max(low, -_INT32), min(high, _INT32)
     steps = [(1, low), (2, high)]
     for part, value in reversed(steps) if low > stored_high else steps:  # never a minimum above its maximum
         lending.set(0x607D, part, "int32", value)

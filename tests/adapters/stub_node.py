@@ -112,6 +112,7 @@ class StubNode:
             self._sdo(data)
         elif cob == 0 and data[1] in (0, 1):
             self.operational = data[0] == 1
+            self._pending = [None, None]
         elif cob in (0x77F, 0x701):
             self.life_s.append(now_s)
         elif cob in (0x201, 0x301) and self.operational:
@@ -178,6 +179,7 @@ class StubNode:
         for number, data in enumerate(self._pending):
             if data is not None:
                 self._activate(number, data, int(mode))
+                self._pending[number] = None
         self.acting_nm = self.get(0x6071) * 1e-3 * RATED_NM if self.state == _ENABLED and mode == 10 else 0.0
         if self.state == _ENABLED and mode == 8:
             target = self.get(0x607A) / COUNTS_PER_RAD

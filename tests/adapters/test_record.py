@@ -258,13 +258,19 @@ def test_a_dead_bus_while_moving_ends_the_signs_of_life(opened):
 def test_drive_side_limits_are_tightened_meanwhile_and_never_widened(opened):
     node = StubNode()
     node.put(0x607D, 1, -5000)
-    node.put(0x607D, 2, 5000)
+    node.put(0x607D, 2, 50000)
     node.put(0x6072, 0, 300)
-    opened(node).record(torque([0.01] * 5), Limits(-10.0, 0.1, 20.0, 0.5), lambda row: None)
+    node.objects[0x6085, 0] = ("<I", round(1000 * COUNTS_PER_RAD))
+    drive = opened(node)
+    drive.record(position(np.zeros(5)), Limits(-10.0, 0.1, 20.0, 0.5), lambda row: None)
     written = [(index, sub, value) for index, sub, value in node.written if index in (0x607D, 0x6072, 0x6080)]
-    high = math.ceil((0.1 + 5 * T * 20.0) * COUNTS_PER_RAD)
+    high = math.ceil((0.1 + 5 * T * 20.0 + 20.0**2 / (2 * 1000)) * COUNTS_PER_RAD)
     rpm = math.ceil(1.2 * 20.0 * 60 / (2 * math.pi))
-    assert written == [(0x6080, 0, rpm), (0x607D, 2, high), (0x607D, 2, 5000), (0x6080, 0, 6000)]
+    assert written == [(0x6080, 0, rpm), (0x607D, 2, high), (0x607D, 2, 50000), (0x6080, 0, 6000)]
+    node.written.clear()
+    drive.record(torque([0.01] * 5), Limits(-10.0, 0.1, 20.0, 0.2), lambda row: None)
+    assert [entry for entry in node.written if entry[0] == 0x607D] == []  # where no position is controlled it is a fault's cause
+    assert [entry for entry in node.written if entry[0] == 0x6072] == [(0x6072, 0, 200), (0x6072, 0, 300)]
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,18 @@
+"""Options for running the contract tests on a real drive.
+
+``pytest tests/contract --drive can0 --drive-window-rad -20 20 --drive-speed-rad-s 60 --drive-torque-nm 0.2`` moves the machine:
+the carriage must be free to travel the whole window, in the drive's own zero.
+"""
+
+from __future__ import annotations
+
+import pytest
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    group = parser.getgroup("drive", "contract tests on a real drive (they move it)")
+    group.addoption("--drive", metavar="NAME", help="a drive beside the virtual one: can0, slcan:/dev/ttyACM0")
+    group.addoption("--drive-option", metavar="KEY=VALUE", action="append", default=[], help="option of the adapter, e.g. node=1")
+    group.addoption("--drive-window-rad", nargs=2, type=float, metavar=("MIN", "MAX"), help="free travel, motor shaft, rad")
+    group.addoption("--drive-speed-rad-s", type=float, help="largest speed, motor shaft, rad/s")
+    group.addoption("--drive-torque-nm", type=float, help="largest torque, motor shaft, N m")

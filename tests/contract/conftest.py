@@ -1,0 +1,85 @@
+"""Every contract test runs on both profiles of the virtual drive, and on the drive named with ``--drive``."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import pytest
+
+from beltcomm.drive import Drive, Limits, open_drive
+
+
+class RigidPlant:
+    """An inertia with viscous friction, solved exactly:  J dω/dt = τ - d ω.
+
+    A :class:`beltcomm.plant.Plant`; ``inertia_kg_m2``, ``viscous_nm_s_rad``.
+    """
+
+    inertia_kg_m2 = 2e-3
+    viscous_nm_s_rad = 5e-3
+
+    def __init__(self) -> None:
+        self.position_rad = self.velocity_rad_s = self.cart_position_m = self.belt_force_n = 0.0
+
+    def step(self, torque_nm: float, duration_s: float) -> None:
+        decay = math.exp(-self.viscous_nm_s_rad / self.inertia_kg_m2 * duration_s)
+        end_rad_s = torque_nm / self.viscous_nm_s_rad
+        before = self.velocity_rad_s
+        self.velocity_rad_s = end_rad_s + (before - end_rad_s) * decay
+        self.position_rad += (
+            end_rad_s * duration_s + (before - end_rad_s) * (1 - decay) * self.inertia_kg_m2 / self.viscous_nm_s_rad
+        )
+
+
+@dataclass
+class Machine:
+    """A drive under test, and what it may do.   plant : the machine behind a virtual drive, None on hardware."""
+
+    drive: Drive
+    limits: Limits
+    plant: RigidPlant | None
+
+    @property
+    def period_s(self) -> float:
+        return self.drive.capabilities.sample_period_s
+
+
+def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
+    if "machine" in metafunc.fixturenames:
+        names = ["virtual-reference", "virtual-cmmp-as"]
+        real = metafunc.config.getoption("--drive")
+        if real and metafunc.definition.get_closest_marker("virtual_only") is None:
+            names.append(real)
+        metafunc.parametrize("machine", names, indirect=True)
+
+
+def open_virtual(profile: str, **options: Any) -> Machine:
+    plant = RigidPlant()
+    drive = open_drive("virtual", {"profile": profile, "plant": plant, "seed": 1, **options})
+    # for this inertia: the factory's gains could neither follow nor brake it
+    drive.write({"kp_nm_s_rad": 0.2, "ki_nm_rad": 6.4, "kpp_1_s": 20.0})
+    here = drive.read(["position_rad"])["position_rad"]
+    return Machine(drive, Limits(here - 30.0, here + 30.0, 100.0, 1.5), plant)
+
+
+def _open_real(config: pytest.Config, name: str) -> Machine:
+    window = config.getoption("--drive-window-rad")
+    speed, torque = config.getoption("--drive-speed-rad-s"), config.getoption("--drive-torque-nm")
+    if None in (window, speed, torque):
+        pytest.exit("--drive needs --drive-window-rad, --drive-speed-rad-s and --drive-torque-nm", returncode=2)
+    options = dict(item.split("=", 1) for item in config.getoption("--drive-option"))
+    return Machine(open_drive(name, options), Limits(*window, speed, torque), None)
+
+
+@pytest.fixture
+def machine(request: pytest.FixtureRequest) -> Iterator[Machine]:
+    name: str = request.param
+    if name.startswith("virtual-"):
+        machine = open_virtual(name.removeprefix("virtual-"))
+    else:
+        machine = _open_real(request.config, name)
+    with machine.drive:
+        yield machine

@@ -1,0 +1,157 @@
+"""What every drive behind :class:`beltcomm.drive.Drive` must do, whoever made it."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from beltcomm.drive import COLUMNS, Limits, Motion, Row
+from beltcomm.errors import SafetyStop, UsageError
+
+STATE_DISABLED = (1, 2, 3)  # CiA 402: Switch On Disabled, Ready To Switch On, Switched On
+
+
+def square_torque(machine, share: float, seconds: float, half_period_s: float) -> Motion:
+    """A torque that accelerates and brakes in turn, so that the axis stays near where it is."""
+    n = round(seconds / machine.period_s)
+    phase = np.floor((np.arange(n) * machine.period_s + half_period_s / 2) / half_period_s)
+    values = share * machine.limits.torque_nm * np.where(phase % 2 == 0, 1.0, -1.0)
+    return Motion("torque", machine.period_s, np.zeros(n), np.zeros(n), values)
+
+
+def smooth_path(machine, travel_rad: float, seconds: float) -> Motion:
+    """Half a cosine from here to ``travel_rad`` further."""
+    t = np.arange(round(seconds / machine.period_s)) * machine.period_s
+    here = machine.drive.read(["position_rad"])["position_rad"]
+    share = np.clip(t / (0.7 * seconds), 0.0, 1.0)
+    path = here + travel_rad * 0.5 * (1 - np.cos(np.pi * share))
+    return Motion("position", machine.period_s, path, np.gradient(path, machine.period_s), np.zeros(len(t)))
+
+
+def state(machine) -> float:
+    return machine.drive.read(["state"])["state"]
+
+
+def test_capabilities_are_plausible(machine):
+    has = machine.drive.capabilities
+    assert has.kinds <= {"torque", "position", "velocity"}
+    assert {"torque", "position"} <= has.kinds
+    assert 0.0002 <= has.sample_period_s <= 0.02
+    assert has.counts_per_rev >= 256
+    assert 0 < has.torque_step_nm < has.rated_torque_nm / 100
+    assert has.rated_torque_nm <= has.peak_torque_nm < 20 * has.rated_torque_nm
+    assert 0 < has.structure.period_s <= has.sample_period_s
+    assert has.max_speed_rad_s > 0
+    assert has.identity["device_type"] == "00020192h"
+
+
+def test_everything_in_the_backup_can_be_read_and_written_back(machine):
+    drive = machine.drive
+    backup = drive.backup()
+    assert {"kp_nm_s_rad", "ki_nm_rad", "kpp_1_s", "torque_limit_nm", "speed_limit_rad_s"} <= set(backup)
+    assert drive.read(list(backup)) == backup
+    # K_P and K_I together: some drives hold their quotient, and its range is small
+    changed = {name: 1.25 * backup[name] for name in ("kp_nm_s_rad", "ki_nm_rad")} | {"kpp_1_s": 0.5 * backup["kpp_1_s"]}
+    try:
+        stored = drive.write(changed)
+        assert stored == pytest.approx(changed, rel=0.05)  # fixed point
+        assert drive.backup() == pytest.approx({**backup, **stored}, rel=0.01)
+    finally:
+        drive.write(backup)
+    assert drive.backup() == backup
+
+
+def test_a_parameter_it_does_not_have_is_refused_and_nothing_is_written(machine):
+    backup = machine.drive.backup()
+    with pytest.raises(UsageError, match="no parameter warp_factor"):
+        machine.drive.write({"kp_nm_s_rad": 2 * backup["kp_nm_s_rad"], "warp_factor": 9.0})
+    assert machine.drive.backup() == backup
+
+
+def test_a_torque_record_has_one_row_per_sample_with_stamps_and_setpoints(machine):
+    rows: list[Row] = []
+    motion = square_torque(machine, 0.2, 0.3, 0.05)
+    report = machine.drive.record(motion, machine.limits, rows.append)
+    table = np.array(rows)
+    assert table.shape == (report.rows, len(COLUMNS))
+    assert report.rows + 2 * report.lost_cycles >= len(motion.torque_nm)
+    steps = np.diff(table[:, 0])
+    assert (steps > 0).all()
+    assert np.median(steps) == pytest.approx(machine.period_s, rel=0.01)
+    if report.lost_cycles == 0:
+        step_nm = machine.drive.capabilities.torque_step_nm
+        assert table[:, 2] == pytest.approx(motion.torque_nm, abs=0.5001 * step_nm)
+    assert np.isfinite(table[:, :5]).all()
+    assert np.isnan(table[:, 5:]).all()
+    # the motor must answer: acting torque follows the setpoint
+    assert np.corrcoef(table[2:, 1], table[:-2, 2])[0, 1] > 0.8
+    assert state(machine) in STATE_DISABLED
+
+
+def test_a_position_record_moves_the_axis_to_where_the_reference_ends(machine):
+    travel_rad = 0.1 * (machine.limits.position_max_rad - machine.limits.position_min_rad)
+    rows: list[Row] = []
+    motion = smooth_path(machine, travel_rad, 1.5)
+    report = machine.drive.record(motion, machine.limits, rows.append)
+    table = np.array(rows)
+    count_rad = 2 * math.pi / machine.drive.capabilities.counts_per_rev
+    if report.lost_cycles == 0:
+        assert table[:, 5] == pytest.approx(motion.position_rad, abs=0.51 * count_rad)
+    assert table[-1, 3] - table[0, 3] == pytest.approx(travel_rad, rel=0.02)
+    assert np.abs(table[:, 3] - table[:, 5]).max() < 0.3 * abs(travel_rad)
+    assert state(machine) in STATE_DISABLED
+
+
+def test_a_breached_window_stops_the_axis(machine):
+    here = machine.drive.read(["position_rad"])["position_rad"]
+    tight = Limits(here - 0.2, here + 0.2, machine.limits.speed_rad_s, machine.limits.torque_nm)
+    motion = square_torque(machine, 0.5, 1.0, 0.5)
+    rows: list[Row] = []
+    with pytest.raises(SafetyStop, match="position") as caught:
+        machine.drive.record(motion, tight, rows.append)
+    assert caught.value.reason == "position"
+    assert len(rows) < len(motion.torque_nm)
+    assert state(machine) in STATE_DISABLED
+    assert abs(machine.drive.read(["velocity_rad_s"])["velocity_rad_s"]) < 0.5
+
+
+@pytest.mark.parametrize("error", [OSError("disk full"), KeyboardInterrupt()])
+def test_an_exception_from_the_sink_stops_the_axis_and_comes_out(machine, error):
+    def sink(_row: Row) -> None:
+        raise error
+
+    with pytest.raises(type(error)) as caught:
+        machine.drive.record(square_torque(machine, 0.2, 0.5, 0.05), machine.limits, sink)
+    assert caught.value is error
+    assert state(machine) in STATE_DISABLED
+    rows: list[Row] = []
+    machine.drive.record(square_torque(machine, 0.1, 0.1, 0.05), machine.limits, rows.append)  # and it can go on
+    assert len(rows) > 50
+
+
+def test_a_motion_beyond_the_limits_is_refused_without_moving(machine):
+    here = machine.drive.read(["position_rad"])["position_rad"]
+    with pytest.raises(UsageError, match="reduce the amplitude"):
+        machine.drive.record(square_torque(machine, 1.5, 0.1, 0.05), machine.limits, lambda row: None)
+    assert machine.drive.read(["position_rad"])["position_rad"] == pytest.approx(here, abs=1e-3)
+
+
+def test_a_record_leaves_the_parameters_alone(machine):
+    before = machine.drive.backup()
+    tighter = Limits(
+        machine.limits.position_min_rad,
+        machine.limits.position_max_rad,
+        0.9 * machine.limits.speed_rad_s,
+        0.9 * machine.limits.torque_nm,
+    )
+    machine.drive.record(square_torque(machine, 0.1, 0.1, 0.05), tighter, lambda row: None)
+    assert machine.drive.backup() == before
+
+
+def test_stop_and_close_can_be_called_at_any_time(machine):
+    machine.drive.stop()
+    machine.drive.close()
+    machine.drive.close()
+    machine.drive.stop()
