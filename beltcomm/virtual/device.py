@@ -165,8 +165,8 @@ class VirtualDrive:
 
     def _send_pdo(self, identifier: int, data: bytes) -> None:
         self._sent_pdos += 1
-        if self._sent_pdos not in self.faults.drop_tpdo:
-            self._send(identifier, data)
+        if not self._silent and self._sent_pdos not in self.faults.drop_tpdo:
+            self._bus.transmit(self, identifier, data)
 
     def _send_emcy(self, data: bytes) -> None:
         if self._nmt.state in (PRE_OPERATIONAL, OPERATIONAL):

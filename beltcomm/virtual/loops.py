@@ -34,7 +34,7 @@ class Loops:
         self.profile = profile
         self._motor = motor
         self._counts_per_rev = counts_per_rev
-        self.shift_counts = 0
+        self.set_zero(0)
         self.angle_rad = 0.0
         self.speed_rad_s = 0.0
         self._state = new_state()
@@ -63,6 +63,7 @@ class Loops:
         """607Eh and the factor group."""
         self.scaling = self.profile.scaling(self.dictionary, self._counts_per_rev)
         self.units_per_count = self.scaling.position * math.tau / self._counts_per_rev
+        self._rad_per_unit = 1.0 / self.scaling.position
         self._output_limit, self._dead_zone = self.profile.output_limit(self.dictionary, self.scaling)
 
     def reload_gains(self) -> None:
@@ -91,24 +92,26 @@ class Loops:
         period: int = self._period_at_reset if self.profile.period_at_reset else self._period_ms.value
         return period
 
+    def set_zero(self, shift_counts: int) -> None:
+        """The user's position is the encoder's count plus this, times units per count."""
+        self.shift_counts = shift_counts
+        self._shift_rad = shift_counts * math.tau / self._counts_per_rev
+
     def angle_of(self, position: float) -> float:
         """Encoder angle of a user position."""
-        return position / self.scaling.position - self.shift_counts * math.tau / self._counts_per_rev
+        return position * self._rad_per_unit - self._shift_rad
 
-    def position_of(self, angle_rad: float) -> int:
+    def position_of(self, angle_rad: float) -> float:
         """User position of an encoder angle."""
-        return round((angle_rad * self._counts_per_rev / math.tau + self.shift_counts) * self.units_per_count)
+        return (angle_rad + self._shift_rad) * self.scaling.position
 
-    def within_limits(self, angle_rad: float) -> float:
-        """The angle, cut to the software limits 607Dh while they are on."""
+    def within_limits(self, position: float) -> float:
+        """A user position, cut to the software limits 607Dh while they are on."""
         lower, upper = self._limits[0].value, self._limits[1].value
-        if lower < upper:
-            ends = sorted((self.angle_of(lower), self.angle_of(upper)))
-            inside = min(max(angle_rad, ends[0]), ends[1])
-            if inside != angle_rad:
-                self.limited = True
-                return inside
-        return angle_rad
+        if lower <= position <= upper or lower >= upper:
+            return position
+        self.limited = True
+        return float(min(max(position, lower), upper))
 
     def begin(self) -> None:
         """Start of a tick: take over gains written since the last one, forget what the last loop decided."""
@@ -127,7 +130,9 @@ class Loops:
     def torque(self, torque_nm: float) -> float:
         """All loops open: the torque itself, limited."""
         self.open()
-        return self._decide(min(max(torque_nm, -self.limit_nm), self.limit_nm))
+        if abs(torque_nm) > self.limit_nm:
+            torque_nm = math.copysign(self.limit_nm, torque_nm)
+        return self._decide(torque_nm)
 
     def velocity(self, speed_rad_s: float, acceleration_rad_s2: float, extra_nm: float = 0.0) -> float:
         """Velocity loop on a reference."""

@@ -78,7 +78,7 @@ class ProfilePosition(Mode):
     def start(self) -> None:
         loops = self.loops
         self._trajectory = Trajectory(loops.angle_rad, loops.speed_rad_s)
-        self._target = loops.angle_rad
+        self._target = loops.position_of(loops.angle_rad)
         self._waiting: float | None = None
         self._acknowledged = False
         self._cut = False
@@ -92,12 +92,11 @@ class ProfilePosition(Mode):
         rising = controlword & ~self.controlword & NEW_SETPOINT
         self.controlword = controlword
         if rising and not self._acknowledged:
-            target = self.loops.angle_of(self._target_position.value)
+            asked = self._target_position.value
             if controlword & RELATIVE:
-                base = self._waiting if self._waiting is not None else self._target
-                target = base + self._target_position.value / self.loops.scaling.position
-            inside = self.loops.within_limits(target)
-            self._cut, target = inside != target, inside
+                asked += self._waiting if self._waiting is not None else self._target
+            target = self.loops.within_limits(asked)
+            self._cut = target != asked
             self._acknowledged = True
             self._reached = False
             if controlword & AT_ONCE or not self._to_target:
@@ -129,7 +128,7 @@ class ProfilePosition(Mode):
         if halt:
             self._reached = trajectory.done and abs(self.loops.speed_rad_s) < STANDSTILL_RAD_S
         else:
-            self._reached = self._window.reached(self._target, trajectory.done and self._waiting is None)
+            self._reached = self._window.reached(self.loops.angle_of(self._target), trajectory.done and self._waiting is None)
         return self.loops.position(trajectory.position, trajectory.speed, trajectory.acceleration)
 
     def status(self) -> int:
@@ -145,14 +144,15 @@ class ProfilePosition(Mode):
         if self._halted:
             return
         scaling, trajectory = self.loops.scaling, self._trajectory
+        end = self.loops.angle_of(target)
         segments = trapezoid(
-            target - trajectory.position,
+            end - trajectory.position,
             trajectory.speed,
             max(self._speed.value, 1.0) / abs(scaling.velocity),
             self._acceleration.value / scaling.acceleration,
             self._deceleration.value / scaling.acceleration,
         )
-        trajectory.run(segments, target)
+        trajectory.run(segments, end)
 
 
 class ProfileVelocity(Mode):
@@ -227,8 +227,7 @@ class InterpolatedPosition(Mode):
     def step(self) -> float:
         loops, interpolator = self.loops, self._interpolator
         before = interpolator.position
-        asked = loops.angle_of(self._target_position.value) if self._active else before
-        target = loops.within_limits(asked)
+        target = loops.angle_of(loops.within_limits(self._target_position.value)) if self._active else before
         interpolator.step(target, 0.0, loops.interpolation_ticks)
         self._reached = self._window.reached(target, interpolator.position == target)
         # The speed for the feedforward is the reference's own; a setpoint in whole counts has no usable second difference.
@@ -272,7 +271,7 @@ class CyclicPosition(_Cyclic):
         if self.controlword & HALT:
             target, speed = interpolator.position, 0.0
         else:
-            target = loops.within_limits(loops.angle_of(self._target_position.value + self._position_offset.value))
+            target = loops.angle_of(loops.within_limits(self._target_position.value + self._position_offset.value))
             speed = self._velocity_offset.value / loops.scaling.velocity
         interpolator.step(target, speed, loops.interpolation_ticks)
         acceleration = (interpolator.speed - speed_before) / TICK_S

@@ -118,23 +118,18 @@ class _ReceivePdo(_Pdo):
 
     def restart(self) -> None:
         self.waiting: bytes | None = None
+        self.length = self._struct.size
         self._plain = [(i, e) for i, e in enumerate(self.entries) if not e.needs_check and e.changed is None]
         self._watched = [(i, e) for i, e in enumerate(self.entries) if e.needs_check or e.changed is not None]
 
-    @property
-    def length(self) -> int:
-        """Bytes."""
-        return self._struct.size
-
-    def apply(self, data: bytes) -> list[Callable[[], None]]:
-        """Store the values; returns what is to be called when the values of all PDOs are stored.
+    def apply(self, data: bytes, calls: list[Callable[[], None]]) -> None:
+        """Store the values; appends to ``calls`` what is to be called when the values of all PDOs are stored.
 
         A value that the object refuses leaves it as it was: a PDO has no answer.
         """
         values = self._struct.unpack_from(data)
         for position, entry in self._plain:
             entry.value = values[position]
-        calls = []
         for position, entry in self._watched:
             if values[position] != entry.value:
                 try:
@@ -143,7 +138,6 @@ class _ReceivePdo(_Pdo):
                     continue
                 if entry.changed is not None:
                     calls.append(entry.changed)
-        return calls
 
 
 class _TransmitPdo(_Pdo):
@@ -177,7 +171,7 @@ class _TransmitPdo(_Pdo):
         self._syncs += 1
         if self._syncs >= self.sync_type:
             self._syncs = 0
-            self._send(self.identifier, self._data())
+            self._send(self.identifier, self._struct.pack(*[entry.value for entry in self.entries]))
 
     def on_tick(self, tick: int) -> None:
         """Types 254 and 255: on change, not sooner than the inhibit time, and whenever the event timer runs out."""
@@ -238,7 +232,7 @@ class PdoSet:
         calls: list[Callable[[], None]] = []
         for receive_pdo in self._sync_receive:
             if receive_pdo.waiting is not None:
-                calls += receive_pdo.apply(receive_pdo.waiting)
+                receive_pdo.apply(receive_pdo.waiting, calls)
                 receive_pdo.waiting = None
         for call in calls:
             call()
@@ -258,16 +252,20 @@ class PdoSet:
         self._event_transmit = [pdo for pdo in transmit if not pdo.sync_type]
 
     def _receiver(self, pdo: _ReceivePdo) -> Callable[[bytes], None]:
+        length, synchronous = pdo.length, bool(pdo.sync_type)
+
         def receive(data: bytes) -> None:
-            if len(data) < pdo.length:
-                self._report(Code.PDO_TOO_SHORT)
-                return
-            if len(data) > pdo.length:
+            if len(data) != length:
+                if len(data) < length:
+                    self._report(Code.PDO_TOO_SHORT)
+                    return
                 self._report(Code.PDO_TOO_LONG)
-            if pdo.sync_type:
+            if synchronous:
                 pdo.waiting = data
             else:
-                for call in pdo.apply(data):
+                calls: list[Callable[[], None]] = []
+                pdo.apply(data, calls)
+                for call in calls:
                     call()
 
         return receive

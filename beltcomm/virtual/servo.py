@@ -8,6 +8,7 @@ Demand values (6062h, 6074h, 60F4h, 60FAh) are those of the last loop, one tick 
 from __future__ import annotations
 
 from collections.abc import Callable
+from math import floor
 
 from beltcomm.plant import Plant
 from beltcomm.virtual.bus import TICK_S, TICKS_PER_SECOND
@@ -49,16 +50,16 @@ _MODES: dict[int, type[Mode]] = {
 _BUS_CONTROL = 2
 
 
-def _clamp16(value: float) -> int:
-    return min(max(round(value), -0x8000), 0x7FFF)
+def _int16(value: float) -> int:
+    """Rounded, and cut to what the object can hold."""
+    number = floor(value + 0.5)
+    return number if -0x8000 <= number <= 0x7FFF else min(max(number, -0x8000), 0x7FFF)
 
 
-def _wrap32(value: int) -> int:
-    return (value + 0x80000000 & 0xFFFFFFFF) - 0x80000000
-
-
-def _clamp32(value: float) -> int:
-    return min(max(round(value), -0x80000000), 0x7FFFFFFF)
+def _int32(value: float) -> int:
+    """Rounded; wrapped round like a position counter."""
+    number = floor(value + 0.5)
+    return number if -0x80000000 <= number <= 0x7FFFFFFF else (number + 0x80000000 & 0xFFFFFFFF) - 0x80000000
 
 
 class Servo:
@@ -99,6 +100,7 @@ class Servo:
         self._switches = (False, False)
         self._now_s = 0.0
         self._last_controlword = 0
+        self._unsettled = True
         self._current_factor_written = False
         self._bind_objects()
 
@@ -116,6 +118,8 @@ class Servo:
         self._torque_demand, self._torque, self._current = entry(0x6074), entry(0x6077), entry(0x6078)
         self._inputs = entry(0x60FD)
         self._enable_logic = entry(0x6510, 0x10) if self._dictionary.has(0x6510, 0x10) else None
+        if self._enable_logic is not None:
+            self._enable_logic.changed = self._settle_anew
         self._vendor_status = entry(0x2000, 1) if self._dictionary.has(0x2000, 1) else None
         self._output = entry(0x60FA) if self._dictionary.has(0x60FA) else None
         rated_current = entry(0x6075)
@@ -130,7 +134,7 @@ class Servo:
         self._last_controlword = 0
         self._current_factor_written = False
         self.referenced = self._absolute
-        self._loops.shift_counts = 0
+        self._loops.set_zero(0)
         if self._faults.rated_torque_nm is not None:
             self._dictionary.entry(0x6076).value = round(1000 * self._faults.rated_torque_nm)
         self._encoder.latch(self._now_s)
@@ -149,11 +153,11 @@ class Servo:
         pole = loops.filter_pole
         speed = loops.speed_rad_s = pole * loops.speed_rad_s + (1.0 - pole) * (encoder.angle_rad - before) / TICK_S
         scaling = loops.scaling
-        position = _wrap32(round((encoder.counts + loops.shift_counts) * loops.units_per_count))
+        position = _int32((encoder.counts + loops.shift_counts) * loops.units_per_count)
         self._position.value = position
-        self._velocity.value = _clamp32(speed * scaling.velocity)
+        self._velocity.value = _int32(speed * scaling.velocity)
         # In 0.1 % torque and current are one number: 6077h is computed from the current.
-        self._torque.value = self._current.value = _clamp16(stage.torque_sample_nm / loops.nm_per_unit)
+        self._torque.value = self._current.value = _int16(stage.torque_sample_nm / loops.nm_per_unit)
         dictionary.moving = abs(speed) >= STANDSTILL_RAD_S
         if self._end_switches_rad is not None:
             angle = self._plant.position_rad
@@ -163,13 +167,14 @@ class Servo:
         if faults.emergency_at_s is not None and now_s >= faults.emergency_at_s:
             faults.emergency_at_s = None
             self.fault(faults.emergency_code, True)
-        if self.machine.powered:
-            self._publish_demand()
-            follows = self.machine.state == State.OPERATION_ENABLED and self._mode_number in _WITH_POSITION_REFERENCE
+        if dictionary.stage_on:
+            follows = self._mode_number in _WITH_POSITION_REFERENCE
+            self._publish_demand(position, follows)
             self._supervision.check(position, self._switches, self._mode is self._homing, follows)
         if stage.i2t_exceeded != loops.i2t_limited:
             self._on_i2t(stage.i2t_exceeded)
-        if self._remote:
+        if self._unsettled and self._remote:
+            self._unsettled = False
             self.machine.control(self._controlword.value)
         self._publish_status()
 
@@ -181,7 +186,7 @@ class Servo:
         torque_nm = 0.0
         if state == State.OPERATION_ENABLED:
             torque_nm = self._mode.step()
-        elif self.machine.powered:
+        elif self._dictionary.stage_on:
             torque_nm = self._stop.step()
             if self._stop.done:
                 self.machine.ramp_done()
@@ -203,6 +208,10 @@ class Servo:
     @property
     def _remote(self) -> bool:
         return self._enable_logic is None or self._enable_logic.value == _BUS_CONTROL
+
+    def _settle_anew(self) -> None:
+        self._unsettled = True
+        self._publish_status()
 
     def _on_controlword(self) -> None:
         before, now = self._last_controlword, self._controlword.value
@@ -231,6 +240,7 @@ class Servo:
 
     def _entered(self, number: int, state: State) -> None:
         """After a transition of the state machine."""
+        self._unsettled = True  # the controlword may lead further: its level counts, not only its writing
         self._dictionary.stage_on = self.machine.powered
         if state == State.OPERATION_ENABLED:
             self._supervision.begin()
@@ -251,13 +261,17 @@ class Servo:
             self._loops.i2t_limited = exceeded
             self._loops.reload_limit()
 
-    def _publish_demand(self) -> None:
+    def _publish_demand(self, position: int, follows: bool) -> None:
         loops = self._loops
-        self._position_demand.value = _wrap32(loops.position_of(loops.demand_rad))
-        self._following_error.value = _clamp32(loops.following_error_rad * loops.scaling.position)
-        self._torque_demand.value = _clamp16(loops.demand_nm / loops.nm_per_unit)
+        if follows:
+            self._position_demand.value = _int32(loops.position_of(loops.demand_rad))
+            self._following_error.value = _int32(loops.following_error_rad * loops.scaling.position)
+        else:
+            self._position_demand.value = position
+            self._following_error.value = 0
+        self._torque_demand.value = _int16(loops.demand_nm / loops.nm_per_unit)
         if self._output is not None:
-            self._output.value = _clamp32(loops.output_rad_s * loops.scaling.velocity)
+            self._output.value = _int32(loops.output_rad_s * loops.scaling.velocity)
 
     def _publish_status(self) -> None:
         machine, loops = self.machine, self._loops
@@ -286,7 +300,7 @@ class Servo:
 
     def _set_home(self, angle_rad: float) -> None:
         offset = self._dictionary.entry(0x607C).value / self._loops.units_per_count
-        self._loops.shift_counts = round(-offset) - round(angle_rad / self._encoder.rad_per_count)
+        self._loops.set_zero(round(-offset) - round(angle_rad / self._encoder.rad_per_count))
         self.referenced = True
 
     def _check_mode(self, value: int) -> int:

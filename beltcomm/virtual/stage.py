@@ -78,10 +78,11 @@ class PowerStage:
         else:
             self.torque_sample_nm = mean
         load = mean / self._motor.rated_torque_nm
-        self._i2t = max(0.0, self._i2t + (load * load - 1.0) * TICK_S)
-        if self._i2t >= self._i2t_reserve:
+        used = self._i2t + (load * load - 1.0) * TICK_S
+        self._i2t = used if used > 0.0 else 0.0
+        if used >= self._i2t_reserve:
             self.i2t_exceeded = True
-        elif self._i2t <= 0.5 * self._i2t_reserve:
+        elif self.i2t_exceeded and used <= 0.5 * self._i2t_reserve:
             self.i2t_exceeded = False
 
 

@@ -33,6 +33,7 @@ class Supervision:
     def begin(self) -> None:
         """The stage has just been switched on: what is already beyond a limit may come back."""
         self._beyond = [True, True, True, True]
+        self._any_beyond = True
         self._late_ticks = 0
         self.following_error = False
 
@@ -44,15 +45,26 @@ class Supervision:
             # The velocity loop may be the cause (a wrong encoder sign), so it does not brake.
             self._fault(Code.OVERSPEED, True)
             return
+        lower, upper = self._lower.value, self._upper.value
+        if self._any_beyond or switches[0] or switches[1] or not lower <= position <= upper:
+            self._check_ends(position, switches, homing)
+        if follows_position:
+            self._follow(abs(loops.following_error_rad * loops.scaling.position))
+        else:
+            self._late_ticks = 0
+            self.following_error = False
+
+    def _check_ends(self, position: int, switches: tuple[bool, bool], homing: bool) -> None:
+        speed = self._loops.speed_rad_s
         if not homing:
             self._end(0, switches[0], -speed, Code.LOWER_SWITCH)
             self._end(1, switches[1], speed, Code.UPPER_SWITCH)
         lower, upper = self._lower.value, self._upper.value
-        user_speed = speed if loops.scaling.position > 0.0 else -speed
+        user_speed = speed if self._loops.scaling.position > 0.0 else -speed
         on = lower < upper
         self._end(2, on and position < lower, -user_speed, Code.SOFTWARE_LIMIT)
         self._end(3, on and position > upper, user_speed, Code.SOFTWARE_LIMIT)
-        self._follow(abs(loops.following_error_rad * loops.scaling.position) if follows_position else 0.0)
+        self._any_beyond = any(self._beyond)
 
     def _end(self, which: int, beyond: bool, outward_speed: float, code: int) -> None:
         """A limit faults when it is passed, and again when the axis moves further out."""
