@@ -236,8 +236,7 @@ class _Problem:
             return self._inside(found.x), bool(found.success)
         success = False
         for _ in range(3):  # a simplex that has collapsed early gets going again when it is spread anew
-            tolerances = {"xatol": 1e-9, "fatol": 1e-12}
-            simplex = minimize(self._cost_inside, q, method="Nelder-Mead", options={**tolerances, "maxfev": 4000})
+            simplex = minimize(self._cost_inside, q, method="Nelder-Mead", options={"xatol": 1e-9, "fatol": 1e-12, "maxfev": 4000})
             q, success = np.asarray(simplex.x, dtype=np.float64), bool(simplex.success)
         return self._inside(q), success
 
