@@ -22,6 +22,8 @@ from beltcomm.design.design_plant import DesignPlant
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
+_LOWEST_RAD_S = 0.3
+
 
 @dataclass(frozen=True)
 class SampledPlants:
@@ -42,7 +44,8 @@ class LoopShape:
     """The velocity loop without its PI controller, and what is needed to close it.
 
     without_pi : ndarray (p, n), prefilter × plant × velocity estimator, rad/s per N m.
-    integrator : T/(z − 1), s.   estimator : motor angle to measured velocity, 1/s.   resonance_rad_s : ndarray (p, 1).
+    integrator : T/(z − 1), s.   estimator : motor angle to measured velocity, 1/s.
+    resonance_rad_s, antiresonance_rad_s : ndarray (p, 1), rad/s.
     """
 
     omega_rad_s: Array
@@ -50,15 +53,27 @@ class LoopShape:
     integrator: ComplexArray
     estimator: ComplexArray
     resonance_rad_s: Array
+    antiresonance_rad_s: Array
+
+    def rows(self, plants: Sequence[int]) -> LoopShape:
+        """The shape of some of the plants."""
+        k = list(plants)
+        return LoopShape(
+            self.omega_rad_s[k],
+            self.without_pi[k],
+            self.integrator[k],
+            self.estimator[k],
+            self.resonance_rad_s[k],
+            self.antiresonance_rad_s[k],
+        )
 
 
 def sample_plants(plants: Sequence[DesignPlant], period_s: float, points: int) -> SampledPlants:
     """Exact sampled responses of all plants; ``points`` per plant on the log-spaced base grid, as many again around ω_r, ω_z.
 
-    The base grid runs from a two-hundredth of the lowest antiresonance to π/T.
+    The base grid runs from 0.3 rad/s, below every crossover that commissions an axis, to π/T.
     """
-    lowest = min(plant.antiresonance_rad_s for plant in plants) / 200.0
-    omega = np.array([_frequencies(plant, period_s, lowest, points) for plant in plants])
+    omega = np.array([_frequencies(plant, period_s, points) for plant in plants])
     response = np.array([plant.sampled_response(row, period_s) for plant, row in zip(plants, omega, strict=True)])
     return SampledPlants(tuple(plants), period_s, omega, response)
 
@@ -73,6 +88,7 @@ def loop_shape(sampled: SampledPlants, prefilter: Prefilter, velocity_filter_s: 
         pi_response(omega, 0.0, 1.0, period),
         estimator,
         np.array([[plant.resonance_rad_s] for plant in sampled.plants]),
+        np.array([[plant.antiresonance_rad_s] for plant in sampled.plants]),
     )
 
 
@@ -130,7 +146,7 @@ def closed_loop_poles(plant: DesignPlant, cascade: Cascade, period_s: float) -> 
     return np.asarray(np.linalg.eigvals(matrix))
 
 
-def _frequencies(plant: DesignPlant, period_s: float, lowest_rad_s: float, points: int) -> Array:
+def _frequencies(plant: DesignPlant, period_s: float, points: int) -> Array:
     """Log-spaced base, and around ω_r and ω_z offsets that grow from a tenth of the half width to a fifth of the frequency."""
     # A hair below π/T, where the Butterworth filter has a zero and no logarithm.
     nyquist = 0.999 * math.pi / period_s
@@ -142,8 +158,8 @@ def _frequencies(plant: DesignPlant, period_s: float, lowest_rad_s: float, point
     ):
         width = omega_0 * np.geomspace(0.1 * max(damping, 1e-4), 0.2, side)
         around += [omega_0 - width, omega_0 + width]
-    grid = np.concatenate([np.geomspace(lowest_rad_s, nyquist, points), *around])
-    return np.sort(np.clip(grid, lowest_rad_s, nyquist))
+    grid = np.concatenate([np.geomspace(_LOWEST_RAD_S, nyquist, points), *around])
+    return np.sort(np.clip(grid, _LOWEST_RAD_S, nyquist))
 
 
 def _folded(omega_rad_s: float, period_s: float) -> float:

@@ -1,7 +1,8 @@
 """The gains with the largest K_I K_PP that meet a specification on all plants, for one prefilter and one T_R.
 
 With the integral time T_N = K_P/K_I held, K_P only scales the velocity loop, L = K_P L1.  Then every condition at every
-frequency forbids one interval of K_P, and no loop has to be computed to test a K_P against all of them.
+frequency forbids one interval of K_P, and no loop has to be computed to test a K_P against all of them.  K_PP scales the
+position loop likewise.
 """
 
 from __future__ import annotations
@@ -20,8 +21,8 @@ from beltcomm.design.specification import Specification
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
-_COARSE_TN, _COARSE_KP = 40, 18
-_ZOOMS, _ZOOM_POINTS = 3, 7
+_COARSE_TN, _COARSE_KP = 30, 18
+_ZOOM_POINTS = 7
 
 
 @dataclass(frozen=True)
@@ -38,10 +39,12 @@ class Gains:
         return self.kp / self.tn * self.kpp
 
 
-def best_gains(shape: LoopShape, period_s: float, structure: CascadeStructure, specification: Specification) -> Gains | None:
+def best_gains(
+    shape: LoopShape, period_s: float, structure: CascadeStructure, specification: Specification, zooms: int = 3
+) -> Gains | None:
     """Largest K_I K_PP that meets the specification inside the drive's bounds; None when nothing does.
 
-    A coarse log-spaced search over T_N and K_P, then three times a finer one around the best; K_PP follows in closed form.
+    A coarse log-spaced search over T_N and K_P, then ``zooms`` times a finer one around the best; K_PP follows in closed form.
     """
     tn_low, tn_high = integral_time_bounds(structure, period_s)
     if tn_low > tn_high:
@@ -50,7 +53,7 @@ def best_gains(shape: LoopShape, period_s: float, structure: CascadeStructure, s
     best = _best_on(shape, structure, specification, tn_grid, None)
     ratio_tn = float(tn_grid[1] / tn_grid[0]) if len(tn_grid) > 1 else 1.0
     ratio_kp = 100.0 ** (1.0 / (_COARSE_KP - 1))
-    for _ in range(_ZOOMS):
+    for _ in range(zooms):
         if best is None:
             return None
         step = np.linspace(-1.0, 1.0, _ZOOM_POINTS)
@@ -68,60 +71,143 @@ def integral_time_bounds(structure: CascadeStructure, period_s: float) -> tuple[
     return low, min(structure.highest.get("integral_time_s", math.inf), 5.0)
 
 
-def highest_position_gain(path: ComplexArray, specification: Specification) -> Array:
-    """Largest K_PP for which every plant's position loop K_PP × path meets phase margin, gain margin and sensitivity.
+def highest_position_gain(path: ComplexArray, shape: LoopShape, specification: Specification, limit: float) -> float:
+    """Largest K_PP up to ``limit`` for which all position loops K_PP × path meet phase margin, gain margin and sensitivity.
 
-    path : ndarray (..., p, n), see ``loops.position_path``.   Returns ndarray (...), 1/s; 0 where no K_PP does.
-    The gain stays below 1 from the first frequency on at which the phase margin is used up; no crossover can follow.
+    path : ndarray (p, n), see ``loops.position_path``.   Returns K_PP, 1/s; 0 where no K_PP does.
     """
-    level = np.abs(path)
-    allowed = math.radians(180.0 - specification.position_phase_margin_deg)
-    angle = np.angle(path)
-    used_up = np.logical_or.accumulate((angle < -allowed) | (angle > 0.5 * math.pi), axis=-1)
-    turn = _level_at_turn(level, angle, -allowed, used_up)
-    bound = 1.0 / np.max(np.maximum(np.max(np.where(used_up, level, 1e-300), axis=-1), turn), axis=-1)
-
-    bound_s = sensitivity_bound(specification)
-    low, _ = _sensitivity_interval(path, level, bound_s)
-    bound = np.minimum(bound, np.min(low, axis=(-2, -1)))
-
-    left = (path.real[..., :-1] < 0.0) & ((path.imag[..., :-1] > 0.0) != (path.imag[..., 1:] > 0.0))
-    crossing = np.max(np.where(left, np.maximum(level[..., :-1], level[..., 1:]), 1e-300), axis=(-2, -1))
-    bound = np.minimum(bound, 10.0 ** (-specification.gain_margin_db / 20.0) / crossing)
-    # With the margin used up from the lowest frequency on, a tiny K_PP would pass; it would be no position loop.
-    return np.where(used_up[..., 0].any(axis=-1), 0.0, bound)
+    allowed = _allowed_gains(path, shape, specification.position_phase_margin_deg, specification)
+    return allowed.highest(limit) if allowed is not None else 0.0
 
 
-def sensitivity_bound(specification: Specification) -> float:
-    """Smallest allowed |1 + L|."""
-    return float(10.0 ** (-specification.sensitivity_db / 20.0))
+@dataclass(frozen=True)
+class _AllowedGains:
+    """Gains below ``top`` and in none of the intervals; lows, highs : ndarray (m,), sorted, disjoint."""
+
+    top: float
+    lows: Array
+    highs: Array
+
+    def of(self, gains: Array) -> Array:
+        """Those of ``gains`` that are allowed."""
+        place = np.searchsorted(self.lows, gains) - 1
+        inside = (place >= 0) & (gains < np.append(self.highs, 0.0)[place])
+        return gains[(gains < self.top) & ~inside]
+
+    def highest(self, limit: float) -> float:
+        """Largest allowed gain up to ``limit``."""
+        gain = min(self.top, limit)
+        place = int(np.searchsorted(self.lows, gain)) - 1
+        return float(self.lows[place]) if place >= 0 and gain < self.highs[place] else gain
+
+
+def _allowed_gains(
+    unit: ComplexArray, shape: LoopShape, phase_margin_deg: float, specification: Specification
+) -> _AllowedGains | None:
+    """Gains K for which every loop K × unit, ndarray (p, n), meets its margins; None when there are none.
+
+    A crossover may lie where the unwrapped phase holds the margin, below the antiresonance; from the last such frequency on
+    the gain stays below 1, so that no phase that wraps beyond is taken for a margin.
+    """
+    level = np.abs(unit)
+    below_antiresonance = shape.omega_rad_s < shape.antiresonance_rad_s
+    # The phase is needed up to the first point above every plant's antiresonance; angles are what costs here.
+    n = min(int(np.max(np.sum(below_antiresonance, axis=1))) + 1, unit.shape[1])
+    phase = np.unwrap(np.angle(unit[:, :n]), axis=1)
+    # A loop that starts a little below −180 deg is a lag of more than that, not a lead.
+    phase -= 2.0 * math.pi * (phase[:, :1] > 0.5 * math.pi)
+    limit = math.radians(phase_margin_deg) - math.pi
+    holds = (phase > limit) & below_antiresonance[:, :n]
+    if not holds.any(axis=1).all():
+        return None
+    boundary = _level_at(level[:, :n], phase, limit)
+
+    # From the last frequency that holds: the gain there, at the turn just beyond, and everywhere above.
+    last = np.minimum(n - 1 - np.argmax(holds[:, ::-1], axis=1), n - 2)
+    above = np.arange(unit.shape[1]) > last[:, None]
+    turn = np.take_along_axis(boundary, last[:, None], axis=1)[:, 0]
+    top = 1.0 / float(np.max(np.maximum(turn, np.max(np.where(above, level, 0.0), axis=1))))
+
+    # Below it, the gain must not be 1 where the margin fails: from point to point, or to the turn between them.
+    falls, rises = holds[:, :-1] & ~holds[:, 1:], ~holds[:, :-1] & holds[:, 1:]
+    fails = ~above[:, 1:n] & ~(holds[:, :-1] & holds[:, 1:])
+    first = np.where(falls, boundary, level[:, : n - 1])[fails]
+    second = np.where(rises, boundary, level[:, 1:n])[fails]
+    phase_part = (1.0 / np.maximum(first, second), 1.0 / np.minimum(first, second))
+
+    left = (unit.real[:, :-1] < 0.0) & ((unit.imag[:, :-1] > 0.0) != (unit.imag[:, 1:] > 0.0))
+    crossing = np.maximum(level[:, :-1], level[:, 1:])[left]
+    gain_part = (10.0 ** (-specification.gain_margin_db / 20.0) / crossing, 1.0 / crossing)
+
+    sensitivity_part = _sensitivity_intervals(unit, level, 10.0 ** (-specification.sensitivity_db / 20.0))
+    lows, highs = (np.concatenate(parts) for parts in zip(phase_part, gain_part, sensitivity_part, strict=True))
+    return _AllowedGains(top, *_merged(lows, highs))
+
+
+def _level_at(level: Array, phase: Array, limit: float) -> Array:
+    """Gain where the phase passes ``limit`` between each point and the next, ndarray (p, n − 1); elsewhere unused numbers.
+
+    Without this interpolation the grid would cost up to a degree of margin.
+    """
+    change = np.diff(phase, axis=1)
+    share = np.clip((limit - phase[:, :-1]) / np.where(np.abs(change) < 1e-12, 1e-12, change), 0.0, 1.0)
+    return np.asarray(level[:, :-1] * (level[:, 1:] / level[:, :-1]) ** share)
+
+
+def _sensitivity_intervals(unit: ComplexArray, level: Array, bound: float) -> tuple[Array, Array]:
+    """K between which |1 + K unit| < bound, for the frequencies where such K exist; two ndarray (m,).
+
+    |unit|² K² + 2 Re(unit) K + 1 − bound² = 0.
+    """
+    near = (unit.real < 0.0) & (np.abs(unit.imag) < bound * level)
+    real, square = unit.real[near], level[near] ** 2
+    root = np.sqrt(real * real - square * (1.0 - bound * bound))
+    return (-real - root) / square, (-real + root) / square
+
+
+def _merged(lows: Array, highs: Array) -> tuple[Array, Array]:
+    """The union of the intervals as sorted, disjoint ones."""
+    if not len(lows):
+        return lows, highs
+    order = np.argsort(lows)
+    lows, reach = lows[order], np.maximum.accumulate(highs[order])
+    starts = np.append(True, lows[1:] > reach[:-1])
+    return lows[starts], reach[np.append(starts[1:], True)]
 
 
 def _best_on(
     shape: LoopShape, structure: CascadeStructure, specification: Specification, tn_grid: Array, kp_grid: Array | None
 ) -> Gains | None:
     best = None
+    highest_kpp = structure.highest.get("kpp_1_s", math.inf)
+    extremes = shape.rows([0, -1])
+    least_kpp = max(structure.lowest.get("kpp_1_s", 0.0), structure.steps.get("kpp_1_s", 0.0))
     for tn in tn_grid:
-        unit = (1.0 + shape.integrator / tn) * shape.without_pi
+        unit = _unit(shape, tn)
         top = _highest_kp(unit, shape, structure, specification, float(tn))
         bottom = max(structure.lowest.get("kp_nm_s_rad", 0.0), structure.lowest.get("ki_nm_rad", 0.0) * tn)
         if top <= bottom:
             continue
         grid = np.geomspace(max(bottom, 0.01 * top), top, _COARSE_KP) if kp_grid is None else np.minimum(kp_grid, top)
-        allowed = _velocity_allowed(unit, np.unique(grid[grid >= bottom]), specification)
-        if not len(allowed):
+        velocity_allowed = _allowed_gains(unit, shape, specification.phase_margin_deg, specification)
+        if velocity_allowed is None:
             continue
-        velocity = allowed[:, None, None] * unit
-        kpp = np.minimum(
-            highest_position_gain(position_path(velocity, shape.estimator), specification),
-            structure.highest.get("kpp_1_s", math.inf),
-        )
-        kpp[kpp < max(structure.lowest.get("kpp_1_s", 0.0), structure.steps.get("kpp_1_s", 0.0))] = 0.0
-        k = int(np.argmax(allowed * kpp))
-        found = Gains(float(allowed[k]), float(tn), float(kpp[k]))
-        if found.kpp > 0.0 and (best is None or found.stiffness > best.stiffness):
-            best = found
+        for kp in velocity_allowed.of(np.unique(grid[grid >= bottom]))[::-1]:
+            # More plants only lower K_PP: a K_P that two of them already reject need not be tried on all.
+            for part in (extremes, shape):
+                path = position_path(kp * _unit(part, tn), part.estimator)
+                found = Gains(float(kp), float(tn), highest_position_gain(path, part, specification, highest_kpp))
+                better = found.kpp >= least_kpp and found.stiffness > (best.stiffness if best is not None else 0.0)
+                if not better:
+                    break
+            if better:
+                best = found
     return best
+
+
+def _unit(shape: LoopShape, tn: float) -> ComplexArray:
+    """The velocity loop for K_P = 1."""
+    return np.asarray((1.0 + shape.integrator / tn) * shape.without_pi)
 
 
 def _highest_kp(
@@ -131,66 +217,3 @@ def _highest_kp(
     peaks = resonance_or_peak(unit, shape.omega_rad_s, shape.resonance_rad_s)
     top = 10.0 ** (specification.suppression_db / 20.0) / float(np.max(np.where(peaks, np.abs(unit), 1e-300)))
     return float(min(top, structure.highest.get("kp_nm_s_rad", math.inf), structure.highest.get("ki_nm_rad", math.inf) * tn))
-
-
-def _velocity_allowed(unit: ComplexArray, kp: Array, specification: Specification) -> Array:
-    """Those of ``kp`` whose only crossover lies where the phase margin holds, outside every interval forbidden otherwise.
-
-    The phase of the loop may lie below the margin at low frequencies (an integrator and no friction), holds it in one
-    window and loses it for good; a crossover in that window alone is a stable loop, wherever the phase wraps beyond.
-    """
-    level = np.abs(unit)
-    angle = np.angle(unit)
-    limit = math.radians(specification.phase_margin_deg) - math.pi
-    begun = np.logical_or.accumulate((angle > limit) & (angle < 0.5 * math.pi), axis=-1)
-    if not begun[:, -1].all():
-        return kp[:0]
-    over = np.logical_or.accumulate(begun & ((angle < limit) | (angle > 0.5 * math.pi)), axis=-1)
-    lowest = 1.0 / np.min(np.where(begun, np.inf, level), axis=-1)
-    lowest = np.maximum(lowest, 1.0 / _level_at_turn(level, angle, limit, begun))
-    highest = 1.0 / np.maximum(np.max(np.where(over, level, 1e-300), axis=-1), _level_at_turn(level, angle, limit, over))
-    kp = kp[(kp > np.max(lowest)) & (kp < np.min(highest))]
-
-    left = (unit.real[:, :-1] < 0.0) & ((unit.imag[:, :-1] > 0.0) != (unit.imag[:, 1:] > 0.0))
-    crossing = np.maximum(level[:, :-1], level[:, 1:])[left]
-    gain_margin = (10.0 ** (-specification.gain_margin_db / 20.0) / crossing, 1.0 / crossing)
-    intervals = (_sensitivity_interval(unit, level, sensitivity_bound(specification)), gain_margin)
-    lows = np.concatenate([low.ravel() for low, _ in intervals])
-    highs = np.concatenate([high.ravel() for _, high in intervals])
-    real = lows < highs
-    return kp[_outside(kp, lows[real], highs[real])]
-
-
-def _level_at_turn(level: Array, angle: Array, limit: float, after: NDArray[np.bool_]) -> Array:
-    """Gain where the angle passes ``limit``, between the last point before and the first point in ``after``; shape (..., p).
-
-    Without interpolation the grid would cost up to a degree.  The gain at the first point where ``after`` starts there, or
-    where the angle jumps; the gain at the end where it never starts.
-    """
-    at = np.where(after[..., -1], np.argmax(after, axis=-1), after.shape[-1] - 1)
-    here, before = at[..., None], np.maximum(at - 1, 0)[..., None]
-    angle_1, angle_0 = (np.take_along_axis(angle, k, axis=-1)[..., 0] for k in (here, before))
-    level_1, level_0 = (np.take_along_axis(level, k, axis=-1)[..., 0] for k in (here, before))
-    change = angle_1 - angle_0
-    passes = ((angle_0 - limit) * (angle_1 - limit) < 0.0) & (np.abs(change) < 1.0)
-    share = np.where(passes, (limit - angle_0) / np.where(passes, change, 1.0), 1.0)
-    return np.asarray(level_0 * (level_1 / level_0) ** share)
-
-
-def _sensitivity_interval(unit: ComplexArray, level: Array, bound: float) -> tuple[Array, Array]:
-    """K between which |1 + K unit| < bound, per frequency; (inf, -inf) where it never is.
-
-    |unit|² K² + 2 Re(unit) K + 1 − bound² = 0.
-    """
-    square, real = level * level, unit.real
-    discriminant = real * real - square * (1.0 - bound * bound)
-    some = (discriminant > 0.0) & (real < 0.0)
-    root = np.sqrt(np.where(some, discriminant, 0.0))
-    return np.where(some, (-real - root) / square, np.inf), np.where(some, (-real + root) / square, -np.inf)
-
-
-def _outside(values: Array, lows: Array, highs: Array) -> NDArray[np.bool_]:
-    """Whether each value lies in no interval: as many have ended below it as have begun."""
-    begun = np.searchsorted(np.sort(lows), values, side="left")
-    ended = np.searchsorted(np.sort(highs), values, side="right")
-    return np.asarray(begun == ended)
