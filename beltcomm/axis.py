@@ -33,6 +33,26 @@ from beltcomm.configfiles import did_you_mean, find_config, line_of, read_yaml, 
 from beltcomm.errors import UsageError
 from beltcomm.quantities import unit_of
 
+__all__ = [
+    "SECTIONS",
+    "Axis",
+    "AxisLimits",
+    "Belt",
+    "Coupling",
+    "Gearbox",
+    "ImpossibleEntry",
+    "Motor",
+    "Mounting",
+    "Payload",
+    "Pulley",
+    "TorqueLimit",
+    "TrajectoryLimits",
+    "Travel",
+    "axis_from_dict",
+    "load_axis",
+    "save_axis",
+]
+
 
 class TorqueLimit(NamedTuple):
     """torque_nm : N m, motor shaft.   binds : in words, what sets it."""

@@ -78,8 +78,9 @@ class RunFolder:
         if not path.is_dir():
             raise UsageError(f"--resume: the run folder {path} does not exist; check --run or leave --resume out")
         run = cls.open(path)
-        if run.axis.fingerprint() != axis.fingerprint():
-            changes = "; ".join(run.axis.changes(axis)[:3])
+        begun_with = run._about().get("axis_fingerprint", run.axis.fingerprint())
+        if not axis.fingerprint() == run.axis.fingerprint() == begun_with:
+            changes = "; ".join(run.axis.changes(axis)[:3]) or "its axis.yaml was edited"
             raise UsageError(f"--resume: the axis has changed since {path} was begun ({changes}); begin a new run")
         _make_folder(run.recordings_folder)
         return run

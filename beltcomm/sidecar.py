@@ -18,7 +18,7 @@ EXPERIMENTS: Final = ("frf", "friction_sweep", "reversal", "trajectory", "static
 EXCITATION_KINDS: Final = ("prbs", "multisine", "chirp", "gprbs")
 
 #: Likeness from which on an unknown key is called misspelt: foreign sidecars hold many keys of their own.
-MISSPELT = 0.85
+MISSPELT = 0.9
 
 
 @dataclass(frozen=True)
@@ -104,7 +104,7 @@ def sidecar_from_dict(data: Mapping[str, Any]) -> tuple[Sidecar, tuple[str, ...]
     for key, value in data.items():
         if key not in names:
             extra[key] = value
-            hint = did_you_mean(key, [name for name in names if name not in data], MISSPELT)
+            hint = did_you_mean(key.replace("-", "_"), [name for name in names if name not in data], MISSPELT)
             if hint:
                 remarks.append(f"the sidecar's key {key} means nothing here{hint}")
         elif value is None:
