@@ -27,6 +27,8 @@ Array = NDArray[np.float64]
 BLOCK_S = 0.5
 #: s; groups between which the gradient is independent: longer than the carriage rings at its antiresonance.
 GROUP_S = 2.0
+#: m; largest stretch of the belt that friction can hold at rest: 10 N on 100 kN/m.
+OFFSET_M = 1e-4
 #: A direction of the parameter space known worse than this share of its value is called not identifiable.
 UNKNOWN_SHARE = 0.5
 
@@ -37,7 +39,8 @@ class InverseFit:
 
     model : with values and 95 % intervals.   free : names of the fitted parameters.   correlation : (k, k).
     misfit : mean square of the whitened residual on fitted records, 1 = noise floor.    held_out_misfit : same on held-out ones.
-    record_misfit : by record.   samples : number that counted.   noise_nm : N m rms.   remarks : sentences (bounds, not identifiable).
+    record_misfit : by record.   samples : number that counted.   noise_nm : N m rms.
+    freedom : degrees of freedom of the intervals (Student).     remarks : sentences (bounds, not identifiable).
     """
 
     model: Model
@@ -49,6 +52,7 @@ class InverseFit:
     record_misfit: Mapping[str, float]
     samples: int
     noise_nm: float
+    freedom: int
     remarks: tuple[str, ...]
 
 
@@ -80,53 +84,66 @@ def fit_inverse(
         )
     # The motion between samples is reconstructed with the inertia at hand, so the fit is run twice.
     problem = _Problem(fitted, start, free)
-    solution, weights = problem.solve(problem.start(), progress)
+    solution, weights = problem.solve(problem.start(), lambda f: progress(0.4 * f), robust=False)
     better = problem.model_at(solution)
     pieces = [piece for recording in recordings for piece in stretches(recording, better, step, noise)]
     fitted = [piece for piece in pieces if not piece.held_out]
     groups = _labels(fitted, GROUP_S)
     problem = _Problem(fitted, better, free)
-    solution, weights = problem.solve(problem.start(), progress)
+    solution, weights = problem.solve(problem.start(), lambda f: progress(0.4 + 0.6 * f), robust=True)
     return _report(problem, solution, weights, groups, [piece for piece in pieces if piece.held_out], noise)
 
 
 class _Problem:
-    """The whitened residual as a function of scaled parameters."""
+    """The whitened residual as a function of scaled unknowns: the free parameters, then one start offset per stretch."""
 
     def __init__(self, pieces: list[Stretch], model: Model, free: tuple[str, ...]) -> None:
         self.pieces, self.model, self.free = pieces, model, free
         self.vector = model.vector()
         self.places = [model.index(name) for name in free]
         values = [model.parameters[name] for name in free]
-        self.scale = np.array([abs(v.value) if v.value else max(1e-2 * min(abs(v.high), 1e3), 1e-6) for v in values])
-        self.low = np.array([v.low for v in values]) / self.scale
-        self.high = np.array([v.high for v in values]) / self.scale
+        own = np.array([abs(v.value) if v.value else max(1e-2 * min(abs(v.high), 1e3), 1e-6) for v in values])
+        offsets = np.full(len(pieces), OFFSET_M)
+        self.scale = np.concatenate([own, offsets])
+        self.low = np.concatenate([np.array([v.low for v in values]) / own, -np.ones(len(pieces))])
+        self.high = np.concatenate([np.array([v.high for v in values]) / own, np.ones(len(pieces))])
         self.blocks = _labels(pieces, BLOCK_S)
+        self.ends = np.cumsum([0, *(int(piece.keep.sum()) for piece in pieces)])
 
     def start(self) -> Array:
-        return np.asarray(np.clip(self.vector[self.places] / self.scale, self.low, self.high))
+        x = np.zeros(len(self.scale))
+        x[: len(self.free)] = self.vector[self.places] / self.scale[: len(self.free)]
+        return np.asarray(np.clip(x, self.low, self.high))
 
     def full(self, x: Array) -> Array:
         vector = self.vector.copy()
-        vector[self.places] = x * self.scale
+        vector[self.places] = (x * self.scale)[: len(self.free)]
         return vector
 
     def model_at(self, x: Array) -> Model:
-        return self.model.with_values(dict(zip(self.free, x * self.scale, strict=True)), "final fit")
+        return self.model.with_values(dict(zip(self.free, (x * self.scale)[: len(self.free)], strict=True)), "final fit")
+
+    def one(self, i: int, x: Array) -> Array:
+        return whitened(self.pieces[i], self.model, self.full(x), OFFSET_M * float(x[len(self.free) + i]))
 
     def residual(self, x: Array) -> Array:
-        vector = self.full(x)
-        return np.concatenate([whitened(piece, self.model, vector) for piece in self.pieces])
+        return np.concatenate([self.one(i, x) for i in range(len(self.pieces))])
 
-    def jacobian(self, x: Array) -> Array:
-        columns = []
-        for i in range(len(x)):
-            step = 1e-3 * max(abs(x[i]), 0.1)
+    def jacobian(self, x: Array, *, central: bool = False) -> Array:
+        """One-sided differences while searching, central ones for the covariance."""
+        columns = np.zeros((self.ends[-1], len(x)))
+        here = [self.one(i, x) for i in range(len(self.pieces))] if not central else []
+        for j in range(len(x)):
+            step = 1e-3 * max(abs(x[j]), 0.1)
             ahead, behind = x.copy(), x.copy()
-            ahead[i] = min(x[i] + step, self.high[i])
-            behind[i] = max(x[i] - step, self.low[i])
-            columns.append((self.residual(ahead) - self.residual(behind)) / (ahead[i] - behind[i]))
-        return np.stack(columns, axis=1)
+            ahead[j] = x[j] + step if x[j] + step <= self.high[j] else x[j] - step
+            behind[j] = max(x[j] - step, self.low[j]) if central else x[j]
+            piece = j - len(self.free)
+            touched = range(len(self.pieces)) if piece < 0 else (piece,)
+            for i in touched:
+                difference = self.one(i, ahead) - (self.one(i, behind) if central else here[i])
+                columns[self.ends[i] : self.ends[i + 1], j] = difference / (ahead[j] - behind[j])
+        return columns
 
     def weights(self, x: Array) -> Array:
         squares = self.residual(x) ** 2
@@ -134,28 +151,34 @@ class _Problem:
         mean = np.bincount(self.blocks, squares) / np.maximum(count, 1)
         return np.asarray((1.0 / np.sqrt(np.maximum(1.0, mean)))[self.blocks])
 
-    def solve(self, x: Array, progress: Callable[[float], None]) -> tuple[Array, Array]:
-        """Iteratively reweighted least squares; three rounds settle the weights."""
-        weights = self.weights(x)
-        for round_number in range(3):
+    def solve(self, x: Array, progress: Callable[[float], None], *, robust: bool) -> tuple[Array, Array]:
+        """Least squares, then reweighted by blocks until the weights settle, three rounds at most.
+
+        The first round has equal weights: far from the solution all blocks are bad, and weighting them down would leave the search
+        without a slope.
+        """
+        weights = np.ones(self.ends[-1])
+        rounds = 4 if robust else 1
+        for number in range(rounds):
             current = weights
             result = least_squares(
                 lambda y, w=current: self.residual(y) * w,
                 x,
                 jac=lambda y, w=current: self.jacobian(y) * w[:, None],
                 bounds=(self.low, self.high),
-                ftol=1e-9,
-                xtol=1e-7,
-                max_nfev=40,
+                ftol=1e-6,
+                xtol=1e-6,
+                max_nfev=30,
             )
             if not np.all(np.isfinite(result.x)):
                 raise DataError(
                     "the final fit did not converge; compare the recordings with the axis file (units, signs, feed constant)"
                 )
-            settled = bool(np.max(np.abs(result.x - x)) < 1e-5)
-            x, weights = result.x, self.weights(result.x)
-            progress((round_number + 1) / 3)
-            if settled:
+            moved = float(np.max(np.abs(result.x - x)))
+            x = result.x
+            weights = self.weights(x) if robust else weights
+            progress((number + 1) / rounds)
+            if number > 0 and moved < 1e-4:
                 break
         return x, weights
 
@@ -176,29 +199,16 @@ def _report(
     problem: _Problem, x: Array, weights: Array, groups: NDArray[np.int64], held_out: list[Stretch], noise: float
 ) -> InverseFit:
     residual = problem.residual(x)
-    jacobian = problem.jacobian(x) * weights[:, None]
-    weighted = residual * weights
-    at_bound = (x <= problem.low + 1e-6) | (x >= problem.high - 1e-6)
-    inside = np.flatnonzero(~at_bound)
-    reduced = jacobian[:, inside]
-    information = reduced.T @ reduced
-    number = int(groups.max()) + 1
-    gradient = np.stack([np.bincount(groups, reduced[:, i] * weighted, number) for i in range(len(inside))], axis=1)
-    inverse = np.linalg.pinv(information)
-    sandwich = inverse @ (gradient.T @ gradient) @ inverse * number / max(number - len(inside), 1)
-    # The scatter between few groups can by chance fall below what the noise alone gives: never report less than that.
-    plain = inverse * max(float(np.mean(weighted**2)), 1.0)
-    floor = np.sqrt(np.maximum(np.diag(plain) / np.maximum(np.diag(sandwich), 1e-300), 1.0))
-    covariance = np.zeros((len(x), len(x)))
-    covariance[np.ix_(inside, inside)] = sandwich * np.outer(floor, floor)
-    deviation = np.sqrt(np.diag(covariance))
-    half = deviation * problem.scale * float(student.ppf(0.975, max(number - len(inside), 1)))
+    covariance, freedom = _covariance(problem, x, residual * weights, weights, groups)
+    own = len(problem.free)
+    deviation = np.sqrt(np.diag(covariance))[:own]
+    half = deviation * problem.scale[:own] * float(student.ppf(0.975, freedom))
     model = problem.model_at(x)
     remarks = []
     parameters = dict(model.parameters)
     for i, name in enumerate(problem.free):
         item = parameters[name]
-        if at_bound[i]:
+        if deviation[i] == 0.0:
             side = "lower" if x[i] <= problem.low[i] + 1e-6 else "upper"
             remarks.append(f"{name} sits at its {side} bound {item.value:g} {item.unit}: not determined by this data")
             continue
@@ -206,27 +216,46 @@ def _report(
         if half[i] > UNKNOWN_SHARE * abs(item.value):
             remarks.append(f"{name} = {item.value:.3g} ± {half[i]:.2g} {item.unit} is not identifiable from this data")
     spread = np.where(deviation > 0, deviation, 1.0)
-    correlation = covariance / np.outer(spread, spread)
+    correlation = covariance[:own, :own] / np.outer(spread, spread)
     remarks += _correlated(problem.free, correlation)
-    vector = problem.full(x)
-    squares = {}
-    for piece in [*problem.pieces, *held_out]:
-        squares.setdefault(piece.record, []).append(whitened(piece, problem.model, vector) ** 2)
-    by_record = {name: float(np.mean(np.concatenate(parts))) for name, parts in squares.items() if sum(map(len, parts))}
-    away = [whitened(piece, problem.model, vector) ** 2 for piece in held_out]
-    away = [part for part in away if len(part)]
+    squares: dict[str, list[Array]] = {}
+    for i, piece in enumerate(problem.pieces):
+        squares.setdefault(piece.record, []).append(problem.one(i, x) ** 2)
+    away = [whitened(piece, problem.model, problem.full(x)) ** 2 for piece in held_out]
+    for piece, part in zip(held_out, away, strict=True):
+        squares.setdefault(piece.record, []).append(part)
+    everything = np.concatenate(away) if away else np.zeros(0)
     return InverseFit(
         model=replace(model, parameters=parameters),
         free=problem.free,
         correlation=correlation,
-        covariance=covariance * np.outer(problem.scale, problem.scale),
+        covariance=covariance[:own, :own] * np.outer(problem.scale[:own], problem.scale[:own]),
         misfit=float(np.mean(residual**2)),
-        held_out_misfit=float(np.mean(np.concatenate(away))) if away else None,
-        record_misfit=by_record,
+        held_out_misfit=float(np.mean(everything)) if len(everything) else None,
+        record_misfit={name: float(np.mean(np.concatenate(parts))) for name, parts in squares.items() if sum(map(len, parts))},
         samples=len(residual),
         noise_nm=noise,
+        freedom=freedom,
         remarks=tuple(remarks),
     )
+
+
+def _covariance(problem: _Problem, x: Array, weighted: Array, weights: Array, groups: NDArray[np.int64]) -> tuple[Array, int]:
+    """Covariance of the scaled unknowns in sandwich form, zero for those at a bound, and its degrees of freedom."""
+    jacobian = problem.jacobian(x, central=True) * weights[:, None]
+    inside = np.flatnonzero((x > problem.low + 1e-6) & (x < problem.high - 1e-6))
+    reduced = jacobian[:, inside]
+    inverse = np.linalg.pinv(reduced.T @ reduced)
+    number = int(groups.max()) + 1
+    gradient = np.stack([np.bincount(groups, reduced[:, i] * weighted, number) for i in range(len(inside))], axis=1)
+    freedom = max(number - len(problem.free), 1)
+    sandwich = inverse @ (gradient.T @ gradient) @ inverse * number / freedom
+    # The scatter between few groups can by chance fall below what the noise alone gives: never report less than that.
+    plain = inverse * max(float(np.mean(weighted**2)), 1.0)
+    floor = np.sqrt(np.maximum(np.diag(plain) / np.maximum(np.diag(sandwich), 1e-300), 1.0))
+    covariance = np.zeros((len(x), len(x)))
+    covariance[np.ix_(inside, inside)] = sandwich * np.outer(floor, floor)
+    return covariance, freedom
 
 
 def _correlated(names: tuple[str, ...], correlation: Array) -> list[str]:

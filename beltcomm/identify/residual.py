@@ -35,8 +35,8 @@ STICK_SPEED_RAD_S = 0.3
 RUN_IN_TRAVEL_M = 1e-4
 #: s after that travel, for the free oscillation of the carriage to die out.
 RUN_IN_S = 0.2
-#: Fine steps per sample: the carriage's antiresonance is reproduced to (2 pi f h)²/24, 2e-4 at 90 Hz and 1 kHz.
-SUBSTEPS = 8
+#: Fine steps per sample: the carriage's antiresonance is reproduced to (2 pi f h)²/24, 5e-5 at 90 Hz and 1 kHz.
+SUBSTEPS = 16
 
 
 @dataclass(frozen=True)
@@ -134,20 +134,20 @@ def torque_noise(recordings: list[Recording], quiet_nm: float = 1e-3) -> float:
     return max(float(np.median(levels)), quiet_nm)
 
 
-def evaluate(stretch: Stretch, model: Model, vector: Array) -> Array:
-    """Residual e[n], N m at the motor shaft, (n,): all samples, also those not kept."""
-    load, _ = load_torque(model, stretch.motion, vector)
+def evaluate(stretch: Stretch, model: Model, vector: Array, offset_m: float = 0.0) -> Array:
+    """Residual e[n], N m at the motor shaft, (n,): all samples, also those not kept.   offset_m : see ``load_torque``."""
+    load, _ = load_torque(model, stretch.motion, vector, offset_m)
     inertia = vector[model.index("motor.inertia")]
     return torque_residual(stretch.position, stretch.torque, load, stretch.motion.sample_s, inertia)
 
 
-def whitened(stretch: Stretch, model: Model, vector: Array) -> Array:
+def whitened(stretch: Stretch, model: Model, vector: Array, offset_m: float = 0.0) -> Array:
     """Residual of the kept samples in units of its own noise: independent, variance 1 where the model is right."""
     inertia = vector[model.index("motor.inertia")]
     step = inertia * stretch.step_rad / np.sqrt(12.0) / stretch.motion.sample_s**2
     noise = stretch.noise_nm
     return banded_whitening(
-        evaluate(stretch, model, vector),
+        evaluate(stretch, model, vector, offset_m),
         stretch.keep,
         0.5 * noise**2 + 6.0 * step**2,
         0.25 * noise**2 - 4.0 * step**2,

@@ -2,8 +2,8 @@
 
 Numerics.  Positions and velocities are staggered (position Verlet):  q += h v/2;  v += h F(q, v̄)/m;  q += h v/2,  with v̄ the
 mean of old and new velocity from one predictor pass, so smooth forces are integrated to second order.  Set-valued friction
-is decided once per body and sub-step, implicitly:  v* is the velocity without it, the body sticks when |v*| <= h L/m, else
-the friction takes h L/m off.  This never chatters and holds a resting body exactly.
+is decided once per body and sub-step and solved exactly for the push of that step (``stick_or_slide``): it never chatters, holds
+a resting body exactly and places a reversal inside the step.
 """
 
 from __future__ import annotations
@@ -25,9 +25,10 @@ from platformdirs import user_cache_path
 
 from beltcomm.effects import DRIVING_BODY, DRIVING_END, Effect, effect_named
 from beltcomm.model import Model, body_list, expected_parameters
+from beltcomm.simulate.stick import stick_or_slide
 
 #: Changes whenever the generated source changes shape, so that an old cache is never met.
-_VERSION = 1
+_VERSION = 2
 
 
 @dataclass(frozen=True)
@@ -146,17 +147,11 @@ class _Writer:
             lines += self.forces(guess, indent) + self.levels(guess, indent)
             for i in moving:
                 push = f" + {torque}" if i == 0 else ""
-                lines.append(f"{indent}{result}{i} = v{i} + h * (f{i}{push}) / m{i}")
+                free = f"(f{i}{push}) / m{i}"
                 if self.has_level(i):
-                    lines += [
-                        f"{indent}c = h * l{i} / m{i}",
-                        f"{indent}if {result}{i} > c:",
-                        f"{indent}    {result}{i} -= c",
-                        f"{indent}elif {result}{i} < -c:",
-                        f"{indent}    {result}{i} += c",
-                        f"{indent}else:",
-                        f"{indent}    {result}{i} = 0.0",
-                    ]
+                    lines.append(f"{indent}{result}{i} = {self.law(stick_or_slide)}(v{i}, {free}, l{i} / m{i}, h)")
+                else:
+                    lines.append(f"{indent}{result}{i} = v{i} + h * {free}")
         return lines
 
     def source(self) -> str:
@@ -191,11 +186,12 @@ class _Writer:
             "        belt[k] = peak",
             *store,
         ]  # fmt: skip
-        start = [f"    q{i} = {self.start(i)}\n    v{i} = 0.0" for i in others]
+        cart_number = self.number.get("cart")
+        start = [f"    q{i} = {self.start(i)}{' + offset' if i == cart_number else ''}\n    v{i} = 0.0" for i in others]
         friction = "l0 * z" if self.has_level(0) else "0.0"
         inverse = [
             "@njit(cache=True)",
-            "def inverse(theta, omega, p, t, h, bristle, load, cart):",
+            "def inverse(theta, omega, p, t, h, bristle, offset, load, cart):",
             *constants, "    z = 0.0", "    q0 = theta[0]", *start,
             "    for k in range(theta.shape[0]):",
             "        step = theta[k] - q0",

@@ -74,17 +74,18 @@ def reconstruct(
     return FineMotion(theta - position[0] + start_rad, omega, n, sample_s, substeps, time_s)
 
 
-def load_torque(model: Model, motion: FineMotion, vector: Array | None = None) -> tuple[Array, Array]:
+def load_torque(model: Model, motion: FineMotion, vector: Array | None = None, offset_m: float = 0.0) -> tuple[Array, Array]:
     """Load at the motor shaft, averaged with the triangular weight, and the carriage motion.
 
     Returns (load, cart): ndarray (n,), N m, ends without meaning (0); ndarray (fine,), m.   ``vector`` replaces ``model.vector()``.
+    offset_m : m, a resting carriage is held by its friction up to level/stiffness away from where the belt is unstretched.
     """
     p = model.vector() if vector is None else vector
     fine = np.empty_like(motion.theta)
     cart = np.empty_like(motion.theta)
     bristle = BRISTLE_M / p[model.index("transmission.ratio")]
     h = motion.sample_s / motion.substeps
-    kernel_for(model).inverse(motion.theta, motion.omega, p, motion.time_s, h, bristle, fine, cart)
+    kernel_for(model).inverse(motion.theta, motion.omega, p, motion.time_s, h, bristle, offset_m, fine, cart)
     return triangular_mean(fine, motion.substeps), cart
 
 

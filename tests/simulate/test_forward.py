@@ -235,7 +235,7 @@ def test_inverse_of_the_simulated_motion_is_its_torque(friction: float) -> None:
         out = simulate_torque(model, torque, h, substeps=1)
         load, cart = np.empty_like(torque), np.empty_like(torque)
         bristle = 1e-9 / IT
-        kernel_for(model).inverse(out.position_rad, out.velocity_rad_s, model.vector(), 0.0, h, bristle, load, cart)
+        kernel_for(model).inverse(out.position_rad, out.velocity_rad_s, model.vector(), 0.0, h, bristle, 0.0, load, cart)
         speed = np.append(out.velocity_rad_s, out.end.speeds[0])
         expected = torque - INERTIA * np.diff(speed) / h
         moving = np.minimum(np.abs(speed[:-1]), np.abs(speed[1:])) > 0.2

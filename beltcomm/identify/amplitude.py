@@ -1,0 +1,156 @@
+"""How large an excitation may be: predicted before every step from what is known of the axis so far.
+
+The amplitude rises step by step (thesis 3.4).  Before each step the record is simulated for a family of models that
+stands for what is not known yet; travel, speed, motor torque and belt force, the resonance included, must stay inside
+their limits for every member.  A torque limit alone does not protect the belt.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltcomm.errors import Refused
+from beltcomm.linear import fastest_rate, operating_point
+from beltcomm.model import Model
+from beltcomm.simulate.forward import simulate_torque
+
+Array = NDArray[np.float64]
+
+#: Carriage masses that stand for an unknown payload before anything was measured, kg.
+UNKNOWN_MASSES_KG = (0.3, 1.0, 3.0, 10.0, 30.0)
+#: Spread of mass, stiffness and friction around a first estimate.
+FIRST_ESTIMATE_SPREAD = 0.15
+#: Steps of the search: the amplitude is found to 1 part in 2^12.
+_BISECTIONS = 12
+
+
+@dataclass(frozen=True)
+class MotionLimits:
+    """What a record may use.  travel_m : m either way from the start.   speed_m_s, torque_nm (motor shaft), belt_force_n."""
+
+    travel_m: float
+    speed_m_s: float
+    torque_nm: float
+    belt_force_n: float
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """Largest travel from the start, carriage speed, motor torque and belt force of a record, over a family of models."""
+
+    travel_m: float
+    speed_m_s: float
+    torque_nm: float
+    belt_force_n: float
+
+    def use_of(self, limits: MotionLimits) -> dict[str, float]:
+        """Share of each limit that is used."""
+        return {
+            "travel": self.travel_m / limits.travel_m,
+            "speed": self.speed_m_s / limits.speed_m_s,
+            "motor torque": self.torque_nm / limits.torque_nm,
+            "belt force": self.belt_force_n / limits.belt_force_n,
+        }
+
+
+@dataclass(frozen=True)
+class AmplitudeStep:
+    """The amplitude chosen for one record.  binds : the limit that it reaches, or "step" when it is only the next step."""
+
+    amplitude_nm: float
+    prediction: Prediction
+    binds: str
+
+
+def unknown_payload(model: Model) -> list[Model]:
+    """Family for an axis of which only the data sheets are known: light and heavy carriages, belt 25 % softer and stiffer.
+
+    Friction is left out: it only takes energy from the resonance.
+    """
+    family = []
+    for mass in UNKNOWN_MASSES_KG:
+        for factor in (0.75, 1.25):
+            family.append(_frictionless(model.with_values({"cart.mass": mass, **_scaled(model, _stiffness_names(model), factor)})))
+    return family
+
+
+def around(model: Model, spread: float = FIRST_ESTIMATE_SPREAD) -> list[Model]:
+    """Family around an estimate: mass and stiffness apart by ``spread``, friction and belt damping lowered by it."""
+    lossy = [n for n in model.parameters if n.endswith((".damping", ".level")) and not n.startswith("coupling")]
+    calmer = model.with_values(_scaled(model, lossy, 1.0 - spread))
+    stiff = _stiffness_names(model)
+    return [
+        model,
+        *(
+            calmer.with_values({"cart.mass": model["cart.mass"] * (1 + a * spread), **_scaled(model, stiff, 1 + b * spread)})
+            for a in (-1, 1)
+            for b in (-1, 1)
+        ),
+    ]
+
+
+def predict(family: Sequence[Model], torque: Array, sample_s: float, position_m: float) -> Prediction:
+    """Worst case of one record over a family of models, starting at rest at ``position_m``.
+
+    torque : ndarray (n,), N m at the motor shaft, held for ``sample_s`` each.
+    """
+    travel = speed = force = 0.0
+    for model in family:
+        # eigenvalue times sub-step below 0.3: phase error of the fastest mode below 0.4 %
+        substeps = max(5, int(np.ceil(sample_s * fastest_rate(model, operating_point(model, position_m)) / 0.3)))
+        result = simulate_torque(model, torque, sample_s, position_m, substeps=substeps)
+        travel = max(travel, float(np.max(np.abs(result.cart_position_m - result.cart_position_m[0]))))
+        speed = max(speed, float(np.max(np.abs(np.diff(result.cart_position_m)))) / sample_s)
+        force = max(force, float(np.max(result.belt_force_n)))
+    return Prediction(travel, speed, float(np.max(np.abs(torque))), force)
+
+
+def largest_amplitude(
+    family: Sequence[Model], shape: Array, sample_s: float, position_m: float, limits: MotionLimits, at_most_nm: float
+) -> AmplitudeStep:
+    """The largest amplitude, up to ``at_most_nm``, for which every member of the family stays inside all limits.
+
+    shape : ndarray (n,), the record with unit amplitude.
+    Raises Refused when even a fiftieth of ``at_most_nm`` is too much.
+    """
+    low, high = 0.0, at_most_nm
+    best = predict(family, at_most_nm * shape, sample_s, position_m)
+    if max(best.use_of(limits).values()) <= 1.0:
+        binds = "motor torque" if best.torque_nm >= 0.999 * limits.torque_nm else "step"
+        return AmplitudeStep(at_most_nm, best, binds)
+    binds, best = _first(best, limits), None  # type: ignore[assignment]
+    for _ in range(_BISECTIONS):
+        middle = 0.5 * (low + high)
+        trial = predict(family, middle * shape, sample_s, position_m)
+        if max(trial.use_of(limits).values()) <= 1.0:
+            low, best = middle, trial
+        else:
+            high, binds = middle, _first(trial, limits)
+    if best is None or low < at_most_nm / 50.0:
+        raise Refused(
+            f"no excitation fits the limits: already ±{high:.3g} N m would break the limit on {binds} "
+            f"(travel {limits.travel_m:.3g} m, speed {limits.speed_m_s:.3g} m/s, belt force {limits.belt_force_n:.3g} N); "
+            "start nearer to the middle of the travel or check the limits in axis.yaml"
+        )
+    return AmplitudeStep(low, best, binds)
+
+
+def _first(prediction: Prediction, limits: MotionLimits) -> str:
+    use = prediction.use_of(limits)
+    return max(use, key=lambda name: use[name])
+
+
+def _stiffness_names(model: Model) -> list[str]:
+    return [n for n in model.parameters if n.startswith(("belt_stiffness.stiffness", "belt_stiffness_position.specific", "end_pulley.specific_s"))]
+
+
+def _scaled(model: Model, names: Sequence[str], factor: float) -> dict[str, float]:
+    return {name: model[name] * factor for name in names}
+
+
+def _frictionless(model: Model) -> Model:
+    return model.with_values({n: 0.0 for n in model.parameters if n.endswith(".level") or n.startswith("viscous")})

@@ -1,0 +1,212 @@
+"""One axis behind one drive, in carriage coordinates, with everything recorded and everything put back.
+
+:class:`Machine` is the only place that calls ``Drive.record`` and ``Drive.write``.  Leaving it, whatever the reason, leaves a
+stopped axis and the parameters found at the start, unless new gains were to be kept.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltcomm.axis import Axis
+from beltcomm.control import Cascade
+from beltcomm.drive import COLUMNS, Drive, Limits, Motion, Row
+from beltcomm.errors import BeltcommError, Refused, SafetyStop, UsageError
+from beltcomm.parameters import GAIN_NAMES, cascade_to_parameters, parameters_to_cascade
+from beltcomm.recording import Recording, Sidecar, load_recording
+from beltcomm.runfolder import RunFolder
+from beltcomm.talk import Talk
+from beltcomm.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+
+#: Rated torque and current of the drive may differ by this share from axis.yaml: rounding of the data sheets.
+RATED_TOLERANCE = 0.02
+
+
+@dataclass(frozen=True)
+class Room:
+    """What the present phase may use.  window_m : (min, max) of the carriage.   speed_m_s, torque_nm (motor shaft)."""
+
+    window_m: tuple[float, float]
+    speed_m_s: float
+    torque_nm: float
+
+
+class Machine:
+    """The connected axis.  Use as a context manager.
+
+    position_m : carriage position; the zero of the axis is known after :meth:`reference_at` or when the drive is referenced.
+    keep_gains : set by the sequence when the user wants to keep the new gains in the drive (not saved).
+    """
+
+    def __init__(self, drive: Drive, axis: Axis, folder: RunFolder, talk: Talk) -> None:
+        self.drive, self.axis, self.folder, self.talk = drive, axis, folder, talk
+        self.ratio = axis.transmission_m_rad
+        self.origin_rad = 0.0
+        self.keep_gains = False
+        self.machine_seconds = 0.0
+        self._started = drive.clock.now()
+        self._backup = drive.backup()
+        folder.save_result("backup", {"drive": dict(drive.capabilities.identity), "parameters": dict(self._backup)})
+        folder.journal(f"connected to {drive.capabilities.name}; parameters saved as backup")
+
+    def __enter__(self) -> Machine:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.drive.stop()
+        keep = self.keep_gains and kind is None
+        wanted = {n: v for n, v in self._backup.items() if not (keep and n in GAIN_NAMES)}
+        try:
+            self.drive.write(wanted)
+        except BeltcommError as problem:
+            self.folder.journal(f"restoring the drive failed: {problem}")
+            self.talk.say(f"The drive's parameters could not be restored ({problem}); `beltcomm rollback` writes the backup again.")
+        else:
+            self.folder.journal("limits restored, new gains kept" if keep else "all parameters restored")
+
+    @property
+    def position_m(self) -> float:
+        """Carriage position now, m, from the motor encoder."""
+        return self.ratio * (self.drive.read(["position_rad"])["position_rad"] - self.origin_rad)
+
+    @property
+    def session_time_s(self) -> float:
+        """Seconds since the session began, drive's clock."""
+        return self.drive.clock.now() - self._started
+
+    def check_scaling(self) -> None:
+        """Compare the drive's rated torque and current with axis.yaml: identified masses inherit their error.
+
+        Raises UsageError with both values.
+        """
+        seen, motor = self.drive.capabilities, self.axis.motor
+        pairs = [("rated torque", seen.rated_torque_nm, motor.rated_torque_nm, "N m")]
+        for what, drive_value, file_value, unit in pairs:
+            if file_value and abs(drive_value / file_value - 1.0) > RATED_TOLERANCE:
+                raise UsageError(
+                    f"the drive's {what} is {drive_value:.3g} {unit}, axis.yaml says {file_value:.3g} {unit}: every torque would be "
+                    f"scaled by {drive_value / file_value:.2f}; correct motor.rated_torque_nm or the drive's motor data"
+                )
+        if seen.counts_per_rev != motor.encoder_counts_per_rev and motor.encoder_counts_per_rev:
+            self.talk.say(
+                f"The drive counts {seen.counts_per_rev} per revolution, axis.yaml says {motor.encoder_counts_per_rev}; "
+                "the drive's number is used."
+            )
+
+    def reference_at(self, position_m: float) -> None:
+        """The carriage stands at ``position_m`` now, as the operator says.  Raises UsageError outside the travel."""
+        travel = self.axis.travel
+        if not travel.min_m <= position_m <= travel.max_m:
+            raise UsageError(f"position {position_m:.4g} m is outside the travel {travel.min_m:g}..{travel.max_m:g} m of axis.yaml")
+        self.origin_rad = self.drive.read(["position_rad"])["position_rad"] - position_m / self.ratio
+
+    def full_room(self) -> Room:
+        """The whole travel, the axis's speed, the torque that motor and drive allow."""
+        travel, limits = self.axis.travel, self.axis.limits
+        torque = min(self.axis.motor.peak_torque_nm or math.inf, self.drive.capabilities.peak_torque_nm)
+        return Room((travel.min_m, travel.max_m), limits.speed_m_s, torque)
+
+    def drive_limits(self, room: Room) -> Limits:
+        """The same limits at the motor shaft in the drive's zero."""
+        low, high = sorted(self.origin_rad + x / self.ratio for x in room.window_m)
+        speed = min(room.speed_m_s / self.ratio, self.drive.capabilities.max_speed_rad_s)
+        return Limits(low, high, speed, room.torque_nm)
+
+    def torque_motion(self, torque_nm: Array) -> Motion:
+        """An open-loop record at the drive's sampling period."""
+        zero = np.zeros(len(torque_nm))
+        return Motion("torque", self.drive.capabilities.sample_period_s, zero, zero, np.asarray(torque_nm))
+
+    def follow(self, trajectory: Trajectory) -> Motion:
+        """A reference motion of the carriage for the drive's own loops; the drive's kind of streaming is chosen here."""
+        kind: Literal["position", "velocity"] = "position" if "position" in self.drive.capabilities.kinds else "velocity"
+        zero = np.zeros(len(trajectory.t_s))
+        return Motion(
+            kind,
+            self.drive.capabilities.sample_period_s,
+            self.origin_rad + trajectory.position_m / self.ratio,
+            trajectory.velocity_m_s / self.ratio,
+            zero,
+        )
+
+    def record(self, name: str, motion: Motion, room: Room, sidecar: Sidecar) -> Recording:
+        """Run a motion and keep it as ``recordings/NAME``; a record already finished in a resumed run is read instead.
+
+        Rows stream to disk while the axis moves; an interrupted record stays, marked as unfinished.
+        Raises SafetyStop, DriveError, DataError.
+        """
+        done = self.folder.finished(name)
+        if done is not None:
+            self.talk.say(f"{name}: kept from the earlier run")
+            return load_recording(done, self.axis)
+        seconds = len(motion.torque_nm) * motion.period_s
+        writer = self.folder.new_recording(name, sidecar, COLUMNS)
+        zero, begun, total = self.origin_rad, self.drive.clock.now(), len(motion.torque_nm)
+        rows = 0
+
+        def sink(row: Row) -> None:
+            nonlocal rows
+            t, torque, setpoint, position, velocity, reference, reference_velocity = row
+            writer.write((t - begun, torque, setpoint, position - zero, velocity, reference - zero, reference_velocity))
+            rows += 1
+            if rows % 200 == 0:
+                self.talk.progress(rows / total, (total - rows) * motion.period_s)
+
+        try:
+            report = self.drive.record(motion, self.drive_limits(room), sink)
+        except BaseException:
+            writer.close(finished=False)
+            self.folder.journal(f"{name}: interrupted after {rows} of {total} samples; what was recorded is kept")
+            raise
+        finally:
+            self.machine_seconds += seconds
+        path = writer.close(finished=True)
+        self.folder.journal(
+            f"{name}: {report.rows} samples, {report.lost_cycles} lost cycles, worst period error {1e6 * report.worst_jitter_s:.0f} us"
+        )
+        return load_recording(path, self.axis)
+
+    def run(self, motion: Motion, room: Room) -> tuple[Array, ...]:
+        """Run a motion that is only a means (positioning); returns its columns and keeps nothing."""
+        rows: list[Row] = []
+        self.drive.record(motion, self.drive_limits(room), rows.append)
+        self.machine_seconds += len(motion.torque_nm) * motion.period_s
+        return tuple(np.array(rows).T)
+
+    def write_cascade(self, cascade: Cascade) -> Cascade:
+        """Put a controller into the drive, as far as it has the parts; returns the controller it now runs (quantised)."""
+        offered = self.drive.backup()
+        values = {n: v for n, v in cascade_to_parameters(cascade).items() if n in offered}
+        stored = self.drive.write(values)
+        self.folder.journal("wrote " + ", ".join(f"{n}={v:.6g}" for n, v in stored.items()))
+        return parameters_to_cascade({**offered, **stored})
+
+
+def backed_up(folder: RunFolder) -> Mapping[str, float]:
+    """The parameters that were in the drive before the run touched it.  Raises Refused when there is no backup."""
+    saved = folder.load_result("backup")
+    if saved is None:
+        raise Refused(f"{folder.path} holds no backup of a drive; nothing to roll back to")
+    return {name: float(value) for name, value in saved["parameters"].items()}
+
+
+class Enough(SafetyStop):
+    """Raised by a watcher inside a record when the motion has shown what it was for; the axis is stopped as for any limit."""
+
+    def __init__(self) -> None:
+        super().__init__("the motion has shown what it was for", "enough")
+
+
+def run_folder_path(path: Path) -> Path:
+    """The folder as given, without a trailing separator."""
+    return Path(path)

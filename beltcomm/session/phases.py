@@ -1,0 +1,320 @@
+"""The phases of a commissioning, each a step on the machine followed by what it taught.
+
+Every phase predicts what its motion will do before it asks the machine to move, and stays inside :class:`Room`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltcomm.control import Cascade, Feedforward
+from beltcomm.drive import Row
+from beltcomm.errors import DriveError, Refused, SafetyStop, UsageError
+from beltcomm.excitation import Excitation, choose_prbs, prbs
+from beltcomm.identify.amplitude import AmplitudeStep, MotionLimits, around, largest_amplitude, unknown_payload
+from beltcomm.identify.first_estimate import data_sheet_model, first_estimate
+from beltcomm.linear import modes, operating_point
+from beltcomm.model import Model
+from beltcomm.recording import ExcitationNote, Recording, Sidecar
+from beltcomm.session.machine import Enough, Machine, Room
+from beltcomm.trajectory import Trajectory, join, plan_trajectory, stroke
+
+Array = NDArray[np.float64]
+
+#: m; how far the carriage may go in the sign check, and what counts as moving.
+SIGN_TRAVEL_M = 2e-3
+MOVED_M = 5e-5
+#: Share of the allowed torque at which an axis that still does not move is given up.
+BREAKAWAY_SHARE = 0.6
+#: s, ramp of the sign check.
+RAMP_S = 1.0
+#: m, room kept to the ends of the travel.
+END_MARGIN_M = 5e-3
+#: Share of the belt force limit that a prediction may use: the models are known to FIRST_ESTIMATE_SPREAD.
+BELT_SHARE = 0.9
+#: An excitation must be this much above the breakaway torque to keep the axis moving.
+OVER_BREAKAWAY = 1.15
+#: Growth of the amplitude from one record to the next.
+GROWTH = 1.7
+#: m, largest travel of an excitation around its place: the stiffness is taken as constant there.
+EXCITATION_TRAVEL_M = 0.03
+
+
+@dataclass(frozen=True)
+class Breakaway:
+    """Torque at which the carriage began to move, N m at the motor shaft, in each direction (both positive on a level axis)."""
+
+    forward_nm: float
+    backward_nm: float
+
+    @property
+    def coulomb_nm(self) -> float:
+        """Half the difference of the two: friction."""
+        return 0.5 * (self.forward_nm + self.backward_nm)
+
+    @property
+    def holding_nm(self) -> float:
+        """Half the sum with sign: what holds the axis against gravity."""
+        return 0.5 * (self.forward_nm - self.backward_nm)
+
+
+@dataclass(frozen=True)
+class Excited:
+    """Outcome of the amplitude search: the last step, all recordings, and the model that they gave."""
+
+    step: AmplitudeStep
+    recordings: tuple[Recording, ...]
+    model: Model
+
+
+def room_around(machine: Machine, position_m: float, travel_m: float) -> Room:
+    """Full speed and torque inside a window around a place, cut at the ends of the travel."""
+    full = machine.full_room()
+    low, high = full.window_m
+    return Room((max(low, position_m - travel_m), min(high, position_m + travel_m)), full.speed_m_s, full.torque_nm)
+
+
+def sign_and_scale(machine: Machine) -> Breakaway:
+    """Let the torque rise until the carriage creeps a few millimetres, both ways; check direction and stopping.
+
+    Raises Refused when nothing moves, DriveError when positive torque drives to negative position or the axis does not stop.
+    """
+    at = machine.position_m
+    full = machine.full_room()
+    if min(at - full.window_m[0], full.window_m[1] - at) < 2.0 * SIGN_TRAVEL_M:
+        raise UsageError(
+            f"the carriage stands at {at:.4f} m, within {2e3 * SIGN_TRAVEL_M:.0f} mm of an end of its travel; move it further in by hand"
+        )
+    room = room_around(machine, at, 5.0 * SIGN_TRAVEL_M)
+    top = BREAKAWAY_SHARE * room.torque_nm
+    period = machine.drive.capabilities.sample_period_s
+    ramp = np.linspace(0.0, top, int(RAMP_S / period))
+    found = {}
+    for sign in (1.0, -1.0):
+        found[sign] = _creep(machine, sign, ramp, room)
+    machine.folder.journal(f"breakaway {found[1.0]:.3f} N m forward, {found[-1.0]:.3f} N m backward")
+    return Breakaway(found[1.0], found[-1.0])
+
+
+def _creep(machine: Machine, sign: float, ramp: Array, room: Room) -> float:
+    """Breakaway torque in one direction, positive, N m."""
+    start = machine.position_m
+    onset: list[float] = []
+
+    def watch(row: Row) -> None:
+        moved = sign * (machine.ratio * (row[3] - machine.origin_rad) - start)
+        if moved > MOVED_M and not onset:
+            onset.append(sign * row[2])
+        if moved < -MOVED_M * 4:
+            raise DriveError(
+                f"the carriage moves to {'negative' if sign > 0 else 'positive'} under {'positive' if sign > 0 else 'negative'} torque: "
+                "change the polarity of the drive (607Eh) or of its encoder, or the tilt of the axis moves it by itself"
+            )
+        if moved > SIGN_TRAVEL_M:
+            raise Enough
+
+    motion = machine.torque_motion(sign * ramp)
+    try:
+        machine.drive.record(motion, machine.drive_limits(room), watch)
+    except Enough:
+        pass
+    else:
+        if not onset:
+            raise Refused(
+                f"the axis does not move: {ramp[-1]:.2f} N m, {100 * BREAKAWAY_SHARE:.0f} % of what is allowed, did not shift it by "
+                f"{1e6 * MOVED_M:.0f} um; check brake, clamp and enable inputs"
+            )
+    machine.machine_seconds += len(ramp) * motion.period_s
+    before = machine.position_m
+    machine.drive.clock.sleep_until(machine.drive.clock.now() + 0.1)
+    if abs(machine.position_m - before) > MOVED_M:
+        raise DriveError("the axis does not stand still after a stop; check the drive's quick stop (605Ah, 6085h) and its brake")
+    return onset[0] if onset else float(ramp[-1])
+
+
+def motion_limits(machine: Machine, position_m: float) -> MotionLimits:
+    """What an excitation at a place may use."""
+    full = machine.full_room()
+    low, high = full.window_m
+    space = min(position_m - low, high - position_m) - END_MARGIN_M
+    if space < 2e-3:
+        raise Refused(
+            f"at {position_m:.4f} m only {1e3 * space:.1f} mm of travel are left beside the {1e3 * END_MARGIN_M:.0f} mm kept to the end; "
+            "move the carriage further in or correct travel in axis.yaml"
+        )
+    return MotionLimits(
+        min(space, EXCITATION_TRAVEL_M), full.speed_m_s, full.torque_nm, BELT_SHARE * machine.axis.limits.feed_force_n
+    )
+
+
+def raise_amplitude(machine: Machine, breakaway: Breakaway) -> Excited:
+    """Excite at the present place with rising amplitude; each step is predicted from the model so far.
+
+    Raises Refused when friction leaves no room below the limits.
+    """
+    at = machine.position_m
+    limits = motion_limits(machine, at)
+    period = machine.drive.capabilities.sample_period_s
+    counts = machine.drive.capabilities.counts_per_rev
+    sheet = data_sheet_model(machine.axis, at, breakaway.coulomb_nm)
+    family = unknown_payload(sheet)
+    shape = prbs(9, 2, 2.0, period, 1)
+    at_most = 2.0 * breakaway.coulomb_nm
+    recordings: list[Recording] = []
+    while True:
+        unit = shape.torque / shape.amplitude_nm
+        step = largest_amplitude(family, unit, period, at, limits, min(at_most, limits.torque_nm))
+        if step.amplitude_nm < OVER_BREAKAWAY * breakaway.coulomb_nm:
+            raise Refused(
+                f"friction holds the axis up to {breakaway.coulomb_nm:.3f} N m, but the limit on {step.binds} allows only "
+                f"±{step.amplitude_nm:.3f} N m of excitation; reduce the friction or raise the limit in axis.yaml"
+            )
+        machine.talk.say(
+            f"excitation ±{step.amplitude_nm:.3f} N m: up to {1e3 * step.prediction.travel_m:.1f} mm, "
+            f"{step.prediction.belt_force_n:.0f} N in the belt (bound by {step.binds})"
+        )
+        excitation = prbs(9, 2, 2.0 * step.amplitude_nm, period, 1, torque_step_nm=machine.drive.capabilities.torque_step_nm)
+        recordings.append(_excite(machine, f"amplitude_{len(recordings) + 1}", excitation, at))
+        model = first_estimate(recordings[-1:], sheet, counts)
+        machine.folder.journal(
+            f"amplitude {step.amplitude_nm:.3f} N m ({step.binds}): mass {model['cart.mass']:.2f} kg, "
+            f"stiffness {model['belt_stiffness.stiffness']:.4g} N/m"
+        )
+        family = around(model)
+        at_most = GROWTH * step.amplitude_nm
+        following = largest_amplitude(family, unit, period, at, limits, min(at_most, limits.torque_nm))
+        if following.amplitude_nm < 1.1 * step.amplitude_nm or len(recordings) >= 5:
+            return Excited(following, tuple(recordings), model)
+
+
+def frequency_response(
+    machine: Machine, name: str, model: Model, amplitude_nm: float, seconds: float
+) -> tuple[Recording, Excitation, AmplitudeStep]:
+    """Excite at the present place with an amplitude that the limits allow there, long enough for a frequency response."""
+    at = machine.position_m
+    limits = motion_limits(machine, at)
+    period = machine.drive.capabilities.sample_period_s
+    antiresonance, resonance = characteristic_hz(model, at)
+    choice = choose_prbs(period, antiresonance, resonance, seconds)
+    shape = prbs(choice.order, choice.clock, 2.0, period, choice.repeats)
+    step = largest_amplitude(around(model), shape.torque / shape.amplitude_nm, period, at, limits, amplitude_nm)
+    excitation = prbs(
+        choice.order,
+        choice.clock,
+        2.0 * step.amplitude_nm,
+        period,
+        choice.repeats,
+        torque_step_nm=machine.drive.capabilities.torque_step_nm,
+    )
+    machine.folder.journal(f"{name}: {choice.reason}; ±{step.amplitude_nm:.3f} N m, bound by {step.binds}")
+    return _excite(machine, name, excitation, at), excitation, step
+
+
+def _excite(machine: Machine, name: str, excitation: Excitation, at: float) -> Recording:
+    room = room_around(machine, at, EXCITATION_TRAVEL_M + END_MARGIN_M)
+    note = ExcitationNote(
+        kind=excitation.kind,
+        amplitude_nm=excitation.amplitude_nm,
+        period_samples=excitation.period_samples,
+        first_sample=excitation.first_sample,
+    )
+    sidecar = Sidecar(experiment="frf", start_position_m=at, session_time_s=machine.session_time_s, excitation=note)
+    return machine.record(name, machine.torque_motion(excitation.torque), room, sidecar)
+
+
+def characteristic_hz(model: Model, position_m: float) -> tuple[float, float]:
+    """Antiresonance and first resonance of a model with the carriage at a place, Hz, from its undamped modes."""
+    free = [m.frequency_hz for m in modes(model, operating_point(model, position_m, 1.0)) if m.frequency_hz > 0.5]
+    held = [m.frequency_hz for m in modes(model, operating_point(model, position_m, 1.0), held=("motor",)) if m.frequency_hz > 0.5]
+    return min(held), min(free)
+
+
+def move_to(machine: Machine, target_m: float, model: Model, slow_m_s: float = 0.5) -> None:
+    """Bring the carriage somewhere with the loop that is in the drive; gentle: a third of the belt's force at most.
+
+    Raises SafetyStop when it does not arrive within 2 mm.
+    """
+    trajectory = plan_trajectory(
+        machine.position_m, target_m, gentle_limits(machine, model, slow_m_s), machine.drive.capabilities.sample_period_s
+    )
+    settle = hold(trajectory, 0.3)
+    machine.run(machine.follow(settle), machine.full_room())
+    if abs(machine.position_m - target_m) > 5e-3:
+        raise SafetyStop(
+            f"the carriage stands at {machine.position_m:.4f} m instead of {target_m:.4f} m after a move; the loop does not hold it",
+            "position",
+        )
+
+
+def gentle_limits(machine: Machine, model: Model, speed_m_s: float):  # type: ignore[no-untyped-def]
+    """Speed, acceleration and jerk that load the belt with a third of its force at most."""
+    from beltcomm.axis import TrajectoryLimits
+
+    acceleration = min(machine.axis.limits.acceleration_m_s2, machine.axis.limits.feed_force_n / 3.0 / model["cart.mass"])
+    return TrajectoryLimits(
+        jerk_m_s3=20.0 * acceleration, acceleration_m_s2=acceleration, speed_m_s=min(speed_m_s, machine.axis.limits.speed_m_s)
+    )
+
+
+def hold(trajectory: Trajectory, seconds: float) -> Trajectory:
+    """The same with a rest at its end."""
+    period = float(trajectory.t_s[1] - trajectory.t_s[0])
+    extra = round(seconds / period)
+    still = np.zeros(extra)
+    return Trajectory(
+        np.concatenate([trajectory.t_s, trajectory.t_s[-1] + period * np.arange(1, extra + 1)]),
+        np.concatenate([trajectory.position_m, np.full(extra, trajectory.position_m[-1])]),
+        np.concatenate([trajectory.velocity_m_s, still]),
+        np.concatenate([trajectory.acceleration_m_s2, still]),
+    )
+
+
+def sweep_speeds(machine: Machine, model: Model) -> list[float]:
+    """Speeds of the friction sweep, m/s: from a slow creep to the fastest that still has a plateau in the travel."""
+    low, high = machine.full_room().window_m
+    room = high - low - 4.0 * END_MARGIN_M
+    limits = gentle_limits(machine, model, machine.axis.limits.speed_m_s)
+    # two ramps and a plateau of 0.3 s: v (0.3 s + v/a) = room
+    a = limits.acceleration_m_s2
+    fastest = min(0.8 * limits.speed_m_s, 0.5 * a * (-0.3 + np.sqrt(0.09 + 4.0 * room / a)))
+    return [float(v) for v in np.geomspace(0.01, fastest, 7)]
+
+
+def sweep_trajectory(machine: Machine, model: Model, speeds: Sequence[float]) -> Trajectory:
+    """Strokes in both directions at each speed, back and forth around the middle of the travel, one after the other."""
+    low, high = machine.full_room().window_m
+    period = machine.drive.capabilities.sample_period_s
+    limits = gentle_limits(machine, model, machine.axis.limits.speed_m_s)
+    at = machine.position_m
+    pieces: list[Trajectory] = []
+    for k, speed in enumerate(speeds):
+        plateau = 0.8 if speed < 0.1 else 0.5
+        ahead = high - END_MARGIN_M - at
+        back = at - low - END_MARGIN_M
+        length = min(speed * (plateau + speed / limits.acceleration_m_s2 + 0.1), max(ahead, back))
+        first = 1.0 if ahead >= back else -1.0
+        for sign in (first, -first):
+            piece = stroke(at, at + sign * length, speed, limits, period)
+            pieces.append(hold(piece, 0.1))
+            at = float(pieces[-1].position_m[-1])
+        del k
+    return join(pieces)
+
+
+def with_feedforward(cascade: Cascade, model: Model) -> Cascade:
+    """The controller with the nonlinear feedforward (4.16) of a model."""
+    from dataclasses import replace
+
+    ratio = model["transmission.ratio"]
+    return replace(
+        cascade,
+        feedforward=Feedforward(
+            inertia_kg_m2=model["motor.inertia"] + ratio**2 * model["cart.mass"],
+            viscous_nm_s_rad=model["viscous_motor.damping"] + ratio**2 * model.get("viscous_cart.damping"),
+            coulomb_nm=model["coulomb_motor.level"] + ratio * model.get("coulomb_cart.level"),
+        ),
+    )

@@ -1,0 +1,189 @@
+"""Prediction against a new recording: how well does the tuned axis follow a move, and does the model know it beforehand?"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltcomm.control import Cascade, cascade_step, discrete_coefficients, new_state, reset_state
+from beltcomm.effects.tilt import GRAVITY_M_S2
+from beltcomm.errors import DataError
+from beltcomm.model import Model
+from beltcomm.recording import Recording
+from beltcomm.simulate.plant import SimulatedPlant
+from beltcomm.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+
+#: Targets of the thesis's chapter 5: "smaller than 1 mm", "smaller than 100 um".
+DYNAMIC_TARGET_M = 1e-3
+STATIC_TARGET_M = 100e-6
+#: s after the end of the reference motion between which the static error is read.
+STATIC_FROM_S, STATIC_TO_S = 0.5, 1.5
+
+
+@dataclass(frozen=True)
+class Demand:
+    """What a move asks of the axis, rigid carriage.
+
+    speed_m_s, acceleration_m_s2 : largest values.   feed_force_n : m_c (a + g sin tilt), the net force of data sheets, which list
+    guide friction apart.   torque_nm : motor shaft, with inertia and all friction (4.15).
+    """
+
+    speed_m_s: float
+    acceleration_m_s2: float
+    feed_force_n: float
+    torque_nm: float
+
+
+@dataclass(frozen=True)
+class TrackingError:
+    """dynamic_m : largest |reference - position| while the reference moves.   static_m : the same from 0.5 to 1.5 s after its end."""
+
+    dynamic_m: float
+    static_m: float
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Measured against predicted, at the motor and, where something measures it, at the carriage; with reasons in words."""
+
+    passed: bool
+    measured: TrackingError
+    predicted: TrackingError
+    measured_cart: TrackingError | None
+    predicted_cart: TrackingError
+    reasons: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class PredictedMove:
+    """Simulated closed loop: motor position over i_t and carriage, m; torque N m; largest belt force, N."""
+
+    t_s: Array
+    motor_m: Array
+    cart_m: Array
+    torque_nm: Array
+    belt_force_n: float
+
+
+def demand(trajectory: Trajectory, model: Model) -> Demand:
+    """Largest speed, acceleration, feed force and motor torque of a move.   Source: (4.15), (2.22)."""
+    ratio, mass = model["transmission.ratio"], model["cart.mass"]
+    a, v = trajectory.acceleration_m_s2, trajectory.velocity_m_s
+    gravity = mass * GRAVITY_M_S2 * math.sin(model.get("tilt.angle"))
+    viscous = model.get("viscous_motor.damping") + ratio**2 * model.get("viscous_cart.damping")
+    coulomb = model.get("coulomb_motor.level") + ratio * model.get("coulomb_cart.level")
+    inertia = model["motor.inertia"] + ratio**2 * mass
+    torque = inertia * a / ratio + viscous * v / ratio + coulomb * np.sign(v) + ratio * gravity
+    return Demand(
+        float(np.max(np.abs(v))),
+        float(np.max(np.abs(a))),
+        float(np.max(np.abs(mass * a + gravity))),
+        float(np.max(np.abs(torque))),
+    )
+
+
+def predict_move(
+    model: Model,
+    cascade: Cascade,
+    trajectory: Trajectory,
+    *,
+    period_s: float,
+    delay_s: float,
+    torque_limit_nm: float,
+    counts_per_rev: int,
+) -> PredictedMove:
+    """Simulate the drive's own cascade on the model along a reference motion that is sampled every ``period_s``.
+
+    delay_s : torque setpoint to acting torque.  The encoder counts as the drive sees them; the measurement noise of the torque
+    signal does not enter the loop.
+    """
+    ratio = model["transmission.ratio"]
+    reference = trajectory.position_m / ratio
+    velocity = trajectory.velocity_m_s / ratio
+    acceleration = np.diff(velocity, prepend=velocity[0]) / period_s
+    plant = SimulatedPlant(model, position_m=float(trajectory.position_m[0]))
+    coefficients = discrete_coefficients(cascade, period_s, torque_limit_nm)
+    state = new_state()
+    start = float(reference[0])
+    reset_state(state, start)
+    step = 2.0 * math.pi / counts_per_rev
+    whole = math.floor(delay_s / period_s + 1e-9)
+    rest = max(delay_s - whole * period_s, 0.0)
+    waiting = [0.0] * (whole + 1)
+    n = len(reference)
+    motor, cart, torque = np.empty(n), np.empty(n), np.empty(n)
+    belt = 0.0
+    for k in range(n):
+        motor[k], cart[k] = plant.position_rad, plant.cart_position_m
+        counted = start + math.floor(plant.position_rad / step + 0.5) * step
+        torque[k] = cascade_step(coefficients, state, reference[k], velocity[k], acceleration[k], counted, 0.0)
+        before = waiting.pop(0)
+        waiting.append(float(torque[k]))
+        if rest > 1e-9:
+            plant.step(before, rest)
+        if period_s - rest > 1e-9:
+            plant.step(waiting[0], period_s - rest)
+        belt = max(belt, abs(plant.belt_force_n))
+    at = trajectory.position_m[0]
+    return PredictedMove(period_s * np.arange(n), at + ratio * motor, at + cart, torque, belt)
+
+
+def tracking_error(t_s: Array, reference_m: Array, position_m: Array) -> TrackingError:
+    """Dynamic and static error of one move.
+
+    The reference moves from its first to its last change.  Raises DataError when the record ends too early for the static error.
+    """
+    moving = np.flatnonzero(np.diff(reference_m) != 0.0)
+    if len(moving) == 0:
+        raise DataError("the reference does not move in this record, so there is no tracking error; record a move")
+    error = np.abs(reference_m - position_m)
+    first, last = moving[0], moving[-1] + 1
+    end = t_s[last]
+    still = (t_s >= end + STATIC_FROM_S) & (t_s <= end + STATIC_TO_S)
+    if t_s[-1] < end + STATIC_TO_S - 2e-3 or not np.any(still):
+        raise DataError(
+            f"the record ends {t_s[-1] - end:.2f} s after the move; the static error is read until {STATIC_TO_S} s after it"
+        )
+    return TrackingError(float(np.max(error[first : last + 1])), float(np.max(error[still])))
+
+
+def judge(
+    recording: Recording,
+    ratio: float,
+    predicted: PredictedMove,
+    reference_m: Array,
+    *,
+    dynamic_target_m: float = DYNAMIC_TARGET_M,
+    static_target_m: float = STATIC_TARGET_M,
+) -> Verdict:
+    """Measured tracking against the prediction and the targets.
+
+    ratio : i_t, m/rad.   reference_m : ndarray (n,), reference of the prediction, m.
+    Raises DataError when the recording has no reference position.
+    """
+    if recording.reference_position is None:
+        raise DataError(f"recording {recording.name!r} has no reference_position_rad; tracking cannot be judged")
+    reference = ratio * recording.reference_position
+    measured = tracking_error(recording.t_s, reference, ratio * recording.position)
+    expected = tracking_error(predicted.t_s, reference_m, predicted.motor_m)
+    expected_cart = tracking_error(predicted.t_s, reference_m, predicted.cart_m)
+    measured_cart = None
+    if recording.cart_position_m is not None:
+        offset = reference[0] - recording.cart_position_m[0]
+        measured_cart = tracking_error(recording.t_s, reference, recording.cart_position_m + offset)
+    reasons = []
+    for what, value, target, unit, scale in (
+        ("dynamic error", measured.dynamic_m, dynamic_target_m, "mm", 1e3),
+        ("static error", measured.static_m, static_target_m, "um", 1e6),
+    ):
+        word = "meets" if value <= target else "misses"
+        reasons.append(f"{what} {scale * value:.3g} {unit} {word} the target of {scale * target:.3g} {unit}")
+    share = measured.dynamic_m / expected.dynamic_m - 1.0
+    reasons.append(f"predicted were {1e3 * expected.dynamic_m:.3g} mm: measured is {100 * share:+.0f} % of that away")
+    passed = measured.dynamic_m <= dynamic_target_m and measured.static_m <= static_target_m
+    return Verdict(passed, measured, expected, measured_cart, expected_cart, tuple(reasons))
