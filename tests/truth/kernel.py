@@ -65,8 +65,8 @@ EVENT_TIME_TOLERANCE_S = 1e-15
 
 
 def compiled(function: Callable[P, R]) -> Callable[P, R]:
-    """``numba.njit(cache=True)`` with its type kept."""
-    decorate: Any = numba.njit(cache=True)
+    """``numba.njit`` with its type kept; a division by zero gives inf, found by the check for finite numbers."""
+    decorate: Any = numba.njit(cache=True, error_model="numpy")
     result: Callable[P, R] = decorate(function)
     return result
 
@@ -290,12 +290,14 @@ def advance(state: Array, p: Array, torque: float, duration: float, longest: flo
                 events += 1
                 if events > MOST_EVENTS:
                     outcome = CHATTER
+        l1 = p[LENGTH_AT_START] + motion[0][CART]
+        if p[BELT_KIND] != CONSTANT and not 0.0 < l1 < p[PULLEY_DISTANCE]:
+            outcome = OFF_BELT
+            break
     q, v, forces = motion
     for i in range(BODIES):
         state[i], state[BODIES + i] = q[i], v[i]
     belt = net_forces(q, v, torque, p)[1]
-    if p[BELT_KIND] != CONSTANT and not 0.0 < p[LENGTH_AT_START] + q[CART] < p[PULLEY_DISTANCE]:
-        outcome = OFF_BELT
     if not math.isfinite(q[MOTOR] + q[CART]):
         outcome = NOT_A_NUMBER
     return q[MOTOR], v[MOTOR], q[CART], belt, outcome
