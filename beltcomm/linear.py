@@ -194,7 +194,7 @@ def equivalent_damping(level: Callable[..., float], amplitude: float, omega_rad_
     d = 4/(π A ω) ∫_0^1 level(A ω √(1 - s²)) ds,   for Coulomb friction F:  d = 4 F/(π A ω)
 
     level : (speed, *arguments) -> N m or N.   amplitude : rad or m, of the body.   Returns N m s/rad or N s/m.
-    Source: Gelb, Vander Velde, Multiple-Input Describing Functions, 1968, section 2.3, with s the sine of the phase.
+    Source: Gelb, Vander Velde, Multiple-Input Describing Functions, 1968, chapter 2; s is the sine of the phase.
     """
     peak = amplitude * omega_rad_s
     speeds = peak * np.sqrt(1.0 - (0.5 * (_NODES + 1.0)) ** 2)
