@@ -48,9 +48,7 @@ class FrequencyResponse:
         for name, dtype in (("freq_hz", float), ("h", complex), ("noise", float), ("coherence", float)):
             values = np.array(getattr(self, name), dtype=dtype)
             if values.ndim != 1 or len(values) != len(self.freq_hz) or len(values) == 0:
-                raise DataError(
-                    f"frequency response: {name} has the shape {values.shape}, freq_hz has {len(self.freq_hz)} lines"
-                )
+                raise DataError(f"frequency response: {name} has the shape {values.shape}, freq_hz has {len(self.freq_hz)} lines")
             if not np.all(np.isfinite(values)):
                 raise DataError(f"frequency response: {name} holds values that are not finite; estimate it anew")
             values.setflags(write=False)

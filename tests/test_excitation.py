@@ -55,9 +55,7 @@ def test_record_is_rest_run_in_periods_rest() -> None:
     assert not excitation.torque[:250].any()
     assert not excitation.torque[-450:].any()
     for k in range(-2, 4):
-        np.testing.assert_array_equal(
-            excitation.torque[first + k * n : first + (k + 1) * n], excitation.torque[first : first + n]
-        )
+        np.testing.assert_array_equal(excitation.torque[first + k * n : first + (k + 1) * n], excitation.torque[first : first + n])
     assert excitation.band_hz == pytest.approx((1 / (127 * 2e-3), 500.0))
     with pytest.raises(ValueError, match="read-only"):
         excitation.torque[0] = 1.0
