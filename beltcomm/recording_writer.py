@@ -27,10 +27,11 @@ FLUSH_ROWS = 64
 
 
 class RecordingWriter:
-    """Writes one recording row by row; call it with a row (a :data:`beltcomm.drive.Sink`), then :meth:`finish` it.
+    """Writes one recording row by row: :meth:`write` is a :data:`beltcomm.drive.Sink`; then :meth:`close` it.
 
-    While it runs there is ``NAME.csv.part`` and a sidecar with ``finished: false``; :meth:`finish` renames the part to
-    ``NAME.csv``.  Leaving the context after an exception, or a killed process, leaves the part: an unfinished record.
+    While it runs there is ``NAME.csv.part`` and a sidecar with ``finished: false``; closing it as finished renames the part
+    to ``NAME.csv``.  As a context manager it is finished unless an exception leaves the block; an exception or a killed
+    process leaves the part: an unfinished record.
 
     path : ``NAME.csv``.     columns : names of a row's values; those that are NaN in the first row are left out.
     Raises DataError when the record exists; raw recordings never change.  An unfinished one is moved aside, not deleted.
@@ -49,11 +50,11 @@ class RecordingWriter:
         _move_aside(self._part, path.with_suffix(".yaml"))
         self._write_sidecar(finished=False)
         try:
-            self._file: TextIO | None = open(self._part, "x", encoding="utf-8", newline="\n")  # noqa: SIM115  # closed by close()
+            self._file: TextIO | None = open(self._part, "x", encoding="utf-8", newline="\n")  # noqa: SIM115  # close() closes it
         except OSError as error:
             raise _unwritable(self._part, error) from error
 
-    def __call__(self, row: tuple[float, ...]) -> None:
+    def write(self, row: tuple[float, ...]) -> None:
         """Append one row.   Raises UsageError when the disk is full, ValueError for a row of another length."""
         if len(row) != len(self._columns):
             raise ValueError(f"a row has {len(row)} values for {len(self._columns)} columns")
@@ -70,41 +71,33 @@ class RecordingWriter:
         except OSError as error:
             raise _unwritable(self._part, error) from error
 
-    def finish(self, **changes: Any) -> Path:
-        """Close the record as finished and return its path.   changes : fields of the sidecar known only now."""
-        if self._file is not None:
-            try:
-                self._file.flush()
-                os.fsync(self._file.fileno())
-            except OSError as error:
-                raise _unwritable(self._part, error) from error
-        self.close()
-        self._sidecar = replace(self._sidecar, **changes)
-        # The rename comes last: whenever the process dies, a record without NAME.csv is unfinished.
-        self._write_sidecar(finished=True)
+    def close(self, *, finished: bool, **changes: Any) -> Path:
+        """Close the record and return the path of its rows: ``NAME.csv`` when finished, else ``NAME.csv.part``.
+
+        changes : fields of the sidecar known only now.   Idempotent: a closed record stays as it is.
+        """
+        if self._file is None:
+            return self.path if self.path.exists() else self._part
+        file, self._file = self._file, None
         try:
+            with file:
+                file.flush()
+                os.fsync(file.fileno())
+            self._sidecar = replace(self._sidecar, **changes)
+            self._write_sidecar(finished)
+            if not finished:
+                return self._part
+            # The rename comes last: whenever the process dies, a record without NAME.csv is unfinished.
             os.replace(self._part, self.path)
         except OSError as error:
-            raise _unwritable(self.path, error) from error
+            raise _unwritable(self._part, error) from error
         return self.path
-
-    def close(self) -> None:
-        """Close the file as it is; without :meth:`finish` the record stays unfinished.  Idempotent."""
-        if self._file is not None:
-            file, self._file = self._file, None
-            try:
-                file.close()
-            except OSError as error:
-                raise _unwritable(self._part, error) from error
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *rest: object) -> None:
-        if kind is None and self._file is not None:
-            self.finish()
-        else:
-            self.close()
+        self.close(finished=kind is None)
 
     def _write_sidecar(self, finished: bool) -> None:
         write_text(self.path.with_suffix(".yaml"), to_yaml(replace(self._sidecar, finished=finished).to_dict()))

@@ -118,7 +118,11 @@ class RunFolder:
         if changed:
             raise UsageError(f"{self.path} was made on another drive ({'; '.join(changed)}); begin a new run")
 
-    def finished(self) -> list[str]:
+    def finished(self, name: str) -> Path | None:
+        """Path of a complete recording, None when there is none of that name: what ``--resume`` need not repeat."""
+        return self.recordings_folder / f"{name}.csv" if name in self.finished_names() else None
+
+    def finished_names(self) -> list[str]:
         """Names of the recordings that are complete, sorted.
 
         Raises DataError when a sidecar stands without its recording.
@@ -146,7 +150,7 @@ class RunFolder:
         """
         if not self.recordings_folder.is_dir():
             raise DataError(f"{self.recordings_folder} is missing; record with `beltcomm identify`, or put CSV files there")
-        loaded = [self.recording(name) for name in self.finished()]
+        loaded = [self.recording(name) for name in self.finished_names()]
         chosen = [item for item in loaded if experiment in (None, item.sidecar.experiment)]
         if not chosen:
             kind = f" of the kind {experiment}" if experiment else ""
@@ -160,7 +164,7 @@ class RunFolder:
         if not path.is_file():
             if path.with_name(f"{name}.csv.part").is_file():
                 raise DataError(f"the recording {name} in {self.path} was broken off; finish it with --resume")
-            names = self.finished()
+            names = self.finished_names()
             raise DataError(f"{path} does not exist{did_you_mean(name, names)}; there are {', '.join(names) or 'no recordings'}")
         return load_recording(path, self._axis)
 
@@ -207,6 +211,10 @@ class RunFolder:
     def load(self, kind: str, name: str) -> dict[str, Any]:
         """The mapping in ``KIND/NAME.yaml``.   Raises DataError when it is missing or unreadable."""
         return read_yaml(self.file(kind, name), DataError)
+
+    def load_result(self, name: str) -> dict[str, Any] | None:
+        """The mapping in ``results/NAME.yaml``, None when there is none.   Raises DataError when it is unreadable."""
+        return self.load("results", name) if (self.path / "results" / f"{_checked(name)}.yaml").is_file() else None
 
     def journal(self, line: str) -> None:
         """Append one line to the session's journal.   Raises UsageError when it cannot be written."""

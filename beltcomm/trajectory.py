@@ -128,6 +128,16 @@ def plan_trajectory(
     return Trajectory(t_s, sampled[:, 0], sampled[:, 1], sampled[:, 2])
 
 
+def stroke(start_m: float, end_m: float, speed_m_s: float, limits: TrajectoryLimits, sample_period_s: float) -> Trajectory:
+    """From rest to rest at a constant speed between jerk-limited ramps; slower where the way is too short to reach it.
+
+    speed_m_s : m/s, positive, at most the limit.   Other arguments and errors as for :func:`plan_trajectory`.
+    """
+    if not 0.0 < speed_m_s <= limits.speed_m_s:
+        raise UsageError(f"the speed of a stroke is {speed_m_s:g} m/s; it must be above 0 and at most {limits.speed_m_s:g} m/s")
+    return plan_trajectory(start_m, end_m, replace(limits, speed_m_s=speed_m_s), sample_period_s)
+
+
 def at_rest(position_m: float, duration_s: float, sample_period_s: float) -> Trajectory:
     """Standing still, at least one period.   position_m : m.   duration_s, sample_period_s : s."""
     t_s = _grid(max(1, round(duration_s / sample_period_s)) + 1, sample_period_s)
@@ -184,15 +194,15 @@ def constant_speed_strokes(
         length = min(abs(end_m - start_m), max(shortest, ramps + speed * longest_plateau_s))
         turn = start_m + math.copysign(length, end_m - start_m)
         for origin, goal in ((start_m, turn), (turn, start_m)):
-            stroke = plan_trajectory(origin, goal, replace(limits, speed_m_s=speed), sample_period_s)
-            reached = float(np.abs(stroke.velocity_m_s).max())
-            cruising = np.flatnonzero(np.abs(stroke.velocity_m_s) > reached * (1.0 - 1e-9))
+            leg = stroke(origin, goal, speed, limits, sample_period_s)
+            reached = float(np.abs(leg.velocity_m_s).max())
+            cruising = np.flatnonzero(np.abs(leg.velocity_m_s) > reached * (1.0 - 1e-9))
             first = int(cruising[0]) + math.ceil(run_in_s / sample_period_s)
             offset = samples - 1
             plateaus.append(Plateau(math.copysign(reached, goal - origin), offset + first, offset + int(cruising[-1]) + 1))
             rest = at_rest(goal, rest_s, sample_period_s)
-            parts += [stroke, rest]
-            samples += len(stroke.t_s) + len(rest.t_s) - 2
+            parts += [leg, rest]
+            samples += len(leg.t_s) + len(rest.t_s) - 2
     return Strokes(join(parts), tuple(plateaus))
 
 
