@@ -369,8 +369,16 @@ def _remarks(fit: MagnitudeFit, at_bound: NDArray[np.bool_], converged: bool) ->
         remarks.append(f"the solver {fit.solver} stopped before it converged; try another one")
     if fit.rms_db > 2.0 * fit.noise_db:
         remarks.append(
-            f"the model misses the response by {fit.rms_db:.2g} dB, noise explains {fit.noise_db:.2g} dB: friction, another effect, "
-            "or strong damping, for which (2.42) is only an approximation; the widened intervals do not contain this bias"
+            f"the model misses the response by {fit.rms_db:.2g} dB, noise explains {fit.noise_db:.2g} dB: friction, another "
+            "effect, or damping too strong for the approximation (2.42); the intervals are wider for it but do not contain the bias"
+        )
+    for name, bound in zip(fit.names, at_bound, strict=True):
+        item = fit.parameters[name]
+        width = item.interval if item.interval is not None else np.inf
+        if bound:
+            edge = item.low if item.value - item.low < item.high - item.value else item.high
+            remarks.append(
+                f"{name} lies at its bound {edge:g} {item.unit} and is not determined by this record (95 %: ± {width:.2g})"
             )
         elif width >= item.value:
             remarks.append(f"{name} is not determined by this record: {item.value:.3g} ± {width:.2g} {item.unit}")
