@@ -108,7 +108,7 @@ def phase_margin(omega_rad_s: Array, loop: ComplexArray) -> tuple[float, float]:
 
     (inf, nan) without a crossover.  A distance has no sign: that the loop is stable at all is a matter of its poles.
     """
-    level = np.log(np.abs(loop))
+    level = np.log(np.maximum(np.abs(loop), 1e-300))
     at = np.flatnonzero((level[:-1] > 0.0) != (level[1:] > 0.0))
     if not len(at):
         return math.inf, math.nan

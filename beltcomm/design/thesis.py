@@ -174,7 +174,7 @@ def _position_gain(
 
 def _first_margin(omega: Array, loop: ComplexArray) -> tuple[float, float]:
     """Phase margin, deg, and frequency, rad/s, of the first crossover from above to below 1."""
-    level = np.log(np.abs(loop))
+    level = np.log(np.maximum(np.abs(loop), 1e-300))
     falls = np.flatnonzero((level[:-1] > 0.0) & (level[1:] <= 0.0))
     if not len(falls):
         raise Refused(f"the loop gain does not fall through 1 between {omega[0]:.3g} and {omega[-1]:.3g} rad/s")
