@@ -134,7 +134,8 @@ class Exchange:
         return sample
 
     def _answer(self, end_s: float) -> Sample | None:
-        receive, first_id, second_id = self._link.bus.recv, self._first, self._second
+        link, first_id, second_id = self._link, self._first, self._second
+        receive = link.bus.recv
         wait_s = _WAIT_SHARE * self._period_s
         first: can.Message | None = None
         second: can.Message | None = None
@@ -148,10 +149,12 @@ class Exchange:
             elif cob_id == second_id and not message.is_error_frame:
                 second = message
             else:
-                self._link.dispatch(message)
-                wait_s = end_s - self._link.clock.now()
+                link.dispatch(message)
+                wait_s = end_s - link.clock.now()
                 if wait_s <= 0:
                     return None
+        if link.clock.now() > end_s:  # it could be that of a late drive, and the next one come right behind it
+            return None
         try:
             position, torque, statusword = _FIRST.unpack(first.data)
             if self._has_demand:

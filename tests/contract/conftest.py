@@ -15,13 +15,12 @@ from beltcomm.drive import Drive, Limits, open_drive
 class RigidPlant:
     """An inertia with viscous friction, solved exactly:  J dω/dt = τ - d ω.
 
-    A :class:`beltcomm.plant.Plant`; ``inertia_kg_m2``, ``viscous_nm_s_rad``.
+    A :class:`beltcomm.plant.Plant`.   inertia_kg_m2 : J.   viscous_nm_s_rad : d, so that J/d is 0.4 s.
     """
 
-    inertia_kg_m2 = 2e-3
-    viscous_nm_s_rad = 5e-3
-
-    def __init__(self) -> None:
+    def __init__(self, inertia_kg_m2: float = 2e-3) -> None:
+        self.inertia_kg_m2 = inertia_kg_m2
+        self.viscous_nm_s_rad = inertia_kg_m2 / 0.4
         self.position_rad = self.velocity_rad_s = self.cart_position_m = self.belt_force_n = 0.0
 
     def step(self, torque_nm: float, duration_s: float) -> None:
@@ -50,17 +49,17 @@ class Machine:
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     if "machine" in metafunc.fixturenames:
         names = ["virtual-reference", "virtual-cmmp-as"]
-        real = metafunc.config.getoption("--drive")
-        if real and metafunc.definition.get_closest_marker("virtual_only") is None:
+        if real := metafunc.config.getoption("--drive"):
             names.append(real)
         metafunc.parametrize("machine", names, indirect=True)
 
 
-def open_virtual(profile: str, **options: Any) -> Machine:
-    plant = RigidPlant()
+def open_virtual(profile: str, plant: RigidPlant | None = None, **options: Any) -> Machine:
+    plant = plant or RigidPlant()
     drive = open_drive("virtual", {"profile": profile, "plant": plant, "seed": 1, **options})
-    # for this inertia: the factory's gains could neither follow nor brake it
-    drive.write({"kp_nm_s_rad": 0.2, "ki_nm_rad": 6.4, "kpp_1_s": 20.0})
+    # velocity loop of 100 rad/s: the factory's gains could neither follow with this inertia nor brake it
+    kp = 100.0 * plant.inertia_kg_m2
+    drive.write({"kp_nm_s_rad": kp, "ki_nm_rad": 32.0 * kp, "kpp_1_s": 20.0})
     here = drive.read(["position_rad"])["position_rad"]
     return Machine(drive, Limits(here - 30.0, here + 30.0, 100.0, 1.5), plant)
 
@@ -77,9 +76,7 @@ def _open_real(config: pytest.Config, name: str) -> Machine:
 @pytest.fixture
 def machine(request: pytest.FixtureRequest) -> Iterator[Machine]:
     name: str = request.param
-    if name.startswith("virtual-"):
-        machine = open_virtual(name.removeprefix("virtual-"))
-    else:
-        machine = _open_real(request.config, name)
+    virtual, profile = name.startswith("virtual-"), name.removeprefix("virtual-")
+    machine = open_virtual(profile) if virtual else _open_real(request.config, name)
     with machine.drive:
         yield machine
