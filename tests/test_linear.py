@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from beltcomm.effects import Point
+from beltcomm import effects
+from beltcomm.effects import Point, effect_named
 from beltcomm.errors import Refused, UsageError
 from beltcomm.linear import (
     Oscillation,
@@ -172,6 +174,21 @@ def test_coulomb_friction_slides_without_damping() -> None:
     plain, with_friction = belt_axis(), belt_axis("coulomb_motor", "coulomb_cart")
     sliding = operating_point(plain, 0.1, 1.0)
     np.testing.assert_array_equal(matrices(with_friction, sliding).D, matrices(plain, sliding).D)
+
+
+@pytest.mark.parametrize("speed", [2.0, -2.0])
+def test_a_level_that_falls_with_speed_is_negative_damping(monkeypatch: pytest.MonkeyPatch, speed: float) -> None:
+    """force = -level sign(v), so the damping is d level/d|v|, here -0.003 N m s/rad, in both directions."""
+    falling = replace(
+        effect_named("coulomb_motor"),
+        law=lambda v, x, t, level: level - 0.003 * abs(v),
+        slope=lambda v, x, t, level: -0.003 * math.copysign(1.0, v),
+    )
+    plain = belt_axis()
+    expected = matrices(plain, operating_point(plain, 0.1)).D[0, 0] - 0.003
+    monkeypatch.setitem(effects._BY_NAME, "coulomb_motor", falling)
+    model = belt_axis("coulomb_motor")
+    assert matrices(model, operating_point(model, 0.1, speed)).D[0, 0] == pytest.approx(expected, rel=1e-12)
 
 
 def test_friction_at_standstill_refuses_sticks_or_becomes_its_describing_function() -> None:

@@ -90,6 +90,16 @@ def test_friction_of_the_cart_hides_its_position_from_the_motor() -> None:
     assert out.belt_force_n.max() > 1.2 * out.belt_force_n[-1], "the largest force is that of the overshoot"
 
 
+def test_belt_force_is_the_largest_within_the_interval() -> None:
+    """Against the same record with every sub-step as a sample of its own."""
+    model, torque = axis(), 0.4 * np.sign(np.sin(np.arange(100) / 5.0))
+    coarse = simulate_torque(model, torque, 1e-3, substeps=20)
+    fine = simulate_torque(model, np.repeat(torque, 20), 1e-3 / 20, substeps=1)
+    largest = fine.belt_force_n.reshape(100, 20).max(axis=1)
+    np.testing.assert_allclose(coarse.belt_force_n, largest, rtol=1e-9)
+    assert np.any(largest > 1.05 * fine.belt_force_n[19::20]), "some peak must lie inside its interval"
+
+
 def test_energy_stays_without_losses() -> None:
     """Symplectic: the energy swings by at most (ω h)²/4 of itself and does not drift over 1300 oscillations."""
     stretch, period, substeps = 1e-3, 1e-3, 20
