@@ -145,7 +145,11 @@ def _first(prediction: Prediction, limits: MotionLimits) -> str:
 
 
 def _stiffness_names(model: Model) -> list[str]:
-    return [n for n in model.parameters if n.startswith(("belt_stiffness.stiffness", "belt_stiffness_position.specific", "end_pulley.specific_s"))]
+    return [
+        n
+        for n in model.parameters
+        if n.startswith(("belt_stiffness.stiffness", "belt_stiffness_position.specific", "end_pulley.specific_s"))
+    ]
 
 
 def _scaled(model: Model, names: Sequence[str], factor: float) -> dict[str, float]:

@@ -25,7 +25,9 @@ def data_sheet_model(axis: Axis, position_m: float, coulomb_nm: float, tilt_rad:
     position_m : m, where the stiffness is taken.    coulomb_nm : N m at the motor, of motor and carriage together; the split is not
     known and set to 70 % at the motor.    Raises UsageError when the axis file lacks what the job needs.
     """
-    axis.require("identify", "motor.inertia_kg_m2", "pulley.effective_radius_m", "belt.specific_stiffness_n", "belt.pulley_distance_m")
+    axis.require(
+        "identify", "motor.inertia_kg_m2", "pulley.effective_radius_m", "belt.specific_stiffness_n", "belt.pulley_distance_m"
+    )
     ratio = axis.transmission_m_rad
     values = {
         "motor.inertia": axis.motor_side_inertia_kg_m2,
@@ -60,7 +62,9 @@ def first_estimate(recordings: Sequence[Recording], start: Model, counts_per_rev
     for mass in MASSES_KG:
         for share in STIFFNESS_SHARES:
             trial = start.with_values({"cart.mass": float(mass), "belt_stiffness.stiffness": float(share * stiffness)})
-            base = np.concatenate([evaluate(p, trial, trial.with_values(dict.fromkeys(friction, 0.0)).vector())[p.keep] for p in pieces])
+            base = np.concatenate(
+                [evaluate(p, trial, trial.with_values(dict.fromkeys(friction, 0.0)).vector())[p.keep] for p in pieces]
+            )
             direction = np.concatenate([np.sign(p.motion.omega[:: p.motion.substeps])[p.keep] for p in pieces])
             speed = np.concatenate([p.motion.omega[:: p.motion.substeps][p.keep] for p in pieces])
             regressor = np.stack([direction, speed], axis=1)

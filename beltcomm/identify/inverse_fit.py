@@ -55,6 +55,11 @@ class InverseFit:
     freedom: int
     remarks: tuple[str, ...]
 
+    @property
+    def quantile(self) -> float:
+        """Half width of a 95 % interval in standard deviations."""
+        return float(student.ppf(0.975, self.freedom))
+
 
 def fit_inverse(
     recordings: Sequence[Recording],

@@ -7,9 +7,8 @@ stopped axis and the parameters found at the start, unless new gains were to be 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from types import TracebackType
 from typing import Literal
 
@@ -21,8 +20,9 @@ from beltcomm.control import Cascade
 from beltcomm.drive import COLUMNS, Drive, Limits, Motion, Row
 from beltcomm.errors import BeltcommError, Refused, SafetyStop, UsageError
 from beltcomm.parameters import GAIN_NAMES, cascade_to_parameters, parameters_to_cascade
-from beltcomm.recording import Recording, Sidecar, load_recording
+from beltcomm.recording import Recording
 from beltcomm.runfolder import RunFolder
+from beltcomm.sidecar import Sidecar
 from beltcomm.talk import Talk
 from beltcomm.trajectory import Trajectory
 
@@ -56,7 +56,8 @@ class Machine:
         self.machine_seconds = 0.0
         self._started = drive.clock.now()
         self._backup = drive.backup()
-        folder.save_result("backup", {"drive": dict(drive.capabilities.identity), "parameters": dict(self._backup)})
+        if "backup" not in folder.names("results"):  # a resumed run keeps what was there before the first one
+            folder.save_result("backup", {"drive": dict(drive.capabilities.identity), "parameters": dict(self._backup)})
         folder.journal(f"connected to {drive.capabilities.name}; parameters saved as backup")
 
     def __enter__(self) -> Machine:
@@ -105,16 +106,17 @@ class Machine:
 
     def reference_at(self, position_m: float) -> None:
         """The carriage stands at ``position_m`` now, as the operator says.  Raises UsageError outside the travel."""
-        travel = self.axis.travel
-        if not travel.min_m <= position_m <= travel.max_m:
-            raise UsageError(f"position {position_m:.4g} m is outside the travel {travel.min_m:g}..{travel.max_m:g} m of axis.yaml")
+        low, high = self.full_room().window_m
+        if not low <= position_m <= high:
+            raise UsageError(f"position {position_m:.4g} m is outside the travel {low:g}..{high:g} m of axis.yaml")
         self.origin_rad = self.drive.read(["position_rad"])["position_rad"] - position_m / self.ratio
 
     def full_room(self) -> Room:
         """The whole travel, the axis's speed, the torque that motor and drive allow."""
         travel, limits = self.axis.travel, self.axis.limits
         torque = min(self.axis.motor.peak_torque_nm or math.inf, self.drive.capabilities.peak_torque_nm)
-        return Room((travel.min_m, travel.max_m), limits.speed_m_s, torque)
+        self.axis.require("any motion", "travel.min_m", "travel.max_m", "limits.speed_m_s", "limits.feed_force_n")
+        return Room((float(travel.min_m or 0.0), float(travel.max_m or 0.0)), limits.speed_m_s or math.inf, torque)
 
     def drive_limits(self, room: Room) -> Limits:
         """The same limits at the motor shaft in the drive's zero."""
@@ -145,11 +147,9 @@ class Machine:
         Rows stream to disk while the axis moves; an interrupted record stays, marked as unfinished.
         Raises SafetyStop, DriveError, DataError.
         """
-        done = self.folder.finished(name)
-        if done is not None:
+        if name in self.folder.finished():
             self.talk.say(f"{name}: kept from the earlier run")
-            return load_recording(done, self.axis)
-        seconds = len(motion.torque_nm) * motion.period_s
+            return self.folder.recording(name)
         writer = self.folder.new_recording(name, sidecar, COLUMNS)
         zero, begun, total = self.origin_rad, self.drive.clock.now(), len(motion.torque_nm)
         rows = 0
@@ -157,7 +157,7 @@ class Machine:
         def sink(row: Row) -> None:
             nonlocal rows
             t, torque, setpoint, position, velocity, reference, reference_velocity = row
-            writer.write((t - begun, torque, setpoint, position - zero, velocity, reference - zero, reference_velocity))
+            writer((t - begun, torque, setpoint, position - zero, velocity, reference - zero, reference_velocity))
             rows += 1
             if rows % 200 == 0:
                 self.talk.progress(rows / total, (total - rows) * motion.period_s)
@@ -165,23 +165,24 @@ class Machine:
         try:
             report = self.drive.record(motion, self.drive_limits(room), sink)
         except BaseException:
-            writer.close(finished=False)
             self.folder.journal(f"{name}: interrupted after {rows} of {total} samples; what was recorded is kept")
             raise
         finally:
-            self.machine_seconds += seconds
-        path = writer.close(finished=True)
+            writer.close()
+            self.machine_seconds += self.drive.clock.now() - begun
+        writer.finish()
         self.folder.journal(
             f"{name}: {report.rows} samples, {report.lost_cycles} lost cycles, worst period error {1e6 * report.worst_jitter_s:.0f} us"
         )
-        return load_recording(path, self.axis)
+        return self.folder.recording(name)
 
-    def run(self, motion: Motion, room: Room) -> tuple[Array, ...]:
-        """Run a motion that is only a means (positioning); returns its columns and keeps nothing."""
-        rows: list[Row] = []
-        self.drive.record(motion, self.drive_limits(room), rows.append)
-        self.machine_seconds += len(motion.torque_nm) * motion.period_s
-        return tuple(np.array(rows).T)
+    def run(self, motion: Motion, room: Room, watch: Callable[[Row], None] = lambda _row: None) -> None:
+        """Run a motion that is only a means (positioning, creeping), watched row by row; nothing is kept."""
+        begun = self.drive.clock.now()
+        try:
+            self.drive.record(motion, self.drive_limits(room), watch)
+        finally:
+            self.machine_seconds += self.drive.clock.now() - begun
 
     def write_cascade(self, cascade: Cascade) -> Cascade:
         """Put a controller into the drive, as far as it has the parts; returns the controller it now runs (quantised)."""
@@ -194,9 +195,9 @@ class Machine:
 
 def backed_up(folder: RunFolder) -> Mapping[str, float]:
     """The parameters that were in the drive before the run touched it.  Raises Refused when there is no backup."""
-    saved = folder.load_result("backup")
-    if saved is None:
+    if "backup" not in folder.names("results"):
         raise Refused(f"{folder.path} holds no backup of a drive; nothing to roll back to")
+    saved = folder.load("results", "backup")
     return {name: float(value) for name, value in saved["parameters"].items()}
 
 
@@ -205,8 +206,3 @@ class Enough(SafetyStop):
 
     def __init__(self) -> None:
         super().__init__("the motion has shown what it was for", "enough")
-
-
-def run_folder_path(path: Path) -> Path:
-    """The folder as given, without a trailing separator."""
-    return Path(path)

@@ -5,13 +5,12 @@ Every phase predicts what its motion will do before it asks the machine to move,
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from beltcomm.control import Cascade, Feedforward
+from beltcomm.axis_entries import TrajectoryLimits
 from beltcomm.drive import Row
 from beltcomm.errors import DriveError, Refused, SafetyStop, UsageError
 from beltcomm.excitation import Excitation, choose_prbs, prbs
@@ -19,9 +18,10 @@ from beltcomm.identify.amplitude import AmplitudeStep, MotionLimits, around, lar
 from beltcomm.identify.first_estimate import data_sheet_model, first_estimate
 from beltcomm.linear import modes, operating_point
 from beltcomm.model import Model
-from beltcomm.recording import ExcitationNote, Recording, Sidecar
+from beltcomm.recording import Recording
 from beltcomm.session.machine import Enough, Machine, Room
-from beltcomm.trajectory import Trajectory, join, plan_trajectory, stroke
+from beltcomm.sidecar import ExcitationNote, Sidecar
+from beltcomm.trajectory import Strokes, Trajectory, at_rest, constant_speed_strokes, join, plan_trajectory
 
 Array = NDArray[np.float64]
 
@@ -40,6 +40,12 @@ BELT_SHARE = 0.9
 OVER_BREAKAWAY = 1.15
 #: Growth of the amplitude from one record to the next.
 GROWTH = 1.7
+#: Friction sweep: slowest speed, number of speeds, run-in left out, shortest and longest plateau that counts.
+SWEEP_SLOWEST_M_S = 0.01
+SWEEP_SPEEDS = 7
+SWEEP_RUN_IN_S = 0.2
+SWEEP_SHORTEST_S = 0.1
+SWEEP_LONGEST_S = 0.6
 #: m, largest travel of an excitation around its place: the stiffness is taken as constant there.
 EXCITATION_TRAVEL_M = 0.03
 
@@ -117,9 +123,8 @@ def _creep(machine: Machine, sign: float, ramp: Array, room: Room) -> float:
         if moved > SIGN_TRAVEL_M:
             raise Enough
 
-    motion = machine.torque_motion(sign * ramp)
     try:
-        machine.drive.record(motion, machine.drive_limits(room), watch)
+        machine.run(machine.torque_motion(sign * ramp), room, watch)
     except Enough:
         pass
     else:
@@ -128,7 +133,6 @@ def _creep(machine: Machine, sign: float, ramp: Array, room: Room) -> float:
                 f"the axis does not move: {ramp[-1]:.2f} N m, {100 * BREAKAWAY_SHARE:.0f} % of what is allowed, did not shift it by "
                 f"{1e6 * MOVED_M:.0f} um; check brake, clamp and enable inputs"
             )
-    machine.machine_seconds += len(ramp) * motion.period_s
     before = machine.position_m
     machine.drive.clock.sleep_until(machine.drive.clock.now() + 0.1)
     if abs(machine.position_m - before) > MOVED_M:
@@ -147,7 +151,7 @@ def motion_limits(machine: Machine, position_m: float) -> MotionLimits:
             "move the carriage further in or correct travel in axis.yaml"
         )
     return MotionLimits(
-        min(space, EXCITATION_TRAVEL_M), full.speed_m_s, full.torque_nm, BELT_SHARE * machine.axis.limits.feed_force_n
+        min(space, EXCITATION_TRAVEL_M), full.speed_m_s, full.torque_nm, BELT_SHARE * (machine.axis.limits.feed_force_n or np.inf)
     )
 
 
@@ -241,8 +245,7 @@ def move_to(machine: Machine, target_m: float, model: Model, slow_m_s: float = 0
     trajectory = plan_trajectory(
         machine.position_m, target_m, gentle_limits(machine, model, slow_m_s), machine.drive.capabilities.sample_period_s
     )
-    settle = hold(trajectory, 0.3)
-    machine.run(machine.follow(settle), machine.full_room())
+    machine.run(machine.follow(held(trajectory, 0.3)), machine.full_room())
     if abs(machine.position_m - target_m) > 5e-3:
         raise SafetyStop(
             f"the carriage stands at {machine.position_m:.4f} m instead of {target_m:.4f} m after a move; the loop does not hold it",
@@ -250,71 +253,39 @@ def move_to(machine: Machine, target_m: float, model: Model, slow_m_s: float = 0
         )
 
 
-def gentle_limits(machine: Machine, model: Model, speed_m_s: float):  # type: ignore[no-untyped-def]
+def gentle_limits(machine: Machine, model: Model, speed_m_s: float) -> TrajectoryLimits:
     """Speed, acceleration and jerk that load the belt with a third of its force at most."""
-    from beltcomm.axis import TrajectoryLimits
-
-    acceleration = min(machine.axis.limits.acceleration_m_s2, machine.axis.limits.feed_force_n / 3.0 / model["cart.mass"])
+    limits = machine.axis.limits
+    acceleration = min(limits.acceleration_m_s2 or np.inf, (limits.feed_force_n or np.inf) / 3.0 / model["cart.mass"])
     return TrajectoryLimits(
-        jerk_m_s3=20.0 * acceleration, acceleration_m_s2=acceleration, speed_m_s=min(speed_m_s, machine.axis.limits.speed_m_s)
+        jerk_m_s3=20.0 * acceleration, acceleration_m_s2=acceleration, speed_m_s=min(speed_m_s, limits.speed_m_s or np.inf)
     )
 
 
-def hold(trajectory: Trajectory, seconds: float) -> Trajectory:
+def held(trajectory: Trajectory, seconds: float) -> Trajectory:
     """The same with a rest at its end."""
-    period = float(trajectory.t_s[1] - trajectory.t_s[0])
-    extra = round(seconds / period)
-    still = np.zeros(extra)
-    return Trajectory(
-        np.concatenate([trajectory.t_s, trajectory.t_s[-1] + period * np.arange(1, extra + 1)]),
-        np.concatenate([trajectory.position_m, np.full(extra, trajectory.position_m[-1])]),
-        np.concatenate([trajectory.velocity_m_s, still]),
-        np.concatenate([trajectory.acceleration_m_s2, still]),
-    )
+    period = trajectory.sample_period_s
+    return join([trajectory, at_rest(float(trajectory.position_m[-1]), seconds, period)])
 
 
-def sweep_speeds(machine: Machine, model: Model) -> list[float]:
-    """Speeds of the friction sweep, m/s: from a slow creep to the fastest that still has a plateau in the travel."""
+def sweep(machine: Machine, model: Model) -> Strokes:
+    """Strokes both ways at seven speeds, from a slow creep to the fastest that still has a plateau within the travel."""
     low, high = machine.full_room().window_m
-    room = high - low - 4.0 * END_MARGIN_M
-    limits = gentle_limits(machine, model, machine.axis.limits.speed_m_s)
-    # two ramps and a plateau of 0.3 s: v (0.3 s + v/a) = room
-    a = limits.acceleration_m_s2
-    fastest = min(0.8 * limits.speed_m_s, 0.5 * a * (-0.3 + np.sqrt(0.09 + 4.0 * room / a)))
-    return [float(v) for v in np.geomspace(0.01, fastest, 7)]
-
-
-def sweep_trajectory(machine: Machine, model: Model, speeds: Sequence[float]) -> Trajectory:
-    """Strokes in both directions at each speed, back and forth around the middle of the travel, one after the other."""
-    low, high = machine.full_room().window_m
-    period = machine.drive.capabilities.sample_period_s
-    limits = gentle_limits(machine, model, machine.axis.limits.speed_m_s)
     at = machine.position_m
-    pieces: list[Trajectory] = []
-    for k, speed in enumerate(speeds):
-        plateau = 0.8 if speed < 0.1 else 0.5
-        ahead = high - END_MARGIN_M - at
-        back = at - low - END_MARGIN_M
-        length = min(speed * (plateau + speed / limits.acceleration_m_s2 + 0.1), max(ahead, back))
-        first = 1.0 if ahead >= back else -1.0
-        for sign in (first, -first):
-            piece = stroke(at, at + sign * length, speed, limits, period)
-            pieces.append(hold(piece, 0.1))
-            at = float(pieces[-1].position_m[-1])
-        del k
-    return join(pieces)
-
-
-def with_feedforward(cascade: Cascade, model: Model) -> Cascade:
-    """The controller with the nonlinear feedforward (4.16) of a model."""
-    from dataclasses import replace
-
-    ratio = model["transmission.ratio"]
-    return replace(
-        cascade,
-        feedforward=Feedforward(
-            inertia_kg_m2=model["motor.inertia"] + ratio**2 * model["cart.mass"],
-            viscous_nm_s_rad=model["viscous_motor.damping"] + ratio**2 * model.get("viscous_cart.damping"),
-            coulomb_nm=model["coulomb_motor.level"] + ratio * model.get("coulomb_cart.level"),
-        ),
+    far = high - END_MARGIN_M if high - at > at - low else low + END_MARGIN_M
+    limits = gentle_limits(machine, model, machine.axis.limits.speed_m_s or np.inf)
+    # Two ramps of v (v/a + a/j)/2 each and a plateau with its run-in fill the window: v²/a + v (0.05 s + plateau) = window.
+    a, window = limits.acceleration_m_s2, abs(far - at)
+    wait = 0.05 + SWEEP_RUN_IN_S + SWEEP_SHORTEST_S
+    fastest = min(0.8 * limits.speed_m_s, 0.5 * a * (np.sqrt(wait**2 + 4.0 * window / a) - wait))
+    speeds = [float(v) for v in np.geomspace(SWEEP_SLOWEST_M_S, fastest, SWEEP_SPEEDS)]
+    return constant_speed_strokes(
+        at,
+        far,
+        speeds,
+        limits,
+        machine.drive.capabilities.sample_period_s,
+        run_in_s=SWEEP_RUN_IN_S,
+        rest_s=0.15,
+        longest_plateau_s=SWEEP_RUN_IN_S + SWEEP_LONGEST_S,
     )

@@ -1,0 +1,107 @@
+"""From the recordings of a run to its final model: start values, the belt's law, the fit over everything at once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from beltcomm.axis import Axis
+from beltcomm.effects import effect_named
+from beltcomm.effects.belt_stiffness_position import stiffness as stiffness_at
+from beltcomm.errors import DataError
+from beltcomm.identify.first_estimate import data_sheet_model, first_estimate
+from beltcomm.identify.inverse_fit import InverseFit, fit_inverse
+from beltcomm.identify.residual import stretches, whitened
+from beltcomm.model import Model
+from beltcomm.recording import Recording
+
+#: A stiffness that differs by more than this between places calls for a belt law by position; the law itself is then judged
+#: by the misfit it leaves.
+STIFFNESS_SPREAD = 0.02
+
+
+@dataclass(frozen=True)
+class FinalModel:
+    """The chosen fit, the one it was compared with, and in words why it was chosen."""
+
+    fit: InverseFit
+    rejected: InverseFit | None
+    reason: str
+
+
+def final_model(
+    recordings: Sequence[Recording],
+    axis: Axis,
+    counts_per_rev: int,
+    *,
+    start: Model | None = None,
+    progress: Callable[[float], None] = lambda _fraction: None,
+) -> FinalModel:
+    """Fit all recordings with a constant belt stiffness, and by position where the places disagree; keep the better.
+
+    ``start`` replaces the start values found from the excited records.
+    Raises DataError when there is no excited record to start from, or none is usable.
+    """
+    if start is None:
+        excited = [r for r in recordings if r.sidecar.experiment == "frf" and not r.sidecar.held_out]
+        if not excited:
+            raise DataError("no recording with an excitation (experiment: frf); record one with `beltcomm identify`")
+        longest = max(excited, key=lambda r: len(r.t_s))
+        sheet = data_sheet_model(axis, longest.sidecar.start_position_m or 0.0, 0.1)
+        start = first_estimate([longest], sheet, counts_per_rev)
+    constant = fit_inverse(recordings, start, counts_per_rev=counts_per_rev, progress=lambda f: progress(0.5 * f))
+    places = stiffness_by_record(recordings, constant.model, counts_per_rev)
+    spread = max(places.values()) / min(places.values()) - 1.0 if places else 0.0
+    if spread < STIFFNESS_SPREAD:
+        progress(1.0)
+        return FinalModel(constant, None, f"stiffness is equal at all places within {100 * spread:.1f} %: taken as constant")
+    varying_start = by_position(constant.model, axis, recordings, places)
+    varying = fit_inverse(
+        recordings,
+        varying_start,
+        counts_per_rev=counts_per_rev,
+        fixed=("transmission.ratio", "belt_stiffness_position.pulley_distance"),
+        progress=lambda f: progress(0.5 + 0.5 * f),
+    )
+    better, other = (varying, constant) if varying.misfit < constant.misfit else (constant, varying)
+    law = "by position (2.26)" if better is varying else "constant"
+    return FinalModel(
+        better,
+        other,
+        f"stiffness differs by {100 * spread:.0f} % between places; {law} fits better: misfit {better.misfit:.3g} against {other.misfit:.3g}",
+    )
+
+
+def stiffness_by_record(recordings: Sequence[Recording], model: Model, counts_per_rev: int) -> dict[str, float]:
+    """Belt stiffness that each excited record wants for itself, all else as in ``model``, N/m."""
+    found = {}
+    for recording in recordings:
+        if recording.sidecar.experiment != "frf":
+            continue
+        pieces = stretches(recording, model, 2.0 * np.pi / counts_per_rev, 6e-3)
+        place = model.index("belt_stiffness.stiffness")
+
+        def cost(share: float, pieces=pieces, place=place) -> float:  # type: ignore[no-untyped-def]
+            vector = model.vector()
+            vector[place] *= share
+            return float(sum(np.sum(np.minimum(whitened(p, model, vector) ** 2, 25.0)) for p in pieces))
+
+        best = minimize_scalar(cost, bounds=(0.5, 2.0), method="bounded", options={"xatol": 1e-3})
+        found[recording.name] = float(best.x) * model["belt_stiffness.stiffness"]
+    return found
+
+
+def by_position(model: Model, axis: Axis, recordings: Sequence[Recording], places: dict[str, float]) -> Model:
+    """The model with the belt law (2.26) instead of a constant stiffness, started from the stiffness of each place."""
+    distance = float(axis.get("belt.pulley_distance_m") or 0.0)
+    offset = axis.travel.driven_side_offset_m
+    at = {r.name: r.sidecar.start_position_m or 0.0 for r in recordings}
+    shares = [value / stiffness_at(at[name], 1.0, distance, offset) for name, value in places.items()]
+    values = {"specific_stiffness": float(np.median(shares)), "pulley_distance": distance, "offset": offset}
+    position = effect_named("belt_stiffness_position")
+    without = model.without_effect("belt_stiffness").with_effect(position.name, values, "final fit")
+    order = (position.name, *(e for e in without.effects if e != position.name))
+    return Model(model.name, order, without.parameters, model.base_bodies, model.source)

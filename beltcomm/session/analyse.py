@@ -1,0 +1,189 @@
+"""From recordings to results, without a machine: the same functions serve the sequence and the single commands."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from beltcomm.control import Cascade, CascadeStructure
+from beltcomm.design.cascade import DesignResult, design_cascade
+from beltcomm.design.design_plant import DesignPlant, with_friction_fractions
+from beltcomm.design.feedforward import FeedforwardKind, feedforward_from
+from beltcomm.design.specification import Specification
+from beltcomm.errors import DataError
+from beltcomm.identify.dead_time import DeadTime, dead_time_between
+from beltcomm.identify.friction import FrictionFit, find_plateaus, fit_friction
+from beltcomm.identify.inverse_fit import InverseFit
+from beltcomm.identify.magnitude_fit import MagnitudeFit, Solver, fit_magnitude
+from beltcomm.linear import operating_point
+from beltcomm.model import Model
+from beltcomm.recording import Recording
+from beltcomm.response import FrequencyResponse, estimate_response
+from beltcomm.transfer import two_mass
+
+
+@dataclass(frozen=True)
+class Characteristic:
+    """A number derived from the fit, with its 95 % interval (half width)."""
+
+    value: float
+    interval: float
+    unit: str
+
+
+def responses(recordings: Sequence[Recording], *, setpoint: bool = False) -> dict[str, FrequencyResponse]:
+    """Frequency response of every periodic excited record, by name; from the torque setpoint when asked for."""
+    found = {}
+    for recording in recordings:
+        note = recording.sidecar.excitation
+        torque = recording.torque_setpoint if setpoint else recording.torque
+        if recording.sidecar.experiment != "frf" or note is None or not note.period_samples or torque is None:
+            continue
+        try:
+            found[recording.name] = estimate_response(
+                torque,
+                recording.position,
+                recording.sample_period_s,
+                note.period_samples,
+                note.first_sample,
+                t_s=recording.t_s,
+            )
+        except DataError:
+            continue  # a record with a single period: it serves the final fit, not the picture
+    return found
+
+
+def thesis_fit(response: FrequencyResponse, model: Model, solver: Solver = "lm") -> MagnitudeFit:
+    """The thesis's log-magnitude fit of (2.42), inertia and transmission from the data sheets; biased by friction."""
+    return fit_magnitude(response, model["transmission.ratio"], model["motor.inertia"], solver=solver)
+
+
+def dead_time_of(recordings: Sequence[Recording], highest_hz: float) -> DeadTime:
+    """Delay from torque setpoint to acting torque, from the record with the most periods.   Raises DataError."""
+    by_torque = responses(recordings)
+    by_setpoint = responses(recordings, setpoint=True)
+    common = [name for name in by_torque if name in by_setpoint]
+    if not common:
+        raise DataError("no excited record has both torque_nm and torque_setpoint_nm; the drive's delay cannot be told")
+    best = max(common, key=lambda name: by_torque[name].n_periods)
+    return dead_time_between(by_setpoint[best], by_torque[best], lowest_hz=2.0, highest_hz=highest_hz)
+
+
+def friction_of(recordings: Sequence[Recording]) -> FrictionFit:
+    """Friction (3.36) from all constant-speed sweeps.   Raises DataError when there is none or no plateau is usable."""
+    plateaus = []
+    for recording in recordings:
+        if recording.sidecar.experiment != "friction_sweep" or recording.reference_velocity is None:
+            continue
+        plateaus += find_plateaus(recording.t_s, recording.torque, recording.position, recording.reference_velocity)
+    if not plateaus:
+        raise DataError("no recording of a constant-speed sweep (experiment: friction_sweep); record one with `beltcomm friction`")
+    return fit_friction(plateaus)
+
+
+def characteristics(fit: InverseFit, position_m: float) -> dict[str, Characteristic]:
+    """Resonance, antiresonance and total Coulomb friction with intervals from the fit's covariance (linear propagation)."""
+
+    def numbers(model: Model) -> np.ndarray:
+        two = two_mass(model, operating_point(model, position_m, 1.0))
+        ratio = model["transmission.ratio"]
+        coulomb = model.get("coulomb_motor.level") + ratio * model.get("coulomb_cart.level")
+        viscous = model.get("viscous_motor.damping") + ratio**2 * model.get("viscous_cart.damping")
+        return np.array([two.resonance_hz, two.antiresonance_hz, coulomb, viscous])
+
+    here = numbers(fit.model)
+    slopes = []
+    for i, name in enumerate(fit.free):
+        deviation = math.sqrt(fit.covariance[i, i])
+        item = fit.model.parameters[name]
+        step = min(0.1 * deviation, 0.5 * (item.high - item.value)) if deviation else 0.0
+        slopes.append((numbers(fit.model.with_values({name: item.value + step})) - here) / step if step else np.zeros(4))
+    jacobian = np.array(slopes)
+    half = fit.quantile * np.sqrt(np.einsum("ij,ik,kj->j", jacobian, fit.covariance, jacobian))
+    names = ("resonance", "antiresonance", "coulomb_total", "viscous_total")
+    units = ("Hz", "Hz", "N m", "N m s/rad")
+    return {n: Characteristic(float(v), float(h), u) for n, v, h, u in zip(names, here, half, units, strict=True)}
+
+
+def design_plants(
+    model: Model,
+    positions_m: Sequence[float],
+    masses_kg: Sequence[float],
+    dead_time_s: float,
+    apparent_damping_nm_s_rad: float,
+) -> list[DesignPlant]:
+    """The plants a loop must hold for: places, payloads, and every damping between none and the apparent one.
+
+    apparent_damping_nm_s_rad : what a frequency response around standstill shows, at the motor; the axis in motion has less.
+    """
+    plants = []
+    for position in positions_m:
+        two = two_mass(model, operating_point(model, position, 1.0))
+        moving = model.get("viscous_motor.damping") + two.transmission_m_rad**2 * model.get("viscous_cart.damping")
+        apparent = max(apparent_damping_nm_s_rad, moving)
+        fractions = sorted({0.0, moving / apparent if apparent else 0.0, 0.5, 1.0})
+        for mass in masses_kg:
+            plant = DesignPlant(
+                inertia_kg_m2=two.inertia_kg_m2,
+                transmission_m_rad=two.transmission_m_rad,
+                mass_kg=mass,
+                stiffness_n_m=two.stiffness_n_m,
+                motor_damping_nm_s_rad=apparent,
+                belt_damping_ns_m=two.belt_damping_n_s_m,
+                dead_time_s=dead_time_s,
+                name=f"{position:.2f} m, {mass:.2f} kg",
+            )
+            plants += with_friction_fractions(plant, fractions)
+    return plants
+
+
+def design(
+    model: Model,
+    structure: CascadeStructure,
+    *,
+    positions_m: Sequence[float],
+    masses_kg: Sequence[float],
+    dead_time_s: float,
+    apparent_damping_nm_s_rad: float,
+    feedforward: FeedforwardKind = "nonlinear",
+    specification: Specification | None = None,
+) -> tuple[DesignResult, Cascade]:
+    """The proven cascade and, with the feedforward of the model as far as the drive has it, what goes into the drive.
+
+    Raises Refused (Infeasible) with what binds.
+    """
+    plants = design_plants(model, positions_m, masses_kg, dead_time_s, apparent_damping_nm_s_rad)
+    result = design_cascade(plants, structure, specification)
+    return result, with_feedforward(result.cascade, model, structure, feedforward, apparent_damping_nm_s_rad)
+
+
+def with_feedforward(
+    cascade: Cascade,
+    model: Model,
+    structure: CascadeStructure,
+    kind: FeedforwardKind = "nonlinear",
+    apparent_nm_s_rad: float | None = None,
+) -> Cascade:
+    """The cascade with the feedforward (4.16) of a model; the reference passes the velocity filter where the drive can."""
+    ratio = model["transmission.ratio"]
+    feedforward = feedforward_from(
+        structure,
+        kind,
+        inertia_kg_m2=model["motor.inertia"] + ratio**2 * model["cart.mass"],
+        viscous_nm_s_rad=model.get("viscous_motor.damping") + ratio**2 * model.get("viscous_cart.damping"),
+        coulomb_nm=model.get("coulomb_motor.level") + ratio * model.get("coulomb_cart.level"),
+        apparent_viscous_nm_s_rad=apparent_nm_s_rad,
+    )
+    return replace(cascade, feedforward=feedforward, filter_reference=structure.reference_filter)
+
+
+def apparent_damping(fits: Mapping[str, MagnitudeFit]) -> float:
+    """Largest rigid damping that the thesis's fits show, i_t² (d_m + d_c), N m s/rad at the motor; 0 without a fit."""
+    values = [0.0]
+    for fit in fits.values():
+        two = fit.two_mass
+        values.append(two.transmission_m_rad**2 * (two.motor_damping_n_s_m + two.cart_damping_n_s_m))
+    return max(values)
