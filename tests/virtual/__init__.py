@@ -1,0 +1,1 @@
+"""Tests of the virtual drive: raw frames against CiA 301 and CiA 402."""
