@@ -59,9 +59,7 @@ class CanopenDrive:
         try:
             self._borrow()
             self._parameters = Parameters(self._objects, self._profile, self._scaling)
-            self.capabilities = read_capabilities(
-                self._objects, self._profile, self._scaling, identity, bitrate, self._referenced()
-            )
+            self.capabilities = read_capabilities(self._objects, self._profile, self._scaling, identity, bitrate, self._referenced())
         except BaseException:
             self._session.give_back()
             raise
@@ -223,7 +221,7 @@ class CanopenDrive:
         if self._profile.referenced is None:
             return self._homed
         index, subindex, bit = self._profile.referenced
-        return bool(self._objects.read_int(index, subindex, "uint32") >> bit & 1)
+        return bool(int.from_bytes(self._objects.read_bytes(index, subindex), "little") >> bit & 1)
 
 
 def connect(
@@ -239,8 +237,7 @@ def connect(
             rate = f" at {bitrate // 1000} kbit/s" if bitrate else ""
             if not nodes:
                 raise BusError(
-                    f"no node answers on {bus.channel_info}{rate}; check that the drive is on, its bit rate, the cable and both "
-                    "terminators"
+                    f"no node answers on {bus.channel_info}{rate}; check that the drive is on, its bit rate, the cable and both terminators"
                 )
             if len(nodes) > 1:
                 found = ", ".join(map(str, nodes))

@@ -98,9 +98,7 @@ class Parameters:
         least, most = _range_of(entry)
         if not least - 0.5 <= exact <= most + 0.5:
             ends = sorted(self._value(name, end, gain) for end in (max(least, 1) if entry.law != "linear" else least, most))
-            raise UsageError(
-                f"{name} = {value:g} is outside what this drive takes, {ends[0]:.4g} to {ends[1]:.4g}; design with its limits"
-            )
+            raise UsageError(f"{name} = {value:g} is outside what this drive takes, {ends[0]:.4g} to {ends[1]:.4g}; design with its limits")
         return round(exact)
 
     def _value(self, name: str, raw: float, gain: Callable[[], float]) -> float:

@@ -170,9 +170,7 @@ class Run:
                 f"the drive is enabled in mode {self._layout.mode} but ignores its target (statusword bit 12 stays 0); it may "
                 "need another sample period (60C2h)"
             )
-        raise DriveError(
-            f"the drive stays in {state.words} instead of Operation Enabled; check STO, the enable inputs and the DC link"
-        )
+        raise DriveError(f"the drive stays in {state.words} instead of Operation Enabled; check STO, the enable inputs and the DC link")
 
     def follow(self, setpoints: Setpoints, torque_is_of: Literal["over", "after"], sink: Sink) -> Report:
         """Run the motion and hand aligned rows to ``sink``: row n goes out when the sample of row n+1 has come.

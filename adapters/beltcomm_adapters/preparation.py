@@ -106,9 +106,7 @@ def _check_path(motion: Motion, limits: Limits, here_rad: float) -> None:
             f"{limits.position_max_rad:.4g} rad; shorten it"
         )
     if abs(path[0] - here_rad) > limits.speed_rad_s * motion.period_s:
-        raise UsageError(
-            f"the motion starts at {path[0]:.4g} rad, but the motor stands at {here_rad:.4g} rad; start it where the axis is"
-        )
+        raise UsageError(f"the motion starts at {path[0]:.4g} rad, but the motor stands at {here_rad:.4g} rad; start it where the axis is")
     _check_speed(np.diff(path, prepend=path[0]) / motion.period_s, limits)
 
 

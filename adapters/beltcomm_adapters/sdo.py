@@ -16,6 +16,7 @@ from canopen.sdo.client import SdoClient
 from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
 from beltcomm.errors import BusError, DriveError, ObjectRefused
+from beltcomm_adapters.interrupts import deferred_interrupt
 from beltcomm_adapters.link import Link
 
 # The client logs every abort as an error; here an abort is an exception with its own words.
@@ -217,7 +218,8 @@ class Lending:
         return self
 
     def __exit__(self, _kind: object, error: BaseException | None, _trace: object) -> None:
-        failures = self.give_back()
+        with deferred_interrupt():
+            failures = self.give_back()
         if not failures:
             return
         text = "; ".join(failures)

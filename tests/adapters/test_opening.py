@@ -113,9 +113,7 @@ def test_a_failing_connect_releases_the_bus_and_gives_back_what_it_took():
 
 def test_profiles_are_chosen_by_identity():
     assert choose_profile({"vendor_id": "29", "device_name": "CMMP-AS-C5-11A"}, None).name == "cmmp-as"
-    assert (
-        choose_profile({"vendor_id": "0", "product_code": "1", "device_name": "beltcomm reference drive"}, None).name == "reference"
-    )
+    assert choose_profile({"vendor_id": "0", "product_code": "1", "device_name": "beltcomm reference drive"}, None).name == "reference"
     assert choose_profile({"vendor_id": "29", "device_name": "CMMT"}, None).name == "cia402"
     assert choose_profile({}, None).name == "cia402"
     assert choose_profile({}, "cmmp-as").name == "cmmp-as"
