@@ -38,7 +38,7 @@ class Kernel:
     advance(q, v, p, torque, t, h, n) -> belt force N: n sub-steps of h seconds with held motor torque, q and v in place.
     run(q, v, p, torque, t, sample, n, theta, omega, cart, belt): whole record, state at the start of each sample and the
         largest belt force in it.
-    inverse(theta, omega, p, t, h, bristle, load, cart): load torque at the motor shaft, N m, that the given motor motion
+    inverse(theta, omega, p, t, h, bristle, offset, load, cart): load torque at the motor shaft, N m, that the given motor motion
         needs besides the motor's own inertia; cart position, m.  ``bristle`` : rad, in which motor friction turns round.
     forces(q, v, p, t, out): smooth forces on all bodies.      levels(q, v, p, t, out): friction levels of all bodies.
     """
