@@ -181,7 +181,11 @@ def pi_response(omega_rad_s: Array, kp_nm_s_rad: float, ki_nm_rad: float, period
 
 
 def prefilter_coefficients(prefilter: Prefilter, period_s: float) -> tuple[float, float, float, float, float]:
-    """b0, b1, b2, a1, a2 of the prefilter; s/ω0 becomes (1 − z⁻¹)/(1 + z⁻¹)/tan(ω0 T/2), exact at ω0."""
+    """b0, b1, b2, a1, a2 of the prefilter (b0 + b1 z⁻¹ + b2 z⁻²)/(1 + a1 z⁻¹ + a2 z⁻²).
+
+    s/ω0 becomes (1 − z⁻¹)/(1 + z⁻¹)/tan(ω0 T/2), which is exact at ω0.   period_s : T, s.
+    Raises UsageError for ω0 outside 0 .. π/T or a notch width not above 0.
+    """
     if prefilter.kind == "none":
         return 1.0, 0.0, 0.0, 0.0, 0.0
     omega = prefilter.omega_rad_s

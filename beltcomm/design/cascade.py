@@ -51,9 +51,7 @@ class DesignResult:
         return open_loops(self.plants[plant], self.cascade, self.structure.period_s, omega_rad_s)
 
 
-def design_cascade(
-    plants: Sequence[DesignPlant], structure: CascadeStructure, specification: Specification | None = None
-) -> DesignResult:
+def design_cascade(plants: Sequence[DesignPlant], structure: CascadeStructure, specification: Specification | None = None) -> DesignResult:
     """The cascade with the largest K_I K_PP that meets the specification on every plant, in the drive's own form.
 
     plants : positions, payloads and damping values the loop must hold for (``with_friction_fractions`` for the last).
@@ -95,9 +93,7 @@ def meets(achieved: Sequence[Margins], specification: Specification) -> bool:
     )
 
 
-def candidate_prefilters(
-    plants: Sequence[DesignPlant], structure: CascadeStructure, specification: Specification
-) -> list[Prefilter]:
+def candidate_prefilters(plants: Sequence[DesignPlant], structure: CascadeStructure, specification: Specification) -> list[Prefilter]:
     """The prefilters that drive and specification allow, laid out on the plant with the lowest resonance; below π/T only."""
     softest = min(plants, key=lambda plant: plant.resonance_rad_s)
     lowest_antiresonance = min(plant.antiresonance_rad_s for plant in plants)
@@ -213,9 +209,7 @@ def _stiffness(cascade: Cascade) -> float:
     return cascade.ki_nm_rad * cascade.kpp_1_s
 
 
-def _binding(
-    cascade: Cascade, achieved: Sequence[Margins], structure: CascadeStructure, specification: Specification
-) -> tuple[str, ...]:
+def _binding(cascade: Cascade, achieved: Sequence[Margins], structure: CascadeStructure, specification: Specification) -> tuple[str, ...]:
     """The conditions met with less than a degree or 0.3 dB to spare, with the plant, and the bounds of the drive reached."""
     lines = []
     for words, name, limit, unit, sign, near in (
@@ -276,9 +270,7 @@ def _remarks(
     return tuple(remarks)
 
 
-def _infeasible(
-    search: SampledPlants, proof: SampledPlants, structure: CascadeStructure, specification: Specification
-) -> Infeasible:
+def _infeasible(search: SampledPlants, proof: SampledPlants, structure: CascadeStructure, specification: Specification) -> Infeasible:
     """Which group of conditions alone stands in the way, and the nearest request that is feasible."""
     if not candidate_prefilters(search.plants, structure, specification):
         offered = ", ".join(structure.prefilters)

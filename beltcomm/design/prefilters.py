@@ -53,8 +53,7 @@ def continuous_prefilter(omega_rad_s: NDArray[np.float64], prefilter: Prefilter)
 def _check(resonance_rad_s: float, antiresonance_rad_s: float, attenuation_db: float) -> None:
     if not 0.0 < antiresonance_rad_s < resonance_rad_s:
         raise UsageError(
-            f"the antiresonance at {antiresonance_rad_s:.6g} rad/s must lie above 0 and below the resonance "
-            f"at {resonance_rad_s:.6g} rad/s"
+            f"the antiresonance at {antiresonance_rad_s:.6g} rad/s must lie above 0 and below the resonance at {resonance_rad_s:.6g} rad/s"
         )
     if not attenuation_db < 0.0:
         raise UsageError(f"the prefilter's attenuation at the antiresonance is {attenuation_db} dB; give a negative number")

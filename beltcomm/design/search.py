@@ -101,9 +101,7 @@ class _AllowedGains:
         return float(self.lows[place]) if place >= 0 and gain < self.highs[place] else gain
 
 
-def _allowed_gains(
-    unit: ComplexArray, shape: LoopShape, phase_margin_deg: float, specification: Specification
-) -> _AllowedGains | None:
+def _allowed_gains(unit: ComplexArray, shape: LoopShape, phase_margin_deg: float, specification: Specification) -> _AllowedGains | None:
     """Gains K for which every loop K × unit, ndarray (p, n), meets its margins; None when there are none.
 
     A crossover may lie where the unwrapped phase holds the margin, below the antiresonance; from the last such frequency on
@@ -210,9 +208,7 @@ def _unit(shape: LoopShape, tn: float) -> ComplexArray:
     return np.asarray((1.0 + shape.integrator / tn) * shape.without_pi)
 
 
-def _highest_kp(
-    unit: ComplexArray, shape: LoopShape, structure: CascadeStructure, specification: Specification, tn: float
-) -> float:
+def _highest_kp(unit: ComplexArray, shape: LoopShape, structure: CascadeStructure, specification: Specification, tn: float) -> float:
     """K_P that the resonance suppression and the drive's bounds allow at this T_N."""
     peaks = resonance_or_peak(unit, shape.omega_rad_s, shape.resonance_rad_s)
     top = 10.0 ** (specification.suppression_db / 20.0) / float(np.max(np.where(peaks, np.abs(unit), 1e-300)))

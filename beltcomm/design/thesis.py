@@ -109,9 +109,7 @@ def thesis_margins(plant: DesignPlant, cascade: Cascade) -> ThesisMargins:
     """
     omega = np.geomspace(0.1, plant.resonance_rad_s, 20000)
     loop = _velocity_loop(plant, cascade.prefilter, cascade.velocity_filter_s, cascade.kp_nm_s_rad, cascade.ki_nm_rad, omega)
-    closed = _closed_velocity_loop(
-        plant, cascade.prefilter, cascade.velocity_filter_s, cascade.kp_nm_s_rad, cascade.ki_nm_rad, omega
-    )
+    closed = _closed_velocity_loop(plant, cascade.prefilter, cascade.velocity_filter_s, cascade.kp_nm_s_rad, cascade.ki_nm_rad, omega)
     at = np.array([plant.resonance_rad_s])
     resonance = _velocity_loop(plant, cascade.prefilter, cascade.velocity_filter_s, cascade.kp_nm_s_rad, cascade.ki_nm_rad, at)
     margin, crossover = _first_margin(omega, loop)
@@ -126,9 +124,7 @@ def _loop_without_pi(plant: DesignPlant, prefilter: Prefilter, velocity_filter_s
     return np.asarray(continuous_prefilter(omega, prefilter) * plant.continuous_response(omega) * estimator)
 
 
-def _velocity_loop(
-    plant: DesignPlant, prefilter: Prefilter, velocity_filter_s: float, kp: float, ki: float, omega: Array
-) -> ComplexArray:
+def _velocity_loop(plant: DesignPlant, prefilter: Prefilter, velocity_filter_s: float, kp: float, ki: float, omega: Array) -> ComplexArray:
     return np.asarray((kp + ki / (1j * omega)) * _loop_without_pi(plant, prefilter, velocity_filter_s, omega))
 
 
@@ -152,7 +148,7 @@ def _pi_for_crossover(
     """K_P, K_I of (4.8), (4.9) at a given crossover below the antiresonance, where the principal phase is the unwrapped one."""
     at = np.array([crossover])
     lag = float(_pi_lag(plant, prefilter, velocity_filter_s, margin_deg, at)[0])
-    gain = 1.0 / abs(_loop_without_pi(plant, prefilter, velocity_filter_s, at)[0])
+    gain = 1.0 / float(abs(_loop_without_pi(plant, prefilter, velocity_filter_s, at)[0]))
     return gain * math.cos(lag), gain * math.sin(lag) * crossover
 
 
@@ -169,7 +165,7 @@ def _position_gain(
     k = int(below[0])
     crossover = float(np.interp(0.0, [room[k], room[k - 1]], [omega[k], omega[k - 1]]))
     at = np.array([crossover])
-    return 1.0 / abs(_closed_velocity_loop(plant, prefilter, velocity_filter_s, kp, ki, at)[0]), crossover
+    return 1.0 / float(abs(_closed_velocity_loop(plant, prefilter, velocity_filter_s, kp, ki, at)[0])), crossover
 
 
 def _first_margin(omega: Array, loop: ComplexArray) -> tuple[float, float]:

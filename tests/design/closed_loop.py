@@ -17,9 +17,7 @@ PERIOD = 1e-3
 SUB_STEPS = 10
 
 
-def run(
-    plant: DesignPlant, cascade: Cascade, samples: int, dead_time_s: float, *, velocity_loop: bool = False
-) -> NDArray[np.float64]:
+def run(plant: DesignPlant, cascade: Cascade, samples: int, dead_time_s: float, *, velocity_loop: bool = False) -> NDArray[np.float64]:
     """Motor speed (velocity loop) or motor angle (cascade) per period after a step of its reference; no limits, no friction."""
     theta, i, m, c = plant.inertia_kg_m2, plant.transmission_m_rad, plant.mass_kg, plant.stiffness_n_m
     d, dm, dc = plant.belt_damping_ns_m, plant.motor_damping_nm_s_rad, plant.cart_damping_ns_m
