@@ -290,7 +290,8 @@ class Run:
                 continue
             positions = [*positions[-still_cycles:], sample.position]
             still = len(positions) > still_cycles and max(positions) - min(positions) <= still_counts
-            if still and state_of(sample.statusword) not in live:
+            # some drives end a quick stop disabled, some hold the axis
+            if still and state_of(sample.statusword) is not State.OPERATION_ENABLED:
                 break
         for _ in range(math.ceil(STOP_TIME_S / self._period_s)):
             sample = self._halting(DISABLE_VOLTAGE)
