@@ -85,9 +85,10 @@ def parse_quantity(text: str, name: str) -> float:
     match = re.fullmatch(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*", text)
     unit = UNITS.get(suffix_of(name))
     symbol = f" in {unit.symbol}" if unit else ""
+    if re.match(r"\s*[-+]?\d*,\d", text):
+        raise UsageError(f"{name} is {text!r}; write the decimal point as '.', and no thousands separators")
     if match is None:
-        comma = "; write the decimal point as '.'" if re.fullmatch(r"\s*[-+]?\d+,\d+.*", text) else ""
-        raise UsageError(f"{name} is {text!r}; give a number{symbol}{comma}")
+        raise UsageError(f"{name} is {text!r}; give a number{symbol}")
     value = float(match[1])
     spelled = re.sub(r"[\s·*]", "", match[2]).replace("²", "2").replace("³", "3").replace("µ", "u").replace("μ", "u").lower()
     if not spelled:
@@ -95,4 +96,5 @@ def parse_quantity(text: str, name: str) -> float:
     if unit is None or spelled not in unit.others:
         known = f"; understood are {', '.join(unit.others)}" if unit else ""
         raise UsageError(f"{name} is {text!r}; {match[2]!r} is not a unit of it{known}")
-    return value * unit.others[spelled]
+    # 15 digits are all that a decimal text determines: 570 mm is 0.57 m, not 0.5700000000000001 m
+    return float(f"{value * unit.others[spelled]:.15g}")

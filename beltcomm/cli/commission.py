@@ -1,0 +1,34 @@
+"""``beltcomm commission``: the whole job."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from beltcomm.cli import options as shared
+from beltcomm.cli.frame import Frame, api, axis_for, options_of, run_folder
+
+
+@click.command("commission")
+@shared.machine_options
+@shared.axis_option
+@shared.new_run_option
+@shared.resume_option
+@shared.payload_option
+@shared.apply_option
+@click.option("--quick", is_flag=True, help="Fewer records: one position, a shorter sweep; wider intervals.")
+@shared.output_options
+@click.pass_obj
+def command(frame: Frame, /, drive: str, axis: str | None, run: Path | None, resume: bool, **given: Any) -> int:
+    """Identify, fit, measure friction, design and verify an axis; the machine moves.
+
+    Says what will happen first and asks before anything moves.
+
+    Example: beltcomm commission --drive virtual --yes
+    """
+    known = axis_for(axis, drive, run, resume)
+    frame.run = run_folder(run, known.name)
+    options = options_of(resume=resume, **given)
+    return frame.show(api().commission(drive, known, frame.run, options=options, talk=frame.talk()))

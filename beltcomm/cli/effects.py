@@ -1,0 +1,51 @@
+"""``beltcomm effects``: the catalogue of physical effects."""
+
+from __future__ import annotations
+
+import click
+
+from beltcomm.cli import options as shared
+from beltcomm.cli.frame import Frame
+
+
+@click.command("effects")
+@click.argument("name", required=False)
+@shared.output_options
+@click.pass_obj
+def command(frame: Frame, /, name: str | None) -> int:
+    """List the physical effects a model can have, or all about the one called NAME."""
+    from beltcomm.effects import EFFECTS, effect_named
+
+    chosen = EFFECTS if name is None else (effect_named(name),)
+    data = {
+        "effects": [
+            {
+                "name": effect.name,
+                "title": effect.title,
+                "slot": effect.slot,
+                "seen": effect.seen,
+                "check": effect.check,
+                "source": effect.source,
+                "parameters": [
+                    {"name": p.name, "unit": p.unit, "side": p.side, "low": p.low, "high": p.high, "meaning": p.meaning}
+                    for p in effect.parameters
+                ],
+            }
+            for effect in chosen
+        ]
+    }
+    if name is None:
+        frame.print(data, [f"{effect.name:26} {effect.title}" for effect in chosen])
+        return 0
+    effect = chosen[0]
+    frame.print(
+        data,
+        [
+            f"{effect.name}: {effect.title}",
+            f"What you see: {effect.seen}",
+            f"What to check: {effect.check}",
+            *(f"  {p.name}, {p.unit} ({p.side} side), {p.low:g} to {p.high:g}: {p.meaning}" for p in effect.parameters),
+            f"Source: {effect.source}",
+        ],
+    )
+    return 0

@@ -1,0 +1,25 @@
+"""``beltcomm fit``: the model from the recordings."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from beltcomm.cli import options as shared
+from beltcomm.cli.frame import Frame, api, options_of
+
+
+@click.command("fit")
+@shared.run_argument
+@click.option(
+    "--solver",
+    type=click.Choice(["lm", "trf", "nelder-mead"]),
+    help="Of the log-magnitude fit: Levenberg-Marquardt, trust region, Nelder-Mead.",
+)
+@shared.output_options
+@click.pass_obj
+def command(frame: Frame, /, run: Path, solver: str | None) -> int:
+    """Fit the model of the run folder RUN from its recordings; no machine is needed."""
+    frame.run = run
+    return frame.show(api().fit(run, solver=solver, options=options_of(), talk=frame.talk()))

@@ -1,0 +1,172 @@
+"""What all verbs share: results to stdout, talk to stderr, one exit code for whatever happens."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import math
+import os
+import sys
+import tempfile
+import traceback
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+import click
+
+from beltcomm import __version__
+from beltcomm.errors import BeltcommError, UsageError
+
+if TYPE_CHECKING:
+    from beltcomm.axis import Axis
+    from beltcomm.talk import Talk
+
+#: Exit code of a broken-off command: that of a safety stop, which is what Ctrl-C is on a machine.
+INTERRUPTED = 4
+#: The shipped axis that a virtual drive is commissioned with when no other is given.
+VIRTUAL_AXIS = "egc-70-600"
+
+
+class Result(Protocol):
+    """What a function of :mod:`beltcomm.api` returns.   exit_code : 0, or 1 when the target was missed."""
+
+    exit_code: int
+
+    def to_json(self) -> Mapping[str, Any]:
+        """Everything, for programs."""
+        ...
+
+    def lines(self) -> Iterable[str]:
+        """The same for people."""
+        ...
+
+
+class Frame:
+    """One call of the command line.
+
+    run : the run folder, once known: where the log of an unexpected error goes.   verbose : -v once or more.
+    """
+
+    def __init__(self, words: list[str]) -> None:
+        self.words = words
+        self.json = "--json" in words
+        self.verbose = 0
+        self.run: Path | None = None
+
+    def guarded(self, command: Callable[[], Any]) -> int:
+        """Run a command and return its exit code; every exception becomes a sentence on stderr."""
+        try:
+            outcome = command()
+            sys.stdout.flush()
+            return outcome if isinstance(outcome, int) else 0
+        except BeltcommError as error:
+            return self._failed(str(error), error.exit_code)
+        except click.ClickException as error:
+            context = getattr(error, "ctx", None)
+            remedy = f" (see {context.command_path} --help)" if context is not None else ""
+            return self._failed(error.format_message().rstrip(".") + remedy, error.exit_code)
+        except (KeyboardInterrupt, click.Abort):
+            kept = f"; what was recorded is kept in {self.run}, --resume goes on" if self.run and self.run.is_dir() else ""
+            return self._failed(f"interrupted{kept}", INTERRUPTED)
+        except BrokenPipeError:  # the reader of our output has gone: nobody is left to tell
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            return 1
+        except Exception as error:
+            log = self._write_log()
+            if self.verbose:
+                click.echo(traceback.format_exc(), err=True)
+            where = f"; details are in {log}" if log else ""
+            return self._failed(f"an unexpected error stopped this command: {type(error).__name__}: {error}{where}", 1)
+
+    def show(self, result: Result) -> int:
+        """Print a result, as one JSON object or as lines; returns its exit code."""
+        self.print(result.to_json(), result.lines())
+        return result.exit_code
+
+    def print(self, data: Mapping[str, Any], lines: Iterable[str]) -> None:
+        """The same from a mapping and lines."""
+        if self.json:
+            click.echo(json.dumps(_jsonable(data), ensure_ascii=False, allow_nan=False))
+            return
+        for line in lines:
+            click.echo(line)
+
+    def talk(self) -> Talk:
+        """Where progress and questions go: stderr."""
+        from beltcomm.cli.talk import terminal_talk
+
+        return terminal_talk(self.verbose)
+
+    def _failed(self, sentence: str, code: int) -> int:
+        click.echo(f"beltcomm: {sentence}", err=True)
+        if self.json:
+            click.echo(json.dumps({"error": sentence, "exit_code": code}, ensure_ascii=False))
+        return code
+
+    def _write_log(self) -> str:
+        """The traceback into the run folder, or the temporary folder when there is none; returns its path, "" on failure."""
+        text = f"beltcomm {__version__}\nbeltcomm {' '.join(self.words)}\n\n{traceback.format_exc()}"
+        for folder in (self.run, None):
+            if folder is not None and not folder.is_dir():
+                continue
+            try:
+                with tempfile.NamedTemporaryFile(
+                    "w", prefix="beltcomm-error-", suffix=".log", dir=folder, delete=False, encoding="utf-8"
+                ) as file:
+                    file.write(text)
+                return file.name
+            except OSError:
+                continue
+        return ""
+
+
+def api() -> Any:
+    """:mod:`beltcomm.api`, imported when a verb runs: numba takes longer to import than ``--help`` may last."""
+    return importlib.import_module("beltcomm.api")
+
+
+def axis_for(axis: str | None, drive: str, run: Path | None, resume: bool) -> Axis:
+    """The axis a machine verb works on: ``--axis``, else that of a resumed run, else the shipped one for a virtual drive.
+
+    Raises UsageError when there is none, or its file is wrong.
+    """
+    from beltcomm.axis import load_axis
+
+    if axis is not None:
+        return load_axis(axis)
+    if resume and run is not None and (run / "axis.yaml").is_file():
+        return load_axis(run / "axis.yaml")
+    if drive.partition(":")[0] == "virtual":
+        return load_axis(VIRTUAL_AXIS)
+    raise UsageError(f"--drive {drive} moves a real axis, so --axis is needed; write its axis.yaml with `beltcomm init`")
+
+
+def run_folder(run: Path | None, name: str) -> Path:
+    """``--run``, or a dated folder ``runs/NAME-DATE-TIME``.   The clock is read here: the core has none."""
+    from datetime import datetime
+
+    if run is not None:
+        return run
+    plain = "".join(letter if letter.isalnum() else "-" for letter in name.lower()).strip("-") or "axis"
+    return Path("runs") / f"{plain}-{datetime.now():%Y%m%d-%H%M%S}"
+
+
+def _jsonable(value: Any) -> Any:
+    """The value in the types JSON has; numbers that are not finite become null."""
+    if isinstance(value, Mapping):
+        return {str(key): _jsonable(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_jsonable(item) for item in value]
+    if hasattr(value, "tolist"):  # numpy, which is not imported here
+        return _jsonable(value.tolist())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    if value is None or isinstance(value, (bool, int, float, str)):
+        return value
+    return str(value)
+
+
+def options_of(**values: Any) -> Any:
+    """``api.Options`` from what was given on the command line; its defaults hold for the rest."""
+    return api().Options(**{name: value for name, value in values.items() if value is not None})

@@ -1,0 +1,29 @@
+"""``beltcomm identify``: frequency responses from the machine."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from beltcomm.cli import options as shared
+from beltcomm.cli.frame import Frame, api, axis_for, options_of, run_folder
+
+
+@click.command("identify")
+@shared.machine_options
+@shared.axis_option
+@shared.new_run_option
+@shared.resume_option
+@shared.output_options
+@click.pass_obj
+def command(frame: Frame, /, drive: str, axis: str | None, run: Path | None, resume: bool, **given: Any) -> int:
+    """Measure frequency responses; the machine moves by some millimetres.
+
+    The amplitude rises step by step inside limits that are predicted before each step.
+    """
+    known = axis_for(axis, drive, run, resume)
+    frame.run = run_folder(run, known.name)
+    options = options_of(resume=resume, **given)
+    return frame.show(api().identify(drive, known, frame.run, options=options, talk=frame.talk()))

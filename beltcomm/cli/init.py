@@ -1,0 +1,165 @@
+"""``beltcomm init``: axis.yaml from the data sheets."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from beltcomm.cli import options as shared
+from beltcomm.cli.frame import Frame
+from beltcomm.errors import Refused, UsageError
+from beltcomm.quantities import parse_quantity, unit_of
+
+if TYPE_CHECKING:
+    from beltcomm.axis import Axis
+
+#: What commissioning cannot do without on a belt axis, and what it is for.
+NEEDED = {
+    "motor.inertia_kg_m2": "start values and the plausibility of the model",
+    "motor.peak_torque_nm": "the torque limit",
+    "pulley.effective_radius_m": "travel per motor revolution",
+    "travel.min_m": "the travel window",
+    "travel.max_m": "the travel window",
+    "limits.speed_m_s": "the speed limit",
+    "limits.acceleration_m_s2": "the reference motions",
+    "limits.feed_force_n": "the belt force limit",
+}
+_INTRODUCTION = (
+    "I ask for the data sheets' values of motor, coupling, pulley, belt and limits. Write a unit if it is not the one in "
+    "brackets (0.449 kg cm2, 78 mm); an empty answer means: not known (or the value in brackets).\n"
+)
+_TITLES = {
+    "motor": "Motor",
+    "gearbox": "Gearbox (ratio 1 when there is none)",
+    "coupling": "Coupling between motor and axis",
+    "pulley": "Driving pulley",
+    "belt": "Toothed belt",
+    "travel": "Travel of the carriage",
+    "limits": "Limits of the mechanics",
+    "mounting": "Mounting",
+    "payload": "Payload",
+}
+_BELT_SECTIONS = ("gearbox", "coupling", "pulley", "belt")
+
+
+@click.command("init")
+@click.argument("file", type=click.Path(path_type=Path), default=Path("axis.yaml"))
+@click.option("--from", "template", metavar="AXIS", help="Begin with this axis (a shipped name or a file).")
+@click.option("--set", "entries", multiple=True, metavar="KEY=VALUE", help="motor.inertia_kg_m2=0.449kgcm2; then nothing is asked.")
+@click.option("--yes", is_flag=True, help="Ask nothing; overwrite an existing file.")
+@shared.output_options
+@click.pass_obj
+def command(frame: Frame, /, file: Path, template: str | None, entries: tuple[str, ...], yes: bool) -> int:
+    """Write FILE (axis.yaml): what is known of an axis beforehand, by questions from its data sheets."""
+    from beltcomm.axis import Axis, axis_from_dict, load_axis, save_axis
+
+    if file.is_dir():
+        raise UsageError(f"{file} is a folder; give the name of the file to write, such as {file / 'axis.yaml'}")
+    start = load_axis(template) if template else Axis()
+    data = start.to_dict()
+    # an axis that is begun with values asks no more than whether a file may be overwritten
+    if entries or yes:
+        for text in entries:
+            _set(data, text)
+    else:
+        data = _ask_all(start)
+    axis = axis_from_dict(data)
+    if file.exists() and not yes and not frame.talk().confirm(f"{file} exists. Overwrite it?"):
+        raise Refused(f"{file} was left as it is; give another file name")
+    save_axis(axis, file)
+    missing = _missing(axis)
+    lines = [f"{file} is written: {axis.name or 'an axis without a name'}."]
+    lines += [f"Still needed: {entry} for {purpose}." for entry, purpose in missing.items()]
+    lines.append(f"Next: beltcomm commission --drive DRIVE --axis {file}")
+    frame.print({"file": str(file), "axis": axis.to_dict(), "missing": missing}, lines)
+    return 0
+
+
+def _missing(axis: Axis) -> dict[str, str]:
+    """What commissioning will ask for, with its purpose."""
+    return {
+        entry: purpose
+        for entry, purpose in NEEDED.items()
+        if axis.get(entry) is None and (axis.has_belt or entry.partition(".")[0] in {"travel", "limits"})
+    }
+
+
+def _set(data: dict[str, Any], text: str) -> None:
+    """Put one ``section.key=value`` into the mapping; unknown keys are found when it becomes an axis."""
+    key, equals, value = text.partition("=")
+    if not equals:
+        raise UsageError(f"--set {text} has no value; write it as KEY=VALUE, such as motor.inertia_kg_m2=44.9e-6")
+    *sections, last = key.strip().split(".")
+    place = data
+    for section in sections:
+        inner = place.setdefault(section, {})
+        if not isinstance(inner, dict):
+            raise UsageError(f"--set {text}: {section} is a value, not a section; the keys are those of axis.yaml")
+        place = inner
+    place[last] = _value(key.strip(), last, value.strip())
+
+
+def _value(key: str, name: str, text: str) -> str | float | None:
+    if text.lower() in {"", "null", "none"}:
+        return None
+    numeric = bool(unit_of(name)) or name in {"ratio", "teeth", "encoder_counts_per_rev"}
+    return _with_key(key, name, text) if numeric else text
+
+
+def _with_key(key: str, name: str, text: str) -> float:
+    try:
+        return parse_quantity(text, name)
+    except UsageError as error:
+        raise UsageError(f"{key.removesuffix(name)}{error}") from error
+
+
+def _ask_all(start: Axis) -> dict[str, Any]:
+    """All entries by questions; a wrong answer is explained and asked again."""
+    from beltcomm.axis_entries import SECTIONS, entries_of
+
+    click.echo(_INTRODUCTION, err=True)
+    data: dict[str, Any] = start.to_dict()
+    data["name"] = _answer("Name of the axis", start.name)
+    belt = _answer("Does it have a toothed belt? yes/no", "yes").lower() not in {"n", "no"}
+    for section, kind in SECTIONS.items():
+        if section in _BELT_SECTIONS and not belt:
+            data.pop(section, None)
+            continue
+        click.echo(f"\n{_TITLES[section]}", err=True)
+        known = getattr(start, section)
+        asked: dict[str, Any] = {"name": _answer("  Type", known.name)} if section == "motor" else {}
+        for name, entry in entries_of(kind).items():
+            default = getattr(known, name, None)
+            asked[name] = _ask_number(f"{section}.{name}", name, entry.meaning, default, entry.fault)
+        data[section] = {name: value for name, value in asked.items() if value not in (None, "")}
+    return data
+
+
+def _ask_number(key: str, name: str, meaning: str, default: float | None, fault: Any) -> float | None:
+    unit = unit_of(name)
+    while True:
+        text = _answer(f"  {meaning[0].upper()}{meaning[1:]} [{unit or 'number'}]", "" if default is None else f"{default!r}")
+        if not text:
+            return None
+        try:
+            value = _with_key(key, name, text)
+        except UsageError as error:
+            click.echo(f"    {error}", err=True)
+            continue
+        wrong = fault(value)
+        if not wrong:
+            return value
+        click.echo(f"    {key} is {value:g}; {wrong}", err=True)
+
+
+def _answer(question: str, default: str) -> str:
+    """One line from stdin; the default for an empty one.   Raises UsageError when stdin is closed."""
+    click.echo(f"{question}{f' ({default})' if default else ''}: ", nl=False, err=True)
+    line = sys.stdin.readline()
+    if not line:
+        click.echo("", err=True)
+        raise UsageError("nobody answers (stdin is closed); give the values with --set KEY=VALUE, or --yes for none")
+    return line.strip() or default

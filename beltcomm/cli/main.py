@@ -1,0 +1,99 @@
+"""The command ``beltcomm``: its verbs, loaded when one is called, and the exit code of whatever happens."""
+
+from __future__ import annotations
+
+import difflib
+import importlib
+import sys
+from collections.abc import Sequence
+from typing import Any
+
+import click
+
+from beltcomm import __version__
+from beltcomm.cli.frame import Frame
+
+#: Verb -> its line in ``--help``, in the order of the work.  The verb's own file is imported only when it is called.
+VERBS = {
+    "init": "Write axis.yaml by questions from the data sheets.",
+    "commission": "All of it: identify, fit, friction, design, verify.",
+    "identify": "Measure frequency responses; the amplitude rises inside predicted limits.",
+    "fit": "Model with intervals from the recordings of a run.",
+    "friction": "Constant-speed sweep: Coulomb and viscous friction.",
+    "design": "Controller gains with margins from the model of a run.",
+    "verify": "Predicted against measured tracking error of a move.",
+    "apply": "Write the designed gains to the drive.",
+    "rollback": "Write the gains back that the drive had before.",
+    "move": "A small, safe move.",
+    "simulate": "A virtual experiment from a model or plant into a run folder.",
+    "drives": "Drive adapters found, or why one is broken.",
+    "effects": "The physical effects a model can have.",
+}
+
+
+class Verbs(click.Group):
+    """The group of verbs; turns every outcome into one exit code and a sentence."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(VERBS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        if cmd_name not in VERBS:
+            return None
+        command: click.Command = importlib.import_module(f"beltcomm.cli.{cmd_name}").command
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        with formatter.section("Verbs"):
+            formatter.write_dl(list(VERBS.items()))
+
+    def resolve_command(self, ctx: click.Context, args: list[str]) -> tuple[str | None, click.Command | None, list[str]]:
+        name = args[0]
+        if name not in VERBS and not name.startswith("-") and not ctx.resilient_parsing:
+            close = difflib.get_close_matches(name, VERBS, n=1)
+            hint = f"did you mean {close[0]}?" if close else f"the verbs are {', '.join(VERBS)}"
+            raise click.UsageError(f"there is no verb {name!r}; {hint}", ctx)
+        return super().resolve_command(ctx, args)
+
+    def main(
+        self,
+        args: Sequence[str] | None = None,
+        prog_name: str | None = None,
+        complete_var: str | None = None,
+        standalone_mode: bool = True,
+        windows_expand_args: bool = True,
+        **extra: Any,
+    ) -> Any:
+        words = list(sys.argv[1:] if args is None else args)
+        frame = Frame(words)
+        code = frame.guarded(
+            lambda: click.Group.main(
+                self,
+                words,
+                prog_name or "beltcomm",
+                complete_var,
+                standalone_mode=False,
+                windows_expand_args=windows_expand_args,
+                obj=frame,
+                **extra,
+            )
+        )
+        if standalone_mode:
+            sys.exit(code)
+        return code
+
+
+@click.command(cls=Verbs, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
+@click.version_option(__version__, prog_name="beltcomm")
+def cli() -> None:
+    """Commissions toothed-belt linear axes by itself: identified model, tuned cascade, proof.
+
+    First steps without hardware: beltcomm commission --drive virtual
+
+    Exit codes: 0 done, 1 refused or target missed, 2 wrong usage, 3 unusable data, 4 stopped for safety, 5 drive or bus.
+    """
+
+
+def main() -> None:
+    """Entry point of the console script."""
+    cli()

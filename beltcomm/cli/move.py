@@ -1,0 +1,22 @@
+"""``beltcomm move``: a small, safe move."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import click
+
+from beltcomm.cli import options as shared
+from beltcomm.cli.frame import Frame, api, axis_for, options_of
+
+
+@click.command("move")
+@shared.machine_options
+@shared.axis_option
+@click.option("--by", "by_m", required=True, type=shared.Quantity("by_m"), help="How far, signed: 5mm, -0.005.")
+@shared.output_options
+@click.pass_obj
+def command(frame: Frame, /, drive: str, axis: str | None, by_m: float, **given: Any) -> int:
+    """Move the carriage slowly by a small distance."""
+    known = axis_for(axis, drive, None, False)
+    return frame.show(api().move(drive, known, by_m, options=options_of(**given), talk=frame.talk()))

@@ -1,0 +1,102 @@
+"""Options that several verbs share, as decorators."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import click
+
+from beltcomm.errors import UsageError
+from beltcomm.quantities import parse_quantity, unit_of
+
+if TYPE_CHECKING:
+    Numbers = click.ParamType[float]
+else:  # before click 8.2 the class takes no type argument
+    Numbers = click.ParamType
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+class Quantity(Numbers):
+    """A number with its unit: SI when none is written (``0.3``, ``300mm``).   name : whose suffix says the unit."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+    def get_metavar(self, param: click.Parameter, ctx: click.Context | None = None) -> str:
+        return f"[{unit_of(self.name)}]"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        if isinstance(value, float):
+            return value
+        try:
+            return parse_quantity(str(value), self.name)
+        except UsageError as error:
+            self.fail(str(error), param, ctx)
+
+
+def output_options(function: Function) -> Function:
+    """``--json`` and ``-v``: every verb has them."""
+
+    def set_verbose(ctx: click.Context, _param: click.Parameter, value: int) -> int:
+        ctx.obj.verbose = value
+        return value
+
+    function = click.option("--json", "_json", is_flag=True, expose_value=False, help="One JSON object on stdout.")(function)
+    return click.option(
+        "-v", "--verbose", count=True, expose_value=False, callback=set_verbose, help="Say more on stderr; -vv for everything."
+    )(function)
+
+
+def drive_options(function: Function) -> Function:
+    """``--drive`` and what an adapter needs to open it."""
+    for decorate in reversed(
+        (
+            click.option(
+                "--drive",
+                required=True,
+                metavar="DRIVE",
+                help="virtual, virtual:PLANT, can0, slcan:/dev/ttyACM0, ... (`beltcomm drives` lists adapters).",
+            ),
+            click.option("--profile", metavar="NAME", help="Drive profile; recognised from the drive when left out."),
+            click.option("--node", type=click.IntRange(1, 126), help="CANopen node; searched for when left out."),
+            click.option("--bitrate", type=click.IntRange(10_000, 1_000_000), help="Bit rate of the CAN bus."),
+            click.option("--realtime", is_flag=True, help="Virtual drive: run at 1 kHz of real time, not as fast as possible."),
+            click.option("--seed", type=click.IntRange(0), help="Seed of everything random: equal seeds give equal runs."),
+        )
+    ):
+        function = decorate(function)
+    return function
+
+
+def machine_options(function: Function) -> Function:
+    """What every verb that moves an axis has."""
+    for decorate in reversed(
+        (
+            click.option("--yes", is_flag=True, help="Answer every question with yes."),
+            click.option("--dry-run", is_flag=True, help="Show the plan and move nothing."),
+            click.option("--home", is_flag=True, help="Let the drive search its zero first."),
+            click.option(
+                "--position", "position_m", type=Quantity("position_m"), help="Where the carriage is now, when the drive has no zero."
+            ),
+        )
+    ):
+        function = decorate(function)
+    return drive_options(function)
+
+
+axis_option = click.option("--axis", metavar="FILE", help="axis.yaml, or the name of a shipped axis.")
+resume_option = click.option("--resume", is_flag=True, help="Go on with an existing run: only unfinished records are repeated.")
+new_run_option = click.option("--run", type=click.Path(path_type=Path), help="Run folder to make; a dated one under runs/ when left out.")
+existing_run_option = click.option("--run", required=True, type=click.Path(path_type=Path), help="Run folder to go on with.")
+run_argument = click.argument("run", type=click.Path(path_type=Path))
+payload_option = click.option(
+    "--payload", "payload_kg", type=Quantity("payload_kg"), help="Heaviest payload to be moved; the design must hold for it."
+)
+apply_option = click.option(
+    "--apply",
+    type=click.Choice(["keep", "restore", "save"]),
+    help="Gains at the end: keep until power-off, restore the old ones, save for good. Asked for; with --yes: restore.",
+)

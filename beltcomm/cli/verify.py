@@ -1,0 +1,28 @@
+"""``beltcomm verify``: predicted against measured tracking error."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from beltcomm.cli import options as shared
+from beltcomm.cli.frame import Frame, api, options_of
+from beltcomm.errors import UsageError
+
+
+@click.command("verify")
+@shared.machine_options
+@shared.existing_run_option
+@click.option("--move", type=click.Path(path_type=Path), metavar="CSV", help="Your own move: columns t_s, position_m.")
+@click.option("--trajectory", metavar="NAME", help="Limits of the 0 to 0.5 m move, from axis.yaml; T_A when left out.")
+@shared.output_options
+@click.pass_obj
+def command(frame: Frame, /, drive: str, run: Path, move: Path | None, trajectory: str | None, **given: Any) -> int:
+    """Drive a move with the run's design and compare its error with the predicted one; the machine moves."""
+    if move is not None and trajectory is not None:
+        raise UsageError("--move brings its own motion, --trajectory names limits for the standard one; give one of them")
+    frame.run = run
+    options = options_of(**given)
+    return frame.show(api().verify(drive, run, move=move, trajectory=trajectory, options=options, talk=frame.talk()))

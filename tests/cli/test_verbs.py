@@ -1,0 +1,144 @@
+"""Verbs that need no API: init, drives, effects; and the talk on stderr."""
+
+from __future__ import annotations
+
+import io
+import json
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+from beltcomm import drive
+from beltcomm.axis import load_axis
+from beltcomm.cli.main import cli
+from beltcomm.cli.talk import PlainTalk
+from beltcomm.effects import EFFECTS
+from beltcomm.errors import UsageError
+
+
+def call(*words: str, answer: str | None = None) -> Result:
+    return CliRunner().invoke(cli, list(words), input=answer)
+
+
+def test_init_without_questions_understands_data_sheet_units(tmp_path: Path) -> None:
+    path = tmp_path / "axis.yaml"
+    entries = [
+        "name=mine", "motor.inertia_kg_m2=0.449 kg cm2", "pulley.effective_radius_m=12.42mm", "pulley.teeth=26",
+        "belt.pitch_m=3 mm", "travel.min_m=0", "travel.max_m=570mm", "trajectories.T_A.jerk_m_s3=40",
+        "trajectories.T_A.acceleration_m_s2=45", "trajectories.T_A.speed_m_s=5",
+    ]  # fmt: skip
+    outcome = call("init", str(path), *(word for entry in entries for word in ("--set", entry)), "--json")
+    assert outcome.exit_code == 0, outcome.stderr
+    axis = load_axis(path)
+    assert axis.motor.inertia_kg_m2 == pytest.approx(44.9e-6)
+    assert axis.transmission_m_rad == pytest.approx(0.01242)
+    assert (axis.travel.max_m, axis.get("pulley.teeth"), axis.trajectory("T_A").jerk_m_s3) == (0.57, 26, 40.0)
+    assert set(json.loads(outcome.stdout)["missing"]) == {
+        "motor.peak_torque_nm", "limits.speed_m_s", "limits.acceleration_m_s2", "limits.feed_force_n",
+    }  # fmt: skip
+
+
+def test_init_by_questions_asks_again_after_a_wrong_answer(tmp_path: Path) -> None:
+    path = tmp_path / "axis.yaml"
+    # name, no belt, motor: type, inertia (wrong unit, impossible, right), constant ..., then nothing more is known
+    answers = ["spindle", "no", "EMMS", "3 mm", "-1", "0.449 kg cm2", "0.65", "", "", "", "0", "600 mm", *[""] * 10]
+    outcome = call("init", str(path), answer="\n".join(answers) + "\n")
+    assert outcome.exit_code == 0, outcome.stderr
+    axis = load_axis(path)
+    assert (axis.name, axis.has_belt, axis.motor.name, axis.travel.max_m) == ("spindle", False, "EMMS", 0.6)
+    assert axis.motor.inertia_kg_m2 == pytest.approx(44.9e-6)
+    assert "'mm' is not a unit of it" in outcome.stderr
+    assert "motor.inertia_kg_m2 is -1; it must be above 0" in outcome.stderr
+    assert outcome.stdout.startswith(f"{path} is written: spindle.")
+
+
+def test_init_begins_with_a_shipped_axis(tmp_path: Path) -> None:
+    path = tmp_path / "axis.yaml"
+    assert call("init", str(path), "--from", "egc-70-600", "--set", "payload.mass_kg=11.2").exit_code == 0
+    axis, rig = load_axis(path), load_axis("egc-70-600")
+    assert axis.changes(rig) == ["payload.mass_kg 11.2 -> not known"]
+
+
+def test_init_does_not_overwrite_without_a_yes(tmp_path: Path) -> None:
+    path = tmp_path / "axis.yaml"
+    path.write_text("name: old\n", encoding="utf-8")
+    for answer, code in (("n\n", 1), ("", 2)):
+        outcome = call("init", str(path), "--set", "name=new", answer=answer)
+        assert outcome.exit_code == code
+        assert path.read_text(encoding="utf-8") == "name: old\n"
+    assert call("init", str(path), "--set", "name=new", answer="y\n").exit_code == 0
+    assert load_axis(path).name == "new"
+
+
+@pytest.mark.parametrize(
+    ("words", "hint"),
+    [
+        (["--set", "motor.inertia_kgm2=1"], "did you mean inertia_kg_m2?"),
+        (["--set", "motor.inertia_kg_m2"], "write it as KEY=VALUE"),
+        (["--set", "motor.inertia_kg_m2=0,45"], "decimal point"),
+        (["--set", "motor.inertia_kg_m2=-1"], "motor.inertia_kg_m2 is -1 kg m²; it must be above 0"),
+        (["--set", "name=a", "--set", "name.x=1"], "name is a value, not a section"),
+        (["--from", "egc"], "known are"),
+        ([], "nobody answers"),
+    ],
+)
+def test_init_writes_nothing_on_a_fault(tmp_path: Path, words: list[str], hint: str) -> None:
+    path = tmp_path / "axis.yaml"
+    outcome = call("init", str(path), *words, answer="")
+    assert outcome.exit_code == 2, outcome.output
+    assert hint in outcome.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_drives_shows_a_broken_adapter_with_its_reason(monkeypatch: pytest.MonkeyPatch) -> None:
+    good = drive.Adapter("good", "a drive", ("good",), lambda address, options: None)  # type: ignore[arg-type, return-value]
+    found = [drive.FoundAdapter("pkg:GOOD", good), drive.FoundAdapter("pkg:BAD", None, "ImportError: no module named x")]
+    monkeypatch.setattr(drive, "find_adapters", lambda: found)
+    outcome = call("drives")
+    assert outcome.exit_code == 0
+    assert "pkg:BAD    is broken: ImportError: no module named x" in outcome.stdout
+    listed = json.loads(call("drives", "--json").stdout)["drives"]
+    assert [(item["name"], item["works"]) for item in listed] == [("good", True), (None, False)]
+
+
+def test_drives_says_what_to_do_without_adapters(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(drive, "find_adapters", list)
+    assert "pip install" in call("drives").stdout
+
+
+def test_effects_lists_the_catalogue_and_explains_one() -> None:
+    listed = json.loads(call("effects", "--json").stdout)["effects"]
+    assert [item["name"] for item in listed] == [effect.name for effect in EFFECTS]
+    text = call("effects", "belt_damping").stdout
+    assert "What to check:" in text
+    assert call("effects", "belt_dampng").exit_code == 2
+
+
+def test_plain_talk_reports_each_quarter_once() -> None:
+    stream = io.StringIO()
+    talk = PlainTalk(stream)
+    talk.phase(2, 5, "friction")
+    for percent in range(0, 101, 5):
+        talk.progress(percent / 100, 20.0 * (1 - percent / 100))
+    assert stream.getvalue().splitlines() == [
+        "[2/5] friction",
+        "      25 %, 15 s left",
+        "      50 %, 10 s left",
+        "      75 %, 5 s left",
+        "      100 %, 0 s left",
+    ]
+
+
+@pytest.mark.parametrize(("answer", "agreed"), [("y\n", True), ("YES\n", True), ("\n", False), ("no\n", False)])
+def test_only_a_yes_is_a_yes(monkeypatch: pytest.MonkeyPatch, answer: str, agreed: bool) -> None:
+    monkeypatch.setattr("sys.stdin", io.StringIO(answer))
+    stream = io.StringIO()
+    assert PlainTalk(stream).confirm("Move?") is agreed
+    assert stream.getvalue() == "Move? [y/N] "
+
+
+def test_nobody_to_ask_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sys.stdin", io.StringIO(""))
+    with pytest.raises(UsageError, match="use --yes"):
+        PlainTalk(io.StringIO()).confirm("Move?")
