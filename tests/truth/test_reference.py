@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from truth import Axis, Coupling, ThreeSectionBelt, TruthPlant, TwoStrandBelt, nominal
+from truth import Axis, ConstantBelt, Coupling, ThreeSectionBelt, TruthPlant, TwoStrandBelt, nominal
 from truth.reference_solution import Matrices, simulate
 
 Array = NDArray[np.float64]
@@ -103,3 +103,36 @@ def test_cutting_a_step_changes_nothing() -> None:
             cut.step(torque, duration)
     assert cut.position_rad == pytest.approx(whole.position_rad, abs=1e-10)
     assert cut.velocity_rad_s == pytest.approx(whole.velocity_rad_s, abs=1e-8)
+
+
+def test_a_stop_shorter_than_a_substep_is_seen() -> None:
+    # The motor swings on the belt around a steady speed; at the bottom of the swing it just touches zero.
+    inertia, mass, lever, stiffness, speed = 71.73e-6, 0.96, 0.01242, 222.39e3, 10.0
+    rig = Axis(inertia, mass, lever, ConstantBelt(stiffness), coulomb_motor_nm=0.05)
+    omega = math.sqrt(stiffness * (lever**2 / inertia + 1.0 / mass))
+
+    def swinging(swing: float, longest_substep_s: float) -> TruthPlant:
+        plant = TruthPlant(rig, longest_substep_s=longest_substep_s)
+        plant.place((0.0,) * 4, (speed + swing, lever * speed - inertia / lever / mass * swing, 0.0, 0.0))
+        return plant
+
+    def touches(swing: float) -> bool:
+        plant = swinging(swing, 1e-6)
+        plant.step(0.0, 0.9 * math.pi / omega)
+        for _ in range(250):
+            plant.step(0.0, 2e-6)
+            if plant.velocity_rad_s <= 0.0:
+                return True
+        return False
+
+    low, high = 0.8 * speed, speed
+    for _ in range(30):
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if touches(middle) else (middle, high)
+
+    dip = 1e-3  # rad/s; with an acceleration that grows by omega² swing it lasts 2 sqrt(2 dip/(omega² swing)) = 35 us
+    for end in np.linspace(4.1e-3, 4.2e-3, 9):  # so the bottom falls on different places of a sub-step
+        coarse, fine = swinging(high + dip, 62.5e-6), swinging(high + dip, 0.25e-6)
+        coarse.step(0.0, float(end))
+        fine.step(0.0, float(end))
+        assert coarse.velocity_rad_s == pytest.approx(fine.velocity_rad_s, abs=0.1 * dip)
