@@ -69,12 +69,12 @@ class AmplitudeStep:
 def unknown_payload(model: Model) -> list[Model]:
     """Family for an axis of which only the data sheets are known: light and heavy carriages, belt 25 % softer and stiffer.
 
-    Friction is left out: it only takes energy from the resonance.
+    Friction is taken at half its breakaway value: it takes energy from the resonance and holds the carriage back.
     """
     family = []
     for mass in UNKNOWN_MASSES_KG:
         for factor in (0.75, 1.25):
-            family.append(_frictionless(model.with_values({"cart.mass": mass, **_scaled(model, _stiffness_names(model), factor)})))
+            family.append(_half_friction(model.with_values({"cart.mass": mass, **_scaled(model, _stiffness_names(model), factor)})))
     return family
 
 
@@ -156,5 +156,6 @@ def _scaled(model: Model, names: Sequence[str], factor: float) -> dict[str, floa
     return {name: model[name] * factor for name in names}
 
 
-def _frictionless(model: Model) -> Model:
-    return model.with_values({n: 0.0 for n in model.parameters if n.endswith(".level") or n.startswith("viscous")})
+def _half_friction(model: Model) -> Model:
+    friction = [n for n in model.parameters if n.endswith(".level") or n.startswith("viscous")]
+    return model.with_values(_scaled(model, friction, 0.5))

@@ -27,6 +27,11 @@ Array = NDArray[np.float64]
 BLOCK_S = 0.5
 #: s; groups between which the gradient is independent: longer than the carriage rings at its antiresonance.
 GROUP_S = 2.0
+#: A short record is cut into shorter groups, so that there are this many more than parameters; its intervals are then too narrow
+#: by what neighbouring groups share, and below the shortest group none are given.
+FEWEST_GROUPS = 12
+SHORTEST_GROUP_S = 0.2
+FEWEST_SAMPLES = 50
 #: m; largest stretch of the belt that friction can hold at rest: 10 N on 100 kN/m.
 OFFSET_M = 1e-4
 #: A direction of the parameter space known worse than this share of its value is called not identifiable.
@@ -82,10 +87,12 @@ def fit_inverse(
         name for name in start.parameters if name not in fixed and start.parameters[name].low < start.parameters[name].high
     )
     samples = sum(int(piece.keep.sum()) for piece in fitted)
-    groups = _labels(fitted, GROUP_S)
-    if not fitted or groups.max(initial=0) < len(free) + 3:
+    span = sum(piece.motion.samples * piece.motion.sample_s for piece in fitted)
+    group_s = min(GROUP_S, span / (len(free) + FEWEST_GROUPS))
+    if samples < FEWEST_SAMPLES * len(free) or group_s < SHORTEST_GROUP_S:
         raise DataError(
-            f"only {samples} moving samples are usable for {len(free)} parameters; record at least {2 * (len(free) + 5)} s of motion"
+            f"only {samples} moving samples in {span:.1f} s are usable for {len(free)} parameters; record at least "
+            f"{SHORTEST_GROUP_S * (len(free) + FEWEST_GROUPS):.0f} s in which the axis keeps moving"
         )
     # The motion between samples is reconstructed with the inertia at hand, so the fit is run twice.
     problem = _Problem(fitted, start, free)
@@ -93,7 +100,7 @@ def fit_inverse(
     better = problem.model_at(solution)
     pieces = [piece for recording in recordings for piece in stretches(recording, better, step, noise)]
     fitted = [piece for piece in pieces if not piece.held_out]
-    groups = _labels(fitted, GROUP_S)
+    groups = _labels(fitted, group_s)
     problem = _Problem(fitted, better, free)
     solution, weights = problem.solve(problem.start(), lambda f: progress(0.4 + 0.6 * f), robust=True)
     return _report(problem, solution, weights, groups, [piece for piece in pieces if piece.held_out], noise)

@@ -156,7 +156,7 @@ def measure_places(machine: Machine, model: Model, amplitude_nm: float) -> None:
             continue
         number += 1
         name = f"frf_{number}"
-        if name not in machine.folder.finished():
+        if machine.folder.finished(name) is None:
             phases.move_to(machine, place, model)
         phases.frequency_response(machine, name, model, amplitude_nm, RESPONSE_S)
 
@@ -165,7 +165,7 @@ def measure_friction(machine: Machine, model: Model) -> Recording:
     """Phase 5b: the constant-speed sweep with the loop closed."""
     machine.talk.phase(7, len(TITLES), TITLES[6])
     low, high = machine.full_room().window_m
-    if "sweep" not in machine.folder.finished():
+    if machine.folder.finished("sweep") is None:
         phases.move_to(machine, low + 2.0 * phases.END_MARGIN_M, model)
     strokes = phases.sweep(machine, model)
     sidecar = Sidecar(
@@ -273,7 +273,7 @@ def verify_move(machine: Machine, findings: Findings, trajectory: Trajectory, na
     findings.demand = demand(trajectory, model)
     running = machine.write_cascade(cascade)
     start = float(trajectory.position_m[0])
-    if name not in machine.folder.finished() and abs(machine.position_m - start) > 1e-4:
+    if machine.folder.finished(name) is None and abs(machine.position_m - start) > 1e-4:
         phases.move_to(machine, start, model)
     rested = phases.held(trajectory, REST_S)
     capabilities = machine.drive.capabilities

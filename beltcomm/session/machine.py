@@ -56,7 +56,7 @@ class Machine:
         self.machine_seconds = 0.0
         self._started = drive.clock.now()
         self._backup = drive.backup()
-        if "backup" not in folder.names("results"):  # a resumed run keeps what was there before the first one
+        if folder.load_result("backup") is None:  # a resumed run keeps what was there before the first one
             folder.save_result("backup", {"drive": dict(drive.capabilities.identity), "parameters": dict(self._backup)})
         folder.journal(f"connected to {drive.capabilities.name}; parameters saved as backup")
 
@@ -147,7 +147,7 @@ class Machine:
         Rows stream to disk while the axis moves; an interrupted record stays, marked as unfinished.
         Raises SafetyStop, DriveError, DataError.
         """
-        if name in self.folder.finished():
+        if self.folder.finished(name) is not None:
             self.talk.say(f"{name}: kept from the earlier run")
             return self.folder.recording(name)
         writer = self.folder.new_recording(name, sidecar, COLUMNS)
@@ -157,7 +157,7 @@ class Machine:
         def sink(row: Row) -> None:
             nonlocal rows
             t, torque, setpoint, position, velocity, reference, reference_velocity = row
-            writer((t - begun, torque, setpoint, position - zero, velocity, reference - zero, reference_velocity))
+            writer.write((t - begun, torque, setpoint, position - zero, velocity, reference - zero, reference_velocity))
             rows += 1
             if rows % 200 == 0:
                 self.talk.progress(rows / total, (total - rows) * motion.period_s)
@@ -165,12 +165,12 @@ class Machine:
         try:
             report = self.drive.record(motion, self.drive_limits(room), sink)
         except BaseException:
+            writer.close(finished=False)
             self.folder.journal(f"{name}: interrupted after {rows} of {total} samples; what was recorded is kept")
             raise
         finally:
-            writer.close()
             self.machine_seconds += self.drive.clock.now() - begun
-        writer.finish()
+        writer.close(finished=True)
         self.folder.journal(
             f"{name}: {report.rows} samples, {report.lost_cycles} lost cycles, worst period error {1e6 * report.worst_jitter_s:.0f} us"
         )
@@ -195,9 +195,9 @@ class Machine:
 
 def backed_up(folder: RunFolder) -> Mapping[str, float]:
     """The parameters that were in the drive before the run touched it.  Raises Refused when there is no backup."""
-    if "backup" not in folder.names("results"):
+    saved = folder.load_result("backup")
+    if saved is None:
         raise Refused(f"{folder.path} holds no backup of a drive; nothing to roll back to")
-    saved = folder.load("results", "backup")
     return {name: float(value) for name, value in saved["parameters"].items()}
 
 

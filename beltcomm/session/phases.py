@@ -31,13 +31,13 @@ MOVED_M = 5e-5
 #: Share of the allowed torque at which an axis that still does not move is given up.
 BREAKAWAY_SHARE = 0.6
 #: s, ramp of the sign check.
-RAMP_S = 1.0
+RAMP_S = 2.0
 #: m, room kept to the ends of the travel.
 END_MARGIN_M = 5e-3
 #: Share of the belt force limit that a prediction may use: the models are known to FIRST_ESTIMATE_SPREAD.
 BELT_SHARE = 0.9
-#: An excitation must be this much above the breakaway torque to keep the axis moving.
-OVER_BREAKAWAY = 1.15
+#: An excitation must reach this share of the breakaway torque; the ramp finds the latter some 20 % too high.
+OVER_BREAKAWAY = 1.0
 #: Growth of the amplitude from one record to the next.
 GROWTH = 1.7
 #: Friction sweep: slowest speed, number of speeds, run-in left out, shortest and longest plateau that counts.
@@ -232,8 +232,8 @@ def _excite(machine: Machine, name: str, excitation: Excitation, at: float) -> R
 
 def characteristic_hz(model: Model, position_m: float) -> tuple[float, float]:
     """Antiresonance and first resonance of a model with the carriage at a place, Hz, from its undamped modes."""
-    free = [m.frequency_hz for m in modes(model, operating_point(model, position_m, 1.0)) if m.frequency_hz > 0.5]
-    held = [m.frequency_hz for m in modes(model, operating_point(model, position_m, 1.0), held=("motor",)) if m.frequency_hz > 0.5]
+    free = [m.freq_hz for m in modes(model, operating_point(model, position_m, 1.0)) if m.freq_hz > 0.5]
+    held = [m.freq_hz for m in modes(model, operating_point(model, position_m, 1.0), held=("motor",)) if m.freq_hz > 0.5]
     return min(held), min(free)
 
 
