@@ -137,9 +137,7 @@ class Loops:
     def velocity(self, speed_rad_s: float, acceleration_rad_s2: float, extra_nm: float = 0.0) -> float:
         """Velocity loop on a reference."""
         self._close()
-        return self._decide(
-            velocity_step(self._coefficients, self._state, speed_rad_s, acceleration_rad_s2, self.angle_rad, extra_nm)
-        )
+        return self._decide(velocity_step(self._coefficients, self._state, speed_rad_s, acceleration_rad_s2, self.angle_rad, extra_nm))
 
     def position(self, angle_rad: float, speed_rad_s: float, acceleration_rad_s2: float, extra_nm: float = 0.0) -> float:
         """Position cascade on a reference."""

@@ -30,15 +30,14 @@ class PowerStage:
     i2t_exceeded : the I²t reserve (peak current for 2 s) is used up; False again at half of it.
     """
 
-    def __init__(
-        self, plant: Plant, motor: Motor, setpoint_delay_s: float, torque_noise_nm: float, seed: int, faults: Faults
-    ) -> None:
+    def __init__(self, plant: Plant, motor: Motor, setpoint_delay_s: float, torque_noise_nm: float, seed: int, faults: Faults) -> None:
         self._plant = plant
         self._motor = motor
         self._faults = faults
-        whole, part = divmod(setpoint_delay_s / TICK_S + _SWITCH_ROUNDING, 1.0)
-        self._delay_ticks = int(whole)
-        self._old_share = part if part > 2 * _SWITCH_ROUNDING else 0.0
+        delay = setpoint_delay_s / TICK_S
+        self._delay_ticks = math.floor(delay + _SWITCH_ROUNDING)
+        share = delay - self._delay_ticks
+        self._old_share = share if share > _SWITCH_ROUNDING else 0.0
         self._noise_nm = torque_noise_nm
         self._generator = np.random.default_rng(seed)
         self._noise: list[float] = []

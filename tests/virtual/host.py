@@ -9,6 +9,7 @@ from typing import Any
 import can
 
 from beltcomm.virtual.bus import LockstepBus
+from beltcomm.virtual.cia402 import State
 from beltcomm.virtual.device import VirtualDrive
 
 COUNTS = 65536
@@ -106,8 +107,17 @@ class Host:
     def status(self) -> int:
         return int(self.read(0x6041))
 
+    def state(self) -> State:
+        """The state inside the drive; what the host may know stands in ``status``."""
+        return self.drive.state
+
     def run(self, seconds: float) -> None:
         self.bus.clock.sleep_until(self.bus.clock.now() + seconds)
+
+    def place(self, position_rad: float) -> None:
+        """Put the resting axis somewhere else and wait until the velocity filter has forgotten how it came there."""
+        self.plant.position_rad = position_rad
+        self.run(0.1)
 
     def enable(self, mode: int) -> None:
         """Shutdown, switch on, enable operation in a mode."""

@@ -142,8 +142,8 @@ def test_braking_fault_shows_fault_reaction_active(host: MakeHost) -> None:
 
 
 def test_both_patterns_of_the_fault_state(host: MakeHost) -> None:
-    assert 0x08 == host_fault_bits(host, {})
-    assert 0x0F == host_fault_bits(host, {"fault_bits": 0x0F})
+    assert host_fault_bits(host, {}) == 0x08
+    assert host_fault_bits(host, {"fault_bits": 0x0F}) == 0x0F
 
 
 def host_fault_bits(host: MakeHost, options: dict[str, int]) -> int:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable
+from itertools import pairwise
 
 import pytest
 
@@ -161,7 +162,7 @@ def test_on_change_with_inhibit_time(host: MakeHost) -> None:
     for _ in range(20):
         one.run(0.001)
         times += [one.bus.clock.now()] * len(one.of(identifier))
-    assert [round(1000 * (b - a)) for a, b in zip(times[:-1], times[1:], strict=True)] == [5, 5, 5]
+    assert [round(1000 * (b - a)) for a, b in pairwise(times)] == [5, 5, 5]
 
 
 def test_on_change_is_silent_without_a_change_and_event_timer_speaks(host: MakeHost) -> None:
