@@ -51,6 +51,7 @@ class Row:
     kind : data type.   access : as in CiA 301.   default : value after 1011h.   low, high : range; None is the type's own.
     pdo : "r" mappable into receive PDOs, "t" into transmit PDOs.   when : writable "any" time, with the axis at "still"
     (stage off or standstill), or only with the stage "off".   stored : saved by 1010h.
+    unit : the factor group scales it.
     """
 
     index: int
@@ -64,11 +65,18 @@ class Row:
     pdo: Literal["", "r", "t", "rt"] = ""
     when: Literal["any", "still", "off"] = "any"
     stored: bool = False
+    unit: Literal["", "position", "velocity", "acceleration"] = ""
 
     @property
     def length(self) -> int:
         """Bytes; 0 for a string."""
         return _LENGTHS.get(self.kind, 0)
+
+    @property
+    def range(self) -> tuple[int, int]:
+        """Smallest and largest value of an integer type."""
+        bits = 8 * self.length
+        return (-(1 << bits - 1), (1 << bits - 1) - 1) if self.kind[0] == "i" else (0, (1 << bits) - 1)
 
     @property
     def code(self) -> str:
@@ -157,6 +165,19 @@ class ObjectDictionary:
         if row.low is not None and value < row.low:
             raise SdoAbort(SdoAbort.TOO_LOW)
         entry.value = value if entry.check is None else entry.check(value)
+
+    def rescale(self, unit: str, factor: float) -> None:
+        """The factor group has changed: written values keep their physical meaning, since the drive stores internal units.
+
+        factor : new user units per old one.   An end of the type's range is "off" and stays.
+        """
+        for entry in self._entries.values():
+            row = entry.row
+            if row.unit == unit and row.access == "rw":
+                bottom, top = row.range
+                if bottom < entry.value < top or entry.value == 0:
+                    low = bottom if row.low is None else row.low
+                    entry.value = int(min(max(round(entry.value * factor), low), top))
 
     def load(self, stored: NonVolatile, communication_only: bool = False) -> None:
         """Values after power-on or reset: what was saved, defaults for the rest.  No ``changed`` is called.

@@ -49,7 +49,7 @@ class Loops:
             dictionary.entry(index).changed = self.reload_limit
         for index, subindex in ((0x607E, 0), (0x6093, 1), (0x6093, 2), (0x6094, 1), (0x6094, 2), (0x6097, 1), (0x6097, 2)):
             if dictionary.has(index, subindex):
-                dictionary.entry(index, subindex).changed = self.reload_scaling
+                dictionary.entry(index, subindex).changed = self._on_factor
 
     def restart(self) -> None:
         """Take over all objects after power-on."""
@@ -154,6 +154,14 @@ class Loops:
         return self._decide(
             cascade_step(self._coefficients, self._state, angle_rad, speed_rad_s, acceleration_rad_s2, self.angle_rad, extra_nm)
         )
+
+    def _on_factor(self) -> None:
+        old = self.scaling
+        self.reload_scaling()
+        new = self.scaling
+        self.dictionary.rescale("position", abs(new.position / old.position))
+        self.dictionary.rescale("velocity", abs(new.velocity / old.velocity))
+        self.dictionary.rescale("acceleration", new.acceleration / old.acceleration)
 
     def _mark_gains(self) -> None:
         self._gains_stale = True

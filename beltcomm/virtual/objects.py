@@ -31,9 +31,10 @@ def parameter(
     high: float | None = None,
     pdo: Literal["", "r", "t", "rt"] = "rt",
     when: Literal["any", "still", "off"] = "any",
+    unit: Literal["", "position", "velocity", "acceleration"] = "",
 ) -> Row:
     """A row that is written by the host and kept by 1010h."""
-    return Row(index, subindex, kind, "rw", default, meaning, low, high, pdo, when, stored=True)
+    return Row(index, subindex, kind, "rw", default, meaning, low, high, pdo, when, stored=True, unit=unit)
 
 
 def communication_rows(node_id: int, name: str, vendor: int, product: int) -> list[Row]:
@@ -98,9 +99,9 @@ def drive_rows(motor: Motor, supported_modes: int, quick_stop_codes: tuple[int, 
         Row(0x6062, 0, "i32", "ro", 0, "position demand", pdo="t"),
         Row(0x6064, 0, "i32", "ro", 0, "position actual value", pdo="t"),
         # One revision in 100 ms: supervision is on unless it is set otherwise.
-        parameter(0x6065, 0, "u32", 65536, "following error window; FFFFFFFFh is off"),
+        parameter(0x6065, 0, "u32", 65536, "following error window; FFFFFFFFh is off", unit="position"),
         parameter(0x6066, 0, "u16", 100, "following error time, ms"),
-        parameter(0x6067, 0, "u32", 100, "position window"),
+        parameter(0x6067, 0, "u32", 100, "position window", unit="position"),
         parameter(0x6068, 0, "u16", 10, "position window time, ms"),
         Row(0x606C, 0, "i32", "ro", 0, "velocity actual value", pdo="t"),
         Row(0x6071, 0, "i16", "rw", 0, "target torque, 0.1 % of rated", pdo="rt"),
@@ -109,19 +110,19 @@ def drive_rows(motor: Motor, supported_modes: int, quick_stop_codes: tuple[int, 
         Row(0x6077, 0, "i16", "ro", 0, "torque actual value, 0.1 % of rated: mean of the period just ended", pdo="t"),
         Row(0x6078, 0, "i16", "ro", 0, "current actual value, 0.1 % of rated", pdo="t"),
         Row(0x6079, 0, "u32", "ro", 325000, "DC link voltage, mV: a rectified 230 V mains", pdo="t"),
-        Row(0x607A, 0, "i32", "rw", 0, "target position", pdo="rt"),
-        parameter(0x607C, 0, "i32", 0, "home offset: the zero lies this far from the home position"),
-        parameter(0x607D, 1, "i32", _I32_MIN, "software limit, lower; off while not below the upper"),
-        parameter(0x607D, 2, "i32", _I32_MAX, "software limit, upper"),
+        Row(0x607A, 0, "i32", "rw", 0, "target position", pdo="rt", unit="position"),
+        parameter(0x607C, 0, "i32", 0, "home offset: the zero lies this far from the home position", unit="position"),
+        parameter(0x607D, 1, "i32", _I32_MIN, "software limit, lower; off while not below the upper", unit="position"),
+        parameter(0x607D, 2, "i32", _I32_MAX, "software limit, upper", unit="position"),
         parameter(0x607E, 0, "u8", 0, "polarity: bit 7 position, bit 6 velocity", when="off"),
         parameter(0x6086, 0, "i16", 0, "motion profile: trapezoid", 0, 0),
         parameter(0x6087, 0, "u32", 0x0E310F94, "torque slope, 0.1 %/s", low=1),
         parameter(0x6088, 0, "i16", 0, "torque profile: linear", 0, 0),
         parameter(0x6098, 0, "i8", 37, "homing method: 17, 18 end switch; 35, 37 present position"),
-        Row(0x60C1, 1, "i32", "rw", 0, "interpolation position", pdo="rt"),
+        Row(0x60C1, 1, "i32", "rw", 0, "interpolation position", pdo="rt", unit="position"),
         Row(0x60F4, 0, "i32", "ro", 0, "following error", pdo="t"),
         Row(0x60FD, 0, "u32", "ro", 0, "digital inputs: bit 0 lower, bit 1 upper end switch", pdo="t"),
-        Row(0x60FF, 0, "i32", "rw", 0, "target velocity", pdo="rt"),
+        Row(0x60FF, 0, "i32", "rw", 0, "target velocity", pdo="rt", unit="velocity"),
         Row(0x6502, 0, "u32", "ro", supported_modes, "supported modes"),
     ]
 
@@ -132,11 +133,11 @@ def motion_rows(rev_per_s: float, rev_per_s2: float) -> list[Row]:
     Defaults: 10 rev/s and 100 rev/s² (0.78 m/s and 7.8 m/s² on the thesis's rig), quick stop 200 rev/s², homing slow.
     """
     return [
-        parameter(0x6081, 0, "u32", round(10 * rev_per_s), "profile velocity"),
-        parameter(0x6083, 0, "u32", round(100 * rev_per_s2), "profile acceleration", low=1),
-        parameter(0x6084, 0, "u32", round(100 * rev_per_s2), "profile deceleration", low=1),
-        parameter(0x6085, 0, "u32", round(200 * rev_per_s2), "quick stop deceleration", low=1),
-        parameter(0x6099, 1, "u32", round(rev_per_s), "homing speed towards the switch", low=1),
-        parameter(0x6099, 2, "u32", max(1, round(0.2 * rev_per_s)), "homing speed off the switch", low=1),
-        parameter(0x609A, 0, "u32", round(20 * rev_per_s2), "homing acceleration", low=1),
+        parameter(0x6081, 0, "u32", round(10 * rev_per_s), "profile velocity", unit="velocity"),
+        parameter(0x6083, 0, "u32", round(100 * rev_per_s2), "profile acceleration", low=1, unit="acceleration"),
+        parameter(0x6084, 0, "u32", round(100 * rev_per_s2), "profile deceleration", low=1, unit="acceleration"),
+        parameter(0x6085, 0, "u32", round(200 * rev_per_s2), "quick stop deceleration", low=1, unit="acceleration"),
+        parameter(0x6099, 1, "u32", round(rev_per_s), "homing speed towards the switch", low=1, unit="velocity"),
+        parameter(0x6099, 2, "u32", max(1, round(0.2 * rev_per_s)), "homing speed off the switch", low=1, unit="velocity"),
+        parameter(0x609A, 0, "u32", round(20 * rev_per_s2), "homing acceleration", low=1, unit="acceleration"),
     ]

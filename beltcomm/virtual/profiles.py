@@ -195,10 +195,10 @@ def _cmmp_rows(node_id: int, motor: Motor, counts: int) -> list[Row]:
         Row(0x60FA, 0, "i32", "ro", 0, "output of the position controller", pdo="t"),
         parameter(0x60FB, 1, "u16", 26, "position gain, 1/256", 0, 64 * 256, pdo="", when="still"),
         parameter(0x60FB, 2, "u16", 0, "position integral time", 0, 0, pdo=""),
-        parameter(0x60FB, 4, "u32", 500, "bound of the position controller's output", pdo="", when="still"),
-        parameter(0x60FB, 5, "u32", 2, "dead zone of the position controller", pdo="", when="still"),
+        parameter(0x60FB, 4, "u32", 500, "bound of the position controller's output", pdo="", when="still", unit="velocity"),
+        parameter(0x60FB, 5, "u32", 2, "dead zone of the position controller", pdo="", when="still", unit="position"),
         Row(0x6510, 0x10, "u16", "rw", 0, "enable logic: 2 gives the bus control", 0, 2),
-        parameter(0x6510, 0x22, "u32", 0, "following error that switches the stage off; 0 is never", pdo=""),
+        parameter(0x6510, 0x22, "u32", 0, "following error that switches the stage off; 0 is never", pdo="", unit="position"),
         Row(0x6510, 0x40, "u32", "ro", rated_current_ma, "nominal current, mA"),
         Row(0x6510, 0x41, "u32", "ro", round(rated_current_ma * peak / 1000), "peak current, mA"),
     ]

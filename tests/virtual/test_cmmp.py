@@ -83,6 +83,22 @@ def test_finest_velocity_and_other_position_units(host: MakeHost) -> None:
     assert one.read(0x6064, code="i") == pytest.approx(4096 * 0.5, abs=1)
 
 
+def test_values_keep_their_meaning_when_the_factor_group_changes(host: MakeHost) -> None:
+    one = host(profile="cmmp-as")
+    one.write(0x6065, 0, 3200, "I")
+    one.write(0x607D, 2, 32000, "i")
+    one.write(0x6094, 1, 1, "I")
+    one.write(0x6093, 1, 16, "I")
+    one.write(0x6097, 2, 2, "I")
+    assert one.read(0x60FB, 4) == 500 * 4096
+    assert one.read(0x6081) == 600 * 4096
+    assert one.read(0x6065) == 200
+    assert one.read(0x6083) == 12000
+    assert [one.read(0x607D, sub, "i") for sub in (1, 2)] == [-(2**31), 2000]  # an end of the range is off and stays
+    one.write(0x6094, 1, 4096, "I")
+    assert one.read(0x60FB, 4) == 500
+
+
 def test_factor_group_needs_the_stage_off(host: MakeHost) -> None:
     one = controlled(host)
     one.enable(4)
@@ -108,8 +124,8 @@ def test_velocity_gain_1_is_0_02(host: MakeHost) -> None:
 def test_position_gain_1_is_10_per_second_with_dead_zone_and_bound(host: MakeHost) -> None:
     one = controlled(host, plant=RigidPlant(inertia_kg_m2=1e3))
     one.write(0x60FB, 1, 256, "H")
-    one.write(0x60FB, 5, 100, "I")
     one.write(0x6094, 1, 1, "I")  # finest speed unit
+    one.write(0x60FB, 5, 100, "I")
     one.write(0x60FB, 4, 20 * 4096, "I")  # 20 1/min
     one.enable(7)
     one.control(0x1F)
