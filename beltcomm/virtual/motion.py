@@ -93,16 +93,19 @@ class Ramp:
         self.slope = 0.0
 
     def step(self, target: float, rising: float, falling: float) -> None:
-        """One tick; ``rising`` is the slope away from zero, ``falling`` towards it, per second."""
-        value = self.value
+        """One tick; ``rising`` is the slope away from zero, ``falling`` towards it, per second.  Zero takes no time."""
+        before = value = self.value
+        left = TICK_S
         if value * target < 0.0 or abs(target) < abs(value):
             goal = 0.0 if value * target < 0.0 else target
-            step = falling * TICK_S
-        else:
-            goal, step = target, rising * TICK_S
-        change = min(max(goal - value, -step), step)
-        self.value = value + change
-        self.slope = change / TICK_S
+            need = abs(goal - value) / falling
+            value = goal if need <= left else value + math.copysign(falling * left, goal - value)
+            left -= min(need, left)
+        if left > 0.0 and value != target:
+            need = abs(target - value) / rising
+            value = target if need <= left else value + math.copysign(rising * left, target - value)
+        self.value = value
+        self.slope = (value - before) / TICK_S
 
 
 class Interpolator:

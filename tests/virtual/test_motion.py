@@ -72,6 +72,16 @@ def test_ramp_rises_and_falls_with_its_own_slopes() -> None:
     assert ramp.slope == 0.0
 
 
+def test_a_steep_ramp_reverses_within_one_tick() -> None:
+    ramp = Ramp(0.3)
+    ramp.step(-0.3, 1e9, 1e9)
+    assert ramp.value == -0.3
+    ramp.step(0.3, 500.0, 1e9)  # what the way to zero leaves of the tick is spent on the slope away from it
+    assert ramp.value == 0.3
+    ramp.step(-10.0, 500.0, 600.0)
+    assert ramp.value == pytest.approx(-500.0 * (1e-3 - 0.3 / 600.0))
+
+
 def test_interpolator_reaches_a_setpoint_after_its_period() -> None:
     interpolator = Interpolator(0.0, 0.0)
     got = []
