@@ -272,8 +272,9 @@ class Recording:
             remarks.append(
                 f"samples were lost at {len(lost)} places, the longest gap is {steps[worst]:.4g} s at t = {self.t_s[worst]:.6g} s"
             )
-        if jitter(self.t_s) > 0.05:
-            remarks.append(f"the time steps deviate by up to {100.0 * jitter(self.t_s):.0f} % from {self.sample_period_s:.4g} s")
+        spread = jitter(self.t_s, lost)
+        if spread > 0.05:
+            remarks.append(f"the time steps deviate by up to {100.0 * spread:.0f} % from {self.sample_period_s:.4g} s")
         return remarks
 
 

@@ -39,10 +39,10 @@ def gaps(t_s: Array) -> NDArray[np.intp]:
     return np.flatnonzero(steps > 1.5 * period)
 
 
-def jitter(t_s: Array) -> float:
-    """Largest deviation of a step from the median one, as a share of it, gaps left out."""
+def jitter(t_s: Array, lost: NDArray[np.intp]) -> float:
+    """Largest deviation of a step from the median one, as a share of it.   lost : the gaps, left out."""
     steps = np.diff(t_s)
-    kept = np.delete(steps, gaps(t_s))
+    kept = np.delete(steps, lost)
     period = float(np.median(steps))
     return float(np.max(np.abs(kept - period)) / period)
 
