@@ -116,14 +116,14 @@ class Interpolator:
 
     def __init__(self, position: float, speed: float) -> None:
         self.position, self.speed = position, speed
-        self._target = (position, speed)
+        self._target_position, self._target_speed = position, speed
         self._step = (0.0, 0.0)
         self._left = 0
 
     def step(self, position: float, speed: float, ticks: int) -> None:
         """One tick towards the present setpoint."""
-        if (position, speed) != self._target:
-            self._target = (position, speed)
+        if position != self._target_position or speed != self._target_speed:
+            self._target_position, self._target_speed = position, speed
             self._left = ticks
             self._step = ((position - self.position) / ticks, (speed - self.speed) / ticks)
         if self._left > 1:
@@ -132,4 +132,4 @@ class Interpolator:
             self.speed += self._step[1]
         else:
             self._left = 0
-            self.position, self.speed = self._target
+            self.position, self.speed = position, speed
