@@ -25,9 +25,10 @@ from beltcomm.configfiles import did_you_mean, read_yaml, to_yaml, write_text
 from beltcomm.errors import DataError, UsageError
 from beltcomm.recording import Recording, RecordingWriter, Sidecar, load_recording, save_recording
 from beltcomm.recording_writer import MOTOR_COLUMNS
-from beltcomm.sidecar import load_sidecar
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
+#: How an unfinished record is called after a second attempt was begun.
+_MOVED_ASIDE = re.compile(r"\.unfinished\d+$")
 _KINDS = {"models": "model", "designs": "design", "results": "result"}
 
 
@@ -127,21 +128,16 @@ class RunFolder:
 
         Raises DataError when a sidecar stands without its recording.
         """
-        names, broken_off = [], {path.name.removesuffix(".csv.part") for path in self.recordings_folder.glob("*.csv.part")}
+        broken_off = {path.name.removesuffix(".csv.part") for path in self.recordings_folder.glob("*.csv.part")}
         for note in sorted(self.recordings_folder.glob("*.yaml")):
             if not note.with_suffix(".csv").is_file() and note.stem not in broken_off:
-                raise DataError(
-                    f"{note} describes a recording, but {note.stem}.csv is missing; bring it back or delete the sidecar"
-                )
-        for path in sorted(self.recordings_folder.glob("*.csv")):
-            note = path.with_suffix(".yaml")
-            if not note.is_file() or load_sidecar(note)[0].finished:
-                names.append(path.stem)
-        return names
+                raise DataError(f"{note} describes a recording, but {note.stem}.csv is missing; bring it back or delete the sidecar")
+        return sorted(path.stem for path in self.recordings_folder.glob("*.csv"))
 
     def unfinished(self) -> list[str]:
-        """Names of the recordings that were broken off, sorted; their rows stand in ``NAME.csv.part``."""
-        return sorted(path.name.removesuffix(".csv.part") for path in self.recordings_folder.glob("*.csv.part"))
+        """Names of the recordings still to be made, sorted; the rows that they had stand in ``NAME.csv.part``."""
+        parts = (path.name.removesuffix(".csv.part") for path in self.recordings_folder.glob("*.csv.part"))
+        return sorted(name for name in parts if not _MOVED_ASIDE.search(name))
 
     def recordings(self, experiment: str | None = None) -> list[Recording]:
         """The complete recordings, checked, sorted by name; those of one kind of experiment when it is given.
