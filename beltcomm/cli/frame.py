@@ -20,6 +20,7 @@ from beltcomm.errors import BeltcommError, UsageError
 
 if TYPE_CHECKING:
     from beltcomm.axis import Axis
+    from beltcomm.cli.talk import PlainTalk, RichTalk
     from beltcomm.talk import Talk
 
 #: Exit code of a broken-off command: that of a safety stop, which is what Ctrl-C is on a machine.
@@ -53,6 +54,7 @@ class Frame:
         self.json = "--json" in words
         self.verbose = 0
         self.run: Path | None = None
+        self._talk: PlainTalk | RichTalk | None = None
 
     def guarded(self, command: Callable[[], Any]) -> int:
         """Run a command and return its exit code; every exception becomes a sentence on stderr."""
@@ -86,6 +88,7 @@ class Frame:
 
     def print(self, data: Mapping[str, Any], lines: Iterable[str]) -> None:
         """The same from a mapping and lines."""
+        self._end_talk()
         if self.json:
             click.echo(json.dumps(_jsonable(data), ensure_ascii=False, allow_nan=False))
             return
@@ -96,9 +99,17 @@ class Frame:
         """Where progress and questions go: stderr."""
         from beltcomm.cli.talk import terminal_talk
 
-        return terminal_talk(self.verbose)
+        if self._talk is None:
+            self._talk = terminal_talk(self.verbose)
+        return self._talk
+
+    def _end_talk(self) -> None:
+        """Before anything else is printed: a progress line must not stay in the terminal."""
+        if self._talk is not None:
+            self._talk.close()
 
     def _failed(self, sentence: str, code: int) -> int:
+        self._end_talk()
         click.echo(f"beltcomm: {sentence}", err=True)
         if self.json:
             click.echo(json.dumps({"error": sentence, "exit_code": code}, ensure_ascii=False))

@@ -7,13 +7,12 @@ import sys
 from typing import Any, TextIO
 
 from beltcomm.errors import UsageError
-from beltcomm.talk import Talk
 
 #: Plain lines report progress at these steps of the fraction, so that a log of a minute stays short.
 PLAIN_STEP = 0.25
 
 
-def terminal_talk(verbose: int = 0) -> Talk:
+def terminal_talk(verbose: int = 0) -> PlainTalk | RichTalk:
     """The Talk for this process.   verbose : 1 shows what the library reports, 2 its details too."""
     if verbose:
         logging.basicConfig(stream=sys.stderr, format="%(name)s: %(message)s")
@@ -47,6 +46,9 @@ class PlainTalk:
         """Ask and read a line from stdin.   Raises UsageError when stdin is closed."""
         return _ask(text, self._stream)
 
+    def close(self) -> None:
+        """Nothing to put back."""
+
 
 class RichTalk:
     """A live progress line below the text."""
@@ -62,7 +64,7 @@ class RichTalk:
         """Begin a new line for the phase; the line of the one before stays as its record."""
         from rich.progress import BarColumn, Progress, TextColumn
 
-        self._end()
+        self.close()
         columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:>3.0f} %{task.fields[left]}"))
         self._live = Progress(*columns, console=self._console)
         self._task = self._live.add_task(f"[bold]{index}/{count}[/bold] {_escaped(title)}", total=1.0, left="")
@@ -74,7 +76,7 @@ class RichTalk:
             return
         self._live.update(self._task, completed=fraction, left=_left(seconds_left))
         if fraction >= 1.0:
-            self._end()
+            self.close()
 
     def say(self, text: str) -> None:
         """The text above the progress line."""
@@ -82,10 +84,11 @@ class RichTalk:
 
     def confirm(self, text: str) -> bool:
         """Ask below everything.   Raises UsageError when stdin is closed."""
-        self._end()
+        self.close()
         return _ask(text, sys.stderr)
 
-    def _end(self) -> None:
+    def close(self) -> None:
+        """End the progress line and give the terminal its cursor back.   Idempotent."""
         if self._live is not None:
             self._live.stop()
             self._live = None

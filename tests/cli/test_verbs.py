@@ -11,10 +11,11 @@ from click.testing import CliRunner, Result
 
 from beltcomm import drive
 from beltcomm.axis import load_axis
+from beltcomm.cli.frame import Frame
 from beltcomm.cli.main import cli
-from beltcomm.cli.talk import PlainTalk
+from beltcomm.cli.talk import PlainTalk, RichTalk
 from beltcomm.effects import EFFECTS
-from beltcomm.errors import UsageError
+from beltcomm.errors import DataError, UsageError
 
 
 def call(*words: str, answer: str | None = None) -> Result:
@@ -142,3 +143,18 @@ def test_nobody_to_ask_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sys.stdin", io.StringIO(""))
     with pytest.raises(UsageError, match="use --yes"):
         PlainTalk(io.StringIO()).confirm("Move?")
+
+
+def test_a_failure_in_a_phase_gives_the_terminal_back(capfd: pytest.CaptureFixture[str]) -> None:
+    frame = Frame([])
+    talk = RichTalk()
+    frame._talk = talk
+
+    def fail() -> None:
+        talk.phase(1, 2, "friction")
+        talk.progress(0.5, 3.0)
+        raise DataError("the record is clipped")
+
+    assert frame.guarded(fail) == 3
+    assert talk._live is None
+    assert capfd.readouterr().err.endswith("beltcomm: the record is clipped\n")
