@@ -130,7 +130,7 @@ def predict_move(
             plant.step(waiting[0], period_s - rest)
         belt = max(belt, abs(plant.belt_force_n))
     at = trajectory.position_m[0]
-    return PredictedMove(period_s * np.arange(n), at + ratio * motor, at + cart, torque, belt)
+    return PredictedMove(period_s * np.arange(n, dtype=np.float64), at + ratio * motor, at + cart, torque, belt)
 
 
 def tracking_error(t_s: Array, reference_m: Array, position_m: Array) -> TrackingError:
@@ -146,9 +146,7 @@ def tracking_error(t_s: Array, reference_m: Array, position_m: Array) -> Trackin
     end = t_s[last]
     still = (t_s >= end + STATIC_FROM_S) & (t_s <= end + STATIC_TO_S)
     if t_s[-1] < end + STATIC_TO_S - 2e-3 or not np.any(still):
-        raise DataError(
-            f"the record ends {t_s[-1] - end:.2f} s after the move; the static error is read until {STATIC_TO_S} s after it"
-        )
+        raise DataError(f"the record ends {t_s[-1] - end:.2f} s after the move; the static error is read until {STATIC_TO_S} s after it")
     return TrackingError(float(np.max(error[first : last + 1])), float(np.max(error[still])))
 
 

@@ -28,7 +28,7 @@ def _open(address: str, options: Mapping[str, object]) -> Drive:
     """``address``: a plant's name or path, "" for g_a.  Options:
 
     seed : whole number, of the torque noise (0).     profile : "reference" or "cmmp-as".     realtime : run at the wall clock.
-    start_position : m, where the carriage stands (0.25).     referenced : the encoder knows the carriage's zero (no).
+    start_position : m, where the carriage stands (0.25).     referenced : the encoder knows the carriage's zero (yes).
     plant : a :class:`beltcomm.plant.Plant` in place of the plant file's model; its delay and noise stay.
     faults : a :class:`beltcomm.virtual.faults.Faults`.     log : called with every frame.
     """
@@ -37,6 +37,7 @@ def _open(address: str, options: Mapping[str, object]) -> Drive:
     file = load_plant(address or DEFAULT_PLANT)
     start_m = _number(options, "start_position", DEFAULT_START_M)
     plant = options.get("plant") or SimulatedPlant(file.model, position_m=start_m)
+    referenced = bool(options.get("referenced", True))
     bus = LockstepBus(MonotonicClock() if options.get("realtime") else None)
     bus.on_frame = options.get("log")  # type: ignore[assignment]  # options are not typed
     VirtualDrive(
@@ -48,8 +49,8 @@ def _open(address: str, options: Mapping[str, object]) -> Drive:
         counts_per_rev=file.counts_per_rev,
         setpoint_delay_s=file.setpoint_delay_s,
         torque_noise_nm=file.torque_noise_nm,
-        zero_rad=-start_m / file.model["transmission.ratio"] if options.get("referenced") else 0.0,
-        referenced=bool(options.get("referenced")),
+        zero_rad=-start_m / file.model["transmission.ratio"] if referenced else 0.0,
+        referenced=referenced,
         faults=options.get("faults"),  # type: ignore[arg-type]
     )
     return connect(bus, bus.clock, _NODE, None, None, bus.shutdown)

@@ -56,9 +56,7 @@ def dead_time_between(
     range of interest, in general up to the resonance.     longest_s : s, dead times from minus to plus this are considered.
     Raises DataError when the responses share too few lines.     Source: thesis (3.25) to (3.30).
     """
-    common, at_setpoint, at_torque = np.intersect1d(
-        np.rint(setpoint.freq_hz * 1e6), np.rint(torque.freq_hz * 1e6), return_indices=True
-    )
+    common, at_setpoint, at_torque = np.intersect1d(np.rint(setpoint.freq_hz * 1e6), np.rint(torque.freq_hz * 1e6), return_indices=True)
     if len(common) == 0:
         raise DataError("the two responses have no line in common; estimate both from the same record and period")
     return dead_time_against(

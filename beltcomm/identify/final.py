@@ -71,7 +71,8 @@ def final_model(
     return FinalModel(
         better,
         other,
-        f"stiffness differs by {100 * spread:.0f} % between places; {law} fits better: misfit {better.misfit:.3g} against {other.misfit:.3g}",
+        f"stiffness differs by {100 * spread:.0f} % between places; {law} fits better: "
+        f"misfit {better.misfit:.3g} against {other.misfit:.3g}",
     )
 
 

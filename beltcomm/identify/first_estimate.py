@@ -12,8 +12,9 @@ from beltcomm.identify.residual import evaluate, stretches, torque_noise
 from beltcomm.model import Model, build_model
 from beltcomm.recording import Recording
 
-#: The effects that every belt axis gets; what else is needed is found by comparing with measurements.
-BASE_EFFECTS = ("belt_stiffness", "belt_damping", "viscous_motor", "viscous_cart", "coulomb_motor", "coulomb_cart")
+#: The effects that every belt axis gets; what else is needed is found by comparing with measurements.  Viscous friction of the
+#: carriage is not among them: seen from the motor it differs from that of the motor only next to the antiresonance.
+BASE_EFFECTS = ("belt_stiffness", "belt_damping", "viscous_motor", "coulomb_motor", "coulomb_cart")
 #: kg: carriages between these are tried.  N/m: belts between these shares of the data sheet's stiffness are tried.
 MASSES_KG = np.geomspace(0.1, 100.0, 25)
 STIFFNESS_SHARES = np.geomspace(0.4, 2.5, 12)
@@ -25,9 +26,7 @@ def data_sheet_model(axis: Axis, position_m: float, coulomb_nm: float, tilt_rad:
     position_m : m, where the stiffness is taken.    coulomb_nm : N m at the motor, of motor and carriage together; the split is not
     known and set to 70 % at the motor.    Raises UsageError when the axis file lacks what the job needs.
     """
-    axis.require(
-        "identify", "motor.inertia_kg_m2", "pulley.effective_radius_m", "belt.specific_stiffness_n", "belt.pulley_distance_m"
-    )
+    axis.require("identify", "motor.inertia_kg_m2", "pulley.effective_radius_m", "belt.specific_stiffness_n", "belt.pulley_distance_m")
     ratio = axis.transmission_m_rad
     values = {
         "motor.inertia": axis.motor_side_inertia_kg_m2,
@@ -62,9 +61,7 @@ def first_estimate(recordings: Sequence[Recording], start: Model, counts_per_rev
     for mass in MASSES_KG:
         for share in STIFFNESS_SHARES:
             trial = start.with_values({"cart.mass": float(mass), "belt_stiffness.stiffness": float(share * stiffness)})
-            base = np.concatenate(
-                [evaluate(p, trial, trial.with_values(dict.fromkeys(friction, 0.0)).vector())[p.keep] for p in pieces]
-            )
+            base = np.concatenate([evaluate(p, trial, trial.with_values(dict.fromkeys(friction, 0.0)).vector())[p.keep] for p in pieces])
             direction = np.concatenate([np.sign(p.motion.omega[:: p.motion.substeps])[p.keep] for p in pieces])
             speed = np.concatenate([p.motion.omega[:: p.motion.substeps][p.keep] for p in pieces])
             regressor = np.stack([direction, speed], axis=1)

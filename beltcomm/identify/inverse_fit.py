@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
+from scipy.optimize import OptimizeResult, least_squares
 from scipy.stats import t as student
 
 from beltcomm.errors import DataError
@@ -79,13 +79,11 @@ def fit_inverse(
 
     Raises DataError when too few samples are left or the fit does not converge to finite values.
     """
-    noise = torque_noise(list(recordings)) if noise_nm is None else noise_nm
+    noise = torque_noise(recordings) if noise_nm is None else noise_nm
     step = 2.0 * np.pi / counts_per_rev
     pieces = [piece for recording in recordings for piece in stretches(recording, start, step, noise)]
     fitted = [piece for piece in pieces if not piece.held_out]
-    free = tuple(
-        name for name in start.parameters if name not in fixed and start.parameters[name].low < start.parameters[name].high
-    )
+    free = tuple(name for name in start.parameters if name not in fixed and start.parameters[name].low < start.parameters[name].high)
     samples = sum(int(piece.keep.sum()) for piece in fitted)
     span = sum(piece.motion.samples * piece.motion.sample_s for piece in fitted)
     group_s = min(GROUP_S, span / (len(free) + FEWEST_GROUPS))
@@ -163,6 +161,17 @@ class _Problem:
         mean = np.bincount(self.blocks, squares) / np.maximum(count, 1)
         return np.asarray((1.0 / np.sqrt(np.maximum(1.0, mean)))[self.blocks])
 
+    def minimised(self, x: Array, weights: Array) -> OptimizeResult:
+        """One least-squares solution with fixed weights."""
+
+        def residual(y: Array) -> Array:
+            return self.residual(y) * weights
+
+        def jacobian(y: Array) -> Array:
+            return self.jacobian(y) * weights[:, None]
+
+        return least_squares(residual, x, jac=jacobian, bounds=(self.low, self.high), ftol=1e-6, xtol=1e-6, max_nfev=30)
+
     def solve(self, x: Array, progress: Callable[[float], None], *, robust: bool) -> tuple[Array, Array]:
         """Least squares, then reweighted by blocks until the weights settle, three rounds at most.
 
@@ -172,20 +181,9 @@ class _Problem:
         weights = np.ones(self.ends[-1])
         rounds = 4 if robust else 1
         for number in range(rounds):
-            current = weights
-            result = least_squares(
-                lambda y, w=current: self.residual(y) * w,
-                x,
-                jac=lambda y, w=current: self.jacobian(y) * w[:, None],
-                bounds=(self.low, self.high),
-                ftol=1e-6,
-                xtol=1e-6,
-                max_nfev=30,
-            )
+            result = self.minimised(x, weights)
             if not np.all(np.isfinite(result.x)):
-                raise DataError(
-                    "the final fit did not converge; compare the recordings with the axis file (units, signs, feed constant)"
-                )
+                raise DataError("the final fit did not converge; compare the recordings with the axis file (units, signs, feed constant)")
             moved = float(np.max(np.abs(result.x - x)))
             x = result.x
             weights = self.weights(x) if robust else weights
@@ -207,9 +205,7 @@ def _labels(pieces: Sequence[Stretch], seconds: float) -> NDArray[np.int64]:
     return np.unique(np.concatenate(labels), return_inverse=True)[1].astype(np.int64)
 
 
-def _report(
-    problem: _Problem, x: Array, weights: Array, groups: NDArray[np.int64], held_out: list[Stretch], noise: float
-) -> InverseFit:
+def _report(problem: _Problem, x: Array, weights: Array, groups: NDArray[np.int64], held_out: list[Stretch], noise: float) -> InverseFit:
     residual = problem.residual(x)
     covariance, freedom = _covariance(problem, x, residual * weights, weights, groups)
     own = len(problem.free)

@@ -197,9 +197,7 @@ def fit_magnitude(
 class _Problem:
     """The least squares problem in coordinates of order one: ln m_c, ln c, ln Θ_e, and damping over its natural scale."""
 
-    def __init__(
-        self, names: tuple[str, ...], start: Mapping[str, float], residual_db: Callable[[Mapping[str, float]], Array]
-    ) -> None:
+    def __init__(self, names: tuple[str, ...], start: Mapping[str, float], residual_db: Callable[[Mapping[str, float]], Array]) -> None:
         self.names = names
         self._residual_db = residual_db
         self._is_log = np.array(["damping" not in name for name in names])
@@ -225,9 +223,7 @@ class _Problem:
     def solve(self, solver: Solver) -> tuple[Array, bool]:
         """Minimum within the bounds, and whether the solver says that it got there."""
         if solver == "trf":
-            found = least_squares(
-                self.residual, self.start, bounds=(self.low, self.high), method="trf", xtol=1e-12, ftol=1e-12, gtol=1e-12
-            )
+            found = least_squares(self.residual, self.start, bounds=(self.low, self.high), method="trf", xtol=1e-12, ftol=1e-12, gtol=1e-12)
             return np.asarray(found.x, dtype=np.float64), bool(found.success)
         # x = low + (high - low)(1 + sin q)/2 keeps a solver without bounds inside them.
         q = np.arcsin(2.0 * (self.start - self.low) / (self.high - self.low) - 1.0)
@@ -318,9 +314,7 @@ def _chosen_lines(
     return response.lines(clear[log_spaced_lines(response.freq_hz[clear], n_lines, lowest_hz, highest_hz)])
 
 
-def _start_values(
-    freq_hz: Array, measured_db: Array, transmission_m_rad: float, inertia_kg_m2: float | None
-) -> list[dict[str, float]]:
+def _start_values(freq_hz: Array, measured_db: Array, transmission_m_rad: float, inertia_kg_m2: float | None) -> list[dict[str, float]]:
     """The best few points of a grid over f_z, f_r/f_z and both dampings, by the cost (3.33).
 
     Source: (2.45), (2.47): m_c = κ Θ_e/i_t², c = m_c ω_z², κ = (f_r/f_z)² - 1; a free Θ_e follows from the mean level.
@@ -377,9 +371,7 @@ def _remarks(fit: MagnitudeFit, at_bound: NDArray[np.bool_], converged: bool) ->
         width = item.interval if item.interval is not None else np.inf
         if bound:
             edge = item.low if item.value - item.low < item.high - item.value else item.high
-            remarks.append(
-                f"{name} lies at its bound {edge:g} {item.unit} and is not determined by this record (95 %: ± {width:.2g})"
-            )
+            remarks.append(f"{name} lies at its bound {edge:g} {item.unit} and is not determined by this record (95 %: ± {width:.2g})")
         elif width >= item.value:
             remarks.append(f"{name} is not determined by this record: {item.value:.3g} ± {width:.2g} {item.unit}")
     model = fit.two_mass

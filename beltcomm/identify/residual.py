@@ -15,6 +15,8 @@ equation says nothing there.
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -63,7 +65,7 @@ def stretches(recording: Recording, model: Model, step_rad: float, noise_nm: flo
     cuts = [0, *(int(i) + 1 for i in recording.gaps()), len(recording.t_s)]
     start = recording.sidecar.start_position_m or 0.0
     pieces = []
-    for first, last in zip(cuts, cuts[1:], strict=False):
+    for first, last in itertools.pairwise(cuts):
         if last - first < 50:
             continue
         part = slice(first, last)
@@ -114,7 +116,7 @@ def ran_in(motion: FineMotion, ratio: float) -> NDArray[np.bool_]:
     return done
 
 
-def torque_noise(recordings: list[Recording], quiet_nm: float = 1e-3) -> float:
+def torque_noise(recordings: Sequence[Recording], quiet_nm: float = 1e-3) -> float:
     """Noise of the torque signal, N m rms: what a short filter of the setpoint does not explain; the median over the records.
 
     Raises DataError when no record has a torque setpoint and the caller must estimate the noise from the fit instead.
@@ -155,7 +157,7 @@ def whitened(stretch: Stretch, model: Model, vector: Array, offset_m: float = 0.
     )
 
 
-@njit(cache=True)  # type: ignore[misc]
+@njit(cache=True)
 def banded_whitening(residual: Array, keep: NDArray[np.bool_], c0: float, c1: float, c2: float) -> Array:
     """Solve L r = e for the kept samples, L L' their covariance with bands c0, c1, c2; (n,) -> (kept,)."""
     out = np.empty(keep.sum())

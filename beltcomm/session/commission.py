@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -11,15 +11,16 @@ import numpy as np
 
 from beltcomm.axis import Axis
 from beltcomm.axis_entries import TrajectoryLimits
-from beltcomm.control import Cascade
+from beltcomm.control import Cascade, CascadeStructure
 from beltcomm.design.cascade import DesignResult
 from beltcomm.design.cautious import cautious_cascade
 from beltcomm.design.feedforward import FeedforwardKind
+from beltcomm.design.specification import Specification
 from beltcomm.errors import DataError, Refused
 from beltcomm.identify.dead_time import DeadTime
 from beltcomm.identify.final import FinalModel, final_model
 from beltcomm.identify.friction import FrictionFit
-from beltcomm.identify.magnitude_fit import MagnitudeFit
+from beltcomm.identify.magnitude_fit import MagnitudeFit, Solver
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 from beltcomm.session import analyse, phases
@@ -58,7 +59,7 @@ class Settings:
     """What the user decides.  payloads_kg : further carriage loads the loop must hold for, added to what is mounted now.
 
     position_m : where the carriage stands, when the drive does not know.   home : run the drive's homing first.
-    apply : what becomes of the new gains.   feedforward, prefilters : for comparisons; None means what is best.
+    apply : what becomes of the new gains.   quick : one place only.   feedforward, prefilters : for comparisons; None means what is best.
     move : the user's own reference motion instead of the standard move.
     """
 
@@ -67,7 +68,8 @@ class Settings:
     home: bool = False
     payloads_kg: tuple[float, ...] = ()
     feedforward: FeedforwardKind = "nonlinear"
-    specification: object | None = None
+    specification: Specification | None = None
+    quick: bool = False
     move: Trajectory | None = None
 
 
@@ -110,19 +112,23 @@ def first_model(machine: Machine, findings: Findings) -> Model:
     findings.final = final_model(recordings, machine.axis, counts)
     model = findings.final.fit.model
     measure_delay_and_damping(findings, recordings, model)
-    machine.folder.save_model("first", model.to_dict())
     return model
 
 
-def measure_delay_and_damping(findings: Findings, recordings: list[Recording], model: Model) -> None:
+def measure_delay_and_damping(findings: Findings, recordings: Sequence[Recording], model: Model, solver: Solver = "lm") -> None:
     """The thesis's fit of every response, and the dead time; both only inform, a failure is a remark."""
     for name, response in analyse.responses(recordings).items():
         try:
-            findings.thesis[name] = analyse.thesis_fit(response, model)
+            findings.thesis[name] = analyse.thesis_fit(response, model, solver)
         except (DataError, Refused) as problem:
             findings.remarks.append(f"{name}: no log-magnitude fit ({problem})")
+    if not recordings:
+        return
     _, resonance = phases.characteristic_hz(model, recordings[0].sidecar.start_position_m or 0.0)
-    findings.dead_time = analyse.dead_time_of(recordings, resonance)
+    try:
+        findings.dead_time = analyse.dead_time_of(recordings, resonance)
+    except DataError as problem:
+        findings.remarks.append(str(problem))
 
 
 def close_first_loop(machine: Machine, findings: Findings, model: Model) -> Cascade:
@@ -164,7 +170,7 @@ def measure_places(machine: Machine, model: Model, amplitude_nm: float) -> None:
 def measure_friction(machine: Machine, model: Model) -> Recording:
     """Phase 5b: the constant-speed sweep with the loop closed."""
     machine.talk.phase(7, len(TITLES), TITLES[6])
-    low, high = machine.full_room().window_m
+    low, _ = machine.full_room().window_m
     if machine.folder.finished("sweep") is None:
         phases.move_to(machine, low + 2.0 * phases.END_MARGIN_M, model)
     strokes = phases.sweep(machine, model)
@@ -191,18 +197,25 @@ def fit_and_design(machine: Machine, findings: Findings, settings: Settings) -> 
         findings.friction = analyse.friction_of(recordings)
     except DataError as problem:
         findings.remarks.append(f"friction sweep: {problem}")
-    machine.folder.save_model("final", model.to_dict())
+    findings.design, findings.cascade = design_for(machine.axis, model, machine.drive.capabilities.structure, findings, settings)
+    return findings.cascade
+
+
+def design_for(
+    axis: Axis, model: Model, structure: CascadeStructure, findings: Findings, settings: Settings
+) -> tuple[DesignResult, Cascade]:
+    """The final design: both ends of the travel, the payload mounted now and the further ones stated."""
     masses = [model["cart.mass"], *(model["cart.mass"] + extra for extra in settings.payloads_kg)]
-    findings.design, findings.cascade = analyse.design(
+    return analyse.design(
         model,
-        machine.drive.capabilities.structure,
-        positions_m=machine.full_room().window_m,
+        structure,
+        positions_m=(float(axis.travel.min_m or 0.0), float(axis.travel.max_m or 0.0)),
         masses_kg=masses,
         dead_time_s=delay(findings),
         apparent_damping_nm_s_rad=analyse.apparent_damping(findings.thesis),
         feedforward=settings.feedforward,
+        specification=settings.specification,
     )
-    return findings.cascade
 
 
 def standard_move(machine: Machine, model: Model) -> tuple[Trajectory, str]:
@@ -262,15 +275,13 @@ def broken_limits(machine: Machine, model: Model, trajectory: Trajectory) -> lis
     return broken
 
 
-def verify_move(machine: Machine, findings: Findings, trajectory: Trajectory, name: str = "move_1") -> Verdict:
-    """Phase 7: run the move with the new gains and compare with its prediction."""
-    model, cascade = known_model(findings), findings.cascade
-    if cascade is None:
-        raise Refused("there is no designed controller to verify; run `beltcomm design` first")
+def verify_move(
+    machine: Machine, model: Model, cascade: Cascade, delay_s: float, trajectory: Trajectory, name: str = "move_1"
+) -> tuple[Verdict, Demand]:
+    """Phase 7: run the move with the new gains and compare with its prediction.   Raises Refused when it would break a limit."""
     broken = broken_limits(machine, model, trajectory)
     if broken:
-        raise Refused("the move is refused: " + "; ".join(broken) + "; give a slower one")
-    findings.demand = demand(trajectory, model)
+        raise Refused("the move is refused: " + "; ".join(broken) + _fastest(machine, model, trajectory))
     running = machine.write_cascade(cascade)
     start = float(trajectory.position_m[0])
     if machine.folder.finished(name) is None and abs(machine.position_m - start) > 1e-4:
@@ -290,12 +301,31 @@ def verify_move(machine: Machine, findings: Findings, trajectory: Trajectory, na
         running,
         rested,
         period_s=capabilities.structure.period_s,
-        delay_s=delay(findings),
+        delay_s=delay_s,
         torque_limit_nm=capabilities.peak_torque_nm,
         counts_per_rev=capabilities.counts_per_rev,
     )
-    findings.verdict = judge(recording, machine.ratio, predicted, rested.position_m)
-    return findings.verdict
+    return judge(recording, machine.ratio, predicted, rested.position_m), demand(trajectory, model)
+
+
+def _fastest(machine: Machine, model: Model, trajectory: Trajectory) -> str:
+    """Which uniformly slower version of a refused move would be admissible, in words."""
+    low, high = 0.0, 1.0
+    for _ in range(20):
+        middle = 0.5 * (low + high)
+        slower = Trajectory(
+            trajectory.t_s / middle,
+            trajectory.position_m,
+            trajectory.velocity_m_s * middle,
+            trajectory.acceleration_m_s2 * middle**2,
+        )
+        if broken_limits(machine, model, slower):
+            high = middle
+        else:
+            low = middle
+    if low == 0.0:
+        return ""
+    return f"; the same move stretched from {trajectory.duration_s:.3f} s to {trajectory.duration_s / low:.3f} s is admissible"
 
 
 def known_model(findings: Findings) -> Model:
@@ -308,11 +338,11 @@ def known_model(findings: Findings) -> Model:
 def commission(machine: Machine, settings: Settings, findings: Findings) -> Findings:
     """The whole job on a connected, referenced axis.  ``findings`` is filled as it goes, so an interruption loses nothing."""
     machine.talk.phase(1, len(TITLES), TITLES[0])
-    machine.check_scaling()
     try:
         model = identify_here(machine, findings)
         close_first_loop(machine, findings, model)
-        measure_places(machine, model, findings.excited.step.amplitude_nm if findings.excited else 0.0)
+        if not settings.quick:
+            measure_places(machine, model, findings.excited.step.amplitude_nm if findings.excited else 0.0)
         measure_friction(machine, model)
         cascade = fit_and_design(machine, findings, settings)
         machine.talk.phase(9, len(TITLES), TITLES[8])
@@ -323,7 +353,8 @@ def commission(machine: Machine, settings: Settings, findings: Findings) -> Find
             trajectory, remark = standard_move(machine, model)
             if remark:
                 findings.remarks.append(f"verification move {remark}")
-        verdict = verify_move(machine, findings, trajectory)
+        verdict, findings.demand = verify_move(machine, model, cascade, delay(findings), trajectory)
+        findings.verdict = verdict
         machine.keep_gains = settings.apply in ("keep", "save") and verdict.passed
         if settings.apply in ("keep", "save") and not verdict.passed:
             findings.remarks.append("the new gains were not kept, because the verification missed its target")

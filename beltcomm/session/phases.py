@@ -96,7 +96,7 @@ def sign_and_scale(machine: Machine) -> Breakaway:
             f"the carriage stands at {at:.4f} m, within {2e3 * SIGN_TRAVEL_M:.0f} mm of an end of its travel; move it further in by hand"
         )
     room = room_around(machine, at, 5.0 * SIGN_TRAVEL_M)
-    top = BREAKAWAY_SHARE * room.torque_nm
+    top = BREAKAWAY_SHARE * min(room.torque_nm, machine.axis.torque_limit_nm)
     period = machine.drive.capabilities.sample_period_s
     ramp = np.linspace(0.0, top, int(RAMP_S / period))
     found = {}

@@ -89,7 +89,7 @@ def load_torque(model: Model, motion: FineMotion, vector: Array | None = None, o
     return triangular_mean(fine, motion.substeps), cart
 
 
-@njit(cache=True)  # type: ignore[misc]
+@njit(cache=True)
 def triangular_mean(fine: Array, substeps: int) -> Array:
     """Mean with weight 1 - |s| over one sample before and after each sample; (n*substeps - substeps + 1,) -> (n,), ends 0."""
     n = (fine.shape[0] - 1) // substeps + 1

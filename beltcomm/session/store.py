@@ -1,0 +1,90 @@
+"""Values of a session as plain mappings, for the run folder and for ``--json``, and back."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from beltcomm.control import Cascade, CascadeStructure
+from beltcomm.design.cascade import DesignResult
+from beltcomm.drive import Capabilities
+from beltcomm.errors import DataError
+from beltcomm.identify.inverse_fit import InverseFit
+from beltcomm.parameters import cascade_to_parameters, parameters_to_cascade
+from beltcomm.verify import Verdict
+
+
+def plain(value: Any) -> Any:
+    """The value in the types that YAML and JSON have: dataclasses and mappings as mappings, arrays as lists."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {f.name: plain(getattr(value, f.name)) for f in dataclasses.fields(value) if not f.name.startswith("_")}
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray):
+        return [plain(item) for item in value.tolist()]
+    if isinstance(value, (list, tuple, set, frozenset)):
+        return [plain(item) for item in value]
+    if isinstance(value, np.generic):
+        return value.item()
+    return value
+
+
+def drive_to_dict(capabilities: Capabilities) -> dict[str, Any]:
+    """What the later steps need of a drive: ``results/drive.yaml``."""
+    return {**plain(capabilities), "kinds": sorted(capabilities.kinds)}
+
+
+def structure_from_dict(data: Mapping[str, Any]) -> CascadeStructure:
+    """The cascade structure from :func:`drive_to_dict`.   Raises DataError when it is damaged."""
+    try:
+        fields = dict(data["structure"])
+        return CascadeStructure(**{**fields, "prefilters": tuple(fields["prefilters"])})
+    except (KeyError, TypeError) as error:
+        raise DataError(f"results/drive.yaml is damaged ({error}); connect to the drive again with a new run") from error
+
+
+def fit_to_dict(fit: InverseFit) -> dict[str, Any]:
+    """Everything of a fit but the model's own numbers, which stand in ``models/``."""
+    return {
+        "model": fit.model.name,
+        "free": list(fit.free),
+        "correlation": plain(fit.correlation),
+        "covariance": plain(fit.covariance),
+        "misfit": fit.misfit,
+        "held_out_misfit": fit.held_out_misfit,
+        "record_misfit": plain(fit.record_misfit),
+        "samples": fit.samples,
+        "noise_nm": fit.noise_nm,
+        "freedom": fit.freedom,
+        "remarks": list(fit.remarks),
+    }
+
+
+def design_to_dict(design: DesignResult, cascade: Cascade, dead_time_s: float, apparent_damping_nm_s_rad: float) -> dict[str, Any]:
+    """A design with its proof: ``designs/final.yaml``."""
+    return {
+        "parameters": cascade_to_parameters(cascade),
+        "structure": plain(design.structure),
+        "specification": plain(design.specification),
+        "dead_time_s": dead_time_s,
+        "apparent_damping_nm_s_rad": apparent_damping_nm_s_rad,
+        "margins": plain(design.margins),
+        "binding": list(design.binding),
+        "remarks": list(design.remarks),
+    }
+
+
+def cascade_from_dict(data: Mapping[str, Any]) -> Cascade:
+    """The controller of a saved design.   Raises DataError when it is damaged."""
+    try:
+        return parameters_to_cascade({str(k): float(v) for k, v in data["parameters"].items()})
+    except (KeyError, TypeError, ValueError) as error:
+        raise DataError(f"the design in this run folder is damaged ({error}); run `beltcomm design` again") from error
+
+
+def verdict_to_dict(verdict: Verdict) -> dict[str, Any]:
+    """``results/verify.yaml``."""
+    return dict(plain(verdict))

@@ -1,0 +1,146 @@
+"""Results in plain sentences and small tables, for people.  No printing here."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+from beltcomm.control import Cascade
+from beltcomm.design.cascade import DesignResult
+from beltcomm.identify.friction import FrictionFit
+from beltcomm.identify.inverse_fit import InverseFit
+from beltcomm.identify.magnitude_fit import MagnitudeFit
+from beltcomm.session.analyse import Characteristic
+from beltcomm.verify import Demand, Verdict
+
+#: (name in the model, words, unit shown, factor)
+_SHOWN = (
+    ("motor.inertia", "motor-side inertia", "kg mm²", 1e6),
+    ("cart.mass", "carriage mass", "kg", 1.0),
+    ("belt_stiffness.stiffness", "belt stiffness", "kN/m", 1e-3),
+    ("belt_stiffness_position.specific_stiffness", "belt specific stiffness EA", "kN", 1e-3),
+    ("belt_stiffness_position.offset", "free belt at position 0", "mm", 1e3),
+    ("belt_damping.damping", "belt damping", "N s/m", 1.0),
+    ("viscous_motor.damping", "viscous friction", "mN m s/rad", 1e3),
+    ("viscous_cart.damping", "viscous friction, carriage", "N s/m", 1.0),
+    ("coulomb_motor.level", "Coulomb friction, motor", "mN m", 1e3),
+    ("coulomb_cart.level", "Coulomb friction, carriage", "N", 1.0),
+)
+_DERIVED = (
+    ("resonance", "resonance", "Hz", 1.0),
+    ("antiresonance", "antiresonance", "Hz", 1.0),
+    ("coulomb_total", "Coulomb friction, all, at the motor", "mN m", 1e3),
+)
+
+
+def number(value: float, interval: float | None, unit: str) -> str:
+    """Value with its 95 % interval, rounded to the interval's second digit."""
+    if interval is None or not math.isfinite(interval) or interval <= 0.0:
+        return f"{value:.4g} {unit}"
+    digits = max(0, 1 - math.floor(math.log10(interval)))
+    return f"{value:.{digits}f} ± {interval:.{digits}f} {unit}"
+
+
+def model_lines(fit: InverseFit, characteristics: Mapping[str, Characteristic]) -> list[str]:
+    """The fitted model with 95 % intervals, its misfit and what to know of it."""
+    lines = ["Model (95 % intervals):"]
+    for name, words, unit, factor in _SHOWN:
+        item = fit.model.parameters.get(name)
+        if item is not None:
+            half = None if item.interval is None else item.interval * factor
+            lines.append(f"  {words:36} {number(item.value * factor, half, unit)}")
+    for name, words, unit, factor in _DERIVED:
+        if name in characteristics:
+            item2 = characteristics[name]
+            lines.append(f"  {words:36} {number(item2.value * factor, item2.interval * factor, unit)}")
+    level = math.sqrt(fit.misfit)
+    lines.append(f"  unexplained torque is {level:.2f} x the noise ({1e3 * fit.noise_nm:.1f} mN m) over {fit.samples} samples")
+    if level > 1.3:
+        lines.append("  the model does not explain everything that was measured: look at the recordings before trusting it")
+    return lines + [f"  {remark}" for remark in fit.remarks]
+
+
+def thesis_lines(fits: Mapping[str, MagnitudeFit]) -> list[str]:
+    """The log-magnitude fits beside the final one."""
+    if not fits:
+        return []
+    lines = ["Log-magnitude fit of the frequency responses (for the picture; friction around standstill poses as damping):"]
+    for name, fit in fits.items():
+        two = fit.two_mass
+        apparent = 1e3 * two.transmission_m_rad**2 * (two.motor_damping_n_s_m + two.cart_damping_n_s_m)
+        lines.append(
+            f"  {name:12} {two.mass_kg:.2f} kg, {two.stiffness_n_m / 1e3:.1f} kN/m, resonance {two.resonance_hz:.1f} Hz, "
+            f"antiresonance {two.antiresonance_hz:.1f} Hz, apparent damping {apparent:.0f} mN m s/rad, rest {fit.rms_db:.1f} dB"
+        )
+    return lines
+
+
+def friction_lines(friction: FrictionFit) -> list[str]:
+    """Coulomb and viscous friction of the sweep, per direction too."""
+    lines = [
+        "Friction from the sweep (motor and carriage together, at the motor):",
+        f"  Coulomb  {number(1e3 * friction.coulomb.value, _half(friction.coulomb.interval, 1e3), 'mN m')}",
+        f"  viscous  {number(1e3 * friction.viscous.value, _half(friction.viscous.interval, 1e3), 'mN m s/rad')}",
+    ]
+    for words, pair in (("forward", friction.forward), ("backward", friction.backward)):
+        if pair is not None:
+            viscous, coulomb = pair
+            lines.append(f"  {words:8} {1e3 * coulomb.value:.1f} mN m, {1e3 * viscous.value:.3f} mN m s/rad")
+    return lines + [f"  {remark}" for remark in friction.remarks]
+
+
+def _half(interval: float | None, factor: float) -> float | None:
+    return None if interval is None else interval * factor
+
+
+def design_lines(design: DesignResult, cascade: Cascade) -> list[str]:
+    """Gains and the worst margins over all plants."""
+    worst = min(design.margins, key=lambda m: m.phase_margin_deg)
+    slowest = min(design.margins, key=lambda m: m.position_phase_margin_deg)
+    sensitivity = max(max(m.sensitivity_db, m.position_sensitivity_db) for m in design.margins)
+    prefilter = cascade.prefilter
+    shown = {
+        "none": "none",
+        "notch": f"notch at {prefilter.omega_rad_s / 2 / math.pi:.1f} Hz, d_n {prefilter.d_n:.2f}",
+        "butterworth": f"Butterworth at {prefilter.omega_rad_s / 2 / math.pi:.1f} Hz",
+    }[prefilter.kind]
+    feedforward = cascade.feedforward
+    lines = [
+        "Controller:",
+        f"  K_P {cascade.kp_nm_s_rad:.4g} N m s/rad, K_I {cascade.ki_nm_rad:.4g} N m/rad, K_PP {cascade.kpp_1_s:.3g} 1/s, "
+        f"T_R {1e3 * cascade.velocity_filter_s:.2g} ms, prefilter {shown}",
+        f"  feedforward: inertia {1e6 * feedforward.inertia_kg_m2:.0f} kg mm², viscous {1e3 * feedforward.viscous_nm_s_rad:.2f} mN m s/rad, "
+        f"Coulomb {1e3 * feedforward.coulomb_nm:.1f} mN m, velocity {feedforward.velocity:g}",
+        f"  proven on {len(design.plants)} plants (places, payloads, every damping down to none): velocity phase margin at least "
+        f"{worst.phase_margin_deg:.0f} deg, position {slowest.position_phase_margin_deg:.0f} deg, resonance at most "
+        f"{max(m.suppression_db for m in design.margins):.1f} dB, sensitivity at most {sensitivity:.1f} dB",
+    ]
+    lines += [f"  bound by: {reason}" for reason in design.binding]
+    return lines + [f"  {remark}" for remark in design.remarks]
+
+
+def verdict_lines(verdict: Verdict, demand: Demand | None) -> list[str]:
+    """Predicted and measured tracking error, in mm and um."""
+    lines = ["Verification move:"]
+    if demand is not None:
+        lines.append(
+            f"  up to {demand.speed_m_s:.2f} m/s, {demand.acceleration_m_s2:.1f} m/s², {demand.feed_force_n:.0f} N feed force, "
+            f"{demand.torque_nm:.2f} N m at the motor"
+        )
+    rows: list[tuple[str, object, object]] = [("at the motor", verdict.measured, verdict.predicted)]
+    rows.append(("at the carriage", verdict.measured_cart, verdict.predicted_cart))
+    for words, measured, predicted in rows:
+        lines.append(
+            f"  {words:16} dynamic {_error(measured, 'dynamic_m', 1e3)} mm (predicted {_error(predicted, 'dynamic_m', 1e3)}), "
+            f"static {_error(measured, 'static_m', 1e6)} um (predicted {_error(predicted, 'static_m', 1e6)})"
+        )
+    return lines + [f"  {reason}" for reason in verdict.reasons]
+
+
+def _error(tracking: object, name: str, factor: float) -> str:
+    return "not measured" if tracking is None else f"{factor * float(getattr(tracking, name)):.3g}"
+
+
+def remarks_lines(remarks: Sequence[str]) -> list[str]:
+    """Everything else worth knowing."""
+    return [f"Note: {remark}" for remark in remarks]
