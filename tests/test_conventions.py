@@ -1,0 +1,80 @@
+"""What must stay true of the whole checkout; style, docstrings and banned calls are ruff's, types mypy's (see .ci/run)."""
+
+from __future__ import annotations
+
+import os
+import re
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from beltcomm.axis import load_axis
+from beltcomm.model import load_plant
+from beltcomm_adapters.profiles import load_profile
+
+CHECKOUT = Path(__file__).parent.parent
+SOURCES = [path for folder in ("beltcomm", "adapters", "tests") for path in (CHECKOUT / folder).rglob("*.py")]
+TEXTS = [path for path in CHECKOUT.glob("*.*") if path.suffix in (".md", ".toml")] + [
+    path
+    for folder in ("beltcomm", "adapters", "tests", "configs", "docs", ".ci")
+    for path in (CHECKOUT / folder).rglob("*")
+    if path.is_file() and path.suffix in ("", ".py", ".md", ".yaml", ".csv", ".json", ".toml")
+]
+LOADERS: dict[str, Callable[[str], Any]] = {"axes": load_axis, "plants": load_plant, "drives": load_profile}
+CONFIGS = sorted((CHECKOUT / "configs").rglob("*.*"))
+
+RUN = "python3 -m venv .venv && .venv/bin/pip install -q . && .venv/bin/beltcomm commission --drive virtual --yes"
+TEST = "python3 -m venv .venv && .venv/bin/pip install -q -e '.[dev]' && .venv/bin/python -m pytest"
+
+
+def settings() -> dict[str, Any]:
+    with open(CHECKOUT / "pyproject.toml", "rb") as file:
+        return tomllib.load(file)
+
+
+def test_files_stay_short_enough_to_be_read_at_once() -> None:
+    lengths = {path.relative_to(CHECKOUT).as_posix(): len(path.read_text(encoding="utf-8").splitlines()) for path in SOURCES}
+    assert {name: lines for name, lines in lengths.items() if lines > 400} == {}
+
+
+def test_no_text_names_a_folder_of_one_machine() -> None:
+    machine_path = re.compile(r"(?<![\w.$}/])(/(home|root|work|Users|mnt|srv)/\w+|[A-Z]:\\\\?\w+)")
+    found = {
+        f"{path.relative_to(CHECKOUT).as_posix()}:{number}": match[0]
+        for path in TEXTS
+        for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1)
+        if (match := machine_path.search(line))
+    }
+    assert found == {}
+
+
+@pytest.mark.parametrize("path", CONFIGS, ids=lambda path: f"{path.parent.name}-{path.stem}")
+def test_every_shipped_file_loads_by_its_name(path: Path) -> None:
+    LOADERS[path.parent.name](path.stem)
+
+
+def test_the_two_commands_are_in_the_readme_and_ci_runs_the_second() -> None:
+    readme = [line.strip() for line in (CHECKOUT / "README.md").read_text(encoding="utf-8").splitlines()]
+    script = CHECKOUT / ".ci" / "run"
+    assert RUN in readme
+    assert TEST in readme
+    assert TEST in script.read_text(encoding="utf-8").splitlines()
+    assert os.access(script, os.X_OK)
+
+
+def test_the_structure_page_shows_the_layers_that_are_enforced() -> None:
+    page = (CHECKOUT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    (layers,) = [contract["layers"] for contract in settings()["tool"]["importlinter"]["contracts"] if contract["type"] == "layers"]
+    shown = re.findall(r"```layers\n(.*?)```", page, re.DOTALL)
+    assert [text.splitlines() for text in shown] == [[layer.strip("()") for layer in layers]]
+
+
+def test_the_structure_page_names_every_module() -> None:
+    page = (CHECKOUT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    first_cells = "".join(line.split("|")[1] for line in page.splitlines() if line.startswith("|"))
+    named = {name.removesuffix("/") for name in re.findall(r"`([\w/]+)`", first_cells)}
+    modules = {path.stem for path in (CHECKOUT / "beltcomm").iterdir() if path.suffix == ".py" or (path / "__init__.py").is_file()}
+    assert modules - {"__init__"} <= named

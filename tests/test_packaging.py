@@ -1,0 +1,125 @@
+"""The wheel: complete, and working from another folder with a read-only site-packages."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import sysconfig
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+CHECKOUT = Path(__file__).parent.parent
+HEAVY = ("numpy", "numba", "scipy", "can", "canopen", "ruckig")
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A wheel of this checkout, built without the network."""
+    folder = tmp_path_factory.mktemp("wheel")
+    pip("wheel", "--no-build-isolation", "--no-deps", "--wheel-dir", str(folder), str(CHECKOUT))
+    (path,) = folder.glob("*.whl")
+    return path
+
+
+@pytest.fixture(scope="module")
+def site(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """The wheel, installed into a site-packages of its own in which nobody may write."""
+    folder = tmp_path_factory.mktemp("site")
+    pip("install", "--no-deps", "--no-compile", "--target", str(folder), str(wheel))
+    parts = [folder, *folder.rglob("*")]
+    for part in parts:
+        part.chmod(part.stat().st_mode & ~0o222)
+    yield folder
+    for part in parts:
+        part.chmod(part.stat().st_mode | 0o200)
+
+
+def pip(*words: str) -> None:
+    command = [sys.executable, "-m", "pip", "--disable-pip-version-check", "-q", *words]
+    subprocess.run(command, check=True, capture_output=True, text=True, stdin=subprocess.DEVNULL)
+
+
+def run(site: Path, folder: Path, *words: str) -> str:
+    """Output of a Python that finds beltcomm in ``site`` only, started in ``folder``, with an empty home there."""
+    home = folder / "home"
+    home.mkdir(exist_ok=True)
+    keep = {name: value for name, value in os.environ.items() if not name.startswith(("NUMBA_", "XDG_", "PYTHON", "COV_"))}
+    packages = os.pathsep.join([str(site), sysconfig.get_path("purelib"), sysconfig.get_path("platlib")])
+    # -S: no .pth files, so an editable install of the checkout stays out of sight
+    command = [sys.executable, "-S", "-W", "error", *words]
+    if os.geteuid() == 0:  # root may write into read-only folders, unless it gives that capability away
+        command = ["setpriv", "--bounding-set=-dac_override", "--inh-caps=-dac_override", *command]
+    done = subprocess.run(command, cwd=folder, env=keep | {"HOME": str(home), "PYTHONPATH": packages}, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_the_wheel_holds_both_packages_the_settings_and_the_types(wheel: Path) -> None:
+    held = set(zipfile.ZipFile(wheel).namelist())
+    for source, target in (("beltcomm", "beltcomm"), ("adapters/beltcomm_adapters", "beltcomm_adapters"), ("configs", "beltcomm/configs")):
+        files = {
+            path.relative_to(CHECKOUT / source) for path in (CHECKOUT / source).rglob("*") if path.suffix in (".py", ".yaml", ".typed")
+        }
+        assert {f"{target}/{file.as_posix()}" for file in files} <= held
+    assert {"beltcomm/py.typed", "beltcomm_adapters/py.typed"} <= held
+    assert {name.partition("/")[0] for name in held} == {"beltcomm", "beltcomm_adapters", "beltcomm-0.1.0.dist-info"}
+
+
+def test_the_installed_command_shows_its_help(site: Path, tmp_path: Path) -> None:
+    assert "commission" in run(site, tmp_path, str(site / "bin" / "beltcomm"), "--help")
+
+
+def test_starting_the_command_line_imports_nothing_heavy(site: Path, tmp_path: Path) -> None:
+    program = f"import sys, beltcomm.cli.main; print([name for name in {HEAVY} if name in sys.modules])"
+    assert run(site, tmp_path, "-c", program) == "[]\n"
+
+
+def test_settings_and_adapters_are_found(site: Path, tmp_path: Path) -> None:
+    program = """
+import json
+from beltcomm.axis import load_axis
+from beltcomm.configfiles import find_config
+from beltcomm.drive import find_adapters, open_drive
+with open_drive("virtual", {"seed": 1}) as drive:
+    position_rad = drive.read(["position_rad"])["position_rad"]
+print(json.dumps({
+    "axis": load_axis("egc-70-600").name, "file": str(find_config("axes", "egc-70-600")), "position_rad": position_rad,
+    "adapters": {item.entry_point.partition(":")[0]: item.reason for item in find_adapters()},
+}))
+"""
+    found = json.loads(run(site, tmp_path, "-c", program))
+    assert found["file"] == str(site / "beltcomm" / "configs" / "axes" / "egc-70-600.yaml")
+    assert found["axis"]
+    assert isinstance(found["position_rad"], float)
+    assert found["adapters"] == {"beltcomm_adapters.virtual": "", "beltcomm_adapters.canopen": "", "beltcomm_adapters.serial": ""}
+
+
+def test_kernels_compile_into_the_users_cache(site: Path, tmp_path: Path) -> None:
+    program = """
+import sys
+from pathlib import Path
+import numpy as np
+from beltcomm import cascade_kernel
+from beltcomm.model import load_plant
+from beltcomm.simulate.compose import kernel_for
+try:
+    (Path(cascade_kernel.__file__).parent / "draft").touch()
+except PermissionError:
+    print("read-only")
+model = load_plant("g_b").model
+kernel = kernel_for(model)
+out = np.zeros(len(kernel.bodies))
+kernel.forces(np.zeros_like(out), np.ones_like(out), model.vector(), 0.0, out)
+state = np.ones(7)
+cascade_kernel.reset_state(state, 0.5)
+print(out.any(), state[0])
+"""
+    assert run(site, tmp_path, "-c", program) == "read-only\nTrue 0.5\n"
+    kept = {path.name.partition(".")[0].partition("_")[0] for path in (tmp_path / "home" / ".cache").rglob("*.nbi")}
+    assert kept == {"kernel", "cascade"}  # composed from effects, and written in the package
+    assert not list(site.rglob("*.nbi"))
