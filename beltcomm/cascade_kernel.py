@@ -1,6 +1,6 @@
 """The cascade as a servo drive runs it: one compiled step per sampling period.
 
-Numbers are those of ``beltcomm.control.discrete_coefficients``; the state is one array of seven, so that other compiled
+Numbers are those of ``beltcomm.control.discrete_coefficients``; the state is one array of eight, so that other compiled
 code can hold it.  All quantities at the motor shaft.
 
 Sources: figure 4.1, (4.1), (4.3), (4.6), (4.16), (6.1), (6.25), (6.26).
@@ -26,16 +26,17 @@ def _compiled(function: Callable[_P, _R]) -> Callable[_P, _R]:
 
 
 # Places in the state.
-_POSITION, _VELOCITY, _REFERENCE, _FILTERED_REFERENCE, _BIQUAD_1, _BIQUAD_2, _INTEGRAL = range(7)
+_POSITION, _VELOCITY, _REFERENCE, _FILTERED_REFERENCE, _BIQUAD_1, _BIQUAD_2, _INTEGRAL, _ACCELERATION = range(8)
 
 
 def new_state() -> Array:
-    """State of a cascade at rest at position 0: ndarray (7,).
+    """State of a cascade at rest at position 0: ndarray (8,).
 
     Motor angle of the last step, rad; measured velocity, rad/s; reference velocity of the last step, rad/s; filtered
-    reference velocity, rad/s; two states of the prefilter (transposed direct form II), rad/s; integrator x_I, rad.
+    reference velocity, rad/s; two states of the prefilter (transposed direct form II), rad/s; integrator x_I, rad;
+    reference acceleration of the last step, rad/s².
     """
-    return np.zeros(7)
+    return np.zeros(8)
 
 
 @_compiled
@@ -59,7 +60,8 @@ def cascade_step(
 
     e = K_PP (φ_d − φ) + filtered K_v ω_d − ω,   τ = PI(prefilter(e)) + feedforward(ω_d, dω_d/dt) + extra, limited.
 
-    coefficients, state : ndarray (17,), (7,).   The feedforward uses ω_d as it is, not filtered and not times K_v.
+    coefficients, state : ndarray (18,), (8,).   The feedforward uses ω_d as it is, not filtered and not times K_v,
+    extrapolated by the advance: the torque acts a delay and half a period after it was computed.
     """
     error = coefficients[3] * (reference_position_rad - position_rad)
     return _velocity_loop(
@@ -126,6 +128,15 @@ def _velocity_loop(
     error = coefficients[6] * raw_error + state[_BIQUAD_1]
     state[_BIQUAD_1] = coefficients[7] * raw_error - coefficients[9] * error + state[_BIQUAD_2]
     state[_BIQUAD_2] = coefficients[8] * raw_error - coefficients[10] * error
+
+    # The acceleration arrives as the difference quotient of the velocity, so it is half a period old; its own change carries
+    # both ahead.  Along a jerk-limited reference that is exact but for the samples at which the jerk switches.
+    ahead = coefficients[17] / period
+    change = reference_acceleration - state[_ACCELERATION]
+    state[_ACCELERATION] = reference_acceleration
+    if ahead > 0.0:
+        reference_velocity += coefficients[17] * (reference_acceleration + 0.5 * (1.0 + ahead) * change)
+        reference_acceleration += (0.5 + ahead) * change
 
     feedforward = (
         coefficients[11] * reference_acceleration

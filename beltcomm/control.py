@@ -69,6 +69,8 @@ class Feedforward:
 
     inertia_kg_m2 : motor inertia and carriage mass together, kg m².  viscous_nm_s_rad.  coulomb_nm.  offset_nm : gravity.
     ``velocity`` K_v of (4.17): 1 passes the reference velocity to the velocity loop, 0 leaves all to the position gain.
+    advance_s : s, the reference is extrapolated so far ahead for the feedforward torque: dead time and half a loop period, after
+    which that torque acts.
     """
 
     inertia_kg_m2: float = 0.0
@@ -76,6 +78,7 @@ class Feedforward:
     coulomb_nm: float = 0.0
     offset_nm: float = 0.0
     velocity: float = 1.0
+    advance_s: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -120,8 +123,8 @@ def discrete_coefficients(cascade: Cascade, period_s: float, torque_limit_nm: fl
     """The numbers that the compiled step runs on, in the order that :mod:`beltcomm.cascade_kernel` unpacks.
 
     period_s : float, s, > 0, sampling period T of the loops.   torque_limit_nm : float, N m, motor shaft, > 0.
-    Returns ndarray (17,): T, K_P, K_I, K_PP, T_R, filter_reference (0 or 1), prefilter b0 b1 b2 a1 a2, inertia, viscous,
-    Coulomb and offset of the feedforward, K_v, torque limit.
+    Returns ndarray (18,): T, K_P, K_I, K_PP, T_R, filter_reference (0 or 1), prefilter b0 b1 b2 a1 a2, inertia, viscous,
+    Coulomb and offset of the feedforward, K_v, torque limit, advance of the feedforward.
     Raises UsageError when a number is out of its range, or the prefilter lies at or above the Nyquist frequency π/T.
     """
     if not (period_s > 0.0 and math.isfinite(period_s)):
@@ -145,6 +148,7 @@ def discrete_coefficients(cascade: Cascade, period_s: float, torque_limit_nm: fl
             forward.offset_nm,
             forward.velocity,
             torque_limit_nm,
+            forward.advance_s,
         ]
     )
 

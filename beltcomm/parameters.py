@@ -32,6 +32,7 @@ GAIN_NAMES: Final = (
     "ff_coulomb_nm",
     "ff_offset_nm",
     "ff_velocity",
+    "ff_advance_s",
 )
 
 #: Limits inside the drive: largest torque, N m, and largest speed, rad/s, motor shaft.
@@ -58,6 +59,7 @@ def cascade_to_parameters(cascade: Cascade) -> dict[str, float]:
         "ff_coulomb_nm": feedforward.coulomb_nm,
         "ff_offset_nm": feedforward.offset_nm,
         "ff_velocity": feedforward.velocity,
+        "ff_advance_s": feedforward.advance_s,
     }
 
 
@@ -90,6 +92,7 @@ def parameters_to_cascade(parameters: Mapping[str, float]) -> Cascade:
             coulomb_nm=value("ff_coulomb_nm"),
             offset_nm=value("ff_offset_nm"),
             velocity=value("ff_velocity"),
+            advance_s=value("ff_advance_s"),
         ),
         filter_reference=bool(value("filter_reference")),
     )

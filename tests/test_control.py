@@ -180,3 +180,17 @@ def test_the_value_objects_load_without_numba() -> None:
     """``beltcomm --help`` must stay below 0.3 s; numba alone takes longer."""
     code = "import sys, beltcomm.control; sys.exit('numba' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_feedforward_advance_gives_the_torque_of_the_reference_a_delay_later() -> None:
+    """Along constant jerk the extrapolation is exact: torque at t is that of the reference at t + advance."""
+    period, advance, jerk = 1e-3, 1.5e-3, 3000.0
+    feedforward = Feedforward(inertia_kg_m2=2e-3, viscous_nm_s_rad=3e-3, coulomb_nm=0.1, advance_s=advance)
+    coefficients = discrete_coefficients(Cascade(0.0, 0.0, 0.0, 2e-3, feedforward=feedforward), period, 100.0)
+    state = new_state()
+    velocity = 0.5 * jerk * (period * np.arange(1, 60)) ** 2
+    quotient = np.diff(velocity, prepend=0.0) / period
+    torque = [cascade_step(coefficients, state, 0.0, v, a, 0.0, 0.0) for v, a in zip(velocity, quotient, strict=True)]
+    t = period * np.arange(1, 60) + advance
+    expected = 2e-3 * jerk * t + 3e-3 * 0.5 * jerk * t**2 + 0.1
+    np.testing.assert_allclose(torque[2:], expected[2:], rtol=1e-12)

@@ -20,6 +20,7 @@ def feedforward_from(
     coulomb_nm: float,
     apparent_viscous_nm_s_rad: float | None = None,
     offset_nm: float = 0.0,
+    dead_time_s: float = 0.0,
 ) -> Feedforward:
     """Feedforward (4.16) of the kind asked for, as far as the drive has the terms.
 
@@ -30,6 +31,7 @@ def feedforward_from(
 
     inertia_kg_m2 : m_e = Θ_e + i_t² m_c, kg m².   viscous_nm_s_rad, coulomb_nm : friction of the moving axis, motor and
     carriage together.   apparent_viscous_nm_s_rad : d_a, needed for "linear".   offset_nm : + i_t m_c g sin(tilt).
+    dead_time_s : from torque setpoint to acting torque; the feedforward is computed that much and half a period ahead.
     All at the motor shaft.   Terms the drive lacks are 0: torque terms without ``structure.torque_feedforward``, K_v without
     ``structure.velocity_feedforward``.
     Raises UsageError for a number that is not finite, a negative inertia or friction, or a linear kind without d_a.
@@ -50,4 +52,5 @@ def feedforward_from(
     velocity = 1.0 if structure.velocity_feedforward and kind != "none" else 0.0
     if not structure.torque_feedforward:
         return Feedforward(velocity=velocity)
-    return Feedforward(inertia_kg_m2, viscous_nm_s_rad, coulomb_nm, offset_nm, velocity)
+    advance = dead_time_s + 0.5 * structure.period_s if kind != "none" else 0.0
+    return Feedforward(inertia_kg_m2, viscous_nm_s_rad, coulomb_nm, offset_nm, velocity, advance)

@@ -172,13 +172,14 @@ def design(
             raise
         result = design_cascade(plants, structure, nearest)
         result = replace(result, remarks=(f"this drive cannot have the usual margins: {refusal}", *result.remarks))
-    return result, with_feedforward(result.cascade, model, structure, feedforward, apparent_damping_nm_s_rad)
+    return result, with_feedforward(result.cascade, model, structure, dead_time_s, feedforward, apparent_damping_nm_s_rad)
 
 
 def with_feedforward(
     cascade: Cascade,
     model: Model,
     structure: CascadeStructure,
+    dead_time_s: float,
     kind: FeedforwardKind = "nonlinear",
     apparent_nm_s_rad: float | None = None,
 ) -> Cascade:
@@ -191,6 +192,7 @@ def with_feedforward(
         viscous_nm_s_rad=model.get("viscous_motor.damping") + ratio**2 * model.get("viscous_cart.damping"),
         coulomb_nm=model.get("coulomb_motor.level") + ratio * model.get("coulomb_cart.level"),
         apparent_viscous_nm_s_rad=apparent_nm_s_rad,
+        dead_time_s=dead_time_s,
     )
     return replace(cascade, feedforward=feedforward, filter_reference=structure.reference_filter)
 

@@ -138,7 +138,7 @@ def close_first_loop(machine: Machine, findings: Findings, model: Model) -> Casc
     at = machine.position_m
     plants = analyse.design_plants(model, [at], [model["cart.mass"]], delay(findings), analyse.apparent_damping(findings.thesis))
     result = cautious_cascade(plants[-1], structure)
-    cascade = analyse.with_feedforward(result.cascade, model, structure)
+    cascade = analyse.with_feedforward(result.cascade, model, structure, delay(findings))
     margin = min(m.phase_margin_deg for m in result.margins)
     machine.talk.say(f"first loop: K_P {cascade.kp_nm_s_rad:.4f} N m s/rad, smallest phase margin {margin:.0f} deg with ±30 % uncertainty")
     machine.write_cascade(cascade)

@@ -104,6 +104,7 @@ def _reference_rows(node_id: int, motor: Motor, counts: int) -> list[Row]:
         gain(11, 0.0, "feedforward Coulomb, N m", high=100.0),
         gain(12, 0.0, "feedforward offset, N m", high=100.0, low=-100.0),
         gain(13, 0.0, "feedforward velocity K_v", high=2.0),
+        gain(14, 0.0, "feedforward advance, s", high=0.02),
         Row(0x2101, 1, "u32", "ro", 1000, "loop period, us"),
         Row(0x2101, 2, "u8", "ro", 1, "torque sampling: 1 = mean of the period just ended"),
     ]
@@ -116,7 +117,7 @@ def _reference_scaling(dictionary: ObjectDictionary, counts: int) -> Scaling:
 
 
 def _reference_cascade(dictionary: ObjectDictionary) -> Cascade:
-    value = [dictionary.entry(0x2100, subindex).value for subindex in range(14)]
+    value = [dictionary.entry(0x2100, subindex).value for subindex in range(15)]
     kind, centre, width = _PREFILTERS[value[5]], value[6], value[7]
     # The parts of a prefilter arrive one by one; until it is complete there is none.
     complete = centre > 0.0 and (kind != "notch" or width > 0.0)
@@ -126,7 +127,7 @@ def _reference_cascade(dictionary: ObjectDictionary) -> Cascade:
         kpp_1_s=value[3],
         velocity_filter_s=value[4],
         prefilter=Prefilter(kind, centre, width) if complete else Prefilter(),  # type: ignore[arg-type]
-        feedforward=Feedforward(*value[9:14]),
+        feedforward=Feedforward(*value[9:15]),
         filter_reference=bool(value[8]),
     )
 
