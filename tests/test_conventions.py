@@ -69,7 +69,7 @@ def test_the_structure_page_shows_the_layers_that_are_enforced() -> None:
     page = (CHECKOUT / "docs" / "architecture.md").read_text(encoding="utf-8")
     (layers,) = [contract["layers"] for contract in settings()["tool"]["importlinter"]["contracts"] if contract["type"] == "layers"]
     shown = re.findall(r"```layers\n(.*?)```", page, re.DOTALL)
-    assert [text.splitlines() for text in shown] == [[layer.strip("()") for layer in layers]]
+    assert [text.splitlines() for text in shown] == [layers]
 
 
 def test_the_structure_page_names_every_module() -> None:
