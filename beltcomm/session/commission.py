@@ -32,7 +32,7 @@ from beltcomm.verify import Demand, Verdict, demand, judge, predict_move
 Apply = Literal["keep", "restore", "save"]
 
 #: s of machine time per frequency response: rest, one run-in period, three to four measured ones.
-RESPONSE_S = 6.0
+RESPONSE_S = 7.0
 #: Where along the travel the other frequency responses are taken, as shares of it.
 PLACES = (0.12, 0.5, 0.88)
 #: m: a place already measured nearby is not measured again.

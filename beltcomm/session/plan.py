@@ -112,7 +112,7 @@ def move_plan(axis: Axis, travel_m: float, speed_m_s: float, torque_nm: float, f
 #: measured periods; strokes at seven speeds.
 CREEP_SECONDS = 2.0 * (phases.RAMP_S + 0.5)
 STEP_SECONDS = 3.0
-RESPONSE_SECONDS = 6.5
+RESPONSE_SECONDS = 7.5
 MOVE_SECONDS = 2.0
 SWEEP_SECONDS = 20.0
 
