@@ -221,8 +221,7 @@ class Axis:
             data[key] = {name: value for name, value in known.items() if value is not None and value != ""}
             if key == "limits":
                 data["trajectories"] = {
-                    name: {item.name: getattr(limits, item.name) for item in fields(limits)}
-                    for name, limits in self.trajectories.items()
+                    name: {item.name: getattr(limits, item.name) for item in fields(limits)} for name, limits in self.trajectories.items()
                 }
         # an empty pulley or belt still says that this is a belt axis
         return {key: value for key, value in data.items() if value or (key in {"pulley", "belt"} and getattr(self, key))}

@@ -43,8 +43,7 @@ def find_config(kind: str, name: str) -> Path:
             return path
     known = config_names(kind)
     raise UsageError(
-        f"no {word} is called {name!r}{did_you_mean(name, known)}; known are {', '.join(known) or 'none'}, "
-        "or give the path of a .yaml file"
+        f"no {word} is called {name!r}{did_you_mean(name, known)}; known are {', '.join(known) or 'none'}, or give the path of a .yaml file"
     )
 
 

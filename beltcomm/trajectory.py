@@ -264,6 +264,4 @@ def _check_limits(path: Path, move: Trajectory, axis: Axis) -> None:
     ):
         largest = float(np.abs(values).max())
         if limit is not None and largest > limit:
-            raise UsageError(
-                f"{path}: the move reaches {largest:.4g} {unit}, the limit of {axis} is {limit:g} {unit}; slow it down"
-            )
+            raise UsageError(f"{path}: the move reaches {largest:.4g} {unit}, the limit of {axis} is {limit:g} {unit}; slow it down")

@@ -60,9 +60,7 @@ def test_simulation_plants_have_the_damping_of_the_tables_at_the_belt(name: str)
     assert parameters.cart_damping_n_s_m == pytest.approx(100.0, rel=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("name", "viscous", "coulomb"), [("g_a", 2.53e-3, 0.125), ("g_b", 2.23e-3, 0.115), ("egc_70", 2.53e-3, 0.125)]
-)
+@pytest.mark.parametrize(("name", "viscous", "coulomb"), [("g_a", 2.53e-3, 0.125), ("g_b", 2.23e-3, 0.115), ("egc_70", 2.53e-3, 0.125)])
 def test_friction_is_that_of_table_a10(name: str, viscous: float, coulomb: float) -> None:
     model = load_plant(name).model
     assert model["viscous_motor.damping"] == viscous

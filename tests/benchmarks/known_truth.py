@@ -19,7 +19,6 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
-from truth.rigs import draw
 
 from beltcomm.axis import load_axis
 from beltcomm.drive import open_drive
@@ -38,6 +37,7 @@ from beltcomm.session.commission import (
 )
 from beltcomm.session.machine import Machine
 from beltcomm.talk import Silence
+from truth.rigs import draw
 
 AXIS = "egc-70-600"
 #: (name in the table, name in the fit, name in the truth, target in %)
@@ -97,8 +97,10 @@ def table(folder: Path, rigs: list[str]) -> None:
     for rig in rigs:
         rows = [json.loads(p.read_text()) for p in sorted(folder.glob(f"{rig}_*/fit.json"))]
         failed = len(list(folder.glob(f"{rig}_*/failed.txt")))
-        print(f"{rig}: {len(rows)} runs fitted, {failed} failed, misfit {np.mean([r['misfit'] for r in rows]):.3f} "
-              f"(largest {max(r['misfit'] for r in rows):.3f}), machine time {np.mean([r['truth']['machine_seconds'] for r in rows]):.1f} s")
+        print(
+            f"{rig}: {len(rows)} runs fitted, {failed} failed, misfit {np.mean([r['misfit'] for r in rows]):.3f} "
+            f"(largest {max(r['misfit'] for r in rows):.3f}), machine time {np.mean([r['truth']['machine_seconds'] for r in rows]):.1f} s"
+        )
         for title, found, true, target in COMPARED:
             value = np.array([r["found"][found][0] if found in r["found"] else np.nan for r in rows], dtype=float)
             half = np.array([(r["found"][found][1] or 0.0) if found in r["found"] else np.nan for r in rows], dtype=float)
@@ -109,8 +111,10 @@ def table(folder: Path, rigs: list[str]) -> None:
                 pooled += list(inside)
             share = f"{100 * np.mean(np.abs(error) < target):5.1f} % within {target:g} %" if target else ""
             score = (value - right) / half * 1.96
-            print(f"  {title:14} bias {np.mean(error):+7.3f} %  std {np.std(error):6.3f} %  worst {np.max(np.abs(error)):6.3f} %  "
-                  f"coverage {100 * np.mean(inside):5.1f} %  z {np.mean(score):+5.2f} ± {np.std(score):4.2f}  {share}")
+            print(
+                f"  {title:14} bias {np.mean(error):+7.3f} %  std {np.std(error):6.3f} %  worst {np.max(np.abs(error)):6.3f} %  "
+                f"coverage {100 * np.mean(inside):5.1f} %  z {np.mean(score):+5.2f} ± {np.std(score):4.2f}  {share}"
+            )
     print(f"pooled coverage of {', '.join(POOLED)}: {100 * np.mean(pooled):.1f} %")
 
 

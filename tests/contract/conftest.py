@@ -28,9 +28,7 @@ class RigidPlant:
         end_rad_s = torque_nm / self.viscous_nm_s_rad
         before = self.velocity_rad_s
         self.velocity_rad_s = end_rad_s + (before - end_rad_s) * decay
-        self.position_rad += (
-            end_rad_s * duration_s + (before - end_rad_s) * (1 - decay) * self.inertia_kg_m2 / self.viscous_nm_s_rad
-        )
+        self.position_rad += end_rad_s * duration_s + (before - end_rad_s) * (1 - decay) * self.inertia_kg_m2 / self.viscous_nm_s_rad
 
 
 @dataclass

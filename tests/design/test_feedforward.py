@@ -16,7 +16,9 @@ G_A = {"inertia_kg_m2": 0.002145, "viscous_nm_s_rad": 2.53e-3, "coulomb_nm": 0.1
 
 
 def test_nonlinear_takes_the_friction_of_the_sweep() -> None:
-    assert feedforward_from(FULL, "nonlinear", **G_A, offset_nm=0.1, dead_time_s=1e-3) == Feedforward(0.002145, 2.53e-3, 0.125, 0.1, 1.0, 1.5e-3)
+    assert feedforward_from(FULL, "nonlinear", **G_A, offset_nm=0.1, dead_time_s=1e-3) == Feedforward(
+        0.002145, 2.53e-3, 0.125, 0.1, 1.0, 1.5e-3
+    )
 
 
 def test_linear_takes_the_apparent_damping_and_no_coulomb_friction() -> None:

@@ -27,9 +27,7 @@ SPEEDS = (4.0, 8.0, 20.0, 40.0, 80.0, 120.0)
 
 
 def sweep(rng: np.random.Generator, repeats: int = 3, scatter: float = 2e-3, offset: float = 0.0) -> list[Plateau]:
-    return [
-        pass_at(s * v, law(s * v) + offset + scatter * rng.normal()) for _ in range(repeats) for v in SPEEDS for s in (1.0, -1.0)
-    ]
+    return [pass_at(s * v, law(s * v) + offset + scatter * rng.normal()) for _ in range(repeats) for v in SPEEDS for s in (1.0, -1.0)]
 
 
 def half(fit: FrictionFit, name: str) -> float:
