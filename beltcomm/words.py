@@ -109,8 +109,9 @@ def design_lines(design: DesignResult, cascade: Cascade) -> list[str]:
         "Controller:",
         f"  K_P {cascade.kp_nm_s_rad:.4g} N m s/rad, K_I {cascade.ki_nm_rad:.4g} N m/rad, K_PP {cascade.kpp_1_s:.3g} 1/s, "
         f"T_R {1e3 * cascade.velocity_filter_s:.2g} ms, prefilter {shown}",
-        f"  feedforward: inertia {1e6 * feedforward.inertia_kg_m2:.0f} kg mm², viscous {1e3 * feedforward.viscous_nm_s_rad:.2f} mN m s/rad, "
-        f"Coulomb {1e3 * feedforward.coulomb_nm:.1f} mN m, velocity {feedforward.velocity:g}",
+        f"  feedforward: inertia {1e6 * feedforward.inertia_kg_m2:.0f} kg mm², viscous {1e3 * feedforward.viscous_nm_s_rad:.2f} "
+        f"mN m s/rad, Coulomb {1e3 * feedforward.coulomb_nm:.1f} mN m, velocity {feedforward.velocity:g}, "
+        f"{1e3 * feedforward.advance_s:.2f} ms ahead",
         f"  proven on {len(design.plants)} plants (places, payloads, every damping down to none): velocity phase margin at least "
         f"{worst.phase_margin_deg:.0f} deg, position {slowest.position_phase_margin_deg:.0f} deg, resonance at most "
         f"{max(m.suppression_db for m in design.margins):.1f} dB, sensitivity at most {sensitivity:.1f} dB",

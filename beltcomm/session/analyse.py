@@ -30,7 +30,7 @@ PRODUCT_SPECIFICATION = Specification(
     phase_margin_deg=45.0, position_phase_margin_deg=70.0, velocity_filters_s=(0.001, 0.002, 0.004, 0.008)
 )
 #: Below this a loop is refused, whatever the drive's structure.
-LEAST_PHASE_MARGIN_DEG = 15.0
+LEAST_PHASE_MARGIN_DEG = 10.0
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,9 @@ from beltcomm.axis_entries import TrajectoryLimits
 from beltcomm.control import Cascade, CascadeStructure
 from beltcomm.design.cascade import DesignResult
 from beltcomm.design.cautious import cautious_cascade
+from beltcomm.design.design_plant import DesignPlant
 from beltcomm.design.feedforward import FeedforwardKind
-from beltcomm.design.specification import Specification
+from beltcomm.design.specification import Infeasible, Specification
 from beltcomm.errors import DataError, Refused
 from beltcomm.identify.dead_time import DeadTime
 from beltcomm.identify.final import FinalModel, final_model
@@ -27,12 +28,14 @@ from beltcomm.session import analyse, phases
 from beltcomm.session.machine import Machine
 from beltcomm.sidecar import Sidecar
 from beltcomm.trajectory import Trajectory, plan_trajectory
-from beltcomm.verify import Demand, Verdict, demand, judge, predict_move
+from beltcomm.verify import DYNAMIC_TARGET_M, Demand, Verdict, demand, judge, predict_move, tracking_error
 
 Apply = Literal["keep", "restore", "save"]
 
 #: s of machine time per frequency response: rest, one run-in period, three to four measured ones.
 RESPONSE_S = 7.0
+#: Uncertainty of mass and stiffness that the first loop must bear: as much as the drive's structure allows.
+UNCERTAINTIES = (0.3, 0.15, 0.05)
 #: Where along the travel the other frequency responses are taken, as shares of it.
 PLACES = (0.12, 0.5, 0.88)
 #: m: a place already measured nearby is not measured again.
@@ -40,6 +43,10 @@ SAME_PLACE_M = 0.08
 #: m and s of the verification move: the thesis's 0 to 0.5 m, and the rest in which the static error is read.
 MOVE_M = 0.5
 REST_S = 1.6
+#: Where a drive cannot follow the standard move: slowest speed tried, m/s, longest move, s, and ramp to full speed, s.
+SLOWEST_M_S = 2e-4
+LONGEST_SLOW_MOVE_S = 8.0
+RAMP_S = 0.2
 #: Names of the phases, as shown to the user.
 TITLES = (
     "connect and check",
@@ -137,12 +144,27 @@ def close_first_loop(machine: Machine, findings: Findings, model: Model) -> Casc
     structure = machine.drive.capabilities.structure
     at = machine.position_m
     plants = analyse.design_plants(model, [at], [model["cart.mass"]], delay(findings), analyse.apparent_damping(findings.thesis))
-    result = cautious_cascade(plants[-1], structure)
+    result = _cautious(plants[-1], structure)
     cascade = analyse.with_feedforward(result.cascade, model, structure, delay(findings))
     margin = min(m.phase_margin_deg for m in result.margins)
-    machine.talk.say(f"first loop: K_P {cascade.kp_nm_s_rad:.4f} N m s/rad, smallest phase margin {margin:.0f} deg with ±30 % uncertainty")
+    machine.talk.say(f"first loop: K_P {cascade.kp_nm_s_rad:.4f} N m s/rad, smallest phase margin {margin:.0f} deg on an uncertain model")
     machine.write_cascade(cascade)
     return cascade
+
+
+def _cautious(plant: DesignPlant, structure: CascadeStructure) -> DesignResult:
+    """The first loop with the largest uncertainty and the best margins that the drive's structure allows.
+
+    Raises Refused (Infeasible) when even a model known to 5 % leaves less than ``LEAST_PHASE_MARGIN_DEG``.
+    """
+    for uncertainty in UNCERTAINTIES:
+        try:
+            return cautious_cascade(plant, structure, uncertainty)
+        except Infeasible as refusal:
+            nearest, last = refusal.nearest, refusal
+    if nearest is None or nearest.phase_margin_deg < analyse.LEAST_PHASE_MARGIN_DEG:
+        raise last
+    return cautious_cascade(plant, structure, UNCERTAINTIES[-1], nearest)
 
 
 def delay(findings: Findings) -> float:
@@ -170,9 +192,8 @@ def measure_places(machine: Machine, model: Model, amplitude_nm: float) -> None:
 def measure_friction(machine: Machine, model: Model) -> Recording:
     """Phase 5b: the constant-speed sweep with the loop closed."""
     machine.talk.phase(7, len(TITLES), TITLES[6])
-    low, _ = machine.full_room().window_m
     if machine.folder.finished("sweep") is None:
-        phases.move_to(machine, low + 2.0 * phases.END_MARGIN_M, model)
+        phases.move_to(machine, phases.stroke_ends(machine)[0], model)
     strokes = phases.sweep(machine, model)
     sidecar = Sidecar(
         experiment="friction_sweep",
@@ -180,7 +201,7 @@ def measure_friction(machine: Machine, model: Model) -> Recording:
         session_time_s=machine.session_time_s,
         closed_loop=True,
     )
-    return machine.record("sweep", machine.follow(strokes.trajectory), machine.full_room(), sidecar)
+    return machine.record("sweep", machine.follow(strokes.trajectory, machine.stroking()), machine.full_room(), sidecar)
 
 
 def fit_and_design(machine: Machine, findings: Findings, settings: Settings) -> Cascade:
@@ -189,7 +210,7 @@ def fit_and_design(machine: Machine, findings: Findings, settings: Settings) -> 
     recordings = machine.folder.recordings()
     counts = machine.drive.capabilities.counts_per_rev
     first = findings.final.fit.model if findings.final else None
-    findings.final = final_model(recordings, machine.axis, counts, start=first, progress=lambda f: machine.talk.progress(f, math.nan))
+    findings.final = final_model(recordings, machine.axis, counts, start=first, progress=lambda f: machine.talk.progress(f, None))
     model = findings.final.fit.model
     measure_delay_and_damping(findings, [r for r in recordings if r.sidecar.experiment == "frf"], model)
     findings.characteristics = analyse.characteristics(findings.final.fit, sum(machine.full_room().window_m) / 2)
@@ -221,8 +242,10 @@ def design_for(
 def standard_move(machine: Machine, model: Model) -> tuple[Trajectory, str]:
     """The move of the thesis, 0 to 0.5 m with limits T_A, or what of it travel and limits of this axis allow."""
     low, high = machine.full_room().window_m
-    start = 0.0 if low <= 0.0 and high >= MOVE_M else low + phases.END_MARGIN_M
-    end = min(start + MOVE_M, high - (0.0 if start == 0.0 else phases.END_MARGIN_M))
+    start, end = phases.stroke_ends(machine)
+    if machine.stroking() == "position" and low <= 0.0 and high >= MOVE_M:
+        start = 0.0
+    end = min(start + MOVE_M, end)
     limits = machine.axis.trajectories.get("T_A") or phases.gentle_limits(machine, model, machine.axis.limits.speed_m_s or 1.0)
     allowed, remark = admissible(machine, model, start, end, limits)
     return plan_trajectory(start, end, allowed, machine.drive.capabilities.sample_period_s), remark
@@ -245,6 +268,47 @@ def admissible(machine: Machine, model: Model, start: float, end: float, limits:
     if low == 0.0:
         raise Refused(f"no move from {start:g} m to {end:g} m keeps the limits: {'; '.join(broken)}")
     return _slower(limits, low), f"slowed down, because at the speed asked for {'; '.join(broken)}"
+
+
+def within_target(machine: Machine, model: Model, cascade: Cascade, delay_s: float, trajectory: Trajectory) -> tuple[Trajectory, str]:
+    """The move, or the fastest slower one that is predicted to meet the dynamic target, and in words why.
+
+    A loop without velocity feedforward lags by speed over K_PP; its move is also shortened to ``LONGEST_SLOW_MOVE_S``.
+    """
+    capabilities = machine.drive.capabilities
+    start, end = float(trajectory.position_m[0]), float(trajectory.position_m[-1])
+
+    def error(move: Trajectory) -> float:
+        rested = phases.held(move, REST_S)
+        predicted = predict_move(
+            model,
+            cascade,
+            rested,
+            period_s=capabilities.structure.period_s,
+            delay_s=delay_s,
+            torque_limit_nm=capabilities.peak_torque_nm,
+            counts_per_rev=capabilities.counts_per_rev,
+        )
+        return tracking_error(predicted.t_s, rested.position_m, predicted.motor_m).dynamic_m
+
+    def at(speed: float) -> Trajectory:
+        limits = TrajectoryLimits(jerk_m_s3=20.0 * speed / RAMP_S**2, acceleration_m_s2=speed / RAMP_S, speed_m_s=speed)
+        goal = start + math.copysign(min(abs(end - start), speed * LONGEST_SLOW_MOVE_S), end - start)
+        return plan_trajectory(start, goal, limits, capabilities.sample_period_s)
+
+    whole = error(trajectory)
+    if whole <= DYNAMIC_TARGET_M:
+        return trajectory, ""
+    low, high = SLOWEST_M_S, float(np.max(np.abs(trajectory.velocity_m_s)))
+    if error(at(low)) > DYNAMIC_TARGET_M:
+        return at(low), f"no move of {1e3 * low:g} mm/s or more is predicted to stay within {1e3 * DYNAMIC_TARGET_M:g} mm"
+    for _ in range(10):
+        middle = math.sqrt(low * high)
+        low, high = (middle, high) if error(at(middle)) <= DYNAMIC_TARGET_M else (low, middle)
+    return at(low), (
+        f"the standard move would have {1e3 * whole:.1f} mm of dynamic error with this drive; the fastest move predicted to stay within "
+        f"{1e3 * DYNAMIC_TARGET_M:g} mm runs at {1e3 * low:.3g} mm/s and was driven over {1e3 * abs(at(low).position_m[-1] - start):.0f} mm"
+    )
 
 
 def _slower(limits: TrajectoryLimits, share: float) -> TrajectoryLimits:
@@ -295,7 +359,7 @@ def verify_move(
         closed_loop=True,
         held_out=True,
     )
-    recording = machine.record(name, machine.follow(rested), machine.full_room(), sidecar)
+    recording = machine.record(name, machine.follow(rested, "position"), machine.full_room(), sidecar)
     predicted = predict_move(
         model,
         running,
@@ -353,6 +417,9 @@ def commission(machine: Machine, settings: Settings, findings: Findings) -> Find
             trajectory, remark = standard_move(machine, model)
             if remark:
                 findings.remarks.append(f"verification move {remark}")
+            trajectory, remark = within_target(machine, model, cascade, delay(findings), trajectory)
+            if remark:
+                findings.remarks.append(remark)
         verdict, findings.demand = verify_move(machine, model, cascade, delay(findings), trajectory)
         findings.verdict = verdict
         machine.keep_gains = settings.apply in ("keep", "save") and verdict.passed

@@ -129,9 +129,8 @@ class Machine:
         zero = np.zeros(len(torque_nm))
         return Motion("torque", self.drive.capabilities.sample_period_s, zero, zero, np.asarray(torque_nm))
 
-    def follow(self, trajectory: Trajectory) -> Motion:
-        """A reference motion of the carriage for the drive's own loops; the drive's kind of streaming is chosen here."""
-        kind: Literal["position", "velocity"] = "position" if "position" in self.drive.capabilities.kinds else "velocity"
+    def follow(self, trajectory: Trajectory, kind: Literal["position", "velocity"]) -> Motion:
+        """A reference motion of the carriage for the drive's own position or velocity loop."""
         zero = np.zeros(len(trajectory.t_s))
         return Motion(
             kind,
@@ -183,6 +182,11 @@ class Machine:
             self.drive.record(motion, self.drive_limits(room), watch)
         finally:
             self.machine_seconds += self.drive.clock.now() - begun
+
+    def stroking(self) -> Literal["position", "velocity"]:
+        """The loop that follows strokes without lag: the position loop where it has a velocity feedforward, else the velocity loop."""
+        capabilities = self.drive.capabilities
+        return "position" if capabilities.structure.velocity_feedforward and "position" in capabilities.kinds else "velocity"
 
     def write_cascade(self, cascade: Cascade) -> Cascade:
         """Put a controller into the drive, as far as it has the parts; returns the controller it now runs (quantised)."""

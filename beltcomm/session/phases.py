@@ -40,12 +40,18 @@ BELT_SHARE = 0.9
 OVER_BREAKAWAY = 1.0
 #: Growth of the amplitude from one record to the next.
 GROWTH = 1.7
+#: Share of the travel kept free at both ends where only a velocity loop holds the axis.
+DRIFT_SHARE = 0.15
 #: Friction sweep: slowest speed, number of speeds, run-in left out, shortest and longest plateau that counts.
 SWEEP_SLOWEST_M_S = 0.01
 SWEEP_SPEEDS = 7
 SWEEP_RUN_IN_S = 0.2
 SWEEP_SHORTEST_S = 0.1
 SWEEP_LONGEST_S = 0.6
+#: Positioning, m: near enough to try no more, so far off that the loop cannot be trusted, and how often it is tried.
+ARRIVED_M = 1e-3
+ASTRAY_M = 2e-2
+POSITIONING_TRIES = 4
 #: m, largest travel of an excitation around its place: the stiffness is taken as constant there.
 EXCITATION_TRAVEL_M = 0.03
 
@@ -240,13 +246,16 @@ def characteristic_hz(model: Model, position_m: float) -> tuple[float, float]:
 def move_to(machine: Machine, target_m: float, model: Model, slow_m_s: float = 0.5) -> None:
     """Bring the carriage somewhere with the loop that is in the drive; gentle: a third of the belt's force at most.
 
-    Raises SafetyStop when it does not arrive within 2 mm.
+    Raises SafetyStop when it does not arrive within ``ASTRAY_M``.
     """
-    trajectory = plan_trajectory(
-        machine.position_m, target_m, gentle_limits(machine, model, slow_m_s), machine.drive.capabilities.sample_period_s
-    )
-    machine.run(machine.follow(held(trajectory, 0.3)), machine.full_room())
-    if abs(machine.position_m - target_m) > 5e-3:
+    for _ in range(POSITIONING_TRIES):  # the velocity loop ends a little beside its goal
+        if abs(machine.position_m - target_m) < ARRIVED_M:
+            return
+        trajectory = plan_trajectory(
+            machine.position_m, target_m, gentle_limits(machine, model, slow_m_s), machine.drive.capabilities.sample_period_s
+        )
+        machine.run(machine.follow(held(trajectory, 0.3), machine.stroking()), machine.full_room())
+    if abs(machine.position_m - target_m) > ASTRAY_M:
         raise SafetyStop(
             f"the carriage stands at {machine.position_m:.4f} m instead of {target_m:.4f} m after a move; the loop does not hold it",
             "position",
@@ -268,11 +277,18 @@ def held(trajectory: Trajectory, seconds: float) -> Trajectory:
     return join([trajectory, at_rest(float(trajectory.position_m[-1]), seconds, period)])
 
 
+def stroke_ends(machine: Machine) -> tuple[float, float]:
+    """Where strokes may turn: near the ends of the travel in a position loop, well inside in a velocity loop, which drifts."""
+    low, high = machine.full_room().window_m
+    margin = 2.0 * END_MARGIN_M if machine.stroking() == "position" else DRIFT_SHARE * (high - low)
+    return low + margin, high - margin
+
+
 def sweep(machine: Machine, model: Model) -> Strokes:
     """Strokes both ways at seven speeds, from a slow creep to the fastest that still has a plateau within the travel."""
-    low, high = machine.full_room().window_m
+    low, high = stroke_ends(machine)
     at = machine.position_m
-    far = high - END_MARGIN_M if high - at > at - low else low + END_MARGIN_M
+    far = high if high - at > at - low else low
     limits = gentle_limits(machine, model, machine.axis.limits.speed_m_s or np.inf)
     # Two ramps of v (v/a + a/j)/2 each and a plateau with its run-in fill the window: v²/a + v (0.05 s + plateau) = window.
     a, window = limits.acceleration_m_s2, abs(far - at)

@@ -38,7 +38,8 @@ class Plan:
         """The plan as a table in plain text."""
         head = f"{'experiment':34} {'travel':>9} {'speed':>10} {'torque':>9} {'belt':>7} {'time':>6}"
         rows = [
-            f"{e.title:34} {1e3 * e.travel_m:6.0f} mm {e.speed_m_s:6.2f} m/s {e.torque_nm:5.2f} N m {e.belt_force_n:5.0f} N {e.seconds:4.0f} s"
+            f"{e.title:34} {1e3 * e.travel_m:6.0f} mm {e.speed_m_s:6.2f} m/s {e.torque_nm:5.2f} N m "
+            f"{e.belt_force_n:5.0f} N {e.seconds:4.0f} s"
             for e in self.experiments
         ]
         return [self.text, "", head, *rows, f"{'on the machine, at most':34} {self.seconds:47.0f} s"]
@@ -76,10 +77,10 @@ def commission_plan(axis: Axis, capabilities: Capabilities, quick: bool = False)
         Experiment("move that verifies the result", min(whole, 0.5), speed, torque, force, 3.0 + MOVE_SECONDS),
     ]
     return Plan(
-        f"The carriage of {axis.name or 'the axis'} will creep some millimetres both ways, shake around where it stands with rising torque, "
-        f"then travel between {travel.min_m:g} m and {travel.max_m:g} m in closed loop: slow and fast strokes, and one fast move. Keep "
-        "people, tools and cables out of its travel; Ctrl-C stops it at any time, and at the end the drive is left as it was found "
-        "unless you keep the new gains.",
+        f"The carriage of {axis.name or 'the axis'} will creep some millimetres both ways, shake around where it stands with rising "
+        f"torque, then travel between {travel.min_m:g} m and {travel.max_m:g} m in closed loop: slow and fast strokes, and one fast "
+        "move. Keep people, tools and cables out of its travel; Ctrl-C stops it at any time, and at the end the drive is left as it "
+        "was found unless you keep the new gains.",
         tuple(e for e in experiments if e.seconds > 0.0),
     )
 
