@@ -8,22 +8,12 @@ Sources: figure 4.1, (4.1), (4.3), (4.6), (4.16), (6.1), (6.25), (6.26).
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import ParamSpec, TypeVar, cast
-
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from beltcomm.compiled import compiled
+
 Array = NDArray[np.float64]
-_P = ParamSpec("_P")
-_R = TypeVar("_R")
-
-
-def _compiled(function: Callable[_P, _R]) -> Callable[_P, _R]:
-    """numba's ``njit(cache=True)`` with the types of the function kept."""
-    return cast("Callable[_P, _R]", numba.njit(cache=True)(function))
-
 
 # Places in the state.
 _POSITION, _VELOCITY, _REFERENCE, _FILTERED_REFERENCE, _BIQUAD_1, _BIQUAD_2, _INTEGRAL, _ACCELERATION = range(8)
@@ -39,14 +29,14 @@ def new_state() -> Array:
     return np.zeros(8)
 
 
-@_compiled
+@compiled
 def reset_state(state: Array, position_rad: float) -> None:
     """Bring ``state`` to rest at ``position_rad``, as a drive does when its stage is switched on; nothing is remembered."""
     state[:] = 0.0
     state[_POSITION] = position_rad
 
 
-@_compiled
+@compiled
 def cascade_step(
     coefficients: Array,
     state: Array,
@@ -76,7 +66,7 @@ def cascade_step(
     )
 
 
-@_compiled
+@compiled
 def velocity_step(
     coefficients: Array,
     state: Array,
@@ -101,7 +91,7 @@ def velocity_step(
     )
 
 
-@_compiled
+@compiled
 def _velocity_loop(
     coefficients: Array,
     state: Array,

@@ -44,17 +44,19 @@ def pip(*words: str) -> None:
     subprocess.run(command, check=True, capture_output=True, text=True, stdin=subprocess.DEVNULL)
 
 
-def run(site: Path, folder: Path, *words: str) -> str:
-    """Output of a Python that finds beltcomm in ``site`` only, started in ``folder``, with an empty home there."""
+def run(site: Path, folder: Path, *words: str, home_is_writable: bool = True) -> str:
+    """Output of a Python that finds beltcomm in ``site`` only, started in ``folder``, with an empty home and temporary files there."""
     home = folder / "home"
     home.mkdir(exist_ok=True)
+    home.chmod(0o755 if home_is_writable else 0o555)
     keep = {name: value for name, value in os.environ.items() if not name.startswith(("NUMBA_", "XDG_", "PYTHON", "COV_"))}
     packages = os.pathsep.join([str(site), sysconfig.get_path("purelib"), sysconfig.get_path("platlib")])
     # -S: no .pth files, so an editable install of the checkout stays out of sight
     command = [sys.executable, "-S", "-W", "error", *words]
     if os.geteuid() == 0:  # root may write into read-only folders, unless it gives that capability away
         command = ["setpriv", "--bounding-set=-dac_override", "--inh-caps=-dac_override", *command]
-    done = subprocess.run(command, cwd=folder, env=keep | {"HOME": str(home), "PYTHONPATH": packages}, capture_output=True, text=True)
+    environment = keep | {"HOME": str(home), "TMPDIR": str(folder), "PYTHONPATH": packages}
+    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     return done.stdout
 
@@ -99,27 +101,37 @@ print(json.dumps({
     assert found["adapters"] == {"beltcomm_adapters.virtual": "", "beltcomm_adapters.canopen": "", "beltcomm_adapters.serial": ""}
 
 
-def test_kernels_compile_into_the_users_cache(site: Path, tmp_path: Path) -> None:
-    program = """
-import sys
+RUN_KERNELS = """
 from pathlib import Path
 import numpy as np
 from beltcomm import cascade_kernel
+from beltcomm.identify.residual import banded_whitening
 from beltcomm.model import load_plant
 from beltcomm.simulate.compose import kernel_for
-try:
-    (Path(cascade_kernel.__file__).parent / "draft").touch()
-except PermissionError:
-    print("read-only")
+from beltcomm.simulate.inverse import triangular_mean
+for folder in (Path(cascade_kernel.__file__).parent, Path.home()):
+    try:
+        (folder / "draft").touch()
+        print("writable")
+    except PermissionError:
+        print("read-only")
 model = load_plant("g_b").model
 kernel = kernel_for(model)
 out = np.zeros(len(kernel.bodies))
 kernel.forces(np.zeros_like(out), np.ones_like(out), model.vector(), 0.0, out)
 state = np.ones(7)
 cascade_kernel.reset_state(state, 0.5)
-print(out.any(), state[0])
+print(out.any(), state[0], triangular_mean(np.full(7, 3.0), 2)[1], banded_whitening(np.ones(1), np.ones(1, bool), 4.0, 0.0, 0.0)[0])
 """
-    assert run(site, tmp_path, "-c", program) == "read-only\nTrue 0.5\n"
+
+
+def test_kernels_compile_into_the_users_cache(site: Path, tmp_path: Path) -> None:
+    assert run(site, tmp_path, "-c", RUN_KERNELS) == "read-only\nwritable\nTrue 0.5 3.0 0.5\n"
     kept = {path.name.partition(".")[0].partition("_")[0] for path in (tmp_path / "home" / ".cache").rglob("*.nbi")}
-    assert kept == {"kernel", "cascade"}  # composed from effects, and written in the package
+    assert kept == {"kernel", "cascade", "inverse", "residual"}  # composed from effects, and written in the package
     assert not list(site.rglob("*.nbi"))
+
+
+def test_kernels_compile_where_nothing_can_be_kept(site: Path, tmp_path: Path) -> None:
+    assert run(site, tmp_path, "-c", RUN_KERNELS, home_is_writable=False) == "read-only\nread-only\nTrue 0.5 3.0 0.5\n"
+    assert [path.name for path in tmp_path.rglob("*")] == ["home"]

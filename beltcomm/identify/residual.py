@@ -20,9 +20,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from beltcomm.compiled import compiled
 from beltcomm.errors import DataError
 from beltcomm.model import Model
 from beltcomm.recording import Recording
@@ -157,7 +157,7 @@ def whitened(stretch: Stretch, model: Model, vector: Array, offset_m: float = 0.
     )
 
 
-@njit(cache=True)
+@compiled
 def banded_whitening(residual: Array, keep: NDArray[np.bool_], c0: float, c1: float, c2: float) -> Array:
     """Solve L r = e for the kept samples, L L' their covariance with bands c0, c1, c2; (n,) -> (kept,)."""
     out = np.empty(keep.sum())

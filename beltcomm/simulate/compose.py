@@ -19,7 +19,6 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from types import ModuleType
-from typing import Any
 
 from platformdirs import user_cache_path
 
@@ -28,7 +27,7 @@ from beltcomm.model import Model, body_list, expected_parameters
 from beltcomm.simulate.stick import stick_or_slide
 
 #: Changes whenever the generated source changes shape, so that an old cache is never met.
-_VERSION = 2
+_VERSION = 3
 
 
 @dataclass(frozen=True)
@@ -168,14 +167,14 @@ class _Writer:
             return [*half, *self.kick(everyone, "torque", indent), *half, f"{indent}t += h"]
 
         advance = [
-            "@njit(cache=True)",
+            "@compiled",
             "def advance(q, v, p, torque, t, h, n):",
             *constants, *load, "    strand = 0.0",
             "    for _ in range(n):", *substeps("        "),
             *store, "    return strand",
         ]  # fmt: skip
         run = [
-            "@njit(cache=True)",
+            "@compiled",
             "def run(q, v, p, torques, t, sample, n, theta, omega, cart, belt):",
             *constants, *load, "    strand = 0.0", "    h = sample / n",
             "    for k in range(torques.shape[0]):",
@@ -190,7 +189,7 @@ class _Writer:
         start = [f"    q{i} = {self.start(i)}{' + offset' if i == cart_number else ''}\n    v{i} = 0.0" for i in others]
         friction = "l0 * z" if self.has_level(0) else "0.0"
         inverse = [
-            "@njit(cache=True)",
+            "@compiled",
             "def inverse(theta, omega, p, t, h, bristle, offset, load, cart):",
             *constants, "    z = 0.0", "    q0 = theta[0]", *start,
             "    for k in range(theta.shape[0]):",
@@ -205,20 +204,20 @@ class _Writer:
             "        t += h",
         ]  # fmt: skip
         forces = [
-            "@njit(cache=True)",
+            "@compiled",
             "def forces(q, v, p, t, out):",
             *constants, *load, *self.forces("v", "    "), *[f"    out[{i}] = f{i}" for i in everyone],
         ]  # fmt: skip
         levels = [
-            "@njit(cache=True)",
+            "@compiled",
             "def levels(q, v, p, t, out):",
             *constants, *load, *[f"    l{i} = 0.0" for i in everyone],
             *self.levels("v", "    "), *[f"    out[{i}] = l{i}" for i in everyone],
         ]  # fmt: skip
         body = "\n\n\n".join("\n".join(part) for part in (advance, run, inverse, forces, levels))
         imports = [f"from {law.__module__} import {law.__name__} as _{name}" for name, law in sorted(self.laws.items())]
-        compiled = [f"{name} = njit(_{name})" for name in sorted(self.laws)]
-        head = ["import math", "", "from numba import njit", "", *imports, "", *compiled]
+        laws = [f"{name} = njit(_{name})" for name in sorted(self.laws)]
+        head = ["import math", "", "from numba import njit", "", "from beltcomm.compiled import compiled", *imports, "", *laws]
         return "\n".join(head) + "\n\n\n" + body + "\n# " + self.fingerprint() + "\n"
 
     def start(self, i: int) -> str:
@@ -238,12 +237,12 @@ def _import_stable(source: str) -> ModuleType:
     name = f"kernel_{_VERSION}_{hashlib.sha256(source.encode()).hexdigest()[:20]}"
     if name in sys.modules:
         return sys.modules[name]
-    path = _cache_folder() / f"{name}.py"
-    if not path.exists():
-        handle, draft = tempfile.mkstemp(dir=path.parent, prefix=name, suffix=".draft")
-        with os.fdopen(handle, "w", encoding="utf-8") as file:
-            file.write(source)
-        os.replace(draft, path)  # atomic: another process sees all of it or nothing
+    path = _source_file(name, source)
+    if path is None:
+        module = ModuleType(name)
+        exec(compile(source, f"<{name}>", "exec"), module.__dict__)
+        sys.modules[name] = module
+        return module
     spec = importlib.util.spec_from_file_location(name, path)
     if spec is None or spec.loader is None:
         raise ImportError(f"cannot import the generated kernel {path}")
@@ -253,14 +252,17 @@ def _import_stable(source: str) -> ModuleType:
     return module
 
 
-@lru_cache(maxsize=1)
-def _cache_folder() -> Path:
-    """A folder for kernels that outlives the process; a private temporary one when the user's cache cannot be written."""
-    folder = user_cache_path("beltcomm") / "kernels"
+def _source_file(name: str, source: str) -> Path | None:
+    """The file with ``source`` in the user's cache, where it outlives the process; None when none can be read or written there."""
+    path = user_cache_path("beltcomm") / "kernels" / f"{name}.py"
+    if os.access(path, os.R_OK):
+        return path
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        probe: Any = tempfile.NamedTemporaryFile(dir=folder)  # noqa: SIM115 - only the permission is of interest
-        probe.close()
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, draft = tempfile.mkstemp(dir=path.parent, prefix=name, suffix=".draft")
+        with os.fdopen(handle, "w", encoding="utf-8") as file:
+            file.write(source)
+        os.replace(draft, path)  # atomic: another process sees all of it or nothing
     except OSError:
-        folder = Path(tempfile.mkdtemp(prefix="beltcomm-kernels-"))
-    return folder
+        return None
+    return path

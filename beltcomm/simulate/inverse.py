@@ -19,10 +19,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from beltcomm.compiled import compiled
 from beltcomm.model import Model
 from beltcomm.simulate.compose import kernel_for
 
@@ -89,7 +89,7 @@ def load_torque(model: Model, motion: FineMotion, vector: Array | None = None, o
     return triangular_mean(fine, motion.substeps), cart
 
 
-@njit(cache=True)
+@compiled
 def triangular_mean(fine: Array, substeps: int) -> Array:
     """Mean with weight 1 - |s| over one sample before and after each sample; (n*substeps - substeps + 1,) -> (n,), ends 0."""
     n = (fine.shape[0] - 1) // substeps + 1
