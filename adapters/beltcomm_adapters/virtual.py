@@ -40,19 +40,23 @@ def _open(address: str, options: Mapping[str, object]) -> Drive:
     referenced = bool(options.get("referenced", True))
     bus = LockstepBus(MonotonicClock() if options.get("realtime") else None)
     bus.on_frame = options.get("log")  # type: ignore[assignment]  # options are not typed
-    VirtualDrive(
-        bus,
-        plant,  # type: ignore[arg-type]
-        profile_name(options) or "reference",
-        node_id=_NODE,
-        seed=whole_number(options, "seed", 0, 0, 2**63 - 1) or 0,
-        counts_per_rev=file.counts_per_rev,
-        setpoint_delay_s=file.setpoint_delay_s,
-        torque_noise_nm=file.torque_noise_nm,
-        zero_rad=-start_m / file.model["transmission.ratio"] if referenced else 0.0,
-        referenced=referenced,
-        faults=options.get("faults"),  # type: ignore[arg-type]
-    )
+    try:
+        VirtualDrive(
+            bus,
+            plant,  # type: ignore[arg-type]
+            profile_name(options) or "reference",
+            node_id=_NODE,
+            seed=whole_number(options, "seed", 0, 0, 2**63 - 1) or 0,
+            counts_per_rev=file.counts_per_rev,
+            setpoint_delay_s=file.setpoint_delay_s,
+            torque_noise_nm=file.torque_noise_nm,
+            zero_rad=-start_m / file.model["transmission.ratio"] if referenced else 0.0,
+            referenced=referenced,
+            faults=options.get("faults"),  # type: ignore[arg-type]
+        )
+    except BaseException:
+        bus.shutdown()
+        raise
     return connect(bus, bus.clock, _NODE, None, None, bus.shutdown)
 
 
