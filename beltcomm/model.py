@@ -11,10 +11,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 
-from beltcomm.configfiles import find_config
+from beltcomm.configfiles import find_config, read_yaml
 from beltcomm.effects import DRIVING_END, Body, Effect, Parameter, effect_named
 from beltcomm.errors import UsageError
 
@@ -228,7 +227,7 @@ def model_from_dict(data: Mapping[str, Any]) -> Model:
             if parameters[name].unit != known.unit:
                 raise UsageError(f"{name} is given in {parameters[name].unit!r}; it must be in {known.unit!r}")
         return Model(str(data["name"]), effects, parameters, base_bodies, str(data.get("source", "")))
-    except (KeyError, TypeError, ValueError) as error:
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise UsageError(f"this is not a model file: {type(error).__name__} at {error}") from error
 
 
@@ -250,29 +249,18 @@ def load_plant(name: str | Path) -> PlantFile:
     path = find_config("plants", str(name))
     data = read_yaml(path)
     model = model_from_dict(data)
-    drive = data.get("drive", {})
     try:
+        drive = data.get("drive") or {}
         return PlantFile(
             model,
             float(drive.get("setpoint_delay_s", 1e-3)),
             float(drive.get("torque_noise_nm", 6e-3)),
             int(drive.get("counts_per_rev", 65536)),
         )
-    except (TypeError, ValueError) as error:
+    except (AttributeError, TypeError, ValueError) as error:
         raise UsageError(f"the drive section of {path} is unreadable: {error}") from error
 
 
 def load_model(path: Path) -> Model:
     """Load a model or plant file.  Raises UsageError."""
     return model_from_dict(read_yaml(path))
-
-
-def read_yaml(path: Path) -> dict[str, Any]:
-    """A YAML mapping from a file.  Raises UsageError with the file's name and the parser's line."""
-    try:
-        data = yaml.load(path.read_text(encoding="utf-8"), Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise UsageError(f"{path} cannot be read: {error}") from error
-    if not isinstance(data, dict):
-        raise UsageError(f"{path} does not hold a mapping of names to values")
-    return data

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
 
+from beltcomm.axis import load_axis
 from beltcomm.errors import UsageError
-from beltcomm.model import build_model, load_model, model_from_dict
+from beltcomm.model import build_model, load_model, load_plant, model_from_dict
+from beltcomm.runfolder import RunFolder
 
 TWO_MASS = ("belt_stiffness", "belt_damping", "viscous_motor", "coulomb_cart")
 
@@ -91,6 +94,38 @@ def test_a_file_brings_back_the_same_model(tmp_path: Path) -> None:
     assert np.array_equal(again.vector(), model.vector())
 
 
+def test_a_model_of_a_run_comes_back_bit_for_bit(tmp_path: Path) -> None:
+    """Numbers as a fit returns them, and texts that YAML could take for something else."""
+    rng = np.random.default_rng(4)
+    model = build_model("1e-6", TWO_MASS, {}, origin="010", source="no: 2020-01-01")
+    fitted = {
+        name: replace(item, value=item.low + rng.uniform() * (item.high - item.low), interval=np.float64(np.exp(rng.normal(0.0, 30.0))))
+        for name, item in model.parameters.items()
+    }
+    model = replace(model, parameters=fitted)
+    run = RunFolder.create(tmp_path / "R", load_axis("egc-70-600"))
+    again = load_model(run.save_model("final", model.to_dict()))
+    assert again == model
+    assert again.vector().tobytes() == model.vector().tobytes()
+
+
+def test_a_plant_file_may_be_written_by_hand(tmp_path: Path) -> None:
+    """``1e-6`` is a number, as everywhere in the settings; PyYAML by itself reads it as text."""
+    path = tmp_path / "hand.yaml"
+    path.write_text(
+        "name: hand\neffects: [belt_stiffness]\nparameters:\n  motor.inertia: {value: 7e-5}\n  cart.mass: {value: 3}\n"
+        "  transmission.ratio: {value: 12.42e-3}\n  belt_stiffness.stiffness: {value: 2e5, origin: 2020-01-01}\n"
+        "drive: {torque_noise_nm: 1e-3}\n"
+    )
+    plant = load_plant(path)
+    assert (plant.model["motor.inertia"], plant.model["belt_stiffness.stiffness"], plant.torque_noise_nm) == (7e-5, 2e5, 1e-3)
+    assert plant.model.parameters["belt_stiffness.stiffness"].origin == "2020-01-01"
+    assert plant.setpoint_delay_s == 1e-3
+    path.write_text(path.read_text().replace("drive: {torque_noise_nm: 1e-3}", "drive: quiet"))
+    with pytest.raises(UsageError, match=r"the drive section of .* is unreadable"):
+        load_plant(path)
+
+
 def test_bounds_and_units_left_out_come_from_the_effect() -> None:
     data = build_model("m", TWO_MASS, {}).to_dict()
     data["parameters"] = {name: {"value": item["value"]} for name, item in data["parameters"].items()}
@@ -106,6 +141,7 @@ def test_bounds_and_units_left_out_come_from_the_effect() -> None:
         (lambda data: data["parameters"].update({"cart.bogus": {"value": 1.0}}), r"unknown parameter cart\.bogus"),
         (lambda data: data["parameters"]["viscous_motor.damping"].update(unit="N s/m"), "must be in 'N m s/rad'"),
         (lambda data: data["parameters"]["cart.mass"].update(value="heavy"), "not a model file"),
+        (lambda data: data["parameters"].update({"cart.mass": 5.0}), "not a model file"),
         (lambda data: data.update(bodies=["motor", "wagon"]), "not a model file"),
     ],
 )
@@ -119,8 +155,8 @@ def test_a_broken_file_is_named(change, message: str) -> None:
 def test_an_unreadable_file_is_named(tmp_path: Path) -> None:
     broken = tmp_path / "broken.yaml"
     broken.write_text("name: [1, 2", encoding="utf-8")
-    with pytest.raises(UsageError, match=r"broken\.yaml cannot be read"):
+    with pytest.raises(UsageError, match=r"broken\.yaml is not valid YAML"):
         load_model(broken)
     broken.write_text("- 1\n", encoding="utf-8")
-    with pytest.raises(UsageError, match="does not hold a mapping"):
+    with pytest.raises(UsageError, match="must hold a mapping"):
         load_model(broken)
