@@ -125,7 +125,7 @@ def verdict_lines(verdict: Verdict, demand: Demand | None) -> list[str]:
     lines = ["Verification move:"]
     if demand is not None:
         lines.append(
-            f"  up to {demand.speed_m_s:.2f} m/s, {demand.acceleration_m_s2:.1f} m/s², {demand.feed_force_n:.0f} N feed force, "
+            f"  up to {demand.speed_m_s:.3g} m/s, {demand.acceleration_m_s2:.3g} m/s², {demand.feed_force_n:.3g} N feed force, "
             f"{demand.torque_nm:.2f} N m at the motor"
         )
     rows: list[tuple[str, object, object]] = [("at the motor", verdict.measured, verdict.predicted)]

@@ -1,0 +1,25 @@
+"""One experiment on an axis whose model is known: what ``beltcomm simulate`` records."""
+
+from __future__ import annotations
+
+from beltcomm.model import Model
+from beltcomm.session import phases, verification
+from beltcomm.session.commission import RESPONSE_S, Findings, Settings, close_first_loop, design_for, measure_friction
+from beltcomm.session.machine import Machine
+
+
+def run_experiment(machine: Machine, model: Model, experiment: str) -> str:
+    """Run one experiment with everything known; returns the name of its recording."""
+    if experiment == "frf":
+        phases.frequency_response(machine, "frf_1", model, machine.axis.torque_limit_nm, RESPONSE_S)
+        return "frf_1"
+    findings = Findings()
+    close_first_loop(machine, findings, model)
+    if experiment == "friction_sweep":
+        measure_friction(machine, model)
+        return "sweep"
+    structure = machine.drive.capabilities.structure
+    _, cascade = design_for(machine.axis, model, structure, findings, Settings())
+    path, _ = verification.standard_move(machine, model)
+    verification.verify_move(machine, model, cascade, 0.0, path)
+    return "move_1"

@@ -1,0 +1,56 @@
+"""Results from a run folder alone: the fit, and what a drive that was once connected could do."""
+
+from __future__ import annotations
+
+from beltcomm.axis import Axis
+from beltcomm.control import CascadeStructure
+from beltcomm.errors import DataError
+from beltcomm.identify.final import final_model
+from beltcomm.identify.magnitude_fit import Solver
+from beltcomm.model import Model
+from beltcomm.runfolder import RunFolder
+from beltcomm.session import analyse
+from beltcomm.session.commission import Findings, measure_delay_and_damping
+from beltcomm.session.store import structure_from_dict
+from beltcomm.talk import Talk
+
+#: The cascade assumed for a run folder that no drive has ever been connected to: the thesis's own, at 1 kHz.
+THESIS_STRUCTURE = CascadeStructure("thesis", 1e-3, ("none", "notch", "butterworth"), True, True, True)
+
+
+def structure_of(folder: RunFolder, findings: Findings) -> CascadeStructure:
+    """The cascade of the drive that the run knows; the thesis's own, with a remark, when it knows none."""
+    known = folder.load_result("drive")
+    if known is not None:
+        return structure_from_dict(known)
+    findings.remarks.append("no drive is known to this run: designed for the thesis's cascade at 1 kHz")
+    return THESIS_STRUCTURE
+
+
+def counts_of(folder: RunFolder) -> int:
+    """Encoder counts per revolution: the drive's word, else the axis file's."""
+    known = folder.load_result("drive")
+    counts = int(known["counts_per_rev"]) if known else folder.axis.motor.encoder_counts_per_rev
+    if not counts:
+        folder.axis.require("the final fit", "motor.encoder_counts_per_rev")
+    return int(counts or 0)
+
+
+def fitted(folder: RunFolder, solver: Solver, talk: Talk, model: Model | None = None) -> Findings:
+    """Final fit, log-magnitude fits, dead time and friction from what the run folder holds."""
+    findings = Findings()
+    recordings = folder.recordings()
+    if model is None:
+        findings.final = final_model(recordings, folder.axis, counts_of(folder), progress=lambda f: talk.progress(f, None))
+        model = findings.final.fit.model
+        findings.characteristics = analyse.characteristics(findings.final.fit, _middle(folder.axis))
+    measure_delay_and_damping(findings, [r for r in recordings if r.sidecar.experiment == "frf"], model, solver)
+    try:
+        findings.friction = analyse.friction_of(recordings)
+    except DataError as problem:
+        findings.remarks.append(str(problem))
+    return findings
+
+
+def _middle(axis: Axis) -> float:
+    return 0.5 * (float(axis.travel.min_m or 0.0) + float(axis.travel.max_m or 0.0))

@@ -1,0 +1,98 @@
+"""What a session has found out: into the run folder, as a mapping for programs, as text for people."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from beltcomm.identify.final import FinalModel
+from beltcomm.runfolder import RunFolder
+from beltcomm.session import analyse, words
+from beltcomm.session.commission import Findings, delay
+from beltcomm.session.store import design_to_dict, fit_to_dict, plain, verdict_to_dict
+
+
+def save(folder: RunFolder, findings: Findings) -> None:
+    """Everything known into the run folder: models, designs, results."""
+    if findings.final is not None:
+        folder.save_model("final", findings.final.fit.model.to_dict())
+        folder.save_result("fit", fit_dict(findings.final, findings))
+    if findings.friction is not None:
+        folder.save_result("friction", plain(findings.friction))
+    if findings.design is not None:
+        folder.save_design("final", design_dict(findings))
+    if findings.verdict is not None:
+        folder.save_result("verify_move_1", verdict_to_dict(findings.verdict))
+
+
+def fit_dict(final: FinalModel, findings: Findings) -> dict[str, Any]:
+    """``results/fit.yaml``: the fit, what it was compared with, and what follows from it."""
+    return {
+        **fit_to_dict(final.fit),
+        "reason": final.reason,
+        "rejected": fit_to_dict(final.rejected) if final.rejected else None,
+        "characteristics": plain(findings.characteristics),
+        "log_magnitude": {name: plain(one.parameters) for name, one in findings.thesis.items()},
+        "dead_time": {"value_s": findings.dead_time.value_s, "interval_s": findings.dead_time.interval_s} if findings.dead_time else None,
+    }
+
+
+def design_dict(findings: Findings) -> dict[str, Any]:
+    """``designs/final.yaml``; empty without a design."""
+    if findings.design is None or findings.cascade is None:
+        return {}
+    apparent = analyse.apparent_damping(findings.thesis)
+    return design_to_dict(findings.design, findings.cascade, delay(findings), apparent)
+
+
+def data(folder: RunFolder, findings: Findings) -> dict[str, Any]:
+    """Everything that was found, for ``--json``."""
+    found: dict[str, Any] = {"run": str(folder.path), "machine_seconds": findings.machine_seconds, "remarks": findings.remarks}
+    if findings.final is not None:
+        found["model"] = findings.final.fit.model.to_dict()
+        found["fit"] = fit_dict(findings.final, findings)
+    if findings.friction is not None:
+        found["friction"] = findings.friction
+    if findings.design is not None:
+        found["design"] = design_dict(findings)
+    if findings.verdict is not None:
+        found["verdict"] = findings.verdict
+    return found
+
+
+def model_text(findings: Findings) -> list[str]:
+    """The model with intervals, why it was chosen, the delay, and the log-magnitude fits beside it."""
+    if findings.final is None:
+        return []
+    lines = words.model_lines(findings.final.fit, findings.characteristics)
+    lines.append(f"  {findings.final.reason}")
+    if findings.dead_time is not None:
+        interval = 1e3 * findings.dead_time.interval_s
+        lines.append(f"  delay from torque setpoint to torque: {words.number(1e3 * findings.dead_time.value_s, interval, 'ms')}")
+    return lines + words.thesis_lines(findings.thesis)
+
+
+def commission_text(folder: RunFolder, findings: Findings, apply: str, drive: str) -> list[str]:
+    """The verdict first, then everything behind it, where the files are, and what to do next."""
+    passed = findings.verdict is not None and findings.verdict.passed
+    kept = {"restore": "The drive has its old gains again", "keep": "The new gains are in the drive until power-off"}
+    state = kept.get(apply, "The new gains are saved in the drive") if passed else kept["restore"]
+    text = [
+        "The axis meets its targets." if passed else "The axis misses its targets.",
+        "",
+        *model_text(findings),
+        *(words.friction_lines(findings.friction) if findings.friction else []),
+        *(words.design_lines(findings.design, findings.cascade) if findings.design and findings.cascade else []),
+        *(words.verdict_lines(findings.verdict, findings.demand) if findings.verdict else []),
+        *words.remarks_lines(findings.remarks),
+        "",
+        f"{findings.machine_seconds:.0f} s on the machine. Everything is in {folder.path}.",
+        f"{state}. Next: "
+        + (
+            f"beltcomm apply --drive {drive} --run {folder.path} --save"
+            if passed and apply == "restore"
+            else f"beltcomm rollback --drive {drive} --run {folder.path} undoes it"
+            if passed
+            else f"look at the remarks above, then beltcomm design {folder.path} and beltcomm verify --drive {drive} --run {folder.path}"
+        ),
+    ]
+    return text
