@@ -1,0 +1,92 @@
+"""One complete commissioning of rig g_a, shared by all tests here, and a fresh virtual drive for each test."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from beltcomm import api
+from beltcomm.identify.final import FinalModel
+from beltcomm.runfolder import RunFolder
+from beltcomm.session import commission as sequence
+from beltcomm.session import offline
+from session.bench import Bench, Listener
+
+SEED = 1
+
+
+@dataclass
+class Complete:
+    """A finished commissioning, by the public function.   final : its final fit, for tests in which the fit does not matter."""
+
+    bench: Bench
+    path: Path
+    result: api.Result
+    talk: Listener
+    final: FinalModel
+
+    @property
+    def folder(self) -> RunFolder:
+        return RunFolder.open(self.path)
+
+
+@pytest.fixture(scope="session")
+def complete(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Complete]:
+    bench, talk = Bench("g_a"), Listener()
+    path = tmp_path_factory.mktemp("complete") / "run"
+    fits: list[FinalModel] = []
+
+    def fit(*args: Any, **kwargs: Any) -> FinalModel:
+        fits.append(final_model(*args, **kwargs))
+        return fits[-1]
+
+    final_model = sequence.final_model
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(api, "open_drive", bench.open)
+        patch.setattr(sequence, "final_model", fit)
+        result = api.commission(bench.name, "egc-70-600", path, options=api.Options(yes=True, seed=SEED), talk=talk)
+    yield Complete(bench, path, result, talk, fits[-1])
+    bench.close()
+
+
+@pytest.fixture
+def copy_of_complete(complete: Complete, tmp_path: Path) -> Callable[..., Path]:
+    """A copy of the complete run, without the recordings named."""
+
+    def copy(*without: str, name: str = "copy") -> Path:
+        path = tmp_path / name
+        shutil.copytree(complete.path, path)
+        for recording in without:
+            for suffix in (".csv", ".yaml"):
+                (path / "recordings" / f"{recording}{suffix}").unlink()
+        return path
+
+    return copy
+
+
+@pytest.fixture
+def fitted(complete: Complete, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The final fit is that of the complete run, at once: it takes most of the time and is not what is looked at."""
+    monkeypatch.setattr(sequence, "final_model", lambda *_args, **_kwargs: complete.final)
+    monkeypatch.setattr(offline, "final_model", lambda *_args, **_kwargs: complete.final)
+
+
+@pytest.fixture
+def make_bench(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Bench]]:
+    """Makes the virtual drive that the commands will find."""
+    made: list[Bench] = []
+
+    def make(*args: Any, **options: Any) -> Bench:
+        bench = Bench(*args, **options)
+        made.append(bench)
+        monkeypatch.setattr(api, "open_drive", bench.open)
+        return bench
+
+    yield make
+    for bench in made:
+        bench.close()

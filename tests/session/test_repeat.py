@@ -1,0 +1,129 @@
+"""The same run twice; a run that goes on where it was broken off."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from beltcomm import api
+from beltcomm.axis import load_axis
+from beltcomm.errors import UsageError
+from beltcomm.parameters import GAIN_NAMES
+from beltcomm.runfolder import RunFolder
+from beltcomm.virtual.bus import FrameHash
+from session.bench import Bench, Listener
+from session.conftest import SEED, Complete
+
+MakeBench = Callable[..., Bench]
+Copy = Callable[..., Path]
+
+
+def contents(run: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in sorted((run / "recordings").iterdir())}
+
+
+@pytest.mark.usefixtures("fitted")
+def test_one_seed_gives_one_run_to_the_byte(make_bench: MakeBench, tmp_path: Path) -> None:
+    def identify(run: str, seed: int) -> tuple[str, dict[str, bytes]]:
+        bench, frames = make_bench(), FrameHash()
+        bench.log = frames
+        api.identify(bench.name, "egc-70-600", tmp_path / run, options=api.Options(yes=True, seed=seed))
+        return frames.hexdigest(), contents(tmp_path / run)
+
+    first, again, other = identify("first", 7), identify("again", 7), identify("other", 8)
+    assert first[1].keys() >= {"amplitude_1.csv", "amplitude_1.yaml", "frf_1.csv", "frf_1.yaml"}
+    assert first == again
+    assert first[0] != other[0]
+    assert first[1]["frf_1.csv"] != other[1]["frf_1.csv"]
+
+
+@pytest.mark.usefixtures("fitted")
+def test_a_run_broken_off_goes_on_without_repeating_what_is_finished(make_bench: MakeBench, tmp_path: Path) -> None:
+    run, bench = tmp_path / "run", make_bench()
+    seen: list[str] = []
+
+    def stop_in_the_second_record(_phase: int, _fraction: float) -> None:
+        seen[:] = [path.name for path in (run / "recordings").glob("*.csv")]
+        if seen:
+            raise KeyboardInterrupt
+
+    options = api.Options(yes=True, quick=True, seed=3)
+    with pytest.raises(KeyboardInterrupt):
+        api.commission(bench.name, "egc-70-600", run, options=options, talk=Listener(at_progress=stop_in_the_second_record))
+    assert seen == ["amplitude_1.csv"]
+    assert RunFolder.open(run).unfinished() == ["amplitude_2"]
+    kept = {path: (path.read_bytes(), path.stat().st_mtime_ns) for path in (run / "recordings").glob("amplitude_1.*")}
+    broken_off = (run / "recordings" / "amplitude_2.csv.part").read_bytes()
+    assert broken_off.count(b"\n") >= 200
+
+    talk = Listener()
+    result = api.commission(bench.name, "egc-70-600", run, options=replace(options, resume=True), talk=talk)
+    assert result.exit_code == 0, "\n".join(result.lines())
+    assert {path: (path.read_bytes(), path.stat().st_mtime_ns) for path in kept} == kept
+    assert "amplitude_1: kept from the earlier run" in talk.said
+    # rows once measured are not thrown away
+    assert (run / "recordings" / "amplitude_2.unfinished1.csv.part").read_bytes() == broken_off
+    folder = RunFolder.open(run)
+    assert folder.unfinished() == []
+    assert {"amplitude_1", "amplitude_2", "frf_1", "sweep", "move_1"} <= set(folder.finished_names())
+    assert len(folder.recordings()) == len(folder.finished_names())
+    assert bench.parameters() == bench.initial
+
+
+@pytest.mark.usefixtures("fitted")
+def test_a_finished_run_repeats_nothing(make_bench: MakeBench, copy_of_complete: Copy, complete: Complete) -> None:
+    run, bench = copy_of_complete(), make_bench()
+    before = contents(run)
+    result = api.commission(bench.name, "egc-70-600", run, options=api.Options(yes=True, seed=SEED, resume=True))
+    assert contents(run) == before
+    assert result.exit_code == 0
+    assert result.data["verdict"].measured == complete.result.data["verdict"].measured
+    assert bench.now_s < 10.0  # the sign check and the way to the start of the move at most
+
+
+def test_another_axis_is_not_the_run_that_was_begun(make_bench: MakeBench, copy_of_complete: Copy) -> None:
+    run, bench = copy_of_complete(), make_bench()
+    axis = load_axis("egc-70-600")
+    faster = replace(axis, limits=replace(axis.limits, speed_m_s=4.0))
+    with pytest.raises(UsageError, match=r"the axis has changed .*limits\.speed_m_s 5\.0 -> 4\.0.*begin a new run"):
+        api.commission(bench.name, faster, run, options=api.Options(yes=True, resume=True))
+    assert bench.parameters() == bench.initial
+
+
+def test_another_drive_is_not_that_of_the_run(make_bench: MakeBench, copy_of_complete: Copy) -> None:
+    run = copy_of_complete()
+    bench = make_bench(profile="cmmp-as")
+    with pytest.raises(UsageError, match=r"made on another drive .*beltcomm reference drive -> CMMP-AS"):
+        api.commission(bench.name, "egc-70-600", run, options=api.Options(yes=True, resume=True))
+    assert bench.parameters() == bench.initial
+
+
+def test_there_is_nothing_to_go_on_with(make_bench: MakeBench, tmp_path: Path) -> None:
+    bench = make_bench()
+    with pytest.raises(UsageError, match="does not exist; check --run or leave --resume out"):
+        api.commission(bench.name, "egc-70-600", tmp_path / "none", options=api.Options(yes=True, resume=True))
+    assert not (tmp_path / "none").exists()
+
+
+@pytest.mark.parametrize("apply", ["keep", "save"])
+@pytest.mark.usefixtures("fitted")
+def test_the_new_gains_stay_when_asked_for(make_bench: MakeBench, copy_of_complete: Copy, apply: api.Apply) -> None:
+    run, bench = copy_of_complete("move_1"), make_bench()
+    result = api.commission(bench.name, "egc-70-600", run, options=api.Options(yes=True, seed=SEED, resume=True, apply=apply))
+    assert result.exit_code == 0, "\n".join(result.lines())
+    designed = RunFolder.open(run).load("designs", "final")["parameters"]
+    now = bench.parameters()
+    for name, value in designed.items():
+        assert now[name] == pytest.approx(value, rel=1e-6)  # REAL32
+    assert {n: v for n, v in now.items() if n not in GAIN_NAMES} == {n: v for n, v in bench.initial.items() if n not in GAIN_NAMES}
+    assert bench.stands_disabled()
+    bench.power_cycle()
+    assert bench.parameters() == (now if apply == "save" else bench.initial)
+    # and back, by the backup that the run folder holds
+    api.rollback(bench.name, run, options=api.Options(yes=True, apply="save"))
+    assert bench.parameters() == bench.initial
+    bench.power_cycle()
+    assert bench.parameters() == bench.initial
