@@ -143,7 +143,7 @@ def closed_loop_poles(plant: DesignPlant, cascade: Cascade, period_s: float) -> 
             integral + period_s * error,
         ]
     )
-    return np.asarray(np.linalg.eigvals(matrix))
+    return np.asarray(np.linalg.eigvals(matrix), dtype=np.complex128)  # eigvals returns real numbers when all of them are
 
 
 def _frequencies(plant: DesignPlant, period_s: float, points: int) -> Array:

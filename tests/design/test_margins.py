@@ -121,3 +121,20 @@ def test_no_crossover_is_an_infinite_margin_and_no_frequency() -> None:
     (one,) = margins(replace(LOOP_A, kp_nm_s_rad=1e-9, ki_nm_rad=0.0), [G_A], PERIOD)
     assert one.phase_margin_deg == math.inf
     assert math.isnan(one.crossover_rad_s)
+
+
+def test_an_overdamped_plant_whose_poles_are_all_real_has_margins() -> None:
+    """A first response around standstill shows friction as so much damping that nothing oscillates; one pole is negative.
+
+    Such a pole alternates, z = -|z| = exp((ln|z| + jπ)), so its damping ratio is -ln|z|/sqrt(ln²|z| + π²); no other is below 1.
+    """
+    plant = DesignPlant(62.2e-6, RATIO, 10.0, 127e3, 0.0815, 0.0, 22.4, 1e-3)
+    cascade = Cascade(1.573e-3, 4.4e-4, 0.0, 0.002)
+    poles = closed_loop_poles(plant, cascade, PERIOD)
+    assert poles.dtype == np.complex128  # whatever they are
+    assert np.all(poles.imag[np.abs(poles) > 1e-4] == 0.0)  # those at 0 are multiple and split as rounding will have it
+    fastest = math.log(-np.min(poles.real))
+    (one,) = margins(cascade, [plant], PERIOD)
+    assert one.damping == pytest.approx(-fastest / math.hypot(fastest, math.pi), rel=1e-12)
+    assert one.stable
+    assert one.velocity_stable
