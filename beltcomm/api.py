@@ -23,7 +23,7 @@ from beltcomm.runfolder import RunFolder
 from beltcomm.session import analyse, gains, offline, outcome, verification, words
 from beltcomm.session import commission as sequence
 from beltcomm.session.commission import Apply, Findings, Settings
-from beltcomm.session.creep import small_move
+from beltcomm.session.creep import BREAKAWAY_SHARE, CREEP_SPEED_M_S, RAMP_S, small_move
 from beltcomm.session.experiment import run_experiment
 from beltcomm.session.machine import Machine, backed_up
 from beltcomm.session.plan import Plan, commission_plan, friction_plan, identify_plan, move_plan
@@ -37,9 +37,8 @@ from beltcomm.talk import Silence, Talk
 from beltcomm.trajectory import Trajectory, load_move, plan_trajectory
 from beltcomm.verify import demand
 
-#: m: the longest way of ``beltcomm move``, and its speed.
+#: m: the longest way of ``beltcomm move``.
 LONGEST_MOVE_M = 0.1
-MOVE_SPEED_M_S = 0.05
 
 
 @dataclass(frozen=True)
@@ -171,7 +170,8 @@ def friction(drive: str, run: Path, *, options: Options | None = None, talk: Tal
             sequence.reference(machine, _settings(options))
             _agree(plan, options, talk)
             sequence.close_first_loop(machine, findings, model)
-            sequence.measure_friction(machine, model)
+            number = 1 + sum(name.startswith("sweep") for name in folder.finished_names())
+            sequence.measure_friction(machine, model, "sweep" if number == 1 else f"sweep_{number}")
         findings.friction = analyse.friction_of(folder.recordings())
     folder.save_result("friction", plain(findings.friction))
     text = [
@@ -268,22 +268,20 @@ def move(drive: str, axis: Axis | str, by_m: float, *, options: Options | None =
     plan = move_plan(
         axis,
         abs(by_m),
-        MOVE_SPEED_M_S,
-        axis.torque_limit_nm,
+        CREEP_SPEED_M_S,
+        BREAKAWAY_SHARE * axis.torque_limit_nm,
         float(axis.limits.feed_force_n or 0.0),
-        abs(by_m) / MOVE_SPEED_M_S + 2.0,
-        f"move {1e3 * by_m:+.1f} mm slowly",
+        RAMP_S * (1.0 + abs(by_m) / 3e-3),
+        f"creep {1e3 * by_m:+.1f} mm under slowly rising torque, in several goes",
     )
     if options.dry_run:
         return _planned(plan)
     with open_drive(drive, options.for_drive()) as connected:
         _agree(plan, options, talk)
-        start, end = small_move(connected, axis, by_m, MOVE_SPEED_M_S, options.position_m)
-    reached = abs(end - start - by_m) < 0.2 * abs(by_m)
-    text = [f"The carriage moved {1e3 * (end - start):+.2f} mm, asked were {1e3 * by_m:+.2f} mm."]
-    if not reached:
-        text.append("The gains in the drive do not bring it there; beltcomm commission finds better ones.")
-    return Result({"moved_m": end - start, "asked_m": by_m}, text, 0 if reached else 1)
+        moved = small_move(connected, axis, by_m, options.position_m)
+    reached = abs(moved - by_m) < max(0.2 * abs(by_m), 2e-3)
+    text = [f"The carriage crept {1e3 * moved:+.2f} mm, asked were {1e3 * by_m:+.2f} mm; no loop was closed."]
+    return Result({"moved_m": moved, "asked_m": by_m}, text, 0 if reached else 1)
 
 
 def simulate(

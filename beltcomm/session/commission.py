@@ -178,10 +178,10 @@ def measure_places(machine: Machine, model: Model, amplitude_nm: float) -> None:
         phases.frequency_response(machine, name, model, amplitude_nm, RESPONSE_S)
 
 
-def measure_friction(machine: Machine, model: Model) -> Recording:
+def measure_friction(machine: Machine, model: Model, name: str = "sweep") -> Recording:
     """Phase 5b: the constant-speed sweep with the loop closed."""
     machine.talk.phase(7, len(TITLES), TITLES[6])
-    if machine.folder.finished("sweep") is None:
+    if machine.folder.finished(name) is None:
         phases.move_to(machine, phases.stroke_ends(machine)[0], model)
     strokes = phases.sweep(machine, model)
     sidecar = Sidecar(
@@ -190,7 +190,7 @@ def measure_friction(machine: Machine, model: Model) -> Recording:
         session_time_s=machine.session_time_s,
         closed_loop=True,
     )
-    return machine.record("sweep", machine.follow(strokes.trajectory, machine.stroking()), machine.full_room(), sidecar)
+    return machine.record(name, machine.follow(strokes.trajectory, machine.stroking()), machine.full_room(), sidecar)
 
 
 def fit_and_design(machine: Machine, findings: Findings, settings: Settings) -> Cascade:

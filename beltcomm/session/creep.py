@@ -1,49 +1,112 @@
-"""A small, slow move with whatever gains are in the drive."""
+"""Creeping without any loop: the torque rises until the carriage has gone its way, then the axis is stopped."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 
 from beltcomm.axis import Axis
-from beltcomm.axis_entries import TrajectoryLimits
-from beltcomm.drive import Drive, Limits, Motion
-from beltcomm.errors import Refused
-from beltcomm.trajectory import at_rest, join, plan_trajectory
+from beltcomm.drive import Drive, Limits, Motion, Row
+from beltcomm.errors import DriveError, Refused, SafetyStop
 
-#: m/s² and m/s³: a tenth of a second to full speed.
-ACCELERATION_M_S2 = 0.5
-JERK_M_S3 = 10.0
-#: m beyond the way asked for: where the drive and the host stop the axis.
-MARGIN_M = 5e-3
-#: s, for weak factory gains to catch up.
-WAIT_S = 1.5
+#: m: what counts as moving; more than belt and coupling give way before friction breaks.
+MOVED_M = 5e-5
+#: Share of the torque that axis and motor allow at which an axis that does not move is given up.
+BREAKAWAY_SHARE = 0.6
+#: s, in which the torque rises to that share.
+RAMP_S = 2.0
+#: m/s: a creeping carriage that gets faster is stopped.
+CREEP_SPEED_M_S = 0.1
+#: m beyond the way asked for, where host and drive stop the axis; near enough; and how many goes it may take.
+MARGIN_M = 1e-2
+NEAR_M = 5e-4
+GOES = 30
+#: s, to look whether the axis stays where it was stopped.
+STILL_S = 0.1
 
 
-def small_move(drive: Drive, axis: Axis, by_m: float, speed_m_s: float, position_m: float | None) -> tuple[float, float]:
-    """Move by ``by_m``; returns carriage position before and after, m (relative to ``position_m`` or the drive's zero).
+@dataclass(frozen=True)
+class Crept:
+    """onset_nm : torque at which the carriage began to move, positive, N m at the motor.   moved_m : how far it went, signed."""
 
-    Raises Refused when the move would leave the travel, SafetyStop, DriveError.
+    onset_nm: float
+    moved_m: float
+
+
+class Enough(SafetyStop):
+    """Raised by the watcher inside a record when the motion has shown what it was for; the axis is stopped as for any limit."""
+
+    def __init__(self) -> None:
+        super().__init__("the motion has shown what it was for", "enough")
+
+
+def creep(drive: Drive, axis: Axis, limits: Limits, by_m: float) -> Crept:
+    """Creep by about ``by_m`` (signed), or until it gets fast; check direction and stopping.   Nothing is recorded.
+
+    Raises Refused when nothing moves, DriveError when torque and motion have opposite signs or the axis does not stop, SafetyStop.
+    """
+    ratio, sign = axis.transmission_m_rad, float(np.sign(by_m))
+    period = drive.capabilities.sample_period_s
+    top = BREAKAWAY_SHARE * min(limits.torque_nm, axis.torque_limit_nm)
+    ramp = np.linspace(0.0, top, int(RAMP_S / period))
+    start = drive.read(["position_rad"])["position_rad"]
+    onset: list[float] = []
+    before = [0.0]
+
+    def watch(row: Row) -> None:
+        moved = sign * ratio * (row[3] - start)
+        if moved > MOVED_M and not onset:
+            onset.append(sign * row[2])
+        if moved < -4.0 * MOVED_M:
+            raise DriveError(
+                f"the carriage moves to {'negative' if sign > 0 else 'positive'} under {'positive' if sign > 0 else 'negative'} "
+                "torque: change the polarity of the drive (607Eh) or of its encoder, or the tilt of the axis moves it by itself"
+            )
+        if moved > abs(by_m) or (moved > MOVED_M and moved - before[0] > CREEP_SPEED_M_S * period):
+            raise Enough
+        before[0] = moved
+
+    zero = np.zeros(len(ramp))
+    try:
+        drive.record(Motion("torque", period, zero, zero, sign * ramp), limits, watch)
+    except Enough:
+        pass
+    else:
+        if not onset:
+            raise Refused(
+                f"the axis does not move: {top:.2f} N m, {100 * BREAKAWAY_SHARE:.0f} % of what is allowed, did not shift it by "
+                f"{1e6 * MOVED_M:.0f} um; check brake, clamp and enable inputs"
+            )
+    stopped = drive.read(["position_rad"])["position_rad"]
+    drive.clock.sleep_until(drive.clock.now() + STILL_S)
+    end = drive.read(["position_rad"])["position_rad"]
+    if ratio * abs(end - stopped) > MOVED_M:
+        raise DriveError("the axis does not stand still after a stop; check the drive's quick stop (605Ah, 6085h) and its brake")
+    return Crept(onset[0] if onset else top, ratio * (end - start))
+
+
+def small_move(drive: Drive, axis: Axis, by_m: float, position_m: float | None) -> float:
+    """Creep to a place ``by_m`` away, in as many goes as it takes; returns how far it went, m.
+
+    position_m : m, where the carriage stands, as the operator says; without it the drive's own zero counts.
+    Raises Refused when the move would leave the travel, and as :func:`creep`.
     """
     ratio = axis.transmission_m_rad
     here = drive.read(["position_rad"])["position_rad"]
     start = position_m if position_m is not None else ratio * here
-    known = position_m is not None or drive.capabilities.referenced
     low, high = float(axis.travel.min_m or 0.0), float(axis.travel.max_m or 0.0)
-    if known and not low <= start + by_m <= high:
+    if (position_m is not None or drive.capabilities.referenced) and not low <= start + by_m <= high:
         raise Refused(f"from {start:.4f} m a move by {1e3 * by_m:+.1f} mm would leave the travel {low:g}..{high:g} m")
-    limits = TrajectoryLimits(jerk_m_s3=JERK_M_S3, acceleration_m_s2=ACCELERATION_M_S2, speed_m_s=speed_m_s)
-    period = drive.capabilities.sample_period_s
-    path = plan_trajectory(0.0, by_m, limits, period)
-    path = join([path, at_rest(by_m, WAIT_S, period)])
-    kind = "position" if "position" in drive.capabilities.kinds else "velocity"
-    motion = Motion(
-        kind,  # type: ignore[arg-type]
-        period,
-        here + path.position_m / ratio,
-        path.velocity_m_s / ratio,
-        np.zeros(len(path.t_s)),
+    beyond = np.sign(by_m) * MARGIN_M
+    ends = sorted((here - beyond / ratio, here + (by_m + beyond) / ratio))
+    speed = (axis.limits.speed_m_s or 1.0) / ratio
+    limits = Limits(
+        ends[0], ends[1], min(speed, drive.capabilities.max_speed_rad_s), min(axis.torque_limit_nm, drive.capabilities.peak_torque_nm)
     )
-    ends = sorted((here - np.sign(by_m) * MARGIN_M / ratio, here + (by_m + np.sign(by_m) * MARGIN_M) / ratio))
-    torque = min(axis.torque_limit_nm, drive.capabilities.peak_torque_nm)
-    drive.record(motion, Limits(ends[0], ends[1], 3.0 * speed_m_s / ratio, torque), lambda _row: None)
-    return start, start + ratio * (drive.read(["position_rad"])["position_rad"] - here)
+    moved = 0.0
+    for _ in range(GOES):
+        if abs(by_m - moved) < NEAR_M or (by_m - moved) * by_m < 0.0:
+            break
+        moved += creep(drive, axis, limits, by_m - moved).moved_m
+    return moved

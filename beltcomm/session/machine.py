@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from beltcomm.axis import Axis
 from beltcomm.control import Cascade
 from beltcomm.drive import COLUMNS, Drive, Limits, Motion, Row
-from beltcomm.errors import BeltcommError, Refused, SafetyStop, UsageError
+from beltcomm.errors import BeltcommError, Refused, UsageError
 from beltcomm.parameters import GAIN_NAMES, cascade_to_parameters, parameters_to_cascade
 from beltcomm.recording import Recording
 from beltcomm.runfolder import RunFolder
@@ -203,10 +203,3 @@ def backed_up(folder: RunFolder) -> Mapping[str, float]:
     if saved is None:
         raise Refused(f"{folder.path} holds no backup of a drive; nothing to roll back to")
     return {name: float(value) for name, value in saved["parameters"].items()}
-
-
-class Enough(SafetyStop):
-    """Raised by a watcher inside a record when the motion has shown what it was for; the axis is stopped as for any limit."""
-
-    def __init__(self) -> None:
-        super().__init__("the motion has shown what it was for", "enough")

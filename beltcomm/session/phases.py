@@ -11,27 +11,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.axis_entries import TrajectoryLimits
-from beltcomm.drive import Row
-from beltcomm.errors import DriveError, Refused, SafetyStop, UsageError
+from beltcomm.errors import Refused, SafetyStop, UsageError
 from beltcomm.excitation import Excitation, choose_prbs, prbs
 from beltcomm.identify.amplitude import AmplitudeStep, MotionLimits, around, largest_amplitude, unknown_payload
 from beltcomm.identify.first_estimate import data_sheet_model, first_estimate
 from beltcomm.linear import modes, operating_point
 from beltcomm.model import Model
 from beltcomm.recording import Recording
-from beltcomm.session.machine import Enough, Machine, Room
+from beltcomm.session.creep import creep
+from beltcomm.session.machine import Machine, Room
 from beltcomm.sidecar import ExcitationNote, Sidecar
 from beltcomm.trajectory import Strokes, Trajectory, at_rest, constant_speed_strokes, join, plan_trajectory
 
 Array = NDArray[np.float64]
 
-#: m; how far the carriage may go in the sign check, and what counts as moving.
+#: m; how far the carriage goes in the sign check.
 SIGN_TRAVEL_M = 2e-3
-MOVED_M = 5e-5
-#: Share of the allowed torque at which an axis that still does not move is given up.
-BREAKAWAY_SHARE = 0.6
-#: s, ramp of the sign check.
-RAMP_S = 2.0
 #: m, room kept to the ends of the travel.
 END_MARGIN_M = 5e-3
 #: Share of the belt force limit that a prediction may use: the models are known to FIRST_ESTIMATE_SPREAD.
@@ -101,49 +96,15 @@ def sign_and_scale(machine: Machine) -> Breakaway:
         raise UsageError(
             f"the carriage stands at {at:.4f} m, within {2e3 * SIGN_TRAVEL_M:.0f} mm of an end of its travel; move it further in by hand"
         )
-    room = room_around(machine, at, 5.0 * SIGN_TRAVEL_M)
-    top = BREAKAWAY_SHARE * min(room.torque_nm, machine.axis.torque_limit_nm)
-    period = machine.drive.capabilities.sample_period_s
-    ramp = np.linspace(0.0, top, int(RAMP_S / period))
+    limits = machine.drive_limits(room_around(machine, at, 5.0 * SIGN_TRAVEL_M))
+    begun = machine.drive.clock.now()
     found = {}
     for sign in (1.0, -1.0):
-        found[sign] = _creep(machine, sign, ramp, room)
+        crept = creep(machine.drive, machine.axis, limits, sign * SIGN_TRAVEL_M)
+        found[sign] = crept.onset_nm
+    machine.machine_seconds += machine.drive.clock.now() - begun
     machine.folder.journal(f"breakaway {found[1.0]:.3f} N m forward, {found[-1.0]:.3f} N m backward")
     return Breakaway(found[1.0], found[-1.0])
-
-
-def _creep(machine: Machine, sign: float, ramp: Array, room: Room) -> float:
-    """Breakaway torque in one direction, positive, N m."""
-    start = machine.position_m
-    onset: list[float] = []
-
-    def watch(row: Row) -> None:
-        moved = sign * (machine.ratio * (row[3] - machine.origin_rad) - start)
-        if moved > MOVED_M and not onset:
-            onset.append(sign * row[2])
-        if moved < -MOVED_M * 4:
-            raise DriveError(
-                f"the carriage moves to {'negative' if sign > 0 else 'positive'} under {'positive' if sign > 0 else 'negative'} torque: "
-                "change the polarity of the drive (607Eh) or of its encoder, or the tilt of the axis moves it by itself"
-            )
-        if moved > SIGN_TRAVEL_M:
-            raise Enough
-
-    try:
-        machine.run(machine.torque_motion(sign * ramp), room, watch)
-    except Enough:
-        pass
-    else:
-        if not onset:
-            raise Refused(
-                f"the axis does not move: {ramp[-1]:.2f} N m, {100 * BREAKAWAY_SHARE:.0f} % of what is allowed, did not shift it by "
-                f"{1e6 * MOVED_M:.0f} um; check brake, clamp and enable inputs"
-            )
-    before = machine.position_m
-    machine.drive.clock.sleep_until(machine.drive.clock.now() + 0.1)
-    if abs(machine.position_m - before) > MOVED_M:
-        raise DriveError("the axis does not stand still after a stop; check the drive's quick stop (605Ah, 6085h) and its brake")
-    return onset[0] if onset else float(ramp[-1])
 
 
 def motion_limits(machine: Machine, position_m: float) -> MotionLimits:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from beltcomm.axis import Axis
 from beltcomm.drive import Capabilities
-from beltcomm.session import phases
+from beltcomm.session import creep, phases
 
 
 @dataclass(frozen=True)
@@ -111,7 +111,7 @@ def move_plan(axis: Axis, travel_m: float, speed_m_s: float, torque_nm: float, f
 
 #: s, upper bounds of the parts, from the sequence's own constants: ramps both ways; five rising steps of 2.8 s; rest, run-in and
 #: measured periods; strokes at seven speeds.
-CREEP_SECONDS = 2.0 * (phases.RAMP_S + 0.5)
+CREEP_SECONDS = 2.0 * (creep.RAMP_S + 0.5)
 STEP_SECONDS = 3.0
 RESPONSE_SECONDS = 7.5
 MOVE_SECONDS = 2.0
@@ -123,9 +123,9 @@ def _here(axis: Axis, capabilities: Capabilities) -> tuple[Experiment, ...]:
     force = float(axis.limits.feed_force_n or 0.0)
     shaking = phases.BELT_SHARE * force
     ratio = axis.transmission_m_rad
-    creep = phases.BREAKAWAY_SHARE * torque
+    rising = creep.BREAKAWAY_SHARE * torque
     return (
-        Experiment("sign and breakaway", phases.SIGN_TRAVEL_M, 0.1, creep, min(creep / ratio, force), CREEP_SECONDS),
+        Experiment("sign and breakaway", phases.SIGN_TRAVEL_M, creep.CREEP_SPEED_M_S, rising, min(rising / ratio, force), CREEP_SECONDS),
         Experiment("excitation, rising in steps", phases.EXCITATION_TRAVEL_M, 0.5, torque, shaking, 3 * STEP_SECONDS),
         Experiment("frequency response here", phases.EXCITATION_TRAVEL_M, 0.5, torque, shaking, RESPONSE_SECONDS),
     )
