@@ -35,19 +35,23 @@ class Verbs(click.Group):
     """The group of verbs; turns every outcome into one exit code and a sentence."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
+        """All verbs in the order of the job."""
         return list(VERBS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """The command of a verb, its module imported only now; None for a word that is no verb."""
         if cmd_name not in VERBS:
             return None
         command: click.Command = importlib.import_module(f"beltcomm.cli.{cmd_name}").command
         return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """List the verbs for ``--help`` without importing any."""
         with formatter.section("Verbs"):
             formatter.write_dl(list(VERBS.items()))
 
     def resolve_command(self, ctx: click.Context, args: list[str]) -> tuple[str | None, click.Command | None, list[str]]:
+        """The command named first in ``args``.  Raises click.UsageError with the nearest verb."""
         name = args[0]
         if name not in VERBS and not name.startswith("-") and not ctx.resilient_parsing:
             close = difflib.get_close_matches(name, VERBS, n=1)
@@ -64,6 +68,7 @@ class Verbs(click.Group):
         windows_expand_args: bool = True,
         **extra: Any,
     ) -> Any:
+        """Run the command line and leave with its exit code, or return it when not ``standalone_mode``."""
         words = list(sys.argv[1:] if args is None else args)
         frame = Frame(words)
         code = frame.guarded(

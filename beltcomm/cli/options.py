@@ -26,9 +26,11 @@ class Quantity(Numbers):
         self.name = name
 
     def get_metavar(self, param: click.Parameter, ctx: click.Context | None = None) -> str:
+        """The unit that a bare number is taken in, such as ``[m]``."""
         return f"[{unit_of(self.name)}]"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """The value in SI.  Raises click.BadParameter for a number or a unit that cannot be read."""
         if isinstance(value, float):
             return value
         try:

@@ -63,10 +63,12 @@ class Homing(Mode):
         return self._phase in (_Phase.TOWARDS, _Phase.OFF, _Phase.STOPPING)
 
     def start(self) -> None:
+        """Ramp to rest from the present speed; nothing is looked for until bit 4 rises."""
         self._phase = _Phase.IDLE
         self._ramp = Ramp(self.loops.speed_rad_s)
 
     def control(self, controlword: int) -> None:
+        """Bit 4 rising begins the search, falling breaks it off."""
         rising = controlword & ~self.controlword & NEW_SETPOINT
         falling = self.controlword & ~controlword & NEW_SETPOINT
         self.controlword = controlword
@@ -76,6 +78,7 @@ class Homing(Mode):
             self._phase = _Phase.IDLE
 
     def step(self) -> float:
+        """Torque setpoint of this tick, N m, along the ramp 609Ah to the speed of the search."""
         target = 0.0
         if self._phase in (_Phase.TOWARDS, _Phase.OFF):
             target = self._search()
@@ -86,6 +89,7 @@ class Homing(Mode):
         return self.loops.velocity(self._ramp.value, self._ramp.slope)
 
     def status(self) -> int:
+        """Bit 12: home is found; bit 13: the search has failed; bit 10: nothing is under way."""
         if self._phase == _Phase.ATTAINED:
             return TARGET_REACHED | BIT_12
         if self._phase == _Phase.FAILED:

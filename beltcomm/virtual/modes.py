@@ -76,6 +76,7 @@ class ProfilePosition(Mode):
         self._deceleration = self.object(0x6084)
 
     def start(self) -> None:
+        """Brake to rest along 6084h; setpoints of an earlier start are forgotten."""
         loops = self.loops
         self._trajectory = Trajectory(loops.angle_rad, loops.speed_rad_s)
         self._target = loops.position_of(loops.angle_rad)
@@ -89,6 +90,7 @@ class ProfilePosition(Mode):
         self._to_target = False
 
     def control(self, controlword: int) -> None:
+        """Bit 4 rising takes 607Ah over: at once, after the present move, or relative to the last setpoint."""
         rising = controlword & ~self.controlword & NEW_SETPOINT
         self.controlword = controlword
         if rising and not self._acknowledged:
@@ -108,6 +110,7 @@ class ProfilePosition(Mode):
             self._acknowledged = False
 
     def step(self) -> float:
+        """Torque setpoint of this tick, N m, along the trapezoid; the setpoint that waits follows a finished move."""
         halt = bool(self.controlword & HALT)
         if halt != self._halted:
             self._halted = halt
@@ -132,6 +135,7 @@ class ProfilePosition(Mode):
         return self.loops.position(trajectory.position, trajectory.speed, trajectory.acceleration)
 
     def status(self) -> int:
+        """Bit 10: in the window 6067h (with halt: at rest); bit 12: the setpoint is acknowledged."""
         return (TARGET_REACHED if self._reached else 0) | (BIT_12 if self._acknowledged else 0)
 
     def _brake(self) -> None:
@@ -166,10 +170,12 @@ class ProfileVelocity(Mode):
         self._deceleration = self.object(0x6084)
 
     def start(self) -> None:
+        """Ramp from the present speed."""
         self._ramp = Ramp(self.loops.speed_rad_s)
         self._target = 0.0
 
     def step(self) -> float:
+        """Torque setpoint of this tick, N m, along the ramp to 60FFh within ± 6080h."""
         loops = self.loops
         top = self._top_rpm.value * math.pi / 30.0
         asked = 0.0 if self.controlword & HALT else self._target_velocity.value / loops.scaling.velocity
@@ -181,6 +187,7 @@ class ProfileVelocity(Mode):
         return loops.velocity(self._ramp.value, self._ramp.slope)
 
     def status(self) -> int:
+        """Bit 10: the target speed is reached; bit 12: the axis stands."""
         speed = self.loops.speed_rad_s
         reached = self._ramp.value == self._target and abs(speed - self._target) <= _SPEED_WINDOW_RAD_S
         return (TARGET_REACHED if reached else 0) | (BIT_12 if abs(speed) < STANDSTILL_RAD_S else 0)
@@ -195,16 +202,19 @@ class ProfileTorque(Mode):
         self._slope = self.object(0x6087)
 
     def start(self) -> None:
+        """Ramp from zero torque."""
         self._ramp = Ramp(0.0)  # 0.1 % of rated torque
         self._target = 0.0
 
     def step(self) -> float:
+        """Torque setpoint of this tick, N m, along the slope 6087h."""
         self._target = 0.0 if self.controlword & HALT else self._target_torque.value
         slope = self._slope.value
         self._ramp.step(self._target, slope, slope)
         return self.loops.torque(self._ramp.value * self.loops.nm_per_unit)
 
     def status(self) -> int:
+        """Bit 10: the slope has reached its target."""
         return TARGET_REACHED if self._ramp.value == self._target else 0
 
 
@@ -216,6 +226,7 @@ class InterpolatedPosition(Mode):
         self._target_position = self.object(0x60C1, 1)
 
     def start(self) -> None:
+        """Hold the present angle until bit 4 is set."""
         self._interpolator = Interpolator(self.loops.angle_rad, 0.0)
         self._window = _PositionWindow(self.loops)
         self._reached = False
@@ -225,6 +236,7 @@ class InterpolatedPosition(Mode):
         return self.controlword & (NEW_SETPOINT | HALT) == NEW_SETPOINT
 
     def step(self) -> float:
+        """Torque setpoint of this tick, N m, on the line from one 60C1h:1 to the next."""
         loops, interpolator = self.loops, self._interpolator
         before = interpolator.position
         target = loops.angle_of(loops.within_limits(self._target_position.value)) if self._active else before
@@ -234,6 +246,7 @@ class InterpolatedPosition(Mode):
         return loops.position(interpolator.position, (interpolator.position - before) / TICK_S, 0.0)
 
     def status(self) -> int:
+        """Bit 10: in the window 6067h; bit 12: interpolation is active."""
         return (TARGET_REACHED if self._reached else 0) | (BIT_12 if self._active else 0)
 
 
@@ -263,9 +276,11 @@ class CyclicPosition(_Cyclic):
         self._velocity_offset = self.object(0x60B1)
 
     def start(self) -> None:
+        """Interpolate from the present angle, at rest."""
         self._interpolator = Interpolator(self.loops.angle_rad, 0.0)
 
     def step(self) -> float:
+        """Torque setpoint of this tick, N m, with the acceleration as difference quotient of the speed."""
         loops, interpolator = self.loops, self._interpolator
         speed_before = interpolator.speed
         if self.controlword & HALT:
@@ -287,9 +302,11 @@ class CyclicVelocity(_Cyclic):
         self._velocity_offset = self.object(0x60B1)
 
     def start(self) -> None:
+        """Interpolate from the present speed."""
         self._interpolator = Interpolator(0.0, self.loops.speed_rad_s)
 
     def step(self) -> float:
+        """Torque setpoint of this tick, N m, with the acceleration as difference quotient of the speed."""
         loops, interpolator = self.loops, self._interpolator
         speed_before = interpolator.speed
         asked = 0.0 if self.controlword & HALT else self._target_velocity.value + self._velocity_offset.value
@@ -306,6 +323,7 @@ class CyclicTorque(_Cyclic):
         self._target_torque = self.object(0x6071)
 
     def step(self) -> float:
+        """Torque setpoint of this tick, N m: what is asked for, not interpolated."""
         if self.controlword & HALT:
             return self.loops.torque(0.0)
         return self.loops.torque(self._target_torque.value * self.loops.nm_per_unit + self.extra_nm())
@@ -324,12 +342,14 @@ class Stop(Mode):
         self._deceleration = self.object(0x6085)
 
     def start(self) -> None:
+        """Ramp from the present speed."""
         self._ramp = Ramp(self.loops.speed_rad_s)
         self._still_ticks = 0
         self._ended_ticks = 0
         self.done = False
 
     def step(self) -> float:
+        """Torque setpoint of this tick, N m; sets ``done``."""
         deceleration = self._deceleration.value / self.loops.scaling.acceleration
         self._ramp.step(0.0, deceleration, deceleration)
         if self._ramp.value == 0.0:
