@@ -1,0 +1,155 @@
+"""From measured motion to needed torque: against convolution, closed forms, and the truth simulator between its samples."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from beltcomm.model import Model, build_model
+from beltcomm.simulate.inverse import BRISTLE_M, FineMotion, load_torque, reconstruct, torque_residual, triangular_mean
+from truth import Axis, ConstantBelt, TruthPlant
+
+Array = NDArray[np.float64]
+
+T, SUB = 1e-3, 16
+LEVER, INERTIA, MASS, STIFFNESS = 0.01242, 71.73e-6, 0.96, 222390.0
+
+
+def axis(**values: float) -> Model:
+    """Rig G_B without friction; own values by ``effect__parameter``."""
+    numbers = {
+        "motor.inertia": INERTIA, "cart.mass": MASS, "transmission.ratio": LEVER, "belt_stiffness.stiffness": STIFFNESS,
+        "belt_damping.damping": 20.0, "viscous_motor.damping": 0.0, "coulomb_motor.level": 0.0, "coulomb_cart.level": 0.0,
+    }  # fmt: skip
+    effects = ("belt_stiffness", "belt_damping", "viscous_motor", "coulomb_motor", "coulomb_cart")
+    return build_model("axis", effects, numbers | {name.replace("__", "."): value for name, value in values.items()})
+
+
+def held_motion(torque: Array, inertia: float, substeps: int = SUB) -> tuple[Array, Array]:
+    """Angle and speed of a free inertia under a held torque, exact at every fine step; one sample more than torques."""
+    acceleration = np.repeat(torque / inertia, substeps)
+    h = T / substeps
+    speed = np.concatenate(([1.5], 1.5 + h * np.cumsum(acceleration)))
+    angle = np.concatenate(([0.0], np.cumsum(h * speed[:-1] + 0.5 * h * h * acceleration)))
+    return angle, speed
+
+
+@pytest.mark.parametrize("substeps", [1, 2, 16])
+def test_triangular_mean_is_a_convolution(substeps: int) -> None:
+    fine = np.random.default_rng(1).normal(size=40 * substeps + 1)
+    weight = np.concatenate([np.arange(1, substeps), np.arange(substeps, 0, -1)]) / substeps**2
+    assert weight.sum() == pytest.approx(1.0)
+    mean = triangular_mean(fine, substeps)
+    whole = np.convolve(fine, weight, mode="same")[::substeps]
+    np.testing.assert_allclose(mean[1:-1], whole[1:-1], rtol=1e-12, atol=1e-14)
+    assert mean[0] == mean[-1] == 0.0
+
+
+def test_triangular_mean_of_a_sine_is_the_fejer_kernel() -> None:
+    """cos(ωt) is weighted by (sin(ωT/2)/(m sin(ωT/2m)))², which for m to infinity is the sinc² of the second difference."""
+    omega, fine_t = 2.0 * np.pi * 137.0, T / SUB * np.arange(60 * SUB + 1)
+    mean = triangular_mean(np.cos(omega * fine_t), SUB)
+    gain = (np.sin(0.5 * omega * T) / (SUB * np.sin(0.5 * omega * T / SUB))) ** 2
+    np.testing.assert_allclose(mean[1:-1], gain * np.cos(omega * fine_t[::SUB])[1:-1], atol=1e-13)
+    second_difference = 2.0 * (1.0 - np.cos(omega * T)) / (omega * T) ** 2
+    assert gain == pytest.approx(second_difference, rel=(omega * T / SUB) ** 2 / 12.0 * 1.01)
+
+
+def test_reconstruction_of_parabolas_is_exact() -> None:
+    torque = np.random.default_rng(2).normal(0.0, 0.5, 200)
+    angle, speed = held_motion(torque, INERTIA)
+    motion = reconstruct(angle[::SUB], np.append(torque, 0.0), T, INERTIA, start_rad=7.0, substeps=SUB, time_s=3.0)
+    np.testing.assert_allclose(motion.theta, 7.0 + angle, atol=1e-12 * np.ptp(angle))
+    np.testing.assert_allclose(motion.omega, speed, atol=1e-10 * np.ptp(speed))
+    assert (motion.samples, motion.substeps, motion.sample_s, motion.time_s) == (201, SUB, T, 3.0)
+
+
+def test_reconstruction_between_the_samples_of_the_truth() -> None:
+    """Two masses without friction and damper: θ'' less the held torque is -rF/J, whose second derivative is bounded.
+
+    So the bounds of Hall and Meyer (J. Approx. Theory 16, 1976) for cubic splines hold:
+    |error| <= 5/384 T⁴ max|θ''''|,  |error of the speed| <= 1/24 T³ max|θ''''|, here with θ'''' from the belt force of the truth.
+    """
+    plant = TruthPlant(Axis(INERTIA, MASS, LEVER, ConstantBelt(STIFFNESS)), longest_substep_s=1e-6)
+    torque = 0.3 * np.sign(np.random.default_rng(3).normal(size=300))
+    theta, omega, belt = [plant.position_rad], [plant.velocity_rad_s], [plant.belt_force_n]
+    for value in torque.tolist():
+        for _ in range(SUB):
+            plant.step(value, T / SUB)
+            theta.append(plant.position_rad)
+            omega.append(plant.velocity_rad_s)
+            belt.append(plant.belt_force_n)
+    fourth = float(np.max(np.abs(np.diff(belt, 2)))) / (T / SUB) ** 2 * LEVER / INERTIA
+    motion = reconstruct(np.array(theta[::SUB]), np.append(torque, 0.0), T, INERTIA, start_rad=0.0, substeps=SUB)
+    inner = slice(10 * SUB, -10 * SUB)  # the natural ends of the spline are forgotten by 0.27 per sample
+    wrong = np.max(np.abs(motion.theta - theta)[inner])
+    assert 0.0 < wrong <= 5.0 / 384.0 * T**4 * fourth
+    assert np.max(np.abs(motion.omega - omega)[inner]) <= T**3 * fourth / 24.0
+    plain = CubicSpline(np.arange(301), theta[::SUB])(np.arange(len(theta)) / SUB)
+    assert wrong < 0.2 * np.max(np.abs(plain - theta)[inner]), "the parabolas must pay"
+
+
+def test_a_free_inertia_leaves_no_torque_over() -> None:
+    torque = np.random.default_rng(4).normal(0.0, 0.5, 500)
+    angle, _ = held_motion(torque, INERTIA, substeps=1)
+    zero = np.zeros(501)
+    left = torque_residual(angle, np.append(torque, 0.0), zero, T, INERTIA)
+    rounding = INERTIA * 4.0 * np.finfo(float).eps * np.max(np.abs(angle)) / T**2
+    np.testing.assert_allclose(left, 0.0, atol=4.0 * rounding)
+    wrong = torque_residual(angle, np.append(torque, 0.0), zero, T, 1.01 * INERTIA)
+    np.testing.assert_allclose(wrong[1:-1], 0.01 * 0.5 * (torque[:-1] + torque[1:]), atol=1e-6)
+
+
+def cruise(speed: float, acceleration: float = 0.0, samples: int = 2000) -> FineMotion:
+    t = T / SUB * np.arange((samples - 1) * SUB + 1, dtype=np.float64)
+    return FineMotion(5.0 + speed * t + 0.5 * acceleration * t * t, speed + acceleration * t, samples, T, SUB, 0.0)
+
+
+@pytest.mark.parametrize("speed", [20.0, -20.0])
+def test_load_at_constant_speed_is_all_friction(speed: float) -> None:
+    """load = (τ_c + r F_c) sign(ω) + b ω;  the carriage trails by F_c/c."""
+    model = axis(coulomb_motor__level=0.08, coulomb_cart__level=2.8, viscous_motor__damping=2e-3, belt_damping__damping=300.0)
+    motion = cruise(speed)
+    load, cart = load_torque(model, motion)
+    expected = np.sign(speed) * (0.08 + LEVER * 2.8) + 2e-3 * speed
+    np.testing.assert_allclose(load[1000:-1], expected, rtol=1e-9)
+    trailing = (LEVER * motion.theta - cart)[1000 * SUB :]
+    np.testing.assert_allclose(trailing, np.sign(speed) * 2.8 / STIFFNESS, rtol=1e-6)
+
+
+def test_load_at_constant_acceleration_is_the_carriage() -> None:
+    """load = r² m α at ω' = α:  the motor's own inertia is not part of the load."""
+    load, _ = load_torque(axis(belt_damping__damping=300.0), cruise(0.0, 200.0))
+    np.testing.assert_allclose(load[1000:-1], LEVER**2 * MASS * 200.0, rtol=1e-6)
+
+
+def test_vector_replaces_the_model() -> None:
+    model = axis(coulomb_motor__level=0.08)
+    other = model.with_values({"coulomb_motor.level": 0.11})
+    here, _ = load_torque(model, cruise(20.0), other.vector())
+    np.testing.assert_array_equal(here, load_torque(other, cruise(20.0))[0])
+
+
+def test_motor_friction_turns_round_within_its_bristle() -> None:
+    """z = 1 - 2 exp(-distance/bristle) after a reversal at full friction, and it stays where the motor rests."""
+    level, bristle = 0.08, BRISTLE_M / LEVER
+    model = axis(coulomb_motor__level=level, cart__mass=1e-3, belt_damping__damping=0.0)
+    back = np.concatenate([np.linspace(0.0, 1.0, 8 * SUB + 1), 1.0 - 2.0 * bristle * np.linspace(0.0, 1.0, 8 * SUB + 1)[1:]])
+    theta = np.concatenate([back, np.full(8 * SUB, back[-1])])
+    motion = FineMotion(theta, np.zeros_like(theta), 25, T, SUB, 0.0)
+    stiff_free = model.vector()
+    stiff_free[model.index("belt_stiffness.stiffness")] = 0.0  # friction alone
+    load, _ = load_torque(model, motion, stiff_free)
+    assert load[5] == pytest.approx(level, rel=1e-9)
+    np.testing.assert_allclose(load[18:24], level * (-1.0 + 2.0 * np.exp(-2.0)), rtol=1e-9)
+
+
+def test_a_carriage_held_off_by_friction_starts_off() -> None:
+    """Offset o: the belt pushes back with c o until the carriage moves; a resting motor carries r c o."""
+    model = axis(coulomb_cart__level=10.0)
+    motion = FineMotion(np.full(50 * SUB + 1, 3.0), np.zeros(50 * SUB + 1), 51, T, SUB, 0.0)
+    load, cart = load_torque(model, motion, offset_m=4e-5)
+    np.testing.assert_allclose(cart, LEVER * 3.0 + 4e-5, rtol=1e-12)
+    np.testing.assert_allclose(load[1:-1], -LEVER * STIFFNESS * 4e-5, rtol=1e-9)
