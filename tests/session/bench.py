@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import can
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from beltcomm.drive import Drive, open_drive
 from beltcomm.recording import Recording
+from beltcomm.virtual.bus import Frame
 from beltcomm_adapters.canopen import connect
 from truth.rigs import nominal
 
@@ -91,8 +92,8 @@ class Bench:
         self.log: Any = None
         self.opened = 0
         self._bus: Any = None
-        self._signal_at_s: float | None = None
-        self.signalled = False
+        self._due: Callable[[Frame], bool] | None = None
+        self.signals = 0
 
     def open(self, name: str, options: Mapping[str, object] | None = None) -> Drive:
         """Connect as the command would, to this drive instead of a new one."""
@@ -142,20 +143,24 @@ class Bench:
         torque = self.plant.torque_nm
         return off and abs(self.carriage_m - before) < 1e-6 and not np.any(torque[-200:])
 
-    def interrupt_in(self, seconds: float) -> None:
-        """Send this process a Ctrl-C with the first frame of the host after so much virtual time."""
-        self._signal_at_s = self.now_s + seconds
+    def interrupt_when(self, due: Callable[[Frame], bool]) -> None:
+        """Send this process a Ctrl-C with the first frame of the host for which ``due`` is true."""
+        self._due = due
+
+    def moves(self, _frame: Frame) -> bool:
+        """Whether the motor turns at more than 0.5 rad/s: 6 mm/s of the carriage."""
+        return abs(self.plant.velocity_rad_s) > 0.5
 
     def close(self) -> None:
         if self._bus is not None:
             self._bus.shutdown()
 
-    def _on_frame(self, frame: tuple[float, int, bytes, str]) -> None:
+    def _on_frame(self, frame: Frame) -> None:
         if self.log is not None:
             self.log(frame)
-        if self._signal_at_s is not None and frame[3] == "host" and frame[0] >= self._signal_at_s:
-            self._signal_at_s = None
-            self.signalled = True
+        if self._due is not None and frame[3] == "host" and self._due(frame):
+            self._due = None
+            self.signals += 1
             signal.raise_signal(signal.SIGINT)
 
 
@@ -190,3 +195,6 @@ class Listener:
     def confirm(self, text: str) -> bool:
         self.asked.append(text)
         return self.answer
+
+    def close(self) -> None:
+        """As the talk of the command line has it."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -13,11 +14,19 @@ import pytest
 from beltcomm import api
 from beltcomm.identify.final import FinalModel
 from beltcomm.runfolder import RunFolder
+from beltcomm.session import analyse, offline, phases
 from beltcomm.session import commission as sequence
-from beltcomm.session import offline
 from session.bench import Bench, Listener
 
 SEED = 1
+#: Long calculations whose result depends on their arguments alone.
+PURE = (
+    (phases, "first_estimate"),
+    (phases, "largest_amplitude"),
+    (analyse, "design_cascade"),
+    (analyse, "thesis_fit"),
+    (sequence, "cautious_cascade"),
+)
 
 
 @dataclass
@@ -71,9 +80,31 @@ def copy_of_complete(complete: Complete, tmp_path: Path) -> Callable[..., Path]:
 
 @pytest.fixture
 def fitted(complete: Complete, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The final fit is that of the complete run, at once: it takes most of the time and is not what is looked at."""
-    monkeypatch.setattr(sequence, "final_model", lambda *_args, **_kwargs: complete.final)
-    monkeypatch.setattr(offline, "final_model", lambda *_args, **_kwargs: complete.final)
+    """Calculations that these tests do not look at: the final fit is that of the complete run, and nothing is computed twice."""
+    for module in (sequence, offline):
+        monkeypatch.setattr(module, "final_model", lambda *_args, **_kwargs: complete.final)
+    for place, name in (
+        (phases, "first_estimate"),
+        (phases, "largest_amplitude"),
+        (analyse, "design_cascade"),
+        (sequence, "cautious_cascade"),
+    ):
+        monkeypatch.setattr(place, name, remembering(getattr(place, name)))
+
+
+_known: dict[bytes, Any] = {}
+
+
+def remembering(function: Callable[..., Any]) -> Callable[..., Any]:
+    """The same pure function, which computes nothing twice."""
+
+    def call(*args: Any, **kwargs: Any) -> Any:
+        key = pickle.dumps((function.__qualname__, args, kwargs))
+        if key not in _known:
+            _known[key] = function(*args, **kwargs)
+        return _known[key]
+
+    return call
 
 
 @pytest.fixture

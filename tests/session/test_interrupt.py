@@ -1,0 +1,159 @@
+"""Ctrl-C in every phase: a stopped and restored drive, exit code 4, nothing lost."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+from beltcomm.cli import talk
+from beltcomm.cli.main import cli
+from beltcomm.runfolder import RunFolder
+from beltcomm.virtual.bus import Frame
+from session.bench import Bench, Listener
+from session.conftest import Complete
+
+MakeBench = Callable[..., Bench]
+Copy = Callable[..., Path]
+
+
+def commission(run: Path, listener: Listener, monkeypatch: pytest.MonkeyPatch, *words: str) -> Result:
+    monkeypatch.setattr(talk, "terminal_talk", lambda _verbose: listener)
+    return CliRunner().invoke(cli, ["commission", "--drive", "virtual:g_a", "--run", str(run), "--resume", "--yes", "--seed", "1", *words])
+
+
+def writes_gain(frame: Frame) -> bool:
+    """Whether the host writes K_I (2100h:2) just now; K_P is new already, the rest is not."""
+    return frame[2][:4] == b"\x23\x00\x21\x02"
+
+
+def state_after(bench: Bench, run: Path) -> dict[str, bytes]:
+    """What the drive must be and what the folder holds after an interruption."""
+    assert bench.stands_disabled()
+    assert bench.parameters() == bench.initial
+    return {path.name: path.read_bytes() for path in (run / "recordings").glob("*.csv")}
+
+
+@pytest.mark.parametrize(
+    ("phase", "missing", "begun"),
+    [
+        (2, "amplitude_1", ""),  # creeping
+        (3, "amplitude_2", "amplitude_2"),
+        (4, "frf_1", "frf_1"),
+        (6, "frf_2", ""),  # on the way to the place
+        (7, "sweep", ""),
+        (9, "move_1", ""),
+    ],
+)
+@pytest.mark.usefixtures("fitted")
+def test_ctrl_c_while_the_axis_moves(
+    make_bench: MakeBench,
+    copy_of_complete: Copy,
+    complete: Complete,
+    monkeypatch: pytest.MonkeyPatch,
+    phase: int,
+    missing: str,
+    begun: str,
+) -> None:
+    run, bench = copy_of_complete(missing), make_bench(start_m=0.2)
+    before = {name: (run / "recordings" / f"{name}.csv").read_bytes() for name in complete.folder.finished_names() if name != missing}
+
+    def arm(index: int) -> None:
+        if index == phase:
+            bench.interrupt_when(bench.moves)
+
+    outcome = commission(run, Listener(at_phase=arm), monkeypatch)
+    assert bench.signals == 1
+    assert outcome.exit_code == 4
+    assert outcome.stderr.strip() == f"beltcomm: interrupted; what was recorded is kept in {run}, --resume goes on"
+    assert outcome.stdout == ""
+    assert state_after(bench, run) == {f"{name}.csv": data for name, data in before.items()}
+    assert RunFolder.open(run).unfinished() == ([begun] if begun else [])
+
+
+@pytest.mark.parametrize(("phase", "name"), [(3, "amplitude_1"), (6, "frf_3"), (7, "sweep"), (9, "move_1")])
+@pytest.mark.usefixtures("fitted")
+def test_ctrl_c_in_a_record_keeps_its_rows(
+    make_bench: MakeBench, copy_of_complete: Copy, monkeypatch: pytest.MonkeyPatch, phase: int, name: str
+) -> None:
+    run, bench = copy_of_complete(name), make_bench(start_m=0.2)
+
+    def interrupt(index: int, fraction: float) -> None:
+        if index == phase and fraction > 0.2 and (run / "recordings" / f"{name}.csv.part").exists():
+            raise KeyboardInterrupt
+
+    listener = Listener(at_progress=interrupt)
+    assert commission(run, listener, monkeypatch).exit_code == 4
+    assert name not in {path.removesuffix(".csv") for path in state_after(bench, run)}
+    rows = (run / "recordings" / f"{name}.csv.part").read_text(encoding="utf-8").splitlines()
+    assert len(rows) - 1 == pytest.approx(listener.fractions[-1] * rows_of(copy_of_complete(name="other"), name), abs=1)
+    assert all(len(row.split(",")) == len(rows[0].split(",")) for row in rows)
+    assert "finished: false" in (run / "recordings" / f"{name}.yaml").read_text(encoding="utf-8")
+    assert f"{name}: interrupted after {len(rows) - 1} of " in (run / "journal.txt").read_text(encoding="utf-8")
+
+
+def rows_of(run: Path, name: str) -> int:
+    return len(RunFolder.open(run).recording(name).t_s)
+
+
+@pytest.mark.parametrize("phase", [1, 5, 8])
+@pytest.mark.usefixtures("fitted")
+def test_ctrl_c_in_a_phase_without_motion(
+    make_bench: MakeBench, copy_of_complete: Copy, monkeypatch: pytest.MonkeyPatch, phase: int
+) -> None:
+    run, bench = copy_of_complete(), make_bench()
+
+    def interrupt(index: int) -> None:
+        if index == phase:
+            raise KeyboardInterrupt
+
+    listener = Listener(at_phase=interrupt)
+    assert commission(run, listener, monkeypatch).exit_code == 4
+    assert listener.phases[-1][0] == phase
+    assert len(state_after(bench, run)) == 7
+
+
+@pytest.mark.parametrize("phase", [5, 9])
+@pytest.mark.usefixtures("fitted")
+def test_ctrl_c_between_two_gains_leaves_the_old_ones(
+    make_bench: MakeBench, copy_of_complete: Copy, monkeypatch: pytest.MonkeyPatch, phase: int
+) -> None:
+    run, bench = copy_of_complete(), make_bench()
+    listener = Listener(at_phase=lambda index: bench.interrupt_when(writes_gain) if index == phase else None)
+    assert commission(run, listener, monkeypatch, "--apply", "keep").exit_code == 4
+    assert bench.signals == 1
+    state_after(bench, run)
+
+
+@pytest.mark.usefixtures("fitted")
+def test_a_second_ctrl_c_does_not_keep_the_drive_from_being_restored(
+    make_bench: MakeBench, copy_of_complete: Copy, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An impatient user: the second one comes while the old gains are being written back."""
+    run, bench = copy_of_complete("move_1"), make_bench()
+
+    def interrupt(index: int, _fraction: float) -> None:
+        if index == 9:
+            bench.interrupt_when(writes_gain)
+            raise KeyboardInterrupt
+
+    assert commission(run, Listener(at_progress=interrupt), monkeypatch).exit_code == 4
+    assert bench.signals == 1
+    state_after(bench, run)
+
+
+@pytest.mark.usefixtures("fitted")
+def test_ctrl_c_while_a_question_is_asked(make_bench: MakeBench, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    bench, listener = make_bench(), Listener()
+
+    def confirm(_text: str) -> bool:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(listener, "confirm", confirm)
+    monkeypatch.setattr(talk, "terminal_talk", lambda _verbose: listener)
+    outcome = CliRunner().invoke(cli, ["commission", "--drive", "virtual:g_a", "--run", str(tmp_path / "run")])
+    assert outcome.exit_code == 4
+    assert state_after(bench, tmp_path / "run") == {}
+    assert bench.plant.cart_position_m == 0.0
