@@ -1,0 +1,253 @@
+"""The residual at the true parameters is white noise of variance 1; its whitening is a dense Cholesky; its mask is what it says."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from beltcomm.errors import DataError
+from beltcomm.identify.residual import (
+    RUN_IN_S,
+    RUN_IN_TRAVEL_M,
+    STICK_SPEED_RAD_S,
+    Stretch,
+    banded_whitening,
+    evaluate,
+    ran_in,
+    resting,
+    stretches,
+    torque_noise,
+    whitened,
+)
+from beltcomm.model import Model
+from beltcomm.recording import Recording
+from beltcomm.simulate.inverse import FineMotion
+from identify.records import COUNTS, NOISE_NM, PERIOD_S, STEP_RAD, Recorder, true_model
+from truth import TruthPlant
+from truth.rigs import draw
+
+Array = NDArray[np.float64]
+Pieces = dict[tuple[str, str], tuple[Stretch, Model, float]]
+#: Counts per revolution that drown in the torque noise.
+FINE = 2**20
+
+
+def swept(recorder: Recorder, plant: TruthPlant) -> Recording:
+    """Slow strokes whose speed changes all the time: at a constant one the encoder's rounding repeats, and is no noise."""
+    return recorder.stroked(plant, (0.02, 0.05, 0.1, 0.2, 0.4), 0.0, ramp_m_s2=0.3)
+
+
+def masked_covariance(keep: NDArray[np.bool_], c0: float, c1: float, c2: float) -> Array:
+    n = len(keep)
+    full = c0 * np.eye(n)
+    for lag, c in ((1, c1), (2, c2)):
+        full += c * (np.eye(n, k=lag) + np.eye(n, k=-lag))
+    return np.asarray(full[np.ix_(keep, keep)])
+
+
+@pytest.mark.parametrize("share", [1.0, 0.9, 0.5, 0.2])
+def test_whitening_is_the_dense_cholesky_of_the_kept_samples(share: float) -> None:
+    rng = np.random.default_rng(1)
+    residual, keep = rng.normal(size=300), rng.random(300) < share
+    keep[:40] = np.arange(40) % 2 == 0  # every second one: only the second band is left
+    s, g = 6e-3, 2e-3
+    c0, c1, c2 = 0.5 * s**2 + 6.0 * g**2, 0.25 * s**2 - 4.0 * g**2, g**2
+    factor = np.linalg.cholesky(masked_covariance(keep, c0, c1, c2))
+    expected = np.linalg.solve(factor, residual[keep])
+    np.testing.assert_allclose(banded_whitening(residual, keep, c0, c1, c2), expected, rtol=1e-9)
+
+
+def test_whitening_of_nothing_is_nothing() -> None:
+    assert banded_whitening(np.ones(20), np.zeros(20, dtype=bool), 1.0, 0.2, 0.1).shape == (0,)
+
+
+def test_covariance_of_torque_noise_and_encoder_steps() -> None:
+    """Var and lags of J (q[n+1] - 2 q[n] + q[n-1])/T² - (w[n-1] + w[n])/2, uniform q and normal w, by their definition."""
+    rng = np.random.default_rng(2)
+    n, inertia = 400_000, 7e-5
+    q, w = STEP_RAD * (rng.random(n) - 0.5), rng.normal(0.0, NOISE_NM, n)
+    e = inertia * (q[2:] - 2.0 * q[1:-1] + q[:-2]) / PERIOD_S**2 - 0.5 * (w[:-2] + w[1:-1])
+    g = inertia * STEP_RAD / np.sqrt(12.0) / PERIOD_S**2
+    stated = (0.5 * NOISE_NM**2 + 6.0 * g**2, 0.25 * NOISE_NM**2 - 4.0 * g**2, g**2)
+    white = banded_whitening(e, np.ones(n - 2, dtype=bool), *stated)
+    for lag in range(4):
+        product = white[lag:] * white[: len(white) - lag]
+        assert np.mean(product) == pytest.approx(1.0 if lag == 0 else 0.0, abs=4.0 * np.sqrt(2.0 / n))
+
+
+@pytest.fixture(scope="module")
+def at_truth() -> Pieces:
+    """Per rig and experiment: the record as a stretch, the true model, and where the carriage's friction had left it before."""
+    found = {}
+    for rig, seed in (("g_a", 11), ("g_b", 12)):
+        for kind in ("prbs", "strokes", "strokes with a fine encoder"):
+            plant = draw(rig, np.random.default_rng(seed))
+            Recorder(seed=1).shaken(plant, 0.25, 1)  # leaves motor and carriage stuck somewhere
+            offset = plant.cart_position_m - plant.axis.transmission_m_rad * plant.position_rad
+            recorder = Recorder(seed=seed, counts=FINE if "fine" in kind else COUNTS)
+            record = recorder.shaken(plant, 0.3, 4) if kind == "prbs" else swept(recorder, plant)
+            model = true_model(plant)
+            (piece,) = stretches(record, model, 2.0 * np.pi / recorder.counts, NOISE_NM)
+            found[rig, kind] = (piece, model, offset)
+    return found
+
+
+def assert_white(white: Array, tolerance: float) -> None:
+    """Standard deviation of a variance is √(2/n), of a correlation 1/√n, of n independent normal values."""
+    n = len(white)
+    assert n > 1500
+    assert np.mean(white) == pytest.approx(0.0, abs=tolerance / np.sqrt(n))
+    assert np.var(white) == pytest.approx(1.0, abs=tolerance * np.sqrt(2.0 / n))
+    for lag in (1, 2, 3, 10):
+        assert np.mean(white[lag:] * white[:-lag]) == pytest.approx(0.0, abs=tolerance / np.sqrt(n)), lag
+
+
+@pytest.mark.parametrize("rig", ["g_a", "g_b"])
+@pytest.mark.parametrize("kind", ["prbs", "strokes with a fine encoder"])
+def test_true_parameters_leave_white_noise_of_variance_one(at_truth: Pieces, rig: str, kind: str) -> None:
+    piece, model, offset = at_truth[rig, kind]
+    assert_white(whitened(piece, model, model.vector(), offset), 4.0)
+
+
+@pytest.mark.parametrize("rig", ["g_a", "g_b"])
+def test_encoder_steps_also_reach_the_belt(at_truth: Pieces, rig: str) -> None:
+    """What the whitening leaves out: the counted angle drives the carriage as well, most of all at its antiresonance.
+
+    White rounding of variance q²/12 passes  J (z - 2 + 1/z)/T² + sinc²(ωT/2) r² P,  P = (c + s d) s² m/(s² m + s d + c); its
+    covariance explains the slow strokes of a 65536-count encoder, the stated one (without P) leaves them correlated.
+    """
+    piece, model, offset = at_truth[rig, "strokes"]
+    mass, stiffness, damping = (model[n] for n in ("cart.mass", "belt_stiffness.stiffness", "belt_damping.damping"))
+    freq = (np.arange(500_000) + 0.5) / 1000.0
+    s = 2j * np.pi * freq
+    belt = (stiffness + s * damping) * mass * s**2 / (mass * s**2 + damping * s + stiffness)
+    inertia = 2.0 * model["motor.inertia"] * (np.cos(2.0 * np.pi * freq * PERIOD_S) - 1.0) / PERIOD_S**2
+    power = np.abs(inertia + np.sinc(freq * PERIOD_S) ** 2 * model["transmission.ratio"] ** 2 * belt) ** 2 * STEP_RAD**2 / 12.0
+    g = model["motor.inertia"] * STEP_RAD / np.sqrt(12.0) / PERIOD_S**2
+    raw, keep = evaluate(piece, model, model.vector(), offset), piece.keep
+    tolerance = 4.0 * np.sqrt(2.0 / keep.sum()) * np.var(raw[keep])
+    far_off = False
+    for lag, noise, stated in ((0, 0.5, 6.0), (1, 0.25, -4.0), (2, 0.0, 1.0), (3, 0.0, 0.0), (4, 0.0, 0.0)):
+        both = keep[lag:] & keep[: len(keep) - lag]
+        found = float(np.mean((raw[lag:] * raw[: len(raw) - lag])[both])) - noise * NOISE_NM**2
+        expected = float(np.mean(power * np.cos(2.0 * np.pi * freq * PERIOD_S * lag)))
+        assert found == pytest.approx(expected, abs=tolerance), lag
+        far_off |= abs(found - stated * g**2) > tolerance
+    assert far_off, "the stated covariance would do as well: the whitening can be trusted with the belt"
+
+
+WRONG = {
+    "motor.inertia": 1.1,
+    "cart.mass": 1.05,
+    "belt_stiffness.stiffness": 0.95,
+    "belt_damping.damping": 2.0,
+    "coulomb_motor.level": 1.1,
+    "coulomb_cart.level": 1.5,
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+@pytest.mark.parametrize("rig", ["g_a", "g_b"])
+def test_a_wrong_parameter_raises_the_misfit(at_truth: Pieces, rig: str, name: str) -> None:
+    piece, model, offset = at_truth[rig, "prbs"]
+    right = np.mean(whitened(piece, model, model.vector(), offset) ** 2)
+    wrong = model.with_values({name: WRONG[name] * model[name]})
+    assert np.mean(whitened(piece, wrong, wrong.vector(), offset) ** 2) > right + 4.0 * np.sqrt(2.0 / piece.keep.sum())
+
+
+@pytest.mark.parametrize("rig", ["g_a", "g_b"])
+def test_without_noise_the_torque_is_explained_far_below_the_noise(rig: str) -> None:
+    """What numerics and interpolation leave at the true parameters is a tenth of the noise where the motor slides on, PRBS included."""
+    floor = np.sqrt(0.5 * NOISE_NM**2 + 6.0 * (7.173e-5 * STEP_RAD / np.sqrt(12.0) / PERIOD_S**2) ** 2)
+    clean = Recorder(noise_nm=0.0, counts=2**28)
+    for kind in ("prbs", "strokes"):
+        plant = draw(rig, np.random.default_rng(13))
+        model = true_model(plant)
+        record = clean.shaken(plant, 0.3, 2) if kind == "prbs" else swept(clean, plant)
+        (piece,) = stretches(record, model, STEP_RAD, NOISE_NM)
+        assert np.sqrt(np.mean(evaluate(piece, model, model.vector())[piece.keep] ** 2)) < 0.1 * floor
+
+
+def swing(freq_hz: float, amplitude_rad: float, drift_rad_s: float = 0.0, samples: int = 600, substeps: int = 16) -> FineMotion:
+    t = PERIOD_S / substeps * np.arange((samples - 1) * substeps + 1, dtype=np.float64)
+    w = 2.0 * np.pi * freq_hz
+    return FineMotion(
+        amplitude_rad * np.sin(w * t) + drift_rad_s * t,
+        amplitude_rad * w * np.cos(w * t) + drift_rad_s,
+        samples, PERIOD_S, substeps, 0.0,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("motion", [swing(11.0, 0.5), swing(137.0, 0.02), swing(60.0, 0.02, 7.7), swing(3.0, 0.03)], ids=range(4))
+def test_samples_near_a_reversal_or_standstill_are_left_out(motion: FineMotion) -> None:
+    """Sample n counts when the motor keeps one sign and the stick speed from t[n-1] to t[n+1], both ends included."""
+    m, expected = motion.substeps, np.ones(motion.samples, dtype=bool)
+    for n in range(1, motion.samples - 1):
+        part = motion.omega[(n - 1) * m : (n + 1) * m + 1]
+        expected[n] = not (np.all(part >= STICK_SPEED_RAD_S) or np.all(part <= -STICK_SPEED_RAD_S))
+    found = resting(motion)
+    np.testing.assert_array_equal(found, expected)
+    assert found[0]
+    assert found[-1]
+    assert 0.0 < np.mean(found) < 1.0
+
+
+def test_the_carriage_runs_in_before_anything_counts() -> None:
+    """At v = 0.05 m/s from t = 0.1 s on: moved at 0.1 s + travel/v, counted 0.2 s later."""
+    lever, speed = 0.01242, 0.05
+    t = PERIOD_S / 16 * np.arange(599 * 16 + 1, dtype=np.float64)
+    motion = FineMotion(7.0 - speed / lever * np.maximum(t - 0.1, 0.0), np.where(t > 0.1, -speed / lever, 0.0), 600, PERIOD_S, 16, 0.0)
+    first = int(np.argmax(ran_in(motion, lever)))
+    assert first * PERIOD_S == pytest.approx(0.1 + RUN_IN_TRAVEL_M / speed + RUN_IN_S, abs=1.01 * PERIOD_S)
+    assert np.all(ran_in(motion, lever)[first:])
+    assert not np.any(ran_in(swing(20.0, 0.9 * RUN_IN_TRAVEL_M / lever), lever))
+
+
+def without_rows(record: Recording, *lost: slice) -> Recording:
+    kept = np.ones(len(record.t_s), dtype=bool)
+    for part in lost:
+        kept[part] = False
+    return replace(
+        record,
+        t_s=record.t_s[kept],
+        torque=record.torque[kept],
+        torque_setpoint=None,
+        position=record.position[kept],
+        cart_position_m=None,
+    )
+
+
+def test_lost_samples_split_a_record() -> None:
+    plant = draw("g_b", np.random.default_rng(14))
+    record = Recorder().shaken(plant, 0.3, 1, at_m=0.2)
+    model = true_model(plant)
+    lever = model["transmission.ratio"]
+    torn = without_rows(record, slice(500, 503), slice(540, 541), slice(1200, 1300))  # 37 rows between the first two: too few
+    pieces = stretches(torn, model, STEP_RAD, NOISE_NM)
+    firsts, lasts = [0, 541, 1300], [500, 1200, len(record.t_s)]
+    assert [len(p.position) for p in pieces] == [b - a for a, b in zip(firsts, lasts, strict=True)]
+    for piece, a, b in zip(pieces, firsts, lasts, strict=True):
+        np.testing.assert_array_equal(piece.torque, record.torque[a:b])
+        assert lever * piece.motion.theta[0] == pytest.approx(0.2 + lever * (record.position[a] - record.position[0]), abs=1e-12)
+        assert piece.motion.time_s == pytest.approx(record.t_s[a])
+        assert not np.any(piece.keep[: int(RUN_IN_S / PERIOD_S)])
+
+
+@pytest.mark.parametrize("delay_s", [1.0e-3, 1.4e-3, 2.0e-3])
+def test_torque_noise_is_read_from_setpoint_and_torque(delay_s: float) -> None:
+    recorder = Recorder(seed=15, delay_s=delay_s)
+    plant = draw("g_b", np.random.default_rng(15))
+    opened, closed = recorder.shaken(plant, 0.3, 2), recorder.stroked(plant, (0.1, 0.5), 0.2)
+    for records in ([opened], [closed], [opened, closed]):
+        assert torque_noise(records) == pytest.approx(NOISE_NM, rel=0.1)
+
+
+def test_torque_noise_needs_a_setpoint_and_has_a_floor() -> None:
+    plant = draw("g_b", np.random.default_rng(16))
+    quiet = Recorder(noise_nm=0.0).shaken(plant, 0.3, 1)
+    assert torque_noise([quiet], quiet_nm=2e-3) == 2e-3
+    with pytest.raises(DataError, match="torque_setpoint_nm"):
+        torque_noise([replace(quiet, torque_setpoint=None)])
