@@ -82,7 +82,7 @@ def stiffness_by_record(recordings: Sequence[Recording], model: Model, counts_pe
     for recording in recordings:
         if recording.sidecar.experiment != "frf":
             continue
-        pieces = stretches(recording, model, 2.0 * np.pi / counts_per_rev, 6e-3)
+        pieces = stretches(recording, model, 2.0 * np.pi / counts_per_rev, 6e-3, fitted=True)
         place = model.index("belt_stiffness.stiffness")
 
         def cost(share: float, pieces=pieces, place=place) -> float:  # type: ignore[no-untyped-def]

@@ -93,11 +93,11 @@ def fit_inverse(
             f"only {samples} moving samples in {span:.1f} s are usable for {len(free)} parameters; record at least "
             f"{SHORTEST_GROUP_S * (len(free) + FEWEST_GROUPS):.0f} s in which the axis keeps moving"
         )
-    # The motion between samples is reconstructed with the inertia at hand, so the fit is run twice.
+    # The motion between samples is reconstructed with the inertia and the load at hand, so the fit is run twice.
     problem = _Problem(fitted, start, free)
     solution, weights = problem.solve(problem.start(), lambda f: progress(0.4 * f), robust=False)
     better = problem.model_at(solution)
-    pieces = [piece for recording in recordings for piece in stretches(recording, better, step, noise)]
+    pieces = [piece for recording in recordings for piece in stretches(recording, better, step, noise, fitted=True)]
     fitted = [piece for piece in pieces if not piece.held_out]
     groups = _labels(fitted, group_s)
     problem = _Problem(fitted, better, free)

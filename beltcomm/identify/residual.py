@@ -26,7 +26,7 @@ from beltcomm.compiled import compiled
 from beltcomm.errors import DataError
 from beltcomm.model import Model
 from beltcomm.recording import Recording
-from beltcomm.simulate.inverse import FineMotion, load_torque, reconstruct, torque_residual
+from beltcomm.simulate.inverse import FineMotion, fine_load, load_torque, reconstruct, torque_residual
 
 Array = NDArray[np.float64]
 
@@ -59,8 +59,11 @@ class Stretch:
     step_rad: float
 
 
-def stretches(recording: Recording, model: Model, step_rad: float, noise_nm: float) -> list[Stretch]:
-    """The gapless pieces of a recording that hold at least 50 samples; ``model`` gives inertia and transmission."""
+def stretches(recording: Recording, model: Model, step_rad: float, noise_nm: float, *, fitted: bool = False) -> list[Stretch]:
+    """The gapless pieces of a recording that hold at least 50 samples; ``model`` gives inertia and transmission.
+
+    fitted : the model's load is good enough to say how the motor moves between the samples.
+    """
     sample = recording.sample_period_s
     cuts = [0, *(int(i) + 1 for i in recording.gaps()), len(recording.t_s)]
     start = recording.sidecar.start_position_m or 0.0
@@ -70,22 +73,21 @@ def stretches(recording: Recording, model: Model, step_rad: float, noise_nm: flo
             continue
         part = slice(first, last)
         ratio = model["transmission.ratio"]
-        motion = reconstruct(
-            recording.position[part],
-            recording.torque[part],
-            sample,
-            model["motor.inertia"],
-            start_rad=start / ratio + recording.position[first] - recording.position[0],
-            substeps=SUBSTEPS,
-            time_s=(recording.sidecar.session_time_s or 0.0) + recording.t_s[first] - recording.t_s[0],
-        )
+        position, torque = recording.position[part], recording.torque[part]
+        place = start / ratio + recording.position[first] - recording.position[0]
+        time = (recording.sidecar.session_time_s or 0.0) + recording.t_s[first] - recording.t_s[0]
+        inertia = model["motor.inertia"]
+        motion = reconstruct(position, torque, sample, inertia, start_rad=place, substeps=SUBSTEPS, time_s=time)
+        if fitted:
+            load, _ = fine_load(model, motion)
+            motion = reconstruct(position, torque, sample, inertia, start_rad=place, substeps=SUBSTEPS, time_s=time, load=load)
         keep = ~resting(motion) & ran_in(motion, ratio)
         pieces.append(
             Stretch(
                 recording.name,
                 recording.sidecar.held_out,
-                recording.position[part],
-                recording.torque[part],
+                position,
+                torque,
                 motion,
                 keep,
                 noise_nm,
