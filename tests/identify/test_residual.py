@@ -90,7 +90,7 @@ def at_truth() -> Pieces:
             recorder = Recorder(seed=seed, counts=FINE if "fine" in kind else COUNTS)
             record = recorder.shaken(plant, 0.3, 4) if kind == "prbs" else swept(recorder, plant)
             model = true_model(plant)
-            (piece,) = stretches(record, model, 2.0 * np.pi / recorder.counts, NOISE_NM)
+            (piece,) = stretches(record, model, 2.0 * np.pi / recorder.counts, NOISE_NM, fitted=True)
             found[rig, kind] = (piece, model, offset)
     return found
 
@@ -167,7 +167,7 @@ def test_without_noise_the_torque_is_explained_far_below_the_noise(rig: str) -> 
         plant = draw(rig, np.random.default_rng(13))
         model = true_model(plant)
         record = clean.shaken(plant, 0.3, 2) if kind == "prbs" else swept(clean, plant)
-        (piece,) = stretches(record, model, STEP_RAD, NOISE_NM)
+        (piece,) = stretches(record, model, STEP_RAD, NOISE_NM, fitted=True)
         assert np.sqrt(np.mean(evaluate(piece, model, model.vector())[piece.keep] ** 2)) < 0.1 * floor
 
 
