@@ -39,6 +39,8 @@ RUN_IN_TRAVEL_M = 1e-4
 RUN_IN_S = 0.2
 #: Fine steps per sample: the carriage's antiresonance is reproduced to (2 pi f h)²/24, 5e-5 at 90 Hz and 1 kHz.
 SUBSTEPS = 16
+#: The same while start values are refined and nothing is reported yet.
+COARSE_SUBSTEPS = 4
 
 
 @dataclass(frozen=True)
@@ -77,7 +79,9 @@ def stretches(recording: Recording, model: Model, step_rad: float, noise_nm: flo
         place = start / ratio + recording.position[first] - recording.position[0]
         time = (recording.sidecar.session_time_s or 0.0) + recording.t_s[first] - recording.t_s[0]
         inertia = model["motor.inertia"]
-        motion = reconstruct(position, torque, sample, inertia, start_rad=place, substeps=SUBSTEPS, time_s=time)
+        motion = reconstruct(
+            position, torque, sample, inertia, start_rad=place, substeps=SUBSTEPS if fitted else COARSE_SUBSTEPS, time_s=time
+        )
         if fitted:
             load, _ = fine_load(model, motion)
             motion = reconstruct(position, torque, sample, inertia, start_rad=place, substeps=SUBSTEPS, time_s=time, load=load)

@@ -156,7 +156,7 @@ class Machine:
         def sink(row: Row) -> None:
             nonlocal rows
             t, torque, setpoint, position, velocity, reference, reference_velocity = row
-            writer.write((t - begun, torque, setpoint, position - zero, velocity, reference - zero, reference_velocity))
+            writer.write((t, torque, setpoint, position - zero, velocity, reference - zero, reference_velocity))
             rows += 1
             if rows % 200 == 0:
                 self.talk.progress(rows / total, (total - rows) * motion.period_s)

@@ -137,8 +137,8 @@ def verify_move(
     start = float(trajectory.position_m[0])
     if machine.folder.finished(name) is None and abs(machine.position_m - start) > 1e-4:
         phases.move_to(machine, start, model)
-    if machine.stroking() == "velocity":  # it ends beside its goal, and a reference that begins elsewhere would be a step
-        trajectory = replace(trajectory, position_m=trajectory.position_m + machine.position_m - start)
+    # Positioning ends a little beside its goal; a reference that begins elsewhere would be a step, and no part of the move.
+    trajectory = replace(trajectory, position_m=trajectory.position_m + machine.position_m - start)
     rested = phases.held(trajectory, REST_S)
     capabilities = machine.drive.capabilities
     sidecar = Sidecar(
