@@ -27,7 +27,7 @@ from beltcomm.model import Model, body_list, expected_parameters
 from beltcomm.simulate.stick import stick_or_slide
 
 #: Changes whenever the generated source changes shape, so that an old cache is never met.
-_VERSION = 3
+_VERSION = 4
 
 
 @dataclass(frozen=True)
@@ -195,8 +195,7 @@ class _Writer:
             "    for k in range(theta.shape[0]):",
             "        step = theta[k] - q0",
             "        q0 = theta[k]", "        v0 = omega[k]",
-            "        if step > 0.0:", "            z = 1.0 + (z - 1.0) * math.exp(-step / bristle)",
-            "        elif step < 0.0:", "            z = -1.0 + (z + 1.0) * math.exp(step / bristle)",
+            "        z = min(1.0, max(-1.0, z + step / bristle))",
             *self.kick(others, "", "        "),
             f"        load[k] = {friction} - f0",
             f"        cart[k] = {cart}",
