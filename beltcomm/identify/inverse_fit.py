@@ -80,7 +80,7 @@ def fit_inverse(
 
     Raises DataError when too few samples are left or the fit does not converge to finite values.
     """
-    noise = torque_noise(recordings) if noise_nm is None else noise_nm
+    noise = torque_noise([r for r in recordings if not r.sidecar.held_out]) if noise_nm is None else noise_nm
     step = 2.0 * np.pi / counts_per_rev
     pieces = [piece for recording in recordings for piece in stretches(recording, start, step, noise)]
     fitted = [piece for piece in pieces if not piece.held_out]
