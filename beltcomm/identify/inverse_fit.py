@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
 from scipy.stats import t as student
 
 from beltcomm.errors import DataError
@@ -33,6 +34,8 @@ SHORTEST_GROUP_S = 0.2
 FEWEST_SAMPLES = 50
 #: Iterations of one search; from the grid's start values it takes five to ten.
 LONGEST_SEARCH = 40
+#: Squared whitened residual beyond which a sample has no more weight when a start offset is looked for: five deviations.
+OUTLIER = 25.0
 #: m; largest stretch of the belt that friction can hold at rest: 10 N on 100 kN/m.
 OFFSET_M = 1e-4
 #: A direction of the parameter space known worse than this share of its value is called not identifiable.
@@ -85,24 +88,30 @@ def fit_inverse(
     pieces = [piece for recording in recordings for piece in stretches(recording, start, step, noise)]
     fitted = [piece for piece in pieces if not piece.held_out]
     free = tuple(name for name in start.parameters if name not in fixed and start.parameters[name].low < start.parameters[name].high)
-    samples = sum(int(piece.keep.sum()) for piece in fitted)
-    span = sum(piece.motion.samples * piece.motion.sample_s for piece in fitted)
-    group_s = min(GROUP_S, span / (len(free) + FEWEST_GROUPS))
-    if samples < FEWEST_SAMPLES * len(free) or group_s < SHORTEST_GROUP_S:
-        raise DataError(
-            f"only {samples} moving samples in {span:.1f} s are usable for {len(free)} parameters; record at least "
-            f"{SHORTEST_GROUP_S * (len(free) + FEWEST_GROUPS):.0f} s in which the axis keeps moving"
-        )
+    _check_enough(fitted, free)
     # The motion between samples is reconstructed with the inertia and the load at hand, so the fit is run twice.
     problem = _Problem(fitted, start, free)
     solution, weights = problem.solve(problem.start(), lambda f: progress(0.4 * f), robust=False)
     better = problem.model_at(solution)
     pieces = [piece for recording in recordings for piece in stretches(recording, better, step, noise, fitted=True)]
     fitted = [piece for piece in pieces if not piece.held_out]
-    groups = _labels(fitted, group_s)
+    groups = _labels(fitted, _check_enough(fitted, free))
     problem = _Problem(fitted, better, free)
     solution, weights = problem.solve(problem.start(), lambda f: progress(0.4 + 0.6 * f), robust=True)
     return _report(problem, solution, weights, groups, [piece for piece in pieces if piece.held_out], noise)
+
+
+def _check_enough(pieces: Sequence[Stretch], free: Sequence[str]) -> float:
+    """Length of the groups, s.   Raises DataError when too few samples move, with the seconds that are needed."""
+    samples = sum(int(piece.keep.sum()) for piece in pieces)
+    span = sum(piece.motion.samples * piece.motion.sample_s for piece in pieces)
+    group_s = min(GROUP_S, span / (len(free) + FEWEST_GROUPS))
+    if samples < FEWEST_SAMPLES * len(free) or group_s < SHORTEST_GROUP_S:
+        raise DataError(
+            f"only {samples} moving samples in {span:.1f} s are usable for {len(free)} parameters; record at least "
+            f"{SHORTEST_GROUP_S * (len(free) + FEWEST_GROUPS):.0f} s in which the axis keeps moving"
+        )
+    return group_s
 
 
 class _Problem:
@@ -249,7 +258,7 @@ def _report(problem: _Problem, x: Array, weights: Array, groups: NDArray[np.int6
     squares: dict[str, list[Array]] = {}
     for i, piece in enumerate(problem.pieces):
         squares.setdefault(piece.record, []).append(problem.one(i, x) ** 2)
-    away = [whitened(piece, problem.model, problem.full(x)) ** 2 for piece in held_out]
+    away = [_judged(piece, problem.model, problem.full(x)) for piece in held_out]
     for piece, part in zip(held_out, away, strict=True):
         squares.setdefault(piece.record, []).append(part)
     everything = np.concatenate(away) if away else np.zeros(0)
@@ -266,6 +275,16 @@ def _report(problem: _Problem, x: Array, weights: Array, groups: NDArray[np.int6
         freedom=freedom,
         remarks=tuple(remarks),
     )
+
+
+def _judged(piece: Stretch, model: Model, vector: Array) -> Array:
+    """Squared whitened residual of a held-out stretch; only where its carriage stuck at the start is fitted to it."""
+
+    def cost(offset_m: float) -> float:
+        return float(np.sum(np.minimum(whitened(piece, model, vector, offset_m) ** 2, OUTLIER)))
+
+    best = minimize_scalar(cost, bounds=(-OFFSET_M, OFFSET_M), method="bounded", options={"xatol": 1e-7})
+    return whitened(piece, model, vector, float(best.x)) ** 2
 
 
 def _covariance(problem: _Problem, x: Array, weighted: Array, weights: Array, groups: NDArray[np.int64]) -> tuple[Array, int]:
