@@ -5,12 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize, nnls
 
 from beltcomm.axis import Axis
 from beltcomm.errors import DataError
-from beltcomm.identify.residual import evaluate, stretches, torque_noise
+from beltcomm.identify.residual import Stretch, evaluate, stretches, torque_noise
 from beltcomm.model import Model, build_model
 from beltcomm.recording import Recording
+
+Array = NDArray[np.float64]
 
 #: The effects that every belt axis gets; what else is needed is found by comparing with measurements.  Viscous friction of the
 #: carriage is not among them: seen from the motor it differs from that of the motor only next to the antiresonance.
@@ -18,6 +22,10 @@ BASE_EFFECTS = ("belt_stiffness", "belt_damping", "viscous_motor", "coulomb_moto
 #: kg: carriages between these are tried.  N/m: belts between these shares of the data sheet's stiffness are tried.
 MASSES_KG = np.geomspace(0.1, 100.0, 25)
 STIFFNESS_SHARES = np.geomspace(0.4, 2.5, 12)
+#: How many points of the grid are refined; moving samples without which nothing is tried; how far the inertia may leave the sheet's.
+REFINED = 3
+FEWEST_SAMPLES = 100
+INERTIA_SHARES = (0.5, 2.0)
 
 
 def data_sheet_model(axis: Axis, position_m: float, coulomb_nm: float, tilt_rad: float = 0.0) -> Model:
@@ -43,32 +51,66 @@ def data_sheet_model(axis: Axis, position_m: float, coulomb_nm: float, tilt_rad:
 
 
 def first_estimate(recordings: Sequence[Recording], start: Model, counts_per_rev: int) -> Model:
-    """Mass, stiffness and friction from a short excited record, found on a grid, so no start value can mislead it.
+    """Inertia, mass, stiffness and friction from a short excited record, found on a grid, so no start value can mislead it.
 
-    For every mass and stiffness the torque equation is linear in the motor's Coulomb and viscous friction; the smallest rest wins.
+    For every mass and stiffness the torque equation is linear in the motor's inertia, Coulomb and viscous friction; the smallest
+    rest wins, and is refined between the points of the grid.
     Raises DataError when the axis hardly moved.
     """
     noise = torque_noise(recordings)
     pieces = [p for r in recordings for p in stretches(r, start, 2.0 * np.pi / counts_per_rev, noise)]
-    kept = sum(int(p.keep.sum()) for p in pieces)
-    if kept < 100:
-        raise DataError(
-            f"the axis moved in only {kept} of {sum(len(p.keep) for p in pieces)} samples; raise the excitation or look for a brake"
+    kept, total = sum(int(p.keep.sum()) for p in pieces), sum(len(p.keep) for p in pieces)
+    if kept < FEWEST_SAMPLES:
+        raise DataError(f"the axis moved in only {kept} of {total} samples; raise the excitation or look for a brake")
+    search = _Search(pieces, start)
+    grid = [(search.rest(m, c), m, c) for m in MASSES_KG for c in STIFFNESS_SHARES * start["belt_stiffness.stiffness"]]
+    best = sorted(grid)[:REFINED]
+
+    def cost(logarithms: Array) -> float:
+        mass, stiffness = np.exp(logarithms)
+        return search.rest(float(mass), float(stiffness))
+
+    starts = [np.log([m, c]) for _, m, c in best]
+    refined = [minimize(cost, y, method="Nelder-Mead", options={"xatol": 1e-3, "maxfev": 80}) for y in starts]
+    mass, stiffness = np.exp(min(refined, key=lambda found: float(found.fun)).x)
+    return search.model(float(mass), float(stiffness))
+
+
+class _Search:
+    """Torque equation of some stretches as a function of mass and stiffness, the rest of the parameters solved for."""
+
+    def __init__(self, pieces: Sequence[Stretch], start: Model) -> None:
+        self.pieces, self.start = pieces, start
+        omega = [p.motion.omega[:: p.motion.substeps][p.keep] for p in pieces]
+        acceleration = [np.diff(p.position, 2, prepend=0.0, append=0.0)[p.keep] / p.motion.sample_s**2 for p in pieces]
+        speed = np.concatenate(omega)
+        self.regressor = np.stack([np.concatenate(acceleration), np.sign(speed), speed], axis=1)
+
+    def solved(self, mass: float, stiffness: float) -> tuple[Array, float]:
+        """Inertia kg m², Coulomb N m and viscous N m s/rad at the motor, each >= 0, and the mean square of what is left, (N m)²."""
+        trial = self.start.with_values(
+            {"cart.mass": float(mass), "belt_stiffness.stiffness": float(stiffness), **dict.fromkeys(_LINEAR, 0.0)}
         )
-    friction = ("coulomb_motor.level", "viscous_motor.damping")
-    stiffness = start["belt_stiffness.stiffness"]
-    best, best_rest = start, np.inf
-    for mass in MASSES_KG:
-        for share in STIFFNESS_SHARES:
-            trial = start.with_values({"cart.mass": float(mass), "belt_stiffness.stiffness": float(share * stiffness)})
-            base = np.concatenate([evaluate(p, trial, trial.with_values(dict.fromkeys(friction, 0.0)).vector())[p.keep] for p in pieces])
-            direction = np.concatenate([np.sign(p.motion.omega[:: p.motion.substeps])[p.keep] for p in pieces])
-            speed = np.concatenate([p.motion.omega[:: p.motion.substeps][p.keep] for p in pieces])
-            regressor = np.stack([direction, speed], axis=1)
-            level, damping = np.maximum(np.linalg.lstsq(regressor, -base, rcond=None)[0], 0.0)
-            rest = float(np.mean((base + regressor @ np.array([level, damping])) ** 2))
-            if rest < best_rest:
-                best_rest = rest
-                found = dict(zip(friction, (float(level), float(damping)), strict=True))
-                best = trial.with_values(found, "first estimate")
-    return best
+        vector = trial.vector()
+        vector[trial.index("motor.inertia")] = 0.0
+        base = np.concatenate([evaluate(p, trial, vector)[p.keep] for p in self.pieces])
+        found, norm = nnls(self.regressor, -base)
+        return found, float(norm**2) / len(base)
+
+    def rest(self, mass: float, stiffness: float) -> float:
+        """Mean square of what is left, (N m)²; infinite outside the bounds of the parameters."""
+        for name, value in (("cart.mass", mass), ("belt_stiffness.stiffness", stiffness)):
+            item = self.start.parameters[name]
+            if not item.low <= value <= item.high:
+                return np.inf
+        return self.solved(mass, stiffness)[1]
+
+    def model(self, mass: float, stiffness: float) -> Model:
+        """The model with everything solved for; the data sheet's inertia where the data want none."""
+        (inertia, coulomb, viscous), _ = self.solved(mass, stiffness)
+        low, high = (share * self.start["motor.inertia"] for share in INERTIA_SHARES)
+        found = {"motor.inertia": float(np.clip(inertia, low, high)), "coulomb_motor.level": coulomb, "viscous_motor.damping": viscous}
+        return self.start.with_values({"cart.mass": mass, "belt_stiffness.stiffness": stiffness, **found}, "first estimate")
+
+
+_LINEAR = ("coulomb_motor.level", "viscous_motor.damping")
