@@ -28,6 +28,9 @@ from beltcomm.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
+#: How many Ctrl-C the restoring of a drive survives.
+IMPATIENCE = 5
+
 #: Rated torque and current of the drive may differ by this share from axis.yaml: rounding of the data sheets.
 RATED_TOLERANCE = 0.02
 
@@ -67,6 +70,17 @@ class Machine:
         self.drive.stop()
         keep = self.keep_gains and kind is None
         wanted = {n: v for n, v in self._backup.items() if not (keep and n in GAIN_NAMES)}
+        interrupted: KeyboardInterrupt | None = None
+        for _ in range(IMPATIENCE):
+            try:
+                self._restore(wanted, keep)
+                break
+            except KeyboardInterrupt as again:  # an impatient user must not leave a half-restored drive behind
+                interrupted = again
+        if interrupted is not None and kind is None:
+            raise interrupted
+
+    def _restore(self, wanted: Mapping[str, float], keep: bool) -> None:
         try:
             self.drive.write(wanted)
         except BeltcommError as problem:

@@ -94,6 +94,7 @@ class Bench:
         self._bus: Any = None
         self._due: Callable[[Frame], bool] | None = None
         self.signals = 0
+        self.signal_tick = 0
 
     def open(self, name: str, options: Mapping[str, object] | None = None) -> Drive:
         """Connect as the command would, to this drive instead of a new one."""
@@ -147,9 +148,23 @@ class Bench:
         """Send this process a Ctrl-C with the first frame of the host for which ``due`` is true."""
         self._due = due
 
-    def moves(self, _frame: Frame) -> bool:
-        """Whether the motor turns at more than 0.5 rad/s: 6 mm/s of the carriage."""
-        return abs(self.plant.velocity_rad_s) > 0.5
+    def faster_than(self, speed_rad_s: float) -> Callable[[Frame], bool]:
+        """For :meth:`interrupt_when`: whether the motor turns faster than this."""
+        return lambda _frame: abs(self.plant.velocity_rad_s) > speed_rad_s
+
+    def check_stop(self) -> None:
+        """From the Ctrl-C on the carriage brakes to rest within ``STOP_S``: it goes on in its direction, and not far.
+
+        Not further than a constant deceleration would take it in that time, and it does not come back by more than the belt gives.
+        """
+        places = self.plant.cart_m(0, len(self.plant.torque_nm))
+        tick = self.signal_tick
+        speed = (places[tick] - places[tick - 5]) / 5e-3
+        way = (places[tick:] - places[tick]) * (1.0 if speed > 0.0 else -1.0)
+        assert way.max() <= 0.5 * STOP_S * abs(speed) + 1e-3
+        assert way.min() >= -1e-3
+        rest = way[round(STOP_S / 1e-3) :]
+        assert len(rest) == 0 or np.ptp(rest) < 50e-6
 
     def close(self) -> None:
         if self._bus is not None:
@@ -161,6 +176,7 @@ class Bench:
         if self._due is not None and frame[3] == "host" and self._due(frame):
             self._due = None
             self.signals += 1
+            self.signal_tick = len(self.plant.torque_nm)
             signal.raise_signal(signal.SIGINT)
 
 

@@ -37,14 +37,15 @@ def state_after(bench: Bench, run: Path) -> dict[str, bytes]:
 
 
 @pytest.mark.parametrize(
-    ("phase", "missing", "begun"),
+    ("phase", "missing", "begun", "speed_rad_s"),
     [
-        (2, "amplitude_1", ""),  # creeping
-        (3, "amplitude_2", "amplitude_2"),
-        (4, "frf_1", "frf_1"),
-        (6, "frf_2", ""),  # on the way to the place
-        (7, "sweep", ""),
-        (9, "move_1", ""),
+        (2, "amplitude_1", "", 0.5),  # creeping
+        (3, "amplitude_2", "amplitude_2", 5.0),
+        (4, "frf_1", "frf_1", 5.0),
+        (6, "frf_2", "", 30.0),  # on the way to the place
+        (7, "sweep", "sweep", 60.0),
+        (9, "move_1", "", 20.0),  # on the way to the start
+        (9, "move_1", "move_1", 105.0),
     ],
 )
 @pytest.mark.usefixtures("fitted")
@@ -56,19 +57,21 @@ def test_ctrl_c_while_the_axis_moves(
     phase: int,
     missing: str,
     begun: str,
+    speed_rad_s: float,
 ) -> None:
     run, bench = copy_of_complete(missing), make_bench(start_m=0.2)
     before = {name: (run / "recordings" / f"{name}.csv").read_bytes() for name in complete.folder.finished_names() if name != missing}
 
     def arm(index: int) -> None:
         if index == phase:
-            bench.interrupt_when(bench.moves)
+            bench.interrupt_when(bench.faster_than(speed_rad_s))
 
     outcome = commission(run, Listener(at_phase=arm), monkeypatch)
     assert bench.signals == 1
     assert outcome.exit_code == 4
     assert outcome.stderr.strip() == f"beltcomm: interrupted; what was recorded is kept in {run}, --resume goes on"
     assert outcome.stdout == ""
+    bench.check_stop()
     assert state_after(bench, run) == {f"{name}.csv": data for name, data in before.items()}
     assert RunFolder.open(run).unfinished() == ([begun] if begun else [])
 
