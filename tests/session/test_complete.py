@@ -110,7 +110,8 @@ def test_the_verification_move_is_that_of_the_thesis(complete: Complete) -> None
     move = complete.folder.recording("move_1")
     assert move.reference_position is not None
     reference = RATIO * move.reference_position
-    assert (reference[0], reference[-1]) == (pytest.approx(0.0, abs=2e-6), pytest.approx(0.5, abs=2e-6))
+    # it begins where the carriage has come to rest after positioning, at most 1 mm beside
+    assert (reference[0], reference[-1]) == (pytest.approx(0.0, abs=1e-3), pytest.approx(0.5, abs=1e-3))
     assert np.ptp(move.t_s) > 0.7 + 1.5  # the static error is read until 1.5 s after the move's end
 
 

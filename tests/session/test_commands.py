@@ -1,0 +1,349 @@
+"""Every command on the machine or on a run folder: results, exit codes, what stands on stdout and what on stderr."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+from beltcomm.cli.main import cli
+from beltcomm.parameters import GAIN_NAMES
+from beltcomm.recording import load_recording
+from beltcomm.runfolder import RunFolder
+from session.bench import RATIO, Bench
+from session.conftest import Complete
+
+MakeBench = Callable[..., Bench]
+Copy = Callable[..., Path]
+DRIVE = ("--drive", "virtual:g_a", "--seed", "1")
+
+
+def call(*words: object, answer: str | None = None) -> Result:
+    return CliRunner().invoke(cli, [str(word) for word in words], input=answer)
+
+
+def json_of(outcome: Result, code: int = 0) -> dict[str, Any]:
+    """The one JSON object on stdout; NaN and Infinity are no JSON."""
+    assert outcome.exit_code == code, outcome.output
+
+    def no_json(word: str) -> None:
+        raise AssertionError(f"{word} in the JSON output")
+
+    lines = outcome.stdout.splitlines()
+    assert len(lines) == 1
+    parsed = json.loads(lines[0], parse_constant=no_json)
+    assert isinstance(parsed, dict)
+    return parsed
+
+
+def test_fit_finds_the_model_in_the_recordings(copy_of_complete: Copy, complete: Complete) -> None:
+    """Of three records at one place: less exact than the whole run, as true as its intervals say."""
+    run = copy_of_complete("frf_2", "frf_3", "sweep", "move_1")
+    (run / "models" / "final.yaml").unlink()
+    data = json_of(call("fit", run, "--json"))
+    truth = complete.bench.plant.truth
+    for name, true in (("cart.mass", "mass_kg"), ("belt_stiffness.stiffness", "stiffness_n_m"), ("motor.inertia", "inertia_kg_m2")):
+        item = data["model"]["parameters"][name]
+        assert item["value"] == pytest.approx(truth[true], rel=0.03)
+        assert abs(item["value"] - truth[true]) < 2.0 * item["interval"]
+    assert (run / "models" / "final.yaml").is_file()
+    assert data["fit"]["dead_time"]["value_s"] == pytest.approx(1e-3, abs=50e-6)
+    assert set(data["fit"]["log_magnitude"]) == {"frf_1"}
+
+
+@pytest.mark.usefixtures("fitted")
+@pytest.mark.parametrize("solver", ["lm", "trf", "nelder-mead"])
+def test_fit_takes_the_solver_that_is_asked_for(copy_of_complete: Copy, complete: Complete, solver: str) -> None:
+    """The thesis's fit is biased by friction (some per cent), but no solver finds another minimum."""
+    outcome = call("fit", copy_of_complete("frf_2", "frf_3"), "--solver", solver, "--json")
+    fitted = json_of(outcome)["fit"]["log_magnitude"]["frf_1"]
+    first = complete.result.data["fit"]["log_magnitude"]["frf_1"]
+    for name, item in first.items():
+        value = item["value"] if isinstance(item, dict) else item
+        again = fitted[name]["value"] if isinstance(fitted[name], dict) else fitted[name]
+        assert again == pytest.approx(value, rel=0.01, abs=1e-9), name
+
+
+@pytest.mark.usefixtures("fitted")
+def test_fit_speaks_to_people_too(copy_of_complete: Copy) -> None:
+    run = copy_of_complete("frf_2", "frf_3")
+    outcome = call("fit", run)
+    assert outcome.exit_code == 0
+    assert outcome.stdout.startswith("Model (95 % intervals):\n")
+    assert outcome.stdout.endswith(f"Next: beltcomm design {run}\n")
+    assert "carriage mass" in outcome.stdout
+    assert outcome.stderr.startswith("[1/1] fit\n")
+
+
+def test_design_finds_the_gains_of_the_run_again(copy_of_complete: Copy, complete: Complete) -> None:
+    run = copy_of_complete()
+    (run / "designs" / "final.yaml").unlink()
+    data = json_of(call("design", run, "--json"))
+    first = complete.folder.load("designs", "final")["parameters"]
+    assert data["parameters"] == pytest.approx(first, rel=1e-6)
+    assert RunFolder.open(run).load("designs", "final")["parameters"] == pytest.approx(first, rel=1e-6)
+
+
+def test_design_holds_for_the_payload_stated(copy_of_complete: Copy, complete: Complete) -> None:
+    """13.4 kg more: every margin is proven with it and without it, and a notch was asked for."""
+    data = json_of(call("design", copy_of_complete(), "--payload", "13.4", "--prefilter", "notch", "--json"))
+    plants = [margins["plant"] for margins in data["margins"]]
+    for place in ("-0.01 m", "0.57 m"):
+        for mass in ("13.44 kg", "26.84 kg"):
+            assert sum(place in plant and mass in plant for plant in plants) >= 3  # damping from none to the apparent one
+    assert min(margins["phase_margin_deg"] for margins in data["margins"]) >= data["specification"]["phase_margin_deg"]
+    assert data["parameters"]["prefilter_kind"] == 1.0
+    alone = complete.folder.load("designs", "final")
+    assert len(plants) == 2 * len(alone["margins"])
+
+
+def test_a_payload_cannot_be_negative(make_bench: MakeBench, copy_of_complete: Copy, tmp_path: Path) -> None:
+    bench = make_bench()
+    assert json_of(call("design", copy_of_complete(), "--payload", "-1", "--json"), 2)["exit_code"] == 2
+    assert call("commission", *DRIVE, "--yes", "--run", tmp_path / "new", "--payload", "-1 kg").exit_code == 2
+    assert bench.plant.cart_position_m == 0.0
+
+
+def test_verify_drives_the_design_and_restores_the_drive(make_bench: MakeBench, copy_of_complete: Copy) -> None:
+    run, bench = copy_of_complete(), make_bench(start_m=0.2)
+    outcome = call("verify", *DRIVE, "--yes", "--run", run, "--json")
+    data = json_of(outcome)
+    assert (data["recording"], data["passed"]) == ("move_2", True)
+    assert data["measured"]["dynamic_m"] < 1e-3
+    assert data["measured"]["static_m"] < 100e-6
+    assert data["measured"]["dynamic_m"] == pytest.approx(data["predicted"]["dynamic_m"], rel=0.2, abs=20e-6)
+    assert "Ctrl-C" in outcome.stderr
+    assert RunFolder.open(run).finished("move_2") is not None
+    assert "verify_move_2" in RunFolder.open(run).names("results")
+    assert bench.parameters() == bench.initial
+    assert bench.stands_disabled()
+
+
+def test_verify_drives_the_users_own_move(make_bench: MakeBench, copy_of_complete: Copy, tmp_path: Path) -> None:
+    run, bench = copy_of_complete("move_1"), make_bench()
+    t = np.linspace(0.0, 1.2, 121)
+    x = 0.2 + 0.1 * (1.0 - np.cos(2.0 * np.pi * t / 1.2))  # there and back
+    own = tmp_path / "own.csv"
+    own.write_text("t_s,position_m\n" + "\n".join(f"{a:.6f},{b:.9f}" for a, b in zip(t, x, strict=True)), encoding="utf-8")
+    outcome = call("verify", *DRIVE, "--yes", "--run", run, "--move", own, "--json")
+    data = json_of(outcome, outcome.exit_code)
+    assert outcome.exit_code == (0 if data["passed"] else 1)
+    assert "200 mm" in outcome.stderr  # the travel of the plan, though it ends where it began
+    move = RunFolder.open(run).recording(data["recording"])
+    assert move.reference_position is not None
+    reference = RATIO * move.reference_position
+    assert (reference.min(), reference.max()) == (pytest.approx(0.2, abs=2e-6), pytest.approx(0.4, abs=1e-5))
+    assert reference[-1] == pytest.approx(0.2, abs=2e-6)
+    assert bench.parameters() == bench.initial
+
+
+def test_verify_misses_a_target_with_exit_code_1(make_bench: MakeBench, copy_of_complete: Copy) -> None:
+    """Gains of another, much weaker design: the drive lags, and the verdict says so."""
+    run, bench = copy_of_complete(), make_bench()
+    path = run / "designs" / "final.yaml"
+    lines = path.read_text(encoding="utf-8").splitlines()
+    weak = ["  ff_inertia_kg_m2: 0.0" if line.startswith("  ff_inertia_kg_m2:") else line for line in lines]
+    path.write_text("\n".join(weak), encoding="utf-8")
+    outcome = call("verify", *DRIVE, "--yes", "--run", run)
+    assert outcome.exit_code == 1
+    assert "misses the target of 1 mm" in outcome.stdout
+    assert f"Next: beltcomm design {run}" in outcome.stdout
+    assert bench.parameters() == bench.initial
+
+
+def test_friction_sweeps_with_a_loop_from_the_model(make_bench: MakeBench, copy_of_complete: Copy, complete: Complete) -> None:
+    run, bench = copy_of_complete("sweep"), make_bench(start_m=0.4)
+    data = json_of(call("friction", *DRIVE, "--yes", "--run", run, "--json"))
+    truth = complete.bench.plant.truth
+    assert data["friction"]["coulomb"]["value"] == pytest.approx(truth["coulomb_total_nm"], rel=0.05)
+    assert data["friction"]["viscous"]["value"] == pytest.approx(truth["viscous_nm_s_rad"], rel=0.05)
+    assert RunFolder.open(run).finished("sweep") is not None
+    assert bench.parameters() == bench.initial
+    assert bench.stands_disabled()
+
+
+def test_apply_writes_the_gains_and_rollback_takes_them_back(make_bench: MakeBench, copy_of_complete: Copy) -> None:
+    run, bench = copy_of_complete(), make_bench()
+    designed = RunFolder.open(run).load("designs", "final")["parameters"]
+
+    no = call("apply", *DRIVE, "--run", run, answer="n\n")
+    assert (no.exit_code, no.stdout) == (1, "")
+    assert "kp_nm_s_rad" in no.stderr
+    assert "nothing was written, as you said" in no.stderr
+    assert bench.parameters() == bench.initial
+
+    dry = call("apply", *DRIVE, "--run", run, "--dry-run")
+    assert dry.exit_code == 0
+    assert "Nothing was written (--dry-run)" in dry.stdout
+    assert bench.parameters() == bench.initial
+
+    yes = json_of(call("apply", *DRIVE, "--run", run, "--yes", "--json"))
+    assert (yes["written"], yes["saved"]) == (True, False)
+    now = bench.parameters()
+    assert {name: now[name] for name in GAIN_NAMES} == pytest.approx({name: designed[name] for name in GAIN_NAMES}, rel=1e-6)
+    assert call("apply", *DRIVE, "--run", run, "--yes").stdout.count("->") == 0  # nothing differs any more
+    bench.power_cycle()
+    assert bench.parameters() == bench.initial
+
+    assert call("apply", *DRIVE, "--run", run, "--yes", "--save").exit_code == 0
+    bench.power_cycle()
+    assert bench.parameters() == now
+    back = call("rollback", *DRIVE, "--run", run, "--yes", "--save")
+    assert back.exit_code == 0
+    bench.power_cycle()
+    assert bench.parameters() == bench.initial
+    assert bench.plant.cart_position_m == 0.0  # nothing has moved in all this
+
+
+def test_apply_before_any_session_keeps_a_backup_first(make_bench: MakeBench, copy_of_complete: Copy) -> None:
+    run, bench = copy_of_complete(), make_bench()
+    (run / "results" / "backup.yaml").unlink()
+    assert call("apply", *DRIVE, "--run", run, "--yes").exit_code == 0
+    assert call("rollback", *DRIVE, "--run", run, "--yes").exit_code == 0
+    assert bench.parameters() == bench.initial
+
+
+def test_move_goes_as_far_as_it_is_told(make_bench: MakeBench, copy_of_complete: Copy) -> None:
+    run, bench = copy_of_complete(), make_bench()
+    assert call("apply", *DRIVE, "--run", run, "--yes").exit_code == 0
+    data = json_of(call("move", *DRIVE, "--yes", "--by", "5mm", "--json"))
+    assert bench.plant.cart_position_m == pytest.approx(5e-3, abs=0.3e-3)
+    assert data["moved_m"] == pytest.approx(bench.plant.cart_position_m, abs=0.2e-3)
+    assert bench.stands_disabled()
+    back = call("move", *DRIVE, "--yes", "--by", "-0.005")
+    assert back.exit_code == 0
+    assert bench.plant.cart_position_m == pytest.approx(0.0, abs=0.5e-3)
+    assert "The carriage moved -" in back.stdout
+
+
+def test_move_says_what_it_reached_with_the_gains_of_a_new_drive(make_bench: MakeBench) -> None:
+    bench = make_bench()
+    outcome = call("move", *DRIVE, "--yes", "--by", "5mm", "--json")
+    moved = json_of(outcome, outcome.exit_code)["moved_m"]
+    assert moved == pytest.approx(bench.plant.cart_position_m, abs=0.2e-3)
+    assert outcome.exit_code == (0 if moved == pytest.approx(5e-3, rel=0.2) else 1)
+    assert bench.stands_disabled()
+    assert bench.parameters() == bench.initial
+
+
+@pytest.mark.parametrize(
+    ("start_m", "by", "code", "words"),
+    [
+        (0.25, "101mm", 2, "is not a small one"),
+        (0.25, "0", 2, "is not a small one"),
+        (0.25, "5 kg", 2, "kg"),
+        (0.568, "5mm", 1, "would leave the travel -0.01..0.57 m"),
+        (-0.009, "-5mm", 1, "would leave the travel -0.01..0.57 m"),
+    ],
+)
+def test_move_is_refused_beyond_what_is_small_and_free(make_bench: MakeBench, start_m: float, by: str, code: int, words: str) -> None:
+    bench = make_bench(start_m=start_m)
+    outcome = call("move", *DRIVE, "--yes", "--by", by)
+    assert outcome.exit_code == code
+    assert words in outcome.stderr
+    assert outcome.stdout == ""
+    assert bench.plant.cart_position_m == 0.0
+
+
+@pytest.mark.parametrize(
+    ("experiment", "name", "kind"),
+    [("frf", "frf_1", "frf"), ("friction_sweep", "sweep", "friction_sweep"), ("trajectory", "move_1", "trajectory")],
+)
+def test_simulate_records_an_experiment(tmp_path: Path, experiment: str, name: str, kind: str) -> None:
+    run = tmp_path / "run"
+    data = json_of(call("simulate", "g_b", "--run", run, "--experiment", experiment, "--seed", "4", "--json"))
+    assert data["recording"] == name
+    recording = load_recording(run / "recordings" / f"{name}.csv", RunFolder.open(run).axis)
+    assert recording.sidecar.experiment == kind
+    assert recording.sidecar.finished
+    assert np.ptp(recording.position) * RATIO > 1e-3
+    assert call("simulate", "g_b", "--run", run, "--experiment", experiment).exit_code == 2  # the folder exists
+
+
+@pytest.mark.parametrize(
+    "words",
+    [("commission", "--run"), ("identify", "--run"), ("move", "--by"), ("friction", "--run"), ("verify", "--run"), ("rollback", "--run")],
+)
+def test_a_dry_run_moves_and_writes_nothing(make_bench: MakeBench, copy_of_complete: Copy, tmp_path: Path, words: tuple[str, str]) -> None:
+    verb, option = words
+    bench, old, new = make_bench(), copy_of_complete(), tmp_path / "new"
+    before = {path: path.read_bytes() for path in old.rglob("*.*") if path.is_file()}
+    argument = {"commission": new, "identify": new, "move": "5mm"}.get(verb, old)
+    data = json_of(call(verb, *DRIVE, option, argument, "--dry-run", "--json"))
+    assert verb == "rollback" or data["seconds"] > 0.0
+    assert bench.plant.cart_position_m == 0.0
+    assert not new.exists()
+    assert {path: path.read_bytes() for path in before if "journal" not in path.name} == {
+        path: data for path, data in before.items() if "journal" not in path.name
+    }
+    assert bench.parameters() == bench.initial
+
+
+@pytest.mark.usefixtures("fitted")
+def test_commission_prints_one_json_object(make_bench: MakeBench, copy_of_complete: Copy) -> None:
+    make_bench()
+    outcome = call("commission", *DRIVE, "--yes", "--run", copy_of_complete(), "--resume", "--json")
+    data = json_of(outcome)
+    assert data["verdict"]["passed"] is True
+    assert data["model"]["parameters"]["cart.mass"]["value"] == pytest.approx(13.44, rel=0.03)
+    assert {"run", "machine_seconds", "remarks", "model", "fit", "friction", "design", "verdict"} <= set(data)
+    assert "[9/9] verification" in outcome.stderr
+
+
+def test_nobody_can_be_asked(make_bench: MakeBench, tmp_path: Path) -> None:
+    """Without --yes and with a closed stdin: usage, not a yes."""
+    bench = make_bench()
+    outcome = call("identify", *DRIVE, "--run", tmp_path / "run", "--json", answer="")
+    assert json_of(outcome, 2)["exit_code"] == 2
+    assert "use --yes" in outcome.stderr
+    assert bench.plant.cart_position_m == 0.0
+
+
+def test_ctrl_c_from_outside(tmp_path: Path) -> None:
+    """The console command itself, in its own process, interrupted while it records."""
+    run = tmp_path / "run"
+    words = ["identify", "--drive", "virtual", "--yes", "--realtime", "--json", "--run", str(run)]
+    command = [sys.executable, "-c", "from beltcomm.cli.main import main; main()", *words]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path) as process:
+        give_up = time.monotonic() + 60.0
+        while not (run / "recordings" / "amplitude_1.csv.part").exists():
+            assert process.poll() is None, process.communicate()[1]
+            assert time.monotonic() < give_up
+            time.sleep(0.02)
+        time.sleep(0.5)
+        os.kill(process.pid, signal.SIGINT)
+        stdout, stderr = process.communicate(timeout=30.0)
+    assert process.returncode == 4
+    assert json.loads(stdout)["exit_code"] == 4
+    assert stderr.strip().splitlines()[-1] == f"beltcomm: interrupted; what was recorded is kept in {run}, --resume goes on"
+    assert "Traceback" not in stderr
+    assert RunFolder.open(run).unfinished() == ["amplitude_1"]
+    assert (run / "journal.txt").read_text(encoding="utf-8").splitlines()[-1] == "all parameters restored"
+
+
+def test_stderr_holds_sentences_and_no_library_chatter(tmp_path: Path) -> None:
+    """A drive that does not answer, in a process of its own: what the CAN library logs is not for the user."""
+    script = (
+        "import functools, beltcomm.api as api, beltcomm.drive as drive\n"
+        "from beltcomm.virtual.faults import Faults\n"
+        "api.open_drive = lambda name, options: drive.open_drive(name, {**options, 'faults': Faults(silent_from_s=0.0)})\n"
+        "from beltcomm.cli.main import main\n"
+        "main()\n"
+    )
+    words = ["identify", "--drive", "virtual", "--yes", "--run", str(tmp_path / "run")]
+    outcome = subprocess.run(
+        [sys.executable, "-c", script, *words], capture_output=True, text=True, cwd=tmp_path, timeout=60.0, check=False
+    )
+    assert (outcome.returncode, outcome.stdout) == (5, "")
+    assert len(outcome.stderr.splitlines()) == 1
+    assert outcome.stderr.startswith("beltcomm: no drive answers on ")
