@@ -1,0 +1,273 @@
+"""Tracking errors in closed form, the demand of the thesis's move, and the predicted move against an own loop on the truth."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.signal import butter
+
+from beltcomm.axis_entries import TrajectoryLimits
+from beltcomm.control import Cascade, Feedforward, Prefilter
+from beltcomm.errors import DataError
+from beltcomm.model import Model, build_model
+from beltcomm.recording import Recording
+from beltcomm.sidecar import Sidecar
+from beltcomm.trajectory import Trajectory, at_rest, join, plan_trajectory
+from beltcomm.verify import PredictedMove, demand, judge, predict_move, tracking_error
+from identify.records import COUNTS, PERIOD_S, true_model
+from truth import TruthPlant, nominal
+
+Array = NDArray[np.float64]
+T_A = TrajectoryLimits(jerk_m_s3=40.0, acceleration_m_s2=45.0, speed_m_s=5.0)
+RATIO = 0.01242
+
+
+def move() -> Trajectory:
+    """0 to 0.5 m with the limits T_A, then rest."""
+    there = plan_trajectory(0.0, 0.5, T_A, PERIOD_S)
+    return join([there, at_rest(0.5, 1.6, PERIOD_S)])
+
+
+# ---- demand
+
+
+def test_demand_of_t_a_on_g_a_is_the_thesis_sheets() -> None:
+    """thesis.md 3: only the jerk binds; 7.37 m/s², 1.36 m/s, 99.0 N at the belt and 1.54 N m at the motor.
+
+    Cubic in four equal parts of T = (32 s/j)^(1/3) = 0.7368 s: a = j T/4, v = j T²/16; the grid of 1 ms rounds T up.
+    """
+    found = demand(move(), true_model(nominal("g_a")))
+    duration = (32.0 * 0.5 / 40.0) ** (1.0 / 3.0)
+    assert found.acceleration_m_s2 == pytest.approx(40.0 * duration / 4.0, rel=2e-3)
+    assert found.acceleration_m_s2 == pytest.approx(7.36, abs=0.02)
+    assert found.speed_m_s == pytest.approx(40.0 * duration**2 / 16.0, rel=2e-3)
+    assert found.feed_force_n == pytest.approx(99.0, abs=0.3)
+    assert 1.53 <= found.torque_nm <= 1.545
+
+
+def test_demand_takes_gravity_and_every_friction() -> None:
+    """At constant speed: F = m g sin α, τ = (b + r² b_c) v/r + τ_c + r F_c + r m g sin α (4.15), (2.22)."""
+    values = {
+        "motor.inertia": 7e-5, "cart.mass": 3.0, "transmission.ratio": RATIO, "viscous_motor.damping": 2e-3, "viscous_cart.damping": 9.0,
+        "coulomb_motor.level": 0.08, "coulomb_cart.level": 3.0, "tilt.angle": 0.3,
+    }  # fmt: skip
+    effects = ("belt_stiffness", "viscous_motor", "viscous_cart", "coulomb_motor", "coulomb_cart", "tilt")
+    model = build_model("tilted", effects, values)
+    t = PERIOD_S * np.arange(100, dtype=np.float64)
+    uphill = Trajectory(t, 0.4 * t, np.full(100, 0.4), np.zeros(100))
+    weight = 3.0 * 9.80665 * math.sin(0.3)
+    friction = (2e-3 + RATIO**2 * 9.0) * 0.4 / RATIO + 0.08 + RATIO * 3.0
+    assert demand(uphill, model).feed_force_n == pytest.approx(weight)
+    assert demand(uphill, model).torque_nm == pytest.approx(friction + RATIO * weight)
+    downhill = Trajectory(t, -0.4 * t, np.full(100, -0.4), np.zeros(100))
+    assert demand(downhill, model).torque_nm == pytest.approx(abs(-friction + RATIO * weight))
+
+
+# ---- tracking error
+
+
+def ramp(samples: int = 4000, first: int = 500, last: int = 1500) -> tuple[Array, Array]:
+    t = PERIOD_S * np.arange(samples, dtype=np.float64)
+    return t, 0.2 * np.clip((t - t[first]) / (t[last] - t[first]), 0.0, 1.0)
+
+
+def test_tracking_error_of_a_lagging_axis_is_speed_times_lag() -> None:
+    """A ramp of 0.2 m/s followed 4 ms late: 0.8 mm while it moves; 30 um left from then on."""
+    t, reference = ramp()
+    late = np.concatenate([np.zeros(4), reference[:-4]])
+    late[1504:] -= 30e-6
+    error = tracking_error(t, reference, late)
+    assert error.dynamic_m == pytest.approx(0.8e-3, rel=1e-9)
+    assert error.static_m == pytest.approx(30e-6, rel=1e-9)
+
+
+SEEN = [
+    (0.3, False, False),
+    (0.6, True, False),
+    (1.5, True, False),
+    (1.7, False, False),
+    (2.05, False, True),
+    (2.95, False, True),
+    (3.1, False, False),
+]
+
+
+@pytest.mark.parametrize(("at_s", "dynamic", "static"), SEEN)
+def test_each_error_looks_at_its_own_time(at_s: float, dynamic: bool, static: bool) -> None:
+    """The reference moves from 0.5 to 1.5 s; static is 0.5 to 1.5 s after its end.  One sample off by 1 mm is seen there only."""
+    t, reference = ramp()
+    position = reference.copy()
+    position[round(at_s / PERIOD_S)] -= 1e-3
+    error = tracking_error(t, reference, position)
+    assert error.dynamic_m == pytest.approx(1e-3 if dynamic else 0.0, abs=1e-12)
+    assert error.static_m == pytest.approx(1e-3 if static else 0.0, abs=1e-12)
+
+
+def test_tracking_error_needs_a_move_and_its_rest() -> None:
+    t, reference = ramp()
+    with pytest.raises(DataError, match="does not move"):
+        tracking_error(t, np.full_like(t, 0.1), reference)
+    with pytest.raises(DataError, match=r"ends 1\.00 s after the move; the static error is read until 1\.5 s"):
+        tracking_error(t[:2501], reference[:2501], reference[:2501])
+    assert tracking_error(t[:3001], reference[:3001], reference[:3001]).static_m == 0.0
+
+
+# ---- predicted move
+
+
+def own_loop(plant: TruthPlant, cascade: Cascade, trajectory: Trajectory, delay_s: float) -> tuple[Array, Array, Array, float]:
+    """The cascade of figure 4.1 written down once more, on the truth: motor and carriage in m, torque, largest belt force.
+
+    Velocity by backward difference behind a first-order lag (6.1), the reference averaged over its period behind the same lag,
+    Butterworth by the bilinear transform on the error (4.3), P-PI (4.6), forward Euler integrator (6.25), feedforward (4.16).
+    """
+    reference, speed = trajectory.position_m / RATIO, trajectory.velocity_m_s / RATIO
+    forward, lag = cascade.feedforward, cascade.velocity_filter_s
+    b, a = np.array([1.0, 0.0, 0.0]), np.array([1.0, 0.0, 0.0])
+    if cascade.prefilter.kind == "butterworth":
+        b, a = butter(2, cascade.prefilter.omega_rad_s / (2.0 * math.pi), fs=1.0 / PERIOD_S)
+    step = 2.0 * math.pi / COUNTS
+    measured = filtered = last_angle = last_speed = integral = 0.0
+    raw, smooth = [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]
+    acting = before = 0.0
+    motor, cart, torque, belt = [], [], [], 0.0
+    for k in range(len(reference)):
+        motor.append(RATIO * plant.position_rad)
+        cart.append(plant.cart_position_m)
+        angle = round(plant.position_rad / step) * step
+        measured = (lag * measured + angle - last_angle) / (lag + PERIOD_S)
+        filtered = (lag * filtered + PERIOD_S * 0.5 * (speed[k] + last_speed)) / (lag + PERIOD_S)
+        acceleration = (speed[k] - last_speed) / PERIOD_S
+        last_angle, last_speed = angle, speed[k]
+        raw = [cascade.kpp_1_s * (reference[k] - angle) + filtered - measured, *raw[:2]]
+        smooth = [float(b @ raw - a[1:] @ smooth[:2]), *smooth[:2]]
+        ahead = forward.inertia_kg_m2 * acceleration + forward.viscous_nm_s_rad * speed[k] + forward.coulomb_nm * np.sign(speed[k])
+        torque.append(float(cascade.kp_nm_s_rad * smooth[0] + cascade.ki_nm_rad * integral + ahead))
+        integral += PERIOD_S * smooth[0]
+        # late by a whole period (asked one sample ago) and a rest
+        rest = delay_s - PERIOD_S * math.floor(delay_s / PERIOD_S + 1e-9)
+        asked = torque[-1] if delay_s < PERIOD_S else before
+        before = torque[-1]
+        if rest > 1e-9:
+            plant.step(acting, rest)
+        plant.step(asked, PERIOD_S - rest)
+        acting = asked
+        belt = max(belt, abs(plant.belt_force_n))
+    return np.array(motor), np.array(cart), np.array(torque), belt
+
+
+def cascade_for(rig: str, model: Model, *, prefiltered: bool = True) -> Cascade:
+    """Table A.6's Butterworth gains for G_A, for G_B a tenth, as its inertia; cutoff at -3 dB in the antiresonance of each."""
+    share, cutoff = (1.0, 123.24) if rig == "g_a" else (0.1, 481.6)
+    feedforward = Feedforward(
+        inertia_kg_m2=model["motor.inertia"] + RATIO**2 * model["cart.mass"],
+        viscous_nm_s_rad=model["viscous_motor.damping"],
+        coulomb_nm=model["coulomb_motor.level"] + RATIO * model["coulomb_cart.level"],
+    )
+    return Cascade(0.12 * share, 1.39 * share, 6.29, 0.002, Prefilter("butterworth", cutoff), feedforward)
+
+
+@pytest.mark.parametrize("delay_s", [0.3e-3, 1.0e-3, 1.4e-3])
+@pytest.mark.parametrize("rig", ["g_a", "g_b"])
+def test_predicted_move_is_an_own_loop_on_the_truth(rig: str, delay_s: float) -> None:
+    """Two programs of one cascade on two simulators: within 3 um, through stick and slip."""
+    plant = nominal(rig)
+    model = true_model(plant)
+    cascade, trajectory = cascade_for(rig, model), join([at_rest(0.0, 0.05, PERIOD_S), move()])
+    found = predict_move(model, cascade, trajectory, period_s=PERIOD_S, delay_s=delay_s, torque_limit_nm=3.1, counts_per_rev=COUNTS)
+    motor, cart, torque, belt = own_loop(plant, cascade, trajectory, delay_s)
+    np.testing.assert_allclose(found.motor_m, motor, atol=3e-6)
+    np.testing.assert_allclose(found.cart_m, cart, atol=3e-6)
+    np.testing.assert_allclose(found.torque_nm, torque, atol=5e-3)
+    assert found.belt_force_n == pytest.approx(belt, rel=0.01)
+    np.testing.assert_allclose(found.t_s, trajectory.t_s, atol=1e-12)
+    error = np.max(np.abs(motor - trajectory.position_m))
+    assert 20e-6 < error < 1e-3, "the move must be followed, and not by the feedforward alone"
+
+
+def test_a_prediction_tells_a_delay_and_a_torque_limit() -> None:
+    """The 3 um above would mean little if nothing changed the motion by more."""
+    model = true_model(nominal("g_a"))
+    cascade = cascade_for("g_a", model)
+    moves = [
+        predict_move(model, cascade, move(), period_s=PERIOD_S, delay_s=delay, torque_limit_nm=limit, counts_per_rev=COUNTS)
+        for delay, limit in ((1.0e-3, 3.1), (2.0e-3, 3.1), (1.0e-3, 1.24))
+    ]
+    for other in moves[1:]:
+        assert np.max(np.abs(other.motor_m - moves[0].motor_m)) > 20e-6
+    assert np.max(np.abs(moves[2].torque_nm)) == 1.24
+
+
+# ---- verdict
+
+
+def recorded(reference_m: Array, motor_m: Array, cart_m: Array | None = None) -> Recording:
+    samples = len(reference_m)
+    return Recording(
+        name="move",
+        t_s=PERIOD_S * np.arange(samples, dtype=np.float64),
+        torque=np.random.default_rng(1).normal(0.0, 0.1, samples),
+        position=3.0 + motor_m / RATIO,
+        reference_position=3.0 + reference_m / RATIO,
+        cart_position_m=cart_m,
+        sidecar=Sidecar("trajectory"),
+    )
+
+
+def predicted(motor_m: Array, cart_m: Array) -> PredictedMove:
+    n = len(motor_m)
+    return PredictedMove(PERIOD_S * np.arange(n, dtype=np.float64), motor_m, cart_m, np.zeros(n), 0.0)
+
+
+def behind(reference: Array, dynamic_m: float, static_m: float) -> Array:
+    """A motion that trails the ramp of 0.2 m by these errors."""
+    return np.where((reference > 0.0) & (reference < 0.2), reference - dynamic_m, np.where(reference >= 0.2, 0.2 - static_m, 0.0))
+
+
+def test_a_move_within_its_targets_passes_and_says_so() -> None:
+    _, reference = ramp()
+    measured, expected = behind(reference, 0.5e-3, 40e-6), predicted(behind(reference, 0.4e-3, 10e-6), behind(reference, 0.6e-3, 20e-6))
+    verdict = judge(recorded(reference, measured), RATIO, expected, reference)
+    assert verdict.passed
+    assert verdict.measured.dynamic_m == pytest.approx(0.5e-3, rel=1e-6)
+    assert verdict.measured.static_m == pytest.approx(40e-6, rel=1e-6)
+    assert verdict.predicted.dynamic_m == pytest.approx(0.4e-3)
+    assert verdict.predicted_cart.dynamic_m == pytest.approx(0.6e-3)
+    assert verdict.measured_cart is None
+    first, second, third = verdict.reasons
+    assert first == "dynamic error 0.5 mm meets the target of 1 mm"
+    assert second == "static error 40 um meets the target of 100 um"
+    assert "0.4 mm" in third
+    assert "+25 %" in third
+
+
+@pytest.mark.parametrize(("dynamic", "static", "missed"), [(1.2e-3, 40e-6, 0), (0.5e-3, 140e-6, 1)])
+def test_a_missed_target_fails_and_is_named(dynamic: float, static: float, missed: int) -> None:
+    _, reference = ramp()
+    same = behind(reference, dynamic, static)
+    record, expected = recorded(reference, same), predicted(same, same)
+    verdict = judge(record, RATIO, expected, reference)
+    assert not verdict.passed
+    assert ["misses" in reason for reason in verdict.reasons[:2]] == [missed == 0, missed == 1]
+    assert judge(record, RATIO, expected, reference, dynamic_target_m=2e-3, static_target_m=2e-4).passed
+
+
+def test_a_second_sensor_is_judged_from_where_it_started() -> None:
+    """Its zero is its own: the first sample is taken to be on the reference."""
+    _, reference = ramp()
+    motor, cart = behind(reference, 0.1e-3, 10e-6), 0.137 + behind(reference, 0.7e-3, 60e-6)
+    verdict = judge(recorded(reference, motor, cart), RATIO, predicted(motor, motor), reference)
+    assert verdict.measured_cart is not None
+    assert verdict.measured_cart.dynamic_m == pytest.approx(0.7e-3, rel=1e-6)
+    assert verdict.measured_cart.static_m == pytest.approx(60e-6, rel=1e-6)
+
+
+def test_a_record_without_reference_cannot_be_judged() -> None:
+    _, reference = ramp()
+    motor = behind(reference, 0.1e-3, 10e-6)
+    bare = Recording("bare", PERIOD_S * np.arange(len(motor), dtype=np.float64), np.linspace(0.0, 1.0, len(motor)), motor / RATIO)
+    with pytest.raises(DataError, match="'bare' has no reference_position_rad"):
+        judge(bare, RATIO, predicted(motor, motor), reference)
