@@ -64,6 +64,21 @@ def test_whitening_of_nothing_is_nothing() -> None:
     assert banded_whitening(np.ones(20), np.zeros(20, dtype=bool), 1.0, 0.2, 0.1).shape == (0,)
 
 
+def test_whitened_residual_has_the_covariance_of_its_two_noises() -> None:
+    """e = J D₂ q/T² - M w: second difference of the encoder's rounding q²/12 and mean of two neighbouring torques' noise, dense."""
+    plant = draw("g_b", np.random.default_rng(10))
+    model = true_model(plant)
+    record = Recorder().shaken(plant, 0.3, 1)
+    piece = stretches(without_rows(record, slice(1300, None)), model, STEP_RAD, NOISE_NM, fitted=True)[0]
+    n = len(piece.position)
+    rounding = (np.eye(n, k=1) - 2.0 * np.eye(n) + np.eye(n, k=-1)) * model["motor.inertia"] / PERIOD_S**2 * STEP_RAD / np.sqrt(12.0)
+    torque = 0.5 * (np.eye(n, k=-1) + np.eye(n)) * NOISE_NM
+    covariance = (rounding @ rounding.T + torque @ torque.T)[np.ix_(piece.keep, piece.keep)]
+    raw = evaluate(piece, model, model.vector())[piece.keep]
+    expected = np.linalg.solve(np.linalg.cholesky(covariance), raw)
+    np.testing.assert_allclose(whitened(piece, model, model.vector()), expected, rtol=1e-7, atol=1e-9)
+
+
 def test_covariance_of_torque_noise_and_encoder_steps() -> None:
     """Var and lags of J (q[n+1] - 2 q[n] + q[n-1])/T² - (w[n-1] + w[n])/2, uniform q and normal w, by their definition."""
     rng = np.random.default_rng(2)
