@@ -110,8 +110,10 @@ def commission(drive: str, axis: Axis | str, run: Path, *, options: Options | No
             machine.check_scaling()
             sequence.reference(machine, settings)
             _agree(plan, options, talk)
-            sequence.commission(machine, replace(settings, quick=options.quick), findings)
-        outcome.save(folder, findings)
+            try:
+                sequence.commission(machine, replace(settings, quick=options.quick), findings)
+            finally:  # an interrupted run keeps what it found
+                outcome.save(folder, findings)
     passed = findings.verdict is not None and findings.verdict.passed
     text = outcome.commission_text(folder, findings, options.apply, drive)
     return Result(outcome.data(folder, findings), text, 0 if passed else 1)
@@ -131,9 +133,11 @@ def identify(drive: str, axis: Axis | str, run: Path, *, options: Options | None
             machine.check_scaling()
             sequence.reference(machine, _settings(options))
             _agree(plan, options, talk)
-            sequence.identify_here(machine, findings)
-            findings.machine_seconds = machine.machine_seconds
-        outcome.save(folder, findings)
+            try:
+                sequence.identify_here(machine, findings)
+            finally:
+                findings.machine_seconds = machine.machine_seconds
+                outcome.save(folder, findings)
     text = [
         *outcome.model_text(findings),
         f"Recordings are in {folder.recordings_folder}.",

@@ -143,9 +143,12 @@ def _velocity_loop(
     integral = state[_INTEGRAL] + period * error
     next_demand = kp * error + ki * integral + feedforward
     if ki > 0.0:
+        # Where the error or the feedforward alone exceed the limit, (6.26) as printed charges the integrator the other way, and the
+        # axis is pushed on when it should brake (a quick stop from 0.7 m/s first accelerated).  So it is only ever discharged.
+        before = state[_INTEGRAL]
         if next_demand >= limit and error > 0.0:
-            integral = (limit - kp * error - feedforward) / ki
+            integral = min(integral, max((limit - kp * error - feedforward) / ki, min(before, 0.0)))
         elif next_demand <= -limit and error < 0.0:
-            integral = (-limit - kp * error - feedforward) / ki
+            integral = max(integral, min((-limit - kp * error - feedforward) / ki, max(before, 0.0)))
     state[_INTEGRAL] = integral
     return float(min(max(demand, -limit), limit))

@@ -165,13 +165,10 @@ def measure_places(machine: Machine, model: Model, amplitude_nm: float) -> None:
     """Phase 5: frequency responses at other places along the travel."""
     machine.talk.phase(6, len(TITLES), TITLES[5])
     low, high = machine.full_room().window_m
-    known = [r.sidecar.start_position_m or 0.0 for r in machine.folder.recordings("frf")]
-    number = 1
-    for share in PLACES:
-        place = low + share * (high - low)
-        if any(abs(place - other) < SAME_PLACE_M for other in known):
-            continue
-        number += 1
+    here = machine.folder.recording("frf_1").sidecar.start_position_m or 0.0
+    places = [low + share * (high - low) for share in PLACES]
+    others = [place for place in places if abs(place - here) >= SAME_PLACE_M]
+    for number, place in enumerate(others, start=2):
         name = f"frf_{number}"
         if machine.folder.finished(name) is None:
             phases.move_to(machine, place, model)
