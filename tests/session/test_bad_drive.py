@@ -151,11 +151,11 @@ def test_an_encoder_that_jumps_far_stops_the_axis(make_bench: MakeBench, tmp_pat
 
 
 def test_an_encoder_that_slips_a_little_does_not_pass_unseen(make_bench: MakeBench, tmp_path: Path) -> None:
-    """2000 counts, 2.4 mm within one period: below the speed limit of 5 m/s, but no motion that torque could explain.
+    """1000 counts, 1.2 mm within one period: below the speed limit of 5 m/s, but no motion that torque could explain.
 
     Nobody has used anything wrongly: unusable data or a stop are right, or a result that warns.
     """
-    faults = Faults(encoder_step_counts=2000)
+    faults = Faults(encoder_step_counts=1000)
     bench, slipped = make_bench(faults=faults), list[float]()
 
     def slip(phase: int, fraction: float) -> None:

@@ -142,8 +142,9 @@ def test_verify_drives_the_users_own_move(make_bench: MakeBench, copy_of_complet
     move = RunFolder.open(run).recording(data["recording"])
     assert move.reference_position is not None
     reference = RATIO * move.reference_position
-    assert (reference.min(), reference.max()) == (pytest.approx(0.2, abs=2e-6), pytest.approx(0.4, abs=1e-5))
-    assert reference[-1] == pytest.approx(0.2, abs=2e-6)
+    # it begins where the carriage has come to rest after positioning, at most 1 mm beside
+    assert (reference.min(), reference.max()) == (pytest.approx(0.2, abs=1e-3), pytest.approx(0.4, abs=1e-3))
+    assert np.ptp(reference) == pytest.approx(0.2, abs=1e-3)
     assert bench.parameters() == bench.initial
 
 
@@ -213,25 +214,35 @@ def test_apply_before_any_session_keeps_a_backup_first(make_bench: MakeBench, co
     assert bench.parameters() == bench.initial
 
 
-def test_move_goes_as_far_as_it_is_told(make_bench: MakeBench, copy_of_complete: Copy) -> None:
+#: m: what beltcomm calls near enough for a small move.
+NEAR_M = 2e-3
+
+
+@pytest.mark.parametrize("tuned", [False, True])
+def test_move_goes_as_far_as_it_is_told(make_bench: MakeBench, copy_of_complete: Copy, tuned: bool) -> None:
+    """With the gains of a new drive, and with those of a design, which a quick stop uses too."""
     run, bench = copy_of_complete(), make_bench()
-    assert call("apply", *DRIVE, "--run", run, "--yes").exit_code == 0
+    if tuned:
+        assert call("apply", *DRIVE, "--run", run, "--yes").exit_code == 0
+    before = bench.parameters() if tuned else None
     data = json_of(call("move", *DRIVE, "--yes", "--by", "5mm", "--json"))
-    assert bench.plant.cart_position_m == pytest.approx(5e-3, abs=0.3e-3)
+    assert bench.plant.cart_position_m == pytest.approx(5e-3, abs=NEAR_M)
     assert data["moved_m"] == pytest.approx(bench.plant.cart_position_m, abs=0.2e-3)
     assert bench.stands_disabled()
+    there = bench.plant.cart_position_m
     back = call("move", *DRIVE, "--yes", "--by", "-0.005")
     assert back.exit_code == 0
-    assert bench.plant.cart_position_m == pytest.approx(0.0, abs=0.5e-3)
-    assert "The carriage moved -" in back.stdout
+    assert bench.plant.cart_position_m - there == pytest.approx(-5e-3, abs=NEAR_M)
+    assert "-5.00 mm" in back.stdout
+    assert bench.parameters() == (before or bench.initial)
 
 
-def test_move_says_what_it_reached_with_the_gains_of_a_new_drive(make_bench: MakeBench) -> None:
-    bench = make_bench()
-    outcome = call("move", *DRIVE, "--yes", "--by", "5mm", "--json")
-    moved = json_of(outcome, outcome.exit_code)["moved_m"]
-    assert moved == pytest.approx(bench.plant.cart_position_m, abs=0.2e-3)
-    assert outcome.exit_code == (0 if moved == pytest.approx(5e-3, rel=0.2) else 1)
+def test_move_does_not_leave_the_travel_by_going_too_far(make_bench: MakeBench) -> None:
+    """To 0.5 mm before the end: what it goes too far must not lead beyond it."""
+    bench = make_bench(start_m=0.5645)
+    outcome = call("move", *DRIVE, "--yes", "--by", "5mm")
+    assert outcome.exit_code in (0, 1, 4)
+    assert bench.start_m + bench.plant.cart_m(0, len(bench.plant.torque_nm)).max() <= 0.57
     assert bench.stands_disabled()
     assert bench.parameters() == bench.initial
 

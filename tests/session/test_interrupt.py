@@ -10,6 +10,7 @@ from click.testing import CliRunner, Result
 
 from beltcomm.cli import talk
 from beltcomm.cli.main import cli
+from beltcomm.model import load_model
 from beltcomm.runfolder import RunFolder
 from beltcomm.virtual.bus import Frame
 from session.bench import Bench, Listener
@@ -27,6 +28,11 @@ def commission(run: Path, listener: Listener, monkeypatch: pytest.MonkeyPatch, *
 def writes_gain(frame: Frame) -> bool:
     """Whether the host writes K_I (2100h:2) just now; K_P is new already, the rest is not."""
     return frame[2][:4] == b"\x23\x00\x21\x02"
+
+
+def reads_state(frame: Frame) -> bool:
+    """Whether the host asks for the statusword (6041h)."""
+    return frame[1] == 0x601 and frame[2][:3] == b"\x40\x41\x60"
 
 
 def state_after(bench: Bench, run: Path) -> dict[str, bytes]:
@@ -130,21 +136,47 @@ def test_ctrl_c_between_two_gains_leaves_the_old_ones(
     state_after(bench, run)
 
 
+def sends_object(frame: Frame) -> bool:
+    """Whether the host reads or writes any object: the first time after a stop."""
+    return frame[1] == 0x601
+
+
+@pytest.mark.parametrize("moment", [sends_object, reads_state, writes_gain])
 @pytest.mark.usefixtures("fitted")
 def test_a_second_ctrl_c_does_not_keep_the_drive_from_being_restored(
-    make_bench: MakeBench, copy_of_complete: Copy, monkeypatch: pytest.MonkeyPatch
+    make_bench: MakeBench, copy_of_complete: Copy, monkeypatch: pytest.MonkeyPatch, moment: Callable[[Frame], bool]
 ) -> None:
-    """An impatient user: the second one comes while the old gains are being written back."""
+    """An impatient user: the second one comes while the limits are given back, or the stage is checked, or the gains are written."""
     run, bench = copy_of_complete("move_1"), make_bench()
 
     def interrupt(index: int, _fraction: float) -> None:
         if index == 9:
-            bench.interrupt_when(writes_gain)
+            bench.interrupt_when(moment)
             raise KeyboardInterrupt
 
     assert commission(run, Listener(at_progress=interrupt), monkeypatch).exit_code == 4
     assert bench.signals == 1
     state_after(bench, run)
+
+
+@pytest.mark.usefixtures("fitted")
+def test_ctrl_c_loses_nothing_that_was_found(
+    make_bench: MakeBench, copy_of_complete: Copy, complete: Complete, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In the last move: model and design are there, for `beltcomm verify` or `apply`."""
+    run, bench = copy_of_complete("move_1"), make_bench()
+    for path in (run / "models" / "final.yaml", run / "designs" / "final.yaml"):
+        path.unlink()
+
+    def interrupt(index: int, _fraction: float) -> None:
+        if index == 9:
+            raise KeyboardInterrupt
+
+    assert commission(run, Listener(at_progress=interrupt), monkeypatch).exit_code == 4
+    state_after(bench, run)
+    folder = RunFolder.open(run)
+    assert load_model(folder.file("models", "final"))["cart.mass"] == complete.final.fit.model["cart.mass"]
+    assert folder.load("designs", "final")["parameters"]["kp_nm_s_rad"] > 0.0
 
 
 @pytest.mark.usefixtures("fitted")
