@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from beltcomm import api
-from beltcomm.identify.final import FinalModel
+from beltcomm.identify.final import FinalModel, final_model
 from beltcomm.runfolder import RunFolder
 from beltcomm.session import analyse, offline, phases
 from beltcomm.session import commission as sequence
@@ -54,7 +54,6 @@ def complete(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Complete]:
         fits.append(final_model(*args, **kwargs))
         return fits[-1]
 
-    final_model = sequence.final_model
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(api, "open_drive", bench.open)
         patch.setattr(sequence, "final_model", fit)

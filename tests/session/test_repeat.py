@@ -13,6 +13,7 @@ from beltcomm.axis import load_axis
 from beltcomm.errors import UsageError
 from beltcomm.parameters import GAIN_NAMES
 from beltcomm.runfolder import RunFolder
+from beltcomm.session.commission import Apply
 from beltcomm.virtual.bus import FrameHash
 from session.bench import Bench, Listener
 from session.conftest import SEED, Complete
@@ -110,7 +111,7 @@ def test_there_is_nothing_to_go_on_with(make_bench: MakeBench, tmp_path: Path) -
 
 @pytest.mark.parametrize("apply", ["keep", "save"])
 @pytest.mark.usefixtures("fitted")
-def test_the_new_gains_stay_when_asked_for(make_bench: MakeBench, copy_of_complete: Copy, apply: api.Apply) -> None:
+def test_the_new_gains_stay_when_asked_for(make_bench: MakeBench, copy_of_complete: Copy, apply: Apply) -> None:
     run, bench = copy_of_complete("move_1"), make_bench()
     result = api.commission(bench.name, "egc-70-600", run, options=api.Options(yes=True, seed=SEED, resume=True, apply=apply))
     assert result.exit_code == 0, "\n".join(result.lines())
