@@ -13,14 +13,16 @@ from beltcomm.effects import effect_named
 from beltcomm.effects.belt_stiffness_position import stiffness as stiffness_at
 from beltcomm.errors import DataError
 from beltcomm.identify.first_estimate import data_sheet_model, first_estimate
-from beltcomm.identify.inverse_fit import InverseFit, fit_inverse
-from beltcomm.identify.residual import stretches, whitened
+from beltcomm.identify.inverse_fit import OUTLIER, InverseFit, fit_inverse
+from beltcomm.identify.residual import Stretch, stretches, whitened
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 
 #: A stiffness that differs by more than this between places calls for a belt law by position; the law itself is then judged
 #: by the misfit it leaves.
 STIFFNESS_SPREAD = 0.02
+#: N m; the residuals of single records are only compared with each other, so any usual torque noise will do.
+USUAL_NOISE_NM = 6e-3
 
 
 @dataclass(frozen=True)
@@ -52,6 +54,7 @@ def final_model(
         longest = max(excited, key=lambda r: len(r.t_s))
         sheet = data_sheet_model(axis, longest.sidecar.start_position_m or 0.0, 0.1)
         start = first_estimate([longest], sheet, counts_per_rev)
+    start = as_constant(start, float(np.median([r.sidecar.start_position_m or 0.0 for r in recordings])))
     constant = fit_inverse(recordings, start, counts_per_rev=counts_per_rev, progress=lambda f: progress(0.5 * f))
     places = stiffness_by_record(recordings, constant.model, counts_per_rev)
     spread = max(places.values()) / min(places.values()) - 1.0 if places else 0.0
@@ -77,22 +80,38 @@ def final_model(
 
 
 def stiffness_by_record(recordings: Sequence[Recording], model: Model, counts_per_rev: int) -> dict[str, float]:
-    """Belt stiffness that each excited record wants for itself, all else as in ``model``, N/m."""
+    """Belt stiffness that each excited record wants for itself, all else as in ``model``, N/m; held-out records are not asked."""
     found = {}
+    place = model.index("belt_stiffness.stiffness")
     for recording in recordings:
-        if recording.sidecar.experiment != "frf":
+        if recording.sidecar.experiment != "frf" or recording.sidecar.held_out:
             continue
-        pieces = stretches(recording, model, 2.0 * np.pi / counts_per_rev, 6e-3, fitted=True)
-        place = model.index("belt_stiffness.stiffness")
+        pieces = stretches(recording, model, 2.0 * np.pi / counts_per_rev, USUAL_NOISE_NM, fitted=True)
+        if not sum(int(p.keep.sum()) for p in pieces):
+            continue
 
-        def cost(share: float, pieces=pieces, place=place) -> float:  # type: ignore[no-untyped-def]
+        def cost(logarithm: float, pieces: Sequence[Stretch] = pieces) -> float:
             vector = model.vector()
-            vector[place] *= share
-            return float(sum(np.sum(np.minimum(whitened(p, model, vector) ** 2, 25.0)) for p in pieces))
+            vector[place] *= np.exp(logarithm)
+            return float(sum(np.sum(np.minimum(whitened(p, model, vector) ** 2, OUTLIER)) for p in pieces))
 
-        best = minimize_scalar(cost, bounds=(0.5, 2.0), method="bounded", options={"xatol": 1e-3})
-        found[recording.name] = float(best.x) * model["belt_stiffness.stiffness"]
+        coarse = np.log(np.geomspace(0.25, 6.0, 30))
+        best = coarse[int(np.argmin([cost(float(c)) for c in coarse]))]
+        step = coarse[1] - coarse[0]
+        refined = minimize_scalar(cost, bounds=(best - step, best + step), method="bounded", options={"xatol": 1e-3})
+        found[recording.name] = float(np.exp(refined.x)) * model["belt_stiffness.stiffness"]
     return found
+
+
+def as_constant(model: Model, position_m: float) -> Model:
+    """A model with the belt law by position, as one with the constant stiffness that the law has at a place."""
+    if "belt_stiffness_position" not in model.effects:
+        return model
+    names = ("specific_stiffness", "pulley_distance", "offset")
+    stiffness = stiffness_at(position_m, *(model[f"belt_stiffness_position.{name}"] for name in names))
+    constant = model.without_effect("belt_stiffness_position").with_effect("belt_stiffness", {"stiffness": stiffness}, "final fit")
+    order = ("belt_stiffness", *(e for e in constant.effects if e != "belt_stiffness"))
+    return Model(model.name, order, constant.parameters, model.base_bodies, model.source)
 
 
 def by_position(model: Model, axis: Axis, recordings: Sequence[Recording], places: dict[str, float]) -> Model:

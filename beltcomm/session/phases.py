@@ -35,7 +35,8 @@ BELT_SHARE = 0.9
 OVER_BREAKAWAY = 1.0
 #: Growth of the amplitude from one record to the next.
 GROWTH = 1.7
-#: Share of the travel kept free at both ends where only a velocity loop holds the axis.
+#: Shares of the travel kept free at both ends: for the overshoot of a first position loop, and for the drift of a velocity loop.
+OVERSHOOT_SHARE = 0.06
 DRIFT_SHARE = 0.15
 #: Friction sweep: slowest speed, number of speeds, run-in left out, shortest and longest plateau that counts.
 SWEEP_SLOWEST_M_S = 0.01
@@ -241,7 +242,7 @@ def held(trajectory: Trajectory, seconds: float) -> Trajectory:
 def stroke_ends(machine: Machine) -> tuple[float, float]:
     """Where strokes may turn: near the ends of the travel in a position loop, well inside in a velocity loop, which drifts."""
     low, high = machine.full_room().window_m
-    margin = 2.0 * END_MARGIN_M if machine.stroking() == "position" else DRIFT_SHARE * (high - low)
+    margin = (OVERSHOOT_SHARE if machine.stroking() == "position" else DRIFT_SHARE) * (high - low)
     return low + margin, high - margin
 
 

@@ -26,8 +26,12 @@ from beltcomm.effects import DRIVING_BODY, DRIVING_END, Effect, effect_named
 from beltcomm.model import Model, body_list, expected_parameters
 from beltcomm.simulate.stick import stick_or_slide
 
+#: rad/s: a stretch that begins faster than this begins in motion, all bodies with the motor (a gap in the middle of a stroke).
+MOVING_RAD_S = 0.3
+#: Fine steps over which that first speed is taken: single ones carry the encoder's rounding and the end of the interpolation.
+LOOK_AHEAD = 64
 #: Changes whenever the generated source changes shape, so that an old cache is never met.
-_VERSION = 4
+_VERSION = 6
 
 
 @dataclass(frozen=True)
@@ -186,12 +190,14 @@ class _Writer:
             *store,
         ]  # fmt: skip
         cart_number = self.number.get("cart")
-        start = [f"    q{i} = {self.start(i)}{' + offset' if i == cart_number else ''}\n    v{i} = 0.0" for i in others]
+        start = [f"    q{i} = {self.start(i)}{' + offset' if i == cart_number else ''}\n    v{i} = {self.follow(i)}" for i in others]
         friction = "l0 * z" if self.has_level(0) else "0.0"
         inverse = [
             "@compiled",
             "def inverse(theta, omega, p, t, h, bristle, offset, load, cart):",
-            *constants, "    z = 0.0", "    q0 = theta[0]", *start,
+            *constants, "    z = 0.0", "    q0 = theta[0]",
+            f"    ahead = min({LOOK_AHEAD}, theta.shape[0] - 1)", "    first = (theta[ahead] - theta[0]) / (h * ahead)",
+            f"    if abs(first) < {MOVING_RAD_S}:", "        first = 0.0", *start,
             "    for k in range(theta.shape[0]):",
             "        step = theta[k] - q0",
             "        q0 = theta[k]", "        v0 = omega[k]",
@@ -223,6 +229,10 @@ class _Writer:
         """Where body i stands when the belt is not stretched and the motor is at ``q0``."""
         rotary = self.bodies[i][1].rotary
         return "q0" if rotary == self.bodies[0][1].rotary else "ratio * q0"
+
+    def follow(self, i: int) -> str:
+        """Speed of body i when it goes with the motor."""
+        return "first" if self.bodies[i][1].rotary == self.bodies[0][1].rotary else "ratio * first"
 
     def fingerprint(self) -> str:
         """Hash of the modules of all laws (constants included): a changed law must not meet machine code of the old one."""

@@ -79,7 +79,9 @@ def reconstruct(
     change = push / inertia * h
     speed = np.concatenate(([0.0], np.cumsum(change)))
     known = np.concatenate(([0.0], np.cumsum((speed[:-1] + 0.5 * change) * h)))
-    spline = CubicSpline(np.arange(n), position - known[::substeps], bc_type="natural")
+    spline = CubicSpline(
+        np.arange(n), position - known[::substeps]
+    )  # not-a-knot: at rest the load that friction carries bends the rest at its ends
     place = np.arange(len(known)) / substeps
     theta = spline(place) + known
     omega = spline(place, 1) / sample_s + speed

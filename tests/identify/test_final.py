@@ -81,7 +81,6 @@ def test_law_by_position_is_chosen_and_found(varying: tuple[list[Recording], Fin
     assert "by position (2.26)" in final.reason
 
 
-@pytest.mark.xfail(strict=True, reason="stiffness_by_record looks between half and twice the common value only, for a single minimum")
 def test_stiffness_of_each_place(varying: tuple[list[Recording], FinalModel]) -> None:
     """What each record alone wants, all else as in the fit with one stiffness for all: the order and size of (2.26)."""
     records, final = varying
@@ -93,7 +92,6 @@ def test_stiffness_of_each_place(varying: tuple[list[Recording], FinalModel]) ->
         assert found[name] == pytest.approx(stiffness(place), rel=0.1)
 
 
-@pytest.mark.xfail(strict=True, reason="stiffness_by_record takes held-out records as well, and they decide on the law and its start")
 def test_held_out_places_have_no_say(varying: tuple[list[Recording], FinalModel]) -> None:
     records, final = varying
     away = [replace(r, name=f"{r.name} away", sidecar=replace(r.sidecar, held_out=True)) for r in records[:2]]

@@ -251,7 +251,6 @@ def test_lost_samples_split_a_record() -> None:
         assert not np.any(piece.keep[: int(RUN_IN_S / PERIOD_S)])
 
 
-@pytest.mark.xfail(strict=True, reason="the inverse starts the carriage at rest, also behind a motor at 0.6 m/s")
 def test_a_stretch_that_begins_in_motion_is_explained_as_well() -> None:
     """Five lost rows in the middle of a stroke; the ringing of rig G_B dies out with 10/s, 0.2 s are left out."""
     plant = draw("g_b", np.random.default_rng(22))
