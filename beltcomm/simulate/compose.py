@@ -28,10 +28,10 @@ from beltcomm.simulate.stick import stick_or_slide
 
 #: rad/s: a stretch that begins faster than this begins in motion, all bodies with the motor (a gap in the middle of a stroke).
 MOVING_RAD_S = 0.3
-#: Fine steps over which that first speed is taken: single ones carry the encoder's rounding and the end of the interpolation.
+#: Fine steps over which that first speed is taken, free of a constant acceleration: single ones carry the encoder's rounding and the end of the interpolation.
 LOOK_AHEAD = 64
 #: Changes whenever the generated source changes shape, so that an old cache is never met.
-_VERSION = 6
+_VERSION = 7
 
 
 @dataclass(frozen=True)
@@ -196,7 +196,8 @@ class _Writer:
             "@compiled",
             "def inverse(theta, omega, p, t, h, bristle, offset, load, cart):",
             *constants, "    z = 0.0", "    q0 = theta[0]",
-            f"    ahead = min({LOOK_AHEAD}, theta.shape[0] - 1)", "    first = (theta[ahead] - theta[0]) / (h * ahead)",
+            f"    half = max(1, min({LOOK_AHEAD}, theta.shape[0] - 1) // 2)",
+            "    first = (4.0 * theta[half] - theta[2 * half] - 3.0 * theta[0]) / (2.0 * h * half) if theta.shape[0] > 2 else 0.0",
             f"    if abs(first) < {MOVING_RAD_S}:", "        first = 0.0", *start,
             "    for k in range(theta.shape[0]):",
             "        step = theta[k] - q0",
