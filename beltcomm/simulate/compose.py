@@ -26,12 +26,14 @@ from beltcomm.effects import DRIVING_BODY, DRIVING_END, Effect, effect_named
 from beltcomm.model import Model, body_list, expected_parameters
 from beltcomm.simulate.stick import stick_or_slide
 
-#: rad/s: a stretch that begins faster than this begins in motion, all bodies with the motor (a gap in the middle of a stroke).
-MOVING_RAD_S = 0.3
-#: Fine steps over which that first speed is taken, free of a constant acceleration: single ones carry the encoder's rounding and the end of the interpolation.
-LOOK_AHEAD = 64
+#: rad/s: a stretch that begins faster than this begins in motion, all bodies with the motor (a gap in the middle of a stroke);
+#: more than the first milliseconds of an excitation from rest.
+MOVING_RAD_S = 3.0
+#: Fine steps over which that first speed is taken, free of a constant acceleration: single ones carry the encoder's rounding and
+#: the end of the interpolation.
+LOOK_AHEAD = 32
 #: Changes whenever the generated source changes shape, so that an old cache is never met.
-_VERSION = 7
+_VERSION = 8
 
 
 @dataclass(frozen=True)
