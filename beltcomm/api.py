@@ -15,7 +15,7 @@ from beltcomm.axis import Axis, load_axis
 from beltcomm.control import Cascade
 from beltcomm.design.specification import Specification
 from beltcomm.drive import Drive, open_drive
-from beltcomm.errors import BeltcommError, Refused, UsageError
+from beltcomm.errors import BeltcommError, DataError, Refused, UsageError
 from beltcomm.identify.magnitude_fit import Solver
 from beltcomm.model import Model, load_model, load_plant
 from beltcomm.parameters import cascade_to_parameters
@@ -26,16 +26,16 @@ from beltcomm.session.commission import Apply, Findings, Settings
 from beltcomm.session.creep import BREAKAWAY_SHARE, CREEP_SPEED_M_S, RAMP_S, small_move
 from beltcomm.session.experiment import run_experiment
 from beltcomm.session.machine import Machine, backed_up
-from beltcomm.session.plan import Plan, commission_plan, friction_plan, identify_plan, move_plan
+from beltcomm.session.plan import Plan, commission_plan, friction_plan, identify_plan, move_plan, verification_plan
 from beltcomm.session.store import (
     cascade_from_dict,
+    delay_from_dict,
     drive_to_dict,
     plain,
     verdict_to_dict,
 )
 from beltcomm.talk import Silence, Talk
 from beltcomm.trajectory import Trajectory, load_move, plan_trajectory
-from beltcomm.verify import demand
 
 #: m: the longest way of ``beltcomm move``.
 LONGEST_MOVE_M = 0.1
@@ -237,12 +237,12 @@ def verify(
         with Machine(connected, folder.axis, folder, talk) as machine:
             sequence.reference(machine, _settings(options))
             path, remark = _verification_path(machine, model, move, trajectory)
-            plan = _plan_of(machine, model, path)
+            plan = verification_plan(machine.axis, model, path)
             if options.dry_run:
                 return _planned(plan)
             _agree(plan, options, talk)
             name = f"move_{1 + sum(n.startswith('move_') for n in folder.finished_names())}"
-            verdict, asked = verification.verify_move(machine, model, cascade, float(saved["dead_time_s"]), path, name)
+            verdict, asked = verification.verify_move(machine, model, cascade, delay_from_dict(saved), path, name)
     folder.save_result(f"verify_{name}", verdict_to_dict(verdict))
     text = words.verdict_lines(verdict, asked) + words.remarks_lines([remark] if remark else [])
     text.append(f"Next: beltcomm apply --drive {drive} --run {run} --save" if verdict.passed else f"Next: beltcomm design {run}")
@@ -319,7 +319,10 @@ def _axis(axis: Axis | str) -> Axis:
 
 
 def _settings(options: Options) -> Settings:
-    payloads = (options.payload_kg,) if options.payload_kg else ()
+    payload = options.payload_kg or 0.0
+    if payload < 0.0:
+        raise UsageError(f"the payload is {payload:g} kg; give what is to be carried further, 0 or more")
+    payloads = (payload,) if payload else ()
     return Settings(apply=options.apply, position_m=options.position_m, home=options.home, payloads_kg=payloads)
 
 
@@ -342,7 +345,11 @@ def _planned(plan: Plan) -> Result:
 
 
 def _saved_model(folder: RunFolder) -> Model:
-    return load_model(folder.file("models", "final"))
+    path = folder.file("models", "final")
+    try:
+        return load_model(path)
+    except UsageError as error:
+        raise DataError(f"the model {path} is damaged ({error}); make it again with `beltcomm fit {folder.path}`") from error
 
 
 def _verification_path(machine: Machine, model: Model, move: Path | None, name: str | None) -> tuple[Trajectory, str]:
@@ -354,14 +361,6 @@ def _verification_path(machine: Machine, model: Model, move: Path | None, name: 
     low, high = machine.full_room().window_m
     start = max(0.0, low)
     return plan_trajectory(start, min(start + verification.MOVE_M, high), limits, machine.drive.capabilities.sample_period_s), ""
-
-
-def _plan_of(machine: Machine, model: Model, path: Trajectory) -> Plan:
-    asked = demand(path, model)
-    travel = float(abs(path.position_m[-1] - path.position_m[0]))
-    seconds = path.duration_s + verification.REST_S + 3.0
-    what = f"go to {path.position_m[0]:.3f} m and from there to {path.position_m[-1]:.3f} m in {path.duration_s:.2f} s with the new gains"
-    return move_plan(machine.axis, travel, asked.speed_m_s, asked.torque_nm, asked.feed_force_n, seconds, what)
 
 
 def _written(drive: str, folder: RunFolder, wanted: Mapping[str, float], options: Options, talk: Talk, verb: str) -> Result:

@@ -14,6 +14,7 @@ A folder made by hand needs ``axis.yaml`` and ``recordings`` only.  Files are wr
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -171,6 +172,11 @@ class RunFolder:
         """
         _make_folder(self.recordings_folder)
         return RecordingWriter(self.recordings_folder / f"{_checked(name)}.csv", sidecar, columns)
+
+    def withdraw(self, name: str) -> None:
+        """A complete recording turns out to be unusable: it becomes ``NAME.csv.part``, to be made again; nothing is deleted."""
+        path = self.recordings_folder / f"{_checked(name)}.csv"
+        os.replace(path, path.with_name(f"{name}.csv.part"))
 
     def add_recording(self, recording: Recording) -> Path:
         """Write a recording made elsewhere (simulated, imported).   Raises as :meth:`new_recording`."""

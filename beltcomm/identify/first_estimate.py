@@ -26,6 +26,10 @@ STIFFNESS_SHARES = np.geomspace(0.4, 2.5, 12)
 REFINED = 3
 FEWEST_SAMPLES = 100
 INERTIA_SHARES = (0.5, 2.0)
+#: N m: no torque of a belt axis; a trial whose motion runs away reaches it.
+RUNAWAY_NM = 1e6
+#: Parameters that the torque equation is linear in, beside the inertia.
+_LINEAR = ("coulomb_motor.level", "viscous_motor.damping")
 
 
 def data_sheet_model(axis: Axis, position_m: float, coulomb_nm: float, tilt_rad: float = 0.0) -> Model:
@@ -94,6 +98,8 @@ class _Search:
         vector = trial.vector()
         vector[trial.index("motor.inertia")] = 0.0
         base = np.concatenate([evaluate(p, trial, vector)[p.keep] for p in self.pieces])
+        if not np.all(np.abs(base) < RUNAWAY_NM):  # a load so soft that its motion runs away
+            return np.zeros(3), np.inf
         found, norm = nnls(self.regressor, -base)
         return found, float(norm**2) / len(base)
 
@@ -111,6 +117,3 @@ class _Search:
         low, high = (share * self.start["motor.inertia"] for share in INERTIA_SHARES)
         found = {"motor.inertia": float(np.clip(inertia, low, high)), "coulomb_motor.level": coulomb, "viscous_motor.damping": viscous}
         return self.start.with_values({"cart.mass": mass, "belt_stiffness.stiffness": stiffness, **found}, "first estimate")
-
-
-_LINEAR = ("coulomb_motor.level", "viscous_motor.damping")

@@ -22,6 +22,8 @@ CREEP_SPEED_M_S = 0.1
 MARGIN_M = 1e-2
 NEAR_M = 5e-4
 GOES = 30
+#: Share of the way left that one go is to bring: a creeping carriage is not stopped at once.
+GO_SHARE = 0.6
 #: s, to look whether the axis stays where it was stopped.
 STILL_S = 0.1
 
@@ -76,8 +78,9 @@ def creep(drive: Drive, axis: Axis, limits: Limits, by_m: float) -> Crept:
         if not onset:
             raise Refused(
                 f"the axis does not move: {top:.2f} N m, {100 * BREAKAWAY_SHARE:.0f} % of what is allowed, did not shift it by "
-                f"{1e6 * MOVED_M:.0f} um; check brake, clamp and enable inputs"
+                f"{1e6 * MOVED_M:.0f} um; check brake, clamp and enable inputs, and whether {axis.torque_limit().binds} in axis.yaml is right"
             )
+    drive.clock.sleep_until(drive.clock.now() + STILL_S)  # without torque the stretched belt swings once more
     stopped = drive.read(["position_rad"])["position_rad"]
     drive.clock.sleep_until(drive.clock.now() + STILL_S)
     end = drive.read(["position_rad"])["position_rad"]
@@ -100,6 +103,8 @@ def small_move(drive: Drive, axis: Axis, by_m: float, position_m: float | None) 
         raise Refused(f"from {start:.4f} m a move by {1e3 * by_m:+.1f} mm would leave the travel {low:g}..{high:g} m")
     beyond = np.sign(by_m) * MARGIN_M
     ends = sorted((here - beyond / ratio, here + (by_m + beyond) / ratio))
+    if position_m is not None or drive.capabilities.referenced:  # going too far must not lead out of the travel
+        ends = [max(ends[0], here + (low - start) / ratio), min(ends[1], here + (high - start) / ratio)]
     speed = (axis.limits.speed_m_s or 1.0) / ratio
     limits = Limits(
         ends[0], ends[1], min(speed, drive.capabilities.max_speed_rad_s), min(axis.torque_limit_nm, drive.capabilities.peak_torque_nm)
@@ -108,5 +113,5 @@ def small_move(drive: Drive, axis: Axis, by_m: float, position_m: float | None) 
     for _ in range(GOES):
         if abs(by_m - moved) < NEAR_M or (by_m - moved) * by_m < 0.0:
             break
-        moved += creep(drive, axis, limits, by_m - moved).moved_m
+        moved += creep(drive, axis, limits, GO_SHARE * (by_m - moved)).moved_m
     return moved

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from beltcomm.axis import Axis
 from beltcomm.control import Cascade
 from beltcomm.drive import COLUMNS, Drive, Limits, Motion, Row
-from beltcomm.errors import BeltcommError, Refused, UsageError
+from beltcomm.errors import BeltcommError, DataError, Refused, UsageError
 from beltcomm.parameters import GAIN_NAMES, cascade_to_parameters, parameters_to_cascade
 from beltcomm.recording import Recording
 from beltcomm.runfolder import RunFolder
@@ -67,12 +67,12 @@ class Machine:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        self.drive.stop()
         keep = self.keep_gains and kind is None
         wanted = {n: v for n, v in self._backup.items() if not (keep and n in GAIN_NAMES)}
         interrupted: KeyboardInterrupt | None = None
         for _ in range(IMPATIENCE):
             try:
+                self.drive.stop()
                 self._restore(wanted, keep)
                 break
             except KeyboardInterrupt as again:  # an impatient user must not leave a half-restored drive behind
@@ -187,7 +187,11 @@ class Machine:
         self.folder.journal(
             f"{name}: {report.rows} samples, {report.lost_cycles} lost cycles, worst period error {1e6 * report.worst_jitter_s:.0f} us"
         )
-        return self.folder.recording(name)
+        try:
+            return self.folder.recording(name)
+        except DataError:
+            self.folder.withdraw(name)  # what cannot be used is no finished record: --resume makes it again
+            raise
 
     def run(self, motion: Motion, room: Room, watch: Callable[[Row], None] = lambda _row: None) -> None:
         """Run a motion that is only a means (positioning, creeping), watched row by row; nothing is kept."""
@@ -216,4 +220,7 @@ def backed_up(folder: RunFolder) -> Mapping[str, float]:
     saved = folder.load_result("backup")
     if saved is None:
         raise Refused(f"{folder.path} holds no backup of a drive; nothing to roll back to")
-    return {name: float(value) for name, value in saved["parameters"].items()}
+    try:
+        return {name: float(value) for name, value in saved["parameters"].items()}
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise DataError(f"{folder.path / 'results' / 'backup.yaml'} is damaged ({error}); set the drive with its maker's tool") from error

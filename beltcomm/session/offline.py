@@ -30,7 +30,10 @@ def structure_of(folder: RunFolder, findings: Findings) -> CascadeStructure:
 def counts_of(folder: RunFolder) -> int:
     """Encoder counts per revolution: the drive's word, else the axis file's."""
     known = folder.load_result("drive")
-    counts = int(known["counts_per_rev"]) if known else folder.axis.motor.encoder_counts_per_rev
+    try:
+        counts = int(known["counts_per_rev"]) if known else folder.axis.motor.encoder_counts_per_rev
+    except (KeyError, TypeError, ValueError) as error:
+        raise DataError(f"results/drive.yaml is damaged ({error}); connect to the drive again with a new run") from error
     if not counts:
         folder.axis.require("the final fit", "motor.encoder_counts_per_rev")
     return int(counts or 0)

@@ -128,16 +128,16 @@ def raise_amplitude(machine: Machine, breakaway: Breakaway) -> Excited:
 
     Raises Refused when friction leaves no room below the limits.
     """
-    at = machine.position_m
-    limits = motion_limits(machine, at)
     period = machine.drive.capabilities.sample_period_s
     counts = machine.drive.capabilities.counts_per_rev
-    sheet = data_sheet_model(machine.axis, at, breakaway.coulomb_nm)
+    sheet = data_sheet_model(machine.axis, machine.position_m, breakaway.coulomb_nm)
     family = unknown_payload(sheet)
     shape = prbs(9, 2, 2.0, period, 1)
     at_most = 2.0 * breakaway.coulomb_nm
     recordings: list[Recording] = []
     while True:
+        at = machine.position_m  # every excitation leaves the carriage a little beside where it began
+        limits = motion_limits(machine, at)
         unit = shape.torque / shape.amplitude_nm
         step = largest_amplitude(family, unit, period, at, limits, min(at_most, limits.torque_nm))
         if step.amplitude_nm < OVER_BREAKAWAY * breakaway.coulomb_nm:

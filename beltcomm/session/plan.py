@@ -5,9 +5,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
 from beltcomm.axis import Axis
 from beltcomm.drive import Capabilities
+from beltcomm.model import Model
 from beltcomm.session import creep, phases
+from beltcomm.trajectory import Trajectory
+from beltcomm.verify import demand
 
 
 @dataclass(frozen=True)
@@ -109,6 +114,15 @@ def move_plan(axis: Axis, travel_m: float, speed_m_s: float, torque_nm: float, f
     )
 
 
+def verification_plan(axis: Axis, model: Model, path: Trajectory) -> Plan:
+    """The move that verifies a design, with the positioning before it and the rest after it."""
+    asked = demand(path, model)
+    travel = float(np.ptp(path.position_m))
+    seconds = path.duration_s + REST_SECONDS + MOVE_SECONDS
+    what = f"go to {path.position_m[0]:.3f} m and from there to {path.position_m[-1]:.3f} m in {path.duration_s:.2f} s with the new gains"
+    return move_plan(axis, travel, asked.speed_m_s, asked.torque_nm, asked.feed_force_n, seconds, what)
+
+
 #: s, upper bounds of the parts, from the sequence's own constants: ramps both ways; five rising steps of 2.8 s; rest, run-in and
 #: measured periods; strokes at seven speeds.
 CREEP_SECONDS = 2.0 * (creep.RAMP_S + 0.5)
@@ -116,6 +130,7 @@ STEP_SECONDS = 3.0
 RESPONSE_SECONDS = 7.5
 MOVE_SECONDS = 2.0
 SWEEP_SECONDS = 20.0
+REST_SECONDS = 2.0
 
 
 def _here(axis: Axis, capabilities: Capabilities) -> tuple[Experiment, ...]:

@@ -11,7 +11,7 @@ import numpy as np
 from beltcomm.control import Cascade, CascadeStructure
 from beltcomm.design.cascade import DesignResult
 from beltcomm.drive import Capabilities
-from beltcomm.errors import DataError
+from beltcomm.errors import DataError, UsageError
 from beltcomm.identify.inverse_fit import InverseFit
 from beltcomm.parameters import cascade_to_parameters, parameters_to_cascade
 from beltcomm.verify import Verdict
@@ -81,6 +81,14 @@ def cascade_from_dict(data: Mapping[str, Any]) -> Cascade:
     """The controller of a saved design.   Raises DataError when it is damaged."""
     try:
         return parameters_to_cascade({str(k): float(v) for k, v in data["parameters"].items()})
+    except (KeyError, TypeError, ValueError, AttributeError, UsageError) as error:
+        raise DataError(f"the design in this run folder is damaged ({error}); run `beltcomm design` again") from error
+
+
+def delay_from_dict(data: Mapping[str, Any]) -> float:
+    """Delay from torque setpoint to torque that a saved design was proven with, s.   Raises DataError when it is damaged."""
+    try:
+        return float(data["dead_time_s"])
     except (KeyError, TypeError, ValueError) as error:
         raise DataError(f"the design in this run folder is damaged ({error}); run `beltcomm design` again") from error
 
