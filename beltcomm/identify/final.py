@@ -21,6 +21,8 @@ from beltcomm.recording import Recording
 #: A stiffness that differs by more than this between places calls for a belt law by position; the law itself is then judged
 #: by the misfit it leaves.
 STIFFNESS_SPREAD = 0.02
+#: m; records nearer to each other than this cannot tell a law of the stiffness along the travel.
+PLACES_APART_M = 0.05
 #: N m; the residuals of single records are only compared with each other, so any usual torque noise will do.
 USUAL_NOISE_NM = 6e-3
 
@@ -58,9 +60,11 @@ def final_model(
     constant = fit_inverse(recordings, start, counts_per_rev=counts_per_rev, progress=lambda f: progress(0.5 * f))
     places = stiffness_by_record(recordings, constant.model, counts_per_rev)
     spread = max(places.values()) / min(places.values()) - 1.0 if places else 0.0
-    if spread < STIFFNESS_SPREAD:
+    at = [r.sidecar.start_position_m or 0.0 for r in recordings if r.name in places]
+    if spread < STIFFNESS_SPREAD or max(at) - min(at) < PLACES_APART_M:
         progress(1.0)
-        return FinalModel(constant, None, f"stiffness is equal at all places within {100 * spread:.1f} %: taken as constant")
+        equal = f"stiffness is equal at all places within {100 * spread:.1f} %: taken as constant"
+        return FinalModel(constant, None, equal if spread < STIFFNESS_SPREAD else "measured at one place: stiffness taken as constant")
     varying_start = by_position(constant.model, axis, recordings, places)
     varying = fit_inverse(
         recordings,
