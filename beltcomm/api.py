@@ -93,7 +93,7 @@ class Result:
 
 
 def commission(drive: str, axis: Axis | str, run: Path, *, options: Options | None = None, talk: Talk | None = None) -> Result:
-    """The whole job: identify, fit, friction, design, verify.   Exit code 1 when the verification missed its target.
+    """The whole job: identify, fit, friction, design, verify.   Exit code 1 for a missed target or a model that does not explain the data.
 
     Raises UsageError, Refused (also a user's no), DataError, SafetyStop, DriveError.
     """
@@ -114,7 +114,8 @@ def commission(drive: str, axis: Axis | str, run: Path, *, options: Options | No
                 sequence.commission(machine, replace(settings, quick=options.quick), findings)
             finally:  # an interrupted run keeps what it found
                 outcome.save(folder, findings)
-    passed = findings.verdict is not None and findings.verdict.passed
+    trusted = findings.final is not None and not findings.final.fit.suspect
+    passed = findings.verdict is not None and findings.verdict.passed and trusted
     text = outcome.commission_text(folder, findings, options.apply, drive)
     return Result(outcome.data(folder, findings), text, 0 if passed else 1)
 

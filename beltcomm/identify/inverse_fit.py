@@ -68,6 +68,11 @@ class InverseFit:
     remarks: tuple[str, ...]
 
     @property
+    def suspect(self) -> bool:
+        """Whether so much is left unexplained that the numbers should not be trusted."""
+        return self.misfit > SUSPECT_MISFIT
+
+    @property
     def quantile(self) -> float:
         """Half width of a 95 % interval in standard deviations."""
         return float(student.ppf(0.975, self.freedom))

@@ -255,10 +255,12 @@ def commission(machine: Machine, settings: Settings, findings: Findings) -> Find
                 findings.remarks.append(remark)
         verdict, findings.demand = verification.verify_move(machine, model, cascade, delay(findings), trajectory)
         findings.verdict = verdict
-        machine.keep_gains = settings.apply in ("keep", "save") and verdict.passed
-        if settings.apply in ("keep", "save") and not verdict.passed:
-            findings.remarks.append("the new gains were not kept, because the verification missed its target")
-        if settings.apply == "save" and verdict.passed:
+        trusted = verdict.passed and findings.final is not None and not findings.final.fit.suspect
+        machine.keep_gains = settings.apply in ("keep", "save") and trusted
+        if settings.apply in ("keep", "save") and not trusted:
+            why = "the model does not explain the measurements" if verdict.passed else "the verification missed its target"
+            findings.remarks.append(f"the new gains were not kept, because {why}; `beltcomm apply` writes them all the same")
+        if settings.apply == "save" and trusted:
             machine.write_cascade(cascade)
             machine.drive.save()
     finally:

@@ -74,10 +74,17 @@ def model_text(findings: Findings) -> list[str]:
 def commission_text(folder: RunFolder, findings: Findings, apply: str, drive: str) -> list[str]:
     """The verdict first, then everything behind it, where the files are, and what to do next."""
     passed = findings.verdict is not None and findings.verdict.passed
+    suspect = findings.final is None or findings.final.fit.suspect
     kept = {"restore": "The drive has its old gains again", "keep": "The new gains are in the drive until power-off"}
-    state = kept.get(apply, "The new gains are saved in the drive") if passed else kept["restore"]
+    state = kept.get(apply, "The new gains are saved in the drive") if passed and not suspect else kept["restore"]
+    headline = {
+        (True, False): "The axis meets its targets.",
+        (False, False): "The axis misses its targets.",
+        (True, True): "The move met its targets, but the model does not explain what was measured: do not trust its numbers yet.",
+        (False, True): "The axis misses its targets, and the model does not explain what was measured.",
+    }[passed, suspect]
     text = [
-        "The axis meets its targets." if passed else "The axis misses its targets.",
+        headline,
         "",
         *model_text(findings),
         *(words.friction_lines(findings.friction) if findings.friction else []),
@@ -89,7 +96,7 @@ def commission_text(folder: RunFolder, findings: Findings, apply: str, drive: st
         f"{state}. Next: "
         + (
             f"beltcomm apply --drive {drive} --run {folder.path} --save"
-            if passed and apply == "restore"
+            if passed and (apply == "restore" or suspect)
             else f"beltcomm rollback --drive {drive} --run {folder.path} undoes it"
             if passed
             else f"look at the remarks above, then beltcomm design {folder.path} and beltcomm verify --drive {drive} --run {folder.path}"
