@@ -247,7 +247,7 @@ def stroke_ends(machine: Machine) -> tuple[float, float]:
 
 
 def sweep(machine: Machine, model: Model) -> Strokes:
-    """Strokes both ways at seven speeds, from a slow creep to the fastest that still has a plateau within the travel."""
+    """Strokes both ways at seven speeds, from a slow creep to the fastest that still has a plateau within the travel; three twice."""
     low, high = stroke_ends(machine)
     at = machine.position_m
     far = high if high - at > at - low else low
@@ -257,6 +257,7 @@ def sweep(machine: Machine, model: Model) -> Strokes:
     wait = 0.05 + SWEEP_RUN_IN_S + SWEEP_SHORTEST_S
     fastest = min(0.8 * limits.speed_m_s, 0.5 * a * (np.sqrt(wait**2 + 4.0 * window / a) - wait))
     speeds = [float(v) for v in np.geomspace(SWEEP_SLOWEST_M_S, fastest, SWEEP_SPEEDS)]
+    speeds += speeds[1::2]  # how well friction repeats
     return constant_speed_strokes(
         at,
         far,

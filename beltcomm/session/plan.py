@@ -124,12 +124,12 @@ def verification_plan(axis: Axis, model: Model, path: Trajectory) -> Plan:
 
 
 #: s, upper bounds of the parts, from the sequence's own constants: ramps both ways; five rising steps of 2.8 s; rest, run-in and
-#: measured periods; strokes at seven speeds.
+#: measured periods; strokes at seven speeds, three of them twice.
 CREEP_SECONDS = 2.0 * (creep.RAMP_S + 0.5)
 STEP_SECONDS = 3.0
 RESPONSE_SECONDS = 7.5
 MOVE_SECONDS = 2.0
-SWEEP_SECONDS = 20.0
+SWEEP_SECONDS = 28.0
 REST_SECONDS = 2.0
 
 

@@ -86,6 +86,8 @@ def friction_lines(friction: FrictionFit) -> list[str]:
         if pair is not None:
             viscous, coulomb = pair
             lines.append(f"  {words:8} {1e3 * coulomb.value:.1f} mN m, {1e3 * viscous.value:.3f} mN m s/rad")
+    if friction.repeat_scatter_nm is not None:
+        lines.append(f"  strokes repeated at the same speed differ by {1e3 * friction.repeat_scatter_nm:.2g} mN m rms")
     return lines + [f"  {remark}" for remark in friction.remarks]
 
 
