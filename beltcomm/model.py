@@ -106,6 +106,12 @@ class Model:
             changed[name] = replace(old, value=float(value), interval=None, origin=origin or old.origin)
         return replace(self, parameters={**self.parameters, **changed})
 
+    def with_vector(self, vector: NDArray[np.float64]) -> Model:
+        """The same model with the values of :meth:`vector`, kept within their bounds."""
+        items = zip(self.parameters.items(), vector, strict=True)
+        values = {name: replace(item, value=float(min(max(value, item.low), item.high))) for (name, item), value in items}
+        return replace(self, parameters=values)
+
     def with_effect(self, name: str, values: Mapping[str, float] | None = None, origin: str = "start value") -> Model:
         """The model with one more effect, at its start values or the given ones (own parameter names)."""
         effect = effect_named(name)

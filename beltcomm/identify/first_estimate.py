@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 #: The effects that every belt axis gets; what else is needed is found by comparing with measurements.  Viscous friction of the
 #: carriage is not among them: seen from the motor it differs from that of the motor only next to the antiresonance.
-BASE_EFFECTS = ("belt_stiffness", "belt_damping", "viscous_motor", "coulomb_motor", "coulomb_cart")
+BASE_EFFECTS = ("belt_stiffness", "belt_damping", "viscous_motor", "viscous_cart", "coulomb_motor", "coulomb_cart")
 #: kg: carriages between these are tried.  N/m: belts between these shares of the data sheet's stiffness are tried.
 MASSES_KG = np.geomspace(0.1, 100.0, 25)
 STIFFNESS_SHARES = np.geomspace(0.4, 2.5, 12)

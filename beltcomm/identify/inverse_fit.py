@@ -18,6 +18,7 @@ from scipy.stats import t as student
 
 from beltcomm.errors import DataError
 from beltcomm.identify.residual import Stretch, stretches, torque_noise, whitened
+from beltcomm.identify.uncertainty import remark_on, remark_on_rounding, remarks_on_pairs, sandwich
 from beltcomm.model import Model, expected_parameters
 from beltcomm.recording import Recording
 
@@ -36,13 +37,17 @@ FEWEST_SAMPLES = 50
 SUSPECT_MISFIT = 1.5
 #: Iterations of one search; from the grid's start values it takes five to ten.
 LONGEST_SEARCH = 40
+#: Fall of the objective (minus twice the log likelihood) that is not worth a further step: a tenth of a standard deviation; and
+#: the one below which a failed step is not tried again in smaller ones.
+SMALLEST_GAIN = 0.01
+ROUGH = 1.0
 #: Squared whitened residual beyond which a sample has no more weight when a start offset is looked for: five deviations.
 OUTLIER = 25.0
-#: m; largest stretch of the belt at the start of a record: friction holds up to 0.1 mm (10 N on 100 kN/m) at rest, acceleration
-#: more where the record begins in motion.
-OFFSET_M = 5e-4
-#: A direction of the parameter space known worse than this share of its value is called not identifiable.
-UNKNOWN_SHARE = 0.2
+#: Parameters that are 0 until the data speak for them, and by how much the objective must fall for them: two deviations.
+DOUBTFUL = ("viscous_cart.damping",)
+WORTH_HAVING = 4.0
+#: What the intervals allow for: the encoder's rounding is white noise only roughly, its step counts as if it were this much larger.
+ROUNDING_DOUBT = 2.0**0.5
 
 
 @dataclass(frozen=True)
@@ -51,8 +56,9 @@ class InverseFit:
 
     model : with values and 95 % intervals.   free : names of the fitted parameters.   correlation : (k, k).
     misfit : mean square of the whitened residual on fitted records, 1 = noise floor.    held_out_misfit : same on held-out ones.
+    objective : minus twice the log likelihood, block-robust: what models of the same samples are compared by.
     record_misfit : by record.   samples : number that counted.   noise_nm : N m rms.
-    freedom : degrees of freedom of the intervals (Student).     remarks : sentences (bounds, not identifiable).
+    freedom : degrees of freedom of the intervals (Student).     remarks : sentences (bounds, what is known badly and why).
     """
 
     model: Model
@@ -60,6 +66,7 @@ class InverseFit:
     correlation: Array
     covariance: Array
     misfit: float
+    objective: float
     held_out_misfit: float | None
     record_misfit: Mapping[str, float]
     samples: int
@@ -99,14 +106,21 @@ def fit_inverse(
     _check_enough(fitted, free)
     # The motion between samples is reconstructed with the inertia and the load at hand, so the fit is run twice.
     problem = _Problem(fitted, start, free)
-    solution, weights = problem.solve(problem.start(), lambda f: progress(0.4 * f), robust=False)
+    # Far from the solution all blocks are bad, and weighting them down would leave the search without a slope.
+    solution, _ = problem.minimised(problem.start(), robust=False, progress=lambda f: progress(0.4 * f))
     better = problem.model_at(solution)
     pieces = [piece for recording in recordings for piece in stretches(recording, better, step, noise, fitted=True)]
     fitted = [piece for piece in pieces if not piece.held_out]
     groups = _labels(fitted, _check_enough(fitted, free))
     problem = _Problem(fitted, better, free)
-    solution, weights = problem.solve(problem.start(), lambda f: progress(0.4 + 0.6 * f), robust=True)
-    return _report(problem, solution, weights, groups, [piece for piece in pieces if piece.held_out], noise)
+    solution, objective = problem.minimised(problem.start(), robust=True, progress=lambda f: progress(0.4 + 0.4 * f))
+    for i, name in enumerate(free):
+        if name in DOUBTFUL and solution[i] > problem.low[i]:
+            without, higher = problem.minimised(np.where(np.arange(len(solution)) == i, problem.low, solution), robust=True, fixed=(i,))
+            if higher - objective < WORTH_HAVING:
+                solution, objective = without, higher
+    progress(1.0)
+    return _report(problem, solution, objective, groups, [piece for piece in pieces if piece.held_out], noise)
 
 
 def _check_enough(pieces: Sequence[Stretch], free: Sequence[str]) -> float:
@@ -133,7 +147,7 @@ class _Problem:
         # A start value of nearly nothing (no damping found at first) must not become the unit of its parameter.
         usual = expected_parameters(model.effects, model.base_bodies)
         own = np.array([max(abs(v.value), 0.1 * abs(usual[n].start), 1e-9) for n, v in zip(free, values, strict=True)])
-        offsets = np.full(len(pieces), OFFSET_M)
+        offsets = np.array([piece.offset_m for piece in pieces])
         self.scale = np.concatenate([own, offsets])
         self.low = np.concatenate([np.array([v.low for v in values]) / own, -np.ones(len(pieces))])
         self.high = np.concatenate([np.array([v.high for v in values]) / own, np.ones(len(pieces))])
@@ -154,7 +168,7 @@ class _Problem:
         return self.model.with_values(dict(zip(self.free, (x * self.scale)[: len(self.free)], strict=True)), "final fit")
 
     def one(self, i: int, x: Array) -> Array:
-        return whitened(self.pieces[i], self.model, self.full(x), OFFSET_M * float(x[len(self.free) + i]))
+        return whitened(self.pieces[i], self.model, self.full(x), self.pieces[i].offset_m * float(x[len(self.free) + i]))
 
     def residual(self, x: Array) -> Array:
         return np.concatenate([self.one(i, x) for i in range(len(self.pieces))])
@@ -175,59 +189,61 @@ class _Problem:
                 columns[self.ends[i] : self.ends[i + 1], j] = difference / (ahead[j] - behind[j])
         return columns
 
-    def weights(self, x: Array) -> Array:
-        squares = self.residual(x) ** 2
-        count = np.bincount(self.blocks)
-        mean = np.bincount(self.blocks, squares) / np.maximum(count, 1)
-        return np.asarray((1.0 / np.sqrt(np.maximum(1.0, mean)))[self.blocks])
+    def with_coarser_encoder(self, factor: float) -> _Problem:
+        """The same recordings, believed to come from an encoder with larger steps."""
+        return _Problem([replace(piece, step_rad=factor * piece.step_rad) for piece in self.pieces], self.model, self.free)
 
-    def minimised(self, x: Array, weights: Array) -> Array:
-        """Levenberg-Marquardt on the normal equations with fixed weights; unknowns that push against a bound are held there.
+    def judged(self, residual: Array, *, robust: bool = True) -> tuple[float, Array]:
+        """Objective and the weight of every sample:  O = sum n φ(c),  c = mean square of a block of n samples, weights² = φ'.
+
+        φ = c up to 1 and 1 + ln c above: minus twice the log likelihood where the noise of a bad block is not known.  Not robust: φ = c.
+        """
+        if not robust:
+            return float(residual @ residual), np.ones(len(residual))
+        count = np.bincount(self.blocks)
+        mean = np.bincount(self.blocks, residual**2) / np.maximum(count, 1)
+        bad = np.maximum(mean, 1.0)
+        return float(count @ (np.minimum(mean, 1.0) + np.log(bad))), np.asarray((1.0 / np.sqrt(bad))[self.blocks])
+
+    def minimised(
+        self, x: Array, *, robust: bool, fixed: Sequence[int] = (), progress: Callable[[float], None] = lambda _fraction: None
+    ) -> tuple[Array, float]:
+        """Levenberg-Marquardt on the normal equations; unknowns that push against a bound are held there.   Returns x and O.
 
         Some 30 000 residuals stand against a dozen unknowns, so a step costs little beside the residuals themselves.
+        Raises DataError when the search does not stay finite.
         """
-        damping, residual = 1e-3, self.residual(x) * weights
-        for _ in range(LONGEST_SEARCH):
+        damping, residual = 1e-3, self.residual(x)
+        value, weights = self.judged(residual, robust=robust)
+        for number in range(LONGEST_SEARCH):
             jacobian = self.jacobian(x) * weights[:, None]
-            gradient, information = jacobian.T @ residual, jacobian.T @ jacobian
+            gradient, information = jacobian.T @ (residual * weights), jacobian.T @ jacobian
+            if not (np.isfinite(value) and np.all(np.isfinite(information))):
+                raise DataError("the final fit did not converge; compare the recordings with the axis file (units, signs, feed constant)")
             held = ((x <= self.low) & (gradient > 0.0)) | ((x >= self.high) & (gradient < 0.0))
+            held[list(fixed)] = True
             move = np.flatnonzero(~held & (np.diag(information) > 0.0))
-            while True:
+            enough = SMALLEST_GAIN * max(1.0, value / len(residual))
+            gain = 0.0
+            while gain <= 0.0:
                 system = information[np.ix_(move, move)] + damping * np.diag(np.diag(information)[move])
                 trial = x.copy()
                 trial[move] = np.clip(x[move] - np.linalg.solve(system, gradient[move]), self.low[move], self.high[move])
-                ahead = self.residual(trial) * weights
-                gain = float(residual @ residual - ahead @ ahead)
-                if gain > 0.0 or damping > 1e8:
-                    break
-                damping *= 10.0
-            if not gain > 0.0:
-                return x
-            step = float(np.max(np.abs(trial - x)))
-            x, residual, damping = trial, ahead, max(damping / 10.0, 1e-9)
-            if gain < 1e-7 * float(residual @ residual) or step < 1e-6:
-                return x
-        return x
-
-    def solve(self, x: Array, progress: Callable[[float], None], *, robust: bool) -> tuple[Array, Array]:
-        """Least squares, then reweighted by blocks until the weights settle, three rounds at most.
-
-        The first round has equal weights: far from the solution all blocks are bad, and weighting them down would leave the search
-        without a slope.
-        """
-        weights = np.ones(self.ends[-1])
-        rounds = 4 if robust else 1
-        for number in range(rounds):
-            found = self.minimised(x, weights)
-            if not np.all(np.isfinite(found)):
-                raise DataError("the final fit did not converge; compare the recordings with the axis file (units, signs, feed constant)")
-            moved = float(np.max(np.abs(found - x)))
-            x = found
-            weights = self.weights(x) if robust else weights
-            progress((number + 1) / rounds)
-            if number > 0 and moved < 1e-4:
+                step = trial - x
+                expected = -float(2.0 * gradient @ step + step @ information @ step)
+                if expected < enough:
+                    return x, value
+                ahead = self.residual(trial)
+                trial_value, trial_weights = self.judged(ahead, robust=robust)
+                gain = value - trial_value
+                if gain <= 0.0 and expected < ROUGH:
+                    return x, value  # where the carriage sticks makes the objective a little rough
+                damping = max(damping / 10.0, 1e-9) if gain > 0.0 else 10.0 * damping
+            x, residual, value, weights = trial, ahead, trial_value, trial_weights
+            progress((number + 1.0) / (number + 3.0))
+            if gain < enough:
                 break
-        return x, weights
+        return x, value
 
 
 def _labels(pieces: Sequence[Stretch], seconds: float) -> NDArray[np.int64]:
@@ -242,24 +258,35 @@ def _labels(pieces: Sequence[Stretch], seconds: float) -> NDArray[np.int64]:
     return np.unique(np.concatenate(labels), return_inverse=True)[1].astype(np.int64)
 
 
-def _report(problem: _Problem, x: Array, weights: Array, groups: NDArray[np.int64], held_out: list[Stretch], noise: float) -> InverseFit:
+def _report(problem: _Problem, x: Array, objective: float, groups: NDArray[np.int64], held_out: list[Stretch], noise: float) -> InverseFit:
     residual = problem.residual(x)
-    covariance, freedom = _covariance(problem, x, residual * weights, weights, groups)
+    _, weights = problem.judged(residual)
     own = len(problem.free)
-    deviation = np.sqrt(np.diag(covariance))[:own]
-    half = deviation * problem.scale[:own] * float(student.ppf(0.975, freedom))
+    at_bound = (x <= problem.low + 1e-6) | (x >= problem.high - 1e-6)
+    jacobian = problem.jacobian(x, central=True) * weights[:, None]
+    # A parameter at its bound may as well be a little off it, and the intervals of the others must bear that; where the carriage
+    # stuck is only of interest inside its bounds.
+    counted = np.flatnonzero(np.any(jacobian != 0.0, axis=0) & ~(at_bound & (np.arange(len(x)) >= own)))
+    reduced = jacobian[:, counted]
+    scatter, freedom = sandwich(reduced, residual * weights, groups, own)
+    newton = -np.linalg.pinv(reduced) @ (residual * weights)
+    coarser = problem.with_coarser_encoder(ROUNDING_DOUBT)
+    moved = -np.linalg.pinv(coarser.jacobian(x)[:, counted] * weights[:, None]) @ (coarser.residual(x) * weights) - newton
+    quantile = float(student.ppf(0.975, freedom))
+    covariance = np.zeros((len(x), len(x)))
+    covariance[np.ix_(counted, counted)] = scatter + np.outer(moved, moved) / quantile**2
+    covariance = covariance[:own, :own] * np.outer(problem.scale[:own], problem.scale[:own])
+    deviation = np.sqrt(np.diag(covariance))
+    wanted, widened = np.array(x), np.ones(len(x))
+    wanted[counted] += newton
+    widened[counted] = np.sqrt(1.0 + (moved / quantile) ** 2 / np.diag(scatter))
     model = problem.model_at(x)
-    remarks = []
     parameters = dict(model.parameters)
     for i, name in enumerate(problem.free):
-        item = parameters[name]
-        if deviation[i] == 0.0:
-            side = "lower" if x[i] <= problem.low[i] + 1e-6 else "upper"
-            remarks.append(f"{name} sits at its {side} bound {item.value:g} {item.unit}: not determined by this data")
-            continue
-        parameters[name] = replace(item, interval=float(half[i]))
-        if half[i] > UNKNOWN_SHARE * abs(item.value):
-            remarks.append(f"{name} = {item.value:.3g} ± {half[i]:.2g} {item.unit} is not identifiable from this data")
+        if deviation[i] > 0.0 and not at_bound[i]:
+            parameters[name] = replace(parameters[name], interval=quantile * float(deviation[i]))
+    remarks = [remark_on(n, parameters[n], float(wanted[i] * problem.scale[i]), float(deviation[i])) for i, n in enumerate(problem.free)]
+    remarks.append(remark_on_rounding(problem.free, widened[:own]))
     misfit = float(np.mean(residual**2))
     if misfit > SUSPECT_MISFIT:
         remarks.append(
@@ -267,8 +294,8 @@ def _report(problem: _Problem, x: Array, weights: Array, groups: NDArray[np.int6
             "record is disturbed; its numbers may be off by more than their intervals"
         )
     spread = np.where(deviation > 0, deviation, 1.0)
-    correlation = covariance[:own, :own] / np.outer(spread, spread)
-    remarks += _correlated(problem.free, correlation)
+    correlation = covariance / np.outer(spread, spread)
+    remarks += remarks_on_pairs(problem.free, correlation)
     squares: dict[str, list[Array]] = {}
     for i, piece in enumerate(problem.pieces):
         squares.setdefault(piece.record, []).append(problem.one(i, x) ** 2)
@@ -280,14 +307,15 @@ def _report(problem: _Problem, x: Array, weights: Array, groups: NDArray[np.int6
         model=replace(model, parameters=parameters),
         free=problem.free,
         correlation=correlation,
-        covariance=covariance[:own, :own] * np.outer(problem.scale[:own], problem.scale[:own]),
+        covariance=covariance,
         misfit=misfit,
+        objective=objective,
         held_out_misfit=float(np.mean(everything)) if len(everything) else None,
         record_misfit={name: float(np.mean(np.concatenate(parts))) for name, parts in squares.items() if sum(map(len, parts))},
         samples=len(residual),
         noise_nm=noise,
         freedom=freedom,
-        remarks=tuple(remarks),
+        remarks=tuple(remark for remark in remarks if remark),
     )
 
 
@@ -297,32 +325,5 @@ def _judged(piece: Stretch, model: Model, vector: Array) -> Array:
     def cost(offset_m: float) -> float:
         return float(np.sum(np.minimum(whitened(piece, model, vector, offset_m) ** 2, OUTLIER)))
 
-    best = minimize_scalar(cost, bounds=(-OFFSET_M, OFFSET_M), method="bounded", options={"xatol": 1e-7})
+    best = minimize_scalar(cost, bounds=(-piece.offset_m, piece.offset_m), method="bounded", options={"xatol": 1e-7})
     return whitened(piece, model, vector, float(best.x)) ** 2
-
-
-def _covariance(problem: _Problem, x: Array, weighted: Array, weights: Array, groups: NDArray[np.int64]) -> tuple[Array, int]:
-    """Covariance of the scaled unknowns in sandwich form, zero for those at a bound, and its degrees of freedom."""
-    jacobian = problem.jacobian(x, central=True) * weights[:, None]
-    inside = np.flatnonzero((x > problem.low + 1e-6) & (x < problem.high - 1e-6))
-    reduced = jacobian[:, inside]
-    inverse = np.linalg.pinv(reduced.T @ reduced)
-    number = int(groups.max()) + 1
-    gradient = np.stack([np.bincount(groups, reduced[:, i] * weighted, number) for i in range(len(inside))], axis=1)
-    freedom = max(number - len(problem.free), 1)
-    sandwich = inverse @ (gradient.T @ gradient) @ inverse * number / freedom
-    # The scatter between few groups can by chance fall below what the noise alone gives: never report less than that.
-    plain = inverse * max(float(np.mean(weighted**2)), 1.0)
-    floor = np.sqrt(np.maximum(np.diag(plain) / np.maximum(np.diag(sandwich), 1e-300), 1.0))
-    covariance = np.zeros((len(x), len(x)))
-    covariance[np.ix_(inside, inside)] = sandwich * np.outer(floor, floor)
-    return covariance, freedom
-
-
-def _correlated(names: tuple[str, ...], correlation: Array) -> list[str]:
-    found = []
-    for i in range(len(names)):
-        for j in range(i + 1, len(names)):
-            if abs(correlation[i, j]) > 0.95:
-                found.append(f"{names[i]} and {names[j]} are told apart badly (correlation {correlation[i, j]:+.2f})")
-    return found

@@ -1,13 +1,6 @@
 """Recordings as residuals of one equation: what torque is left over when the measured motion goes backwards through a model.
 
-The residual e[n] of ``beltcomm.simulate.inverse`` is a moving average of the torque noise and of the encoder's quantisation, with
-known covariances (sample n, n+1, n+2):
-
-    c0 = s²/2 + 6 g²,   c1 = s²/4 - 4 g²,   c2 = g²,      g = J q / (sqrt(12) T²)
-
-s : N m, noise of the torque signal; q : rad, encoder step; J : kg m², motor side; T : s.  A banded Cholesky factor of the kept
-samples whitens it exactly, whatever samples are left out.  Because g holds J, the fit is the errors-in-variables likelihood: the
-quantised angle in the regressor does not bias the inertia.
+The residual e[n] of ``beltcomm.simulate.inverse`` is divided by its own noise (``beltcomm.identify.whitening``).
 
 Left out are samples next to a reversal or near standstill: a sticking motor carries any torque up to its friction, so the
 equation says nothing there.
@@ -22,11 +15,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beltcomm.compiled import compiled
 from beltcomm.errors import DataError
+from beltcomm.identify.whitening import noise_path, whiten
+from beltcomm.linear import matrices, operating_point
 from beltcomm.model import Model
 from beltcomm.recording import Recording
-from beltcomm.simulate.inverse import FineMotion, fine_load, load_torque, reconstruct, torque_residual
+from beltcomm.simulate.inverse import FineMotion, begins_in_motion, fine_load, load_torque, reconstruct, torque_residual
 
 Array = NDArray[np.float64]
 
@@ -41,6 +35,10 @@ RUN_IN_S = 0.2
 SUBSTEPS = 16
 #: The same while start values are refined and nothing is reported yet.
 COARSE_SUBSTEPS = 4
+#: m; largest stretch of the belt at the start of a stretch that begins in motion: 10 m/s² on 10 kg and 200 kN/m.
+MOVING_STRETCH_M = 5e-4
+#: By how much more than the model's friction at the carriage the belt may be stretched where the axis begins at rest.
+HELD_SPREAD = 1.2
 
 
 @dataclass(frozen=True)
@@ -49,6 +47,7 @@ class Stretch:
 
     position, torque : ndarray (n,), rad and N m at the motor shaft.   motion : the same on a fine grid.
     keep : ndarray (n,) bool, samples that count.     noise_nm : torque noise, N m rms.    step_rad : encoder step, rad.
+    offset_m : m, the belt may be stretched by up to this at the start.
     """
 
     record: str
@@ -59,6 +58,7 @@ class Stretch:
     keep: NDArray[np.bool_]
     noise_nm: float
     step_rad: float
+    offset_m: float
 
 
 def stretches(recording: Recording, model: Model, step_rad: float, noise_nm: float, *, fitted: bool = False) -> list[Stretch]:
@@ -96,9 +96,23 @@ def stretches(recording: Recording, model: Model, step_rad: float, noise_nm: flo
                 keep,
                 noise_nm,
                 step_rad,
+                start_offset(model, motion),
             )
         )
     return pieces
+
+
+def start_offset(model: Model, motion: FineMotion) -> float:
+    """Largest stretch of the belt at the start, m: at rest no more than the friction of the carriage holds.
+
+    Without this bound a stretch of half a millimetre lets the carriage ring before anything counts, and where it then sticks is chance.
+    """
+    if begins_in_motion(motion):
+        return MOVING_STRETCH_M
+    at = operating_point(model, float(motion.theta[0]) * model["transmission.ratio"], 1.0)
+    held = matrices(model, at).hold(("motor",))
+    compliance = float(np.linalg.inv(held.K)[held.bodies.index("cart"), held.bodies.index("cart")])
+    return min(HELD_SPREAD * model.get("coulomb_cart.level") * compliance, MOVING_STRETCH_M)
 
 
 def resting(motion: FineMotion) -> NDArray[np.bool_]:
@@ -151,38 +165,7 @@ def evaluate(stretch: Stretch, model: Model, vector: Array, offset_m: float = 0.
 
 def whitened(stretch: Stretch, model: Model, vector: Array, offset_m: float = 0.0) -> Array:
     """Residual of the kept samples in units of its own noise: independent, variance 1 where the model is right."""
-    inertia = vector[model.index("motor.inertia")]
-    step = inertia * stretch.step_rad / np.sqrt(12.0) / stretch.motion.sample_s**2
-    noise = stretch.noise_nm
-    return banded_whitening(
-        evaluate(stretch, model, vector, offset_m),
-        stretch.keep,
-        0.5 * noise**2 + 6.0 * step**2,
-        0.25 * noise**2 - 4.0 * step**2,
-        step**2,
-    )
-
-
-@compiled
-def banded_whitening(residual: Array, keep: NDArray[np.bool_], c0: float, c1: float, c2: float) -> Array:
-    """Solve L r = e for the kept samples, L L' their covariance with bands c0, c1, c2; (n,) -> (kept,)."""
-    out = np.empty(keep.sum())
-    place1 = place2 = -10  # sample numbers of the last two kept
-    diagonal1 = diagonal2 = 1.0
-    off1 = 0.0  # L[previous, the one before]
-    white1 = white2 = 0.0
-    k = 0
-    for n in range(residual.shape[0]):
-        if not keep[n]:
-            continue
-        cov1 = c1 if n - place1 == 1 else (c2 if n - place1 == 2 else 0.0)
-        cov2 = c2 if n - place2 == 2 else 0.0
-        far = cov2 / diagonal2
-        near = (cov1 - far * off1) / diagonal1
-        diagonal = np.sqrt(c0 - near * near - far * far)
-        white = (residual[n] - near * white1 - far * white2) / diagonal
-        out[k] = white
-        k += 1
-        place2, diagonal2, white2 = place1, diagonal1, white1
-        place1, diagonal1, white1, off1 = n, diagonal, white, near
-    return out
+    theta = stretch.motion.theta
+    middle = 0.5 * float(theta.min() + theta.max()) * vector[model.index("transmission.ratio")]
+    path = noise_path(model.with_vector(vector), middle, stretch.motion.sample_s)
+    return whiten(evaluate(stretch, model, vector, offset_m), stretch.keep, path, stretch.step_rad, stretch.noise_nm)

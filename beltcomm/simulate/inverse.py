@@ -24,7 +24,7 @@ from scipy.interpolate import CubicSpline
 
 from beltcomm.compiled import compiled
 from beltcomm.model import Model
-from beltcomm.simulate.compose import kernel_for
+from beltcomm.simulate.compose import LOOK_AHEAD, MOVING_RAD_S, kernel_for
 
 Array = NDArray[np.float64]
 
@@ -86,6 +86,13 @@ def reconstruct(
     theta = spline(place) + known
     omega = spline(place, 1) / sample_s + speed
     return FineMotion(theta - position[0] + start_rad, omega, n, sample_s, substeps, time_s)
+
+
+def begins_in_motion(motion: FineMotion) -> bool:
+    """Whether the kernel lets all bodies begin at the motor's speed; else they begin at rest."""
+    half = max(1, min(LOOK_AHEAD, len(motion.theta) - 1) // 2)
+    first, middle, last = (float(motion.theta[i]) for i in (0, half, 2 * half))
+    return abs(4.0 * middle - last - 3.0 * first) * motion.substeps >= 2.0 * half * motion.sample_s * MOVING_RAD_S
 
 
 def fine_load(model: Model, motion: FineMotion, vector: Array | None = None, offset_m: float = 0.0) -> tuple[Array, Array]:

@@ -1,0 +1,99 @@
+"""How sure a fit is: covariance from the scatter between groups, limits of parameters at a bound, and all of it in words."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import truncnorm
+
+from beltcomm.effects import effect_named
+from beltcomm.model import Value
+
+Array = NDArray[np.float64]
+
+#: A parameter known worse than this share of its value is named; so are two whose estimates are correlated more than this.
+BADLY_KNOWN_SHARE = 0.2
+BADLY_APART = 0.95
+#: Deviations by which the data pull a parameter beyond its bound from which this is a symptom and no chance.
+BEYOND = 3.0
+#: An interval that the noise of the encoder widens by more than this factor is named.
+ROUNDING_WIDENS = 1.5
+
+
+def sandwich(jacobian: Array, weighted: Array, groups: NDArray[np.int64], unknowns: int) -> tuple[Array, int]:
+    """Covariance of the unknowns from the scatter of the gradient between groups, and its degrees of freedom.
+
+    C = A⁻¹ (Σ g gᵀ) A⁻¹ n/(n - k),   A = Jᵀ J,   g the gradient of one of n groups;   never below A⁻¹ times the mean square.
+
+    jacobian : (n, m), weighted.   weighted : (n,) residual.   groups : (n,) number of the group.   unknowns : k.
+    So it holds for correlated and uneven residuals, and grows with the misfit.   Source: White, Econometrica 48 (1980), clustered.
+    """
+    inverse = np.linalg.pinv(jacobian.T @ jacobian)
+    number = int(groups.max()) + 1
+    gradient = np.stack([np.bincount(groups, column * weighted, number) for column in jacobian.T], axis=1)
+    freedom = max(number - unknowns, 1)
+    covariance = inverse @ (gradient.T @ gradient) @ inverse * number / freedom
+    # The scatter between few groups can by chance fall below what the noise alone gives: never report less than that.
+    plain = inverse * max(float(np.mean(weighted**2)), 1.0)
+    floor = np.sqrt(np.maximum(np.diag(plain) / np.maximum(np.diag(covariance), 1e-300), 1.0))
+    return covariance * np.outer(floor, floor), freedom
+
+
+def upper_limit(estimate: float, deviation: float) -> float:
+    """What a quantity that cannot be negative stays below with 95 %, seen as estimate ± deviation (normal, cut off at 0)."""
+    return float(truncnorm.ppf(0.95, -estimate / deviation, np.inf, loc=estimate, scale=deviation))
+
+
+def remark_on(name: str, item: Value, wanted: float, deviation: float) -> str:
+    """What is to be said of one parameter; "" when it is known well.
+
+    item : the result, without interval at a bound.   wanted : where the data alone, without bounds, would have it.
+    deviation : one standard deviation, 0 where the data do not see the parameter at all.
+    """
+    side = "lower" if item.value - item.low < item.high - item.value else "upper"
+    if deviation == 0.0:
+        return f"{name} stays at {item.value:g} {item.unit}: the residual does not depend on it"
+    if item.interval is None:
+        beyond = abs(wanted - item.value) / deviation if (wanted < item.value) == (side == "lower") else 0.0
+        if item.low < item.value < item.high or beyond <= BEYOND:
+            return _none_seen(name, item, wanted, deviation)
+        return (
+            f"{name} sits at its {side} bound {item.value:g} {item.unit}, and the data pull it {beyond:.0f} deviations beyond: "
+            + ("something else takes its place, or the model lacks an effect" if item.low == 0.0 else "look at the bound")
+        )
+    if item.low == 0.0 and item.value < item.interval:
+        return _none_seen(name, item, item.value, deviation)
+    if item.interval > BADLY_KNOWN_SHARE * abs(item.value):
+        share = 100.0 * item.interval / abs(item.value) if item.value else np.inf
+        return f"{name} = {item.value:.3g} ± {item.interval:.2g} {item.unit}: this data tells it only to {share:.0f} %"
+    return ""
+
+
+def _none_seen(name: str, item: Value, estimate: float, deviation: float) -> str:
+    if item.low != 0.0:
+        return f"{name} sits at its bound {item.value:g} {item.unit}, which suits the data"
+    title = effect_named(name.partition(".")[0]).title
+    return f"no {title} seen (below {upper_limit(estimate, deviation):.2g} {item.unit})"
+
+
+def remarks_on_pairs(names: Sequence[str], correlation: Array) -> list[str]:
+    """Pairs of parameters that the data tell apart badly, in words."""
+    return [
+        f"{names[i]} and {names[j]} are told apart badly (correlation {correlation[i, j]:+.2f})"
+        for i in range(len(names))
+        for j in range(i + 1, len(names))
+        if abs(correlation[i, j]) > BADLY_APART
+    ]
+
+
+def remark_on_rounding(names: Sequence[str], shares: Array) -> str:
+    """Which intervals rest on the noise of the encoder, in words; shares : (k,), interval with it over interval without it."""
+    worst = [name for name, share in zip(names, shares, strict=True) if share > ROUNDING_WIDENS]
+    if not worst:
+        return ""
+    return (
+        f"{', '.join(worst)}: the motion is so gentle that the encoder's rounding decides; intervals are up to {np.max(shares):.1f} times "
+        "as wide for it. Record an excitation with `beltcomm identify`"
+    )
