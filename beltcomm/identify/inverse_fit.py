@@ -222,14 +222,13 @@ class _Problem:
                 raise DataError("the final fit did not converge; compare the recordings with the axis file (units, signs, feed constant)")
             held = ((x <= self.low) & (gradient > 0.0)) | ((x >= self.high) & (gradient < 0.0))
             held[list(fixed)] = True
-            move = np.flatnonzero(~held & (np.diag(information) > 0.0))
+            move = ~held & (np.diag(information) > 0.0)
             enough = SMALLEST_GAIN * max(1.0, value / len(residual))
             gain = 0.0
             while gain <= 0.0:
-                system = information[np.ix_(move, move)] + damping * np.diag(np.diag(information)[move])
-                trial = x.copy()
-                trial[move] = np.clip(x[move] - np.linalg.solve(system, gradient[move]), self.low[move], self.high[move])
-                step = trial - x
+                damped = information + damping * np.diag(np.diag(information))
+                step = _bounded_step(damped, gradient, move, self.low - x, self.high - x)
+                trial = np.clip(x + step, self.low, self.high)
                 expected = -float(2.0 * gradient @ step + step @ information @ step)
                 if expected < enough:
                     return x, value
@@ -244,6 +243,20 @@ class _Problem:
             if gain < enough:
                 break
         return x, value
+
+
+def _bounded_step(information: Array, gradient: Array, move: NDArray[np.bool_], low: Array, high: Array) -> Array:
+    """Newton step of the unknowns that may move; those that would leave their bounds stop there, and the rest make up for it."""
+    step, move = np.zeros(len(gradient)), move.copy()
+    while np.any(move):
+        pull = gradient[move] + information[np.ix_(move, ~move)] @ step[~move]
+        step[move] = -np.linalg.solve(information[np.ix_(move, move)], pull)
+        outside = move & ((step < low) | (step > high))
+        if not np.any(outside):
+            break
+        step[outside] = np.clip(step, low, high)[outside]
+        move &= ~outside
+    return step
 
 
 def _labels(pieces: Sequence[Stretch], seconds: float) -> NDArray[np.int64]:
@@ -295,7 +308,7 @@ def _report(problem: _Problem, x: Array, objective: float, groups: NDArray[np.in
         )
     spread = np.where(deviation > 0, deviation, 1.0)
     correlation = covariance / np.outer(spread, spread)
-    remarks += remarks_on_pairs(problem.free, correlation)
+    remarks += remarks_on_pairs(problem.free, [parameters[name] for name in problem.free], correlation)
     squares: dict[str, list[Array]] = {}
     for i, piece in enumerate(problem.pieces):
         squares.setdefault(piece.record, []).append(problem.one(i, x) ** 2)

@@ -78,13 +78,14 @@ def _none_seen(name: str, item: Value, estimate: float, deviation: float) -> str
     return f"no {title} seen (below {upper_limit(estimate, deviation):.2g} {item.unit})"
 
 
-def remarks_on_pairs(names: Sequence[str], correlation: Array) -> list[str]:
-    """Pairs of parameters that the data tell apart badly, in words."""
+def remarks_on_pairs(names: Sequence[str], items: Sequence[Value], correlation: Array) -> list[str]:
+    """Pairs of parameters, one of them badly known, that the data tell apart badly, in words."""
+    badly = [item.interval is not None and item.interval > BADLY_KNOWN_SHARE * abs(item.value) for item in items]
     return [
         f"{names[i]} and {names[j]} are told apart badly (correlation {correlation[i, j]:+.2f})"
         for i in range(len(names))
         for j in range(i + 1, len(names))
-        if abs(correlation[i, j]) > BADLY_APART
+        if abs(correlation[i, j]) > BADLY_APART and (badly[i] or badly[j])
     ]
 
 
