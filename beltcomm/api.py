@@ -350,7 +350,7 @@ def _saved_model(folder: RunFolder) -> Model:
     try:
         return load_model(path)
     except UsageError as error:
-        raise DataError(f"the model {path} is damaged ({error}); make it again with `beltcomm fit {folder.path}`") from error
+        raise DataError(f"the run's model is damaged: {error}; make it again with `beltcomm fit {folder.path}`") from error
 
 
 def _verification_path(machine: Machine, model: Model, move: Path | None, name: str | None) -> tuple[Trajectory, str]:

@@ -36,6 +36,7 @@ FEWEST_SAMPLES = 50
 SUSPECT_MISFIT = 1.5
 #: Iterations of one search; from the grid's start values it takes five to ten.
 LONGEST_SEARCH = 40
+USUAL_SEARCH = 10
 #: Squared whitened residual beyond which a sample has no more weight when a start offset is looked for: five deviations.
 OUTLIER = 25.0
 #: m; largest stretch of the belt at the start of a record: friction holds up to 0.1 mm (10 N on 100 kN/m) at rest, acceleration
@@ -181,13 +182,14 @@ class _Problem:
         mean = np.bincount(self.blocks, squares) / np.maximum(count, 1)
         return np.asarray((1.0 / np.sqrt(np.maximum(1.0, mean)))[self.blocks])
 
-    def minimised(self, x: Array, weights: Array) -> Array:
+    def minimised(self, x: Array, weights: Array, progress: Callable[[float], None]) -> Array:
         """Levenberg-Marquardt on the normal equations with fixed weights; unknowns that push against a bound are held there.
 
         Some 30 000 residuals stand against a dozen unknowns, so a step costs little beside the residuals themselves.
         """
         damping, residual = 1e-3, self.residual(x) * weights
-        for _ in range(LONGEST_SEARCH):
+        for number in range(LONGEST_SEARCH):
+            progress(number / (number + USUAL_SEARCH))
             jacobian = self.jacobian(x) * weights[:, None]
             gradient, information = jacobian.T @ residual, jacobian.T @ jacobian
             held = ((x <= self.low) & (gradient > 0.0)) | ((x >= self.high) & (gradient < 0.0))
@@ -218,15 +220,19 @@ class _Problem:
         weights = np.ones(self.ends[-1])
         rounds = 4 if robust else 1
         for number in range(rounds):
-            found = self.minimised(x, weights)
+
+            def within(share: float, number: int = number) -> None:  # every round is about half as long as the one before
+                progress(1.0 - 0.5 ** (number + share) if robust else share)
+
+            found = self.minimised(x, weights, within)
             if not np.all(np.isfinite(found)):
                 raise DataError("the final fit did not converge; compare the recordings with the axis file (units, signs, feed constant)")
             moved = float(np.max(np.abs(found - x)))
             x = found
             weights = self.weights(x) if robust else weights
-            progress((number + 1) / rounds)
             if number > 0 and moved < 1e-4:
                 break
+        progress(1.0)
         return x, weights
 
 

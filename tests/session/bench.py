@@ -61,7 +61,7 @@ class LoggedPlant:
 
     def first_tick_of(self, recording: Recording, start_m: float) -> int:
         """The tick of a recording's first row: where the encoder of the plant reads exactly what was recorded, row by row."""
-        counts = np.floor((np.array(self._angle) + start_m / RATIO) / COUNT_RAD)
+        counts = np.round((np.array(self._angle) + start_m / RATIO) / COUNT_RAD)
         recorded = np.round(recording.position / COUNT_RAD)
         ticks = np.round((recording.t_s - recording.t_s[0]) / 1e-3).astype(int)
         probe = np.argsort(-np.abs(np.diff(recorded)))[:40] + 1  # rows in fast motion: they fit nowhere else
