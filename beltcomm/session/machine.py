@@ -23,6 +23,7 @@ from beltcomm.parameters import GAIN_NAMES, cascade_to_parameters, parameters_to
 from beltcomm.recording import Recording
 from beltcomm.runfolder import RunFolder
 from beltcomm.sidecar import Sidecar
+from beltcomm.stopping import Braking, first_deceleration
 from beltcomm.talk import Talk
 from beltcomm.trajectory import Trajectory
 
@@ -49,6 +50,8 @@ class Machine:
 
     position_m : carriage position; the zero of the axis is known after :meth:`reference_at` or when the drive is referenced.
     keep_gains : set by the sequence when the user wants to keep the new gains in the drive (not saved).
+    deceleration_m_s2 : of a quick stop, lent to the drive with every motion.   braking : what brakes the axis with the loop that is in
+    the drive; None as long as only friction can be counted with.
     """
 
     def __init__(self, drive: Drive, axis: Axis, folder: RunFolder, talk: Talk) -> None:
@@ -56,6 +59,8 @@ class Machine:
         self.ratio = axis.transmission_m_rad
         self.origin_rad = 0.0
         self.keep_gains = False
+        self.deceleration_m_s2 = first_deceleration(axis, drive.capabilities.peak_torque_nm).value_m_s2
+        self.braking: Braking | None = None
         self.machine_seconds = 0.0
         self._started = drive.clock.now()
         self._backup = drive.backup()
@@ -136,7 +141,11 @@ class Machine:
         """The same limits at the motor shaft in the drive's zero."""
         low, high = sorted(self.origin_rad + x / self.ratio for x in room.window_m)
         speed = min(room.speed_m_s / self.ratio, self.drive.capabilities.max_speed_rad_s)
-        return Limits(low, high, speed, room.torque_nm)
+        return Limits(low, high, speed, room.torque_nm, self.deceleration_m_s2 / self.ratio)
+
+    def brake_with(self, braking: Braking) -> None:
+        """From now on a stop is counted with, and set in the drive to, what a loop can do."""
+        self.braking, self.deceleration_m_s2 = braking, braking.deceleration_m_s2
 
     def torque_motion(self, torque_nm: Array) -> Motion:
         """An open-loop record at the drive's sampling period."""
@@ -144,7 +153,13 @@ class Machine:
         return Motion("torque", self.drive.capabilities.sample_period_s, zero, zero, np.asarray(torque_nm))
 
     def follow(self, trajectory: Trajectory, kind: Literal["position", "velocity"]) -> Motion:
-        """A reference motion of the carriage for the drive's own position or velocity loop."""
+        """A reference motion of the carriage for the drive's own position or velocity loop.
+
+        Raises Refused when a stop at some moment of it would end outside the travel.
+        """
+        beyond = self.stops_beyond(trajectory)
+        if beyond:
+            raise Refused(f"the motion is refused: {beyond}; plan it slower or further away from the ends")
         zero = np.zeros(len(trajectory.t_s))
         return Motion(
             kind,
@@ -152,6 +167,20 @@ class Machine:
             self.origin_rad + trajectory.position_m / self.ratio,
             trajectory.velocity_m_s / self.ratio,
             zero,
+        )
+
+    def stops_beyond(self, trajectory: Trajectory) -> str:
+        """In words, where a stop at some moment of a motion would end outside the travel; empty when every stop ends inside."""
+        if self.braking is None:
+            return ""
+        low, high = self.full_room().window_m
+        reached = self.braking.span_m(trajectory.position_m, trajectory.velocity_m_s)
+        if low <= reached[0] and reached[1] <= high:
+            return ""
+        end = reached[0] if reached[0] < low else reached[1]
+        return (
+            f"a stop with {self.braking.deceleration_m_s2:.3g} m/s², which the belt bears, would end at {end:.4g} m, the travel is "
+            f"{low:g}..{high:g} m"
         )
 
     def record(self, name: str, motion: Motion, room: Room, sidecar: Sidecar) -> Recording:
