@@ -43,7 +43,7 @@ class Deceleration(NamedTuple):
 
 @dataclass(frozen=True)
 class Braking:
-    """What a stop can be counted with:  way = v lag + v²/2a.
+    """What a stop can be counted with:  way = v lag + v²/2a,  with v the speed until which an acceleration goes on during the lag.
 
     deceleration_m_s2 : a.   lag_s : s, until the stop is asked for, and until the axis follows its ramp.
     besides : what else brakes; the shorter way counts.
@@ -53,16 +53,19 @@ class Braking:
     lag_s: float
     besides: Braking | None = None
 
-    def way_m(self, speed_m_s: float) -> float:
+    def way_m(self, speed_m_s: float, acceleration_m_s2: float = 0.0) -> float:
         """Way to rest from a speed, m; infinite when nothing brakes."""
         if speed_m_s == 0.0:
             return 0.0
-        way = abs(speed_m_s) * self.lag_s + speed_m_s**2 / (2.0 * self.deceleration_m_s2) if self.deceleration_m_s2 > 0.0 else math.inf
-        return min(way, self.besides.way_m(speed_m_s)) if self.besides else way
+        speed = abs(speed_m_s) + max(0.0, math.copysign(acceleration_m_s2, acceleration_m_s2 * speed_m_s)) * self.lag_s
+        way = speed * self.lag_s + speed**2 / (2.0 * self.deceleration_m_s2) if self.deceleration_m_s2 > 0.0 else math.inf
+        return min(way, self.besides.way_m(speed_m_s, acceleration_m_s2)) if self.besides else way
 
-    def span_m(self, position_m: Array, speed_m_s: Array) -> tuple[float, float]:
+    def span_m(self, position_m: Array, speed_m_s: Array, sample_s: float) -> tuple[float, float]:
         """Lowest and highest position, m, that a motion reaches with a stop at any moment.   position_m, speed_m_s : (n,)."""
-        ends = position_m + np.sign(speed_m_s) * np.array([self.way_m(float(v)) for v in speed_m_s])
+        accelerations = np.gradient(speed_m_s, sample_s)
+        ways = [self.way_m(float(v), float(a)) for v, a in zip(speed_m_s, accelerations, strict=True)]
+        ends = position_m + np.sign(speed_m_s) * np.array(ways)
         return float(np.min([ends, position_m])), float(np.max([ends, position_m]))
 
 

@@ -188,7 +188,7 @@ class _Problem:
         Some 30 000 residuals stand against a dozen unknowns, so a step costs little beside the residuals themselves.
         """
         damping, residual = 1e-3, self.residual(x) * weights
-        for number in range(LONGEST_SEARCH):
+        for number in range(1, LONGEST_SEARCH + 1):
             progress(number / (number + USUAL_SEARCH))
             jacobian = self.jacobian(x) * weights[:, None]
             gradient, information = jacobian.T @ residual, jacobian.T @ jacobian

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from beltcomm.axis import Axis
 from beltcomm.control import Cascade
 from beltcomm.drive import COLUMNS, Drive, Limits, Motion, Row
-from beltcomm.errors import BeltcommError, DataError, Refused, UsageError
+from beltcomm.errors import BeltcommError, DataError, Refused, SafetyStop, UsageError
 from beltcomm.parameters import GAIN_NAMES, cascade_to_parameters, parameters_to_cascade
 from beltcomm.recording import Recording
 from beltcomm.runfolder import RunFolder
@@ -153,13 +153,7 @@ class Machine:
         return Motion("torque", self.drive.capabilities.sample_period_s, zero, zero, np.asarray(torque_nm))
 
     def follow(self, trajectory: Trajectory, kind: Literal["position", "velocity"]) -> Motion:
-        """A reference motion of the carriage for the drive's own position or velocity loop.
-
-        Raises Refused when a stop at some moment of it would end outside the travel.
-        """
-        beyond = self.stops_beyond(trajectory)
-        if beyond:
-            raise Refused(f"the motion is refused: {beyond}; plan it slower or further away from the ends")
+        """A reference motion of the carriage for the drive's own position or velocity loop."""
         zero = np.zeros(len(trajectory.t_s))
         return Motion(
             kind,
@@ -169,12 +163,12 @@ class Machine:
             zero,
         )
 
-    def stops_beyond(self, trajectory: Trajectory) -> str:
+    def stops_beyond(self, position_m: Array, speed_m_s: Array) -> str:
         """In words, where a stop at some moment of a motion would end outside the travel; empty when every stop ends inside."""
         if self.braking is None:
             return ""
         low, high = self.full_room().window_m
-        reached = self.braking.span_m(trajectory.position_m, trajectory.velocity_m_s)
+        reached = self.braking.span_m(position_m, speed_m_s, self.drive.capabilities.sample_period_s)
         if low <= reached[0] and reached[1] <= high:
             return ""
         end = reached[0] if reached[0] < low else reached[1]
@@ -183,15 +177,25 @@ class Machine:
             f"{low:g}..{high:g} m"
         )
 
-    def record(self, name: str, motion: Motion, room: Room, sidecar: Sidecar) -> Recording:
+    def _check_stops(self, motion: Motion) -> None:
+        """Raise Refused when a stop at some moment of a closed-loop motion would end outside the travel."""
+        if motion.kind == "torque":
+            return
+        beyond = self.stops_beyond(self.ratio * (motion.position_rad - self.origin_rad), self.ratio * motion.velocity_rad_s)
+        if beyond:
+            raise Refused(f"the motion is refused: {beyond}; plan it slower or further away from the ends")
+
+    def record(self, name: str, motion: Motion, room: Room, sidecar: Sidecar, expected_m_s: float = math.inf) -> Recording:
         """Run a motion and keep it as ``recordings/NAME``; a record already finished in a resumed run is read instead.
 
         Rows stream to disk while the axis moves; an interrupted record stays, marked as unfinished.
-        Raises SafetyStop, DriveError, DataError.
+        expected_m_s : of the motor's speed times i_t; a higher one stops the axis.
+        Raises Refused, SafetyStop, DriveError, DataError.
         """
         if self.folder.finished(name) is not None:
             self.talk.say(f"{name}: kept from the earlier run")
             return self.folder.recording(name)
+        self._check_stops(motion)
         writer = self.folder.new_recording(name, sidecar, COLUMNS)
         zero, begun, total = self.origin_rad, self.drive.clock.now(), len(motion.torque_nm)
         rows = 0
@@ -200,6 +204,12 @@ class Machine:
             nonlocal rows
             t, torque, setpoint, position, velocity, reference, reference_velocity = row
             writer.write((t, torque, setpoint, position - zero, velocity, reference - zero, reference_velocity))
+            if abs(self.ratio * velocity) > expected_m_s:
+                raise SafetyStop(
+                    f"the speed {abs(self.ratio * velocity):.3g} m/s is more than the {expected_m_s:.3g} m/s that was to be expected at "
+                    "most; the axis was stopped; look for what moves it, whether the encoder jumped, and at the data in axis.yaml",
+                    "speed",
+                )
             rows += 1
             if rows % 200 == 0:
                 self.talk.progress(rows / total, (total - rows) * motion.period_s)
@@ -224,6 +234,7 @@ class Machine:
 
     def run(self, motion: Motion, room: Room, watch: Callable[[Row], None] = lambda _row: None) -> None:
         """Run a motion that is only a means (positioning, creeping), watched row by row; nothing is kept."""
+        self._check_stops(motion)
         begun = self.drive.clock.now()
         try:
             self.drive.record(motion, self.drive_limits(room), watch)

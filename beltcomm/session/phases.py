@@ -5,7 +5,7 @@ Every phase predicts what its motion will do before it asks the machine to move,
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -216,7 +216,7 @@ def _excite(machine: Machine, name: str, excitation: Excitation, at: float, pred
     """Record an excitation, watched so that a stop at any limit still ends in the window."""
     around_it = room_around(machine, at, EXCITATION_TRAVEL_M + END_MARGIN_M)
     low, high = around_it.window_m
-    room = Room((low + predicted.stop_m, high - predicted.stop_m), min(around_it.speed_m_s, predicted.watched_m_s), around_it.torque_nm)
+    room = replace(around_it, window_m=(low + predicted.stop_m, high - predicted.stop_m))
     note = ExcitationNote(
         kind=excitation.kind,
         amplitude_nm=excitation.amplitude_nm,
@@ -224,7 +224,7 @@ def _excite(machine: Machine, name: str, excitation: Excitation, at: float, pred
         first_sample=excitation.first_sample,
     )
     sidecar = Sidecar(experiment="frf", start_position_m=at, session_time_s=machine.session_time_s, excitation=note)
-    return machine.record(name, machine.torque_motion(excitation.torque), room, sidecar)
+    return machine.record(name, machine.torque_motion(excitation.torque), room, sidecar, predicted.watched_m_s)
 
 
 def characteristic_hz(model: Model, position_m: float) -> tuple[float, float]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from beltcomm.control import Cascade
 from beltcomm.errors import Refused
@@ -30,24 +30,46 @@ SIMULATED_SHARE = 0.25
 VELOCITY_GAINS = ("kp_nm_s_rad", "ki_nm_rad")
 
 
-def braking_of(machine: Machine, sliding_nm: Callable[[float, float], float] | None = None) -> Callable[[Model], Braking]:
-    """What a stop of a model of this axis is counted with now: the loop designed for it, or friction and the gains that were found.
+@dataclass(frozen=True)
+class Found:
+    """What stops an axis whose drive is as it was found: friction, or the velocity loop in it, whichever needs less way.
 
-    sliding_nm : friction at least, N m, by inertia and transmission; the model's own without it.
+    sliding_nm : friction at least, N m, by inertia and transmission; None takes the model's own.
     """
+
+    kp_nm_s_rad: float
+    ki_nm_rad: float
+    deceleration_m_s2: float
+    reaction_s: float
+    sliding_nm: Callable[[float, float], float] | None = None
+
+    def __call__(self, model: Model) -> Braking:
+        """What a stop of this model is counted with."""
+        friction = total_friction(model)
+        if self.sliding_nm is not None:
+            friction = self.sliding_nm(total_inertia(model), model["transmission.ratio"])
+        loop = braked_by_unknown_gains(model, self.kp_nm_s_rad, self.ki_nm_rad, self.deceleration_m_s2, self.reaction_s)
+        return replace(braked_by_friction(model, friction, self.reaction_s), besides=loop)
+
+
+@dataclass(frozen=True)
+class Designed:
+    """The loop in the drive was designed for this axis."""
+
+    braking: Braking
+
+    def __call__(self, _model: Model) -> Braking:
+        """What a stop is counted with."""
+        return self.braking
+
+
+def braking_of(machine: Machine, sliding_nm: Callable[[float, float], float] | None = None) -> Found | Designed:
+    """What a stop is counted with now.   sliding_nm : as in :class:`Found`."""
     if machine.braking is not None:
-        known = machine.braking
-        return lambda _model: known
-    reaction = REACTION_PERIODS * machine.drive.capabilities.sample_period_s
+        return Designed(machine.braking)
     gains = machine.drive.backup()
-
-    def unknown(model: Model) -> Braking:
-        friction = sliding_nm(total_inertia(model), machine.ratio) if sliding_nm else total_friction(model)
-        kp, ki = (gains.get(name, 0.0) for name in VELOCITY_GAINS)
-        own = braked_by_unknown_gains(model, kp, ki, machine.deceleration_m_s2, reaction)
-        return replace(braked_by_friction(model, friction, reaction), besides=own)
-
-    return unknown
+    kp, ki = (gains.get(name, 0.0) for name in VELOCITY_GAINS)
+    return Found(kp, ki, machine.deceleration_m_s2, REACTION_PERIODS * machine.drive.capabilities.sample_period_s, sliding_nm)
 
 
 def count_on_loop(machine: Machine, family: Sequence[Model], cascade: Cascade, delay_s: float) -> Stop:
