@@ -20,7 +20,7 @@ from beltcomm.identify.magnitude_fit import Solver
 from beltcomm.model import Model, load_model, load_plant
 from beltcomm.parameters import cascade_to_parameters
 from beltcomm.runfolder import RunFolder
-from beltcomm.session import analyse, gains, offline, outcome, verification, words
+from beltcomm.session import analyse, gains, offline, outcome, stops, verification, words
 from beltcomm.session import commission as sequence
 from beltcomm.session.commission import Apply, Findings, Settings
 from beltcomm.session.creep import BREAKAWAY_SHARE, CREEP_SPEED_M_S, RAMP_S, small_move
@@ -237,6 +237,7 @@ def verify(
         folder.claim_drive(connected.capabilities.identity)
         with Machine(connected, folder.axis, folder, talk) as machine:
             sequence.reference(machine, _settings(options))
+            stops.count_on_loop(machine, [model], cascade, delay_from_dict(saved))
             path, remark = _verification_path(machine, model, move, trajectory)
             plan = verification_plan(machine.axis, model, path)
             if options.dry_run:
@@ -350,7 +351,7 @@ def _saved_model(folder: RunFolder) -> Model:
     try:
         return load_model(path)
     except UsageError as error:
-        raise DataError(f"the model {path} is damaged ({error}); make it again with `beltcomm fit {folder.path}`") from error
+        raise DataError(f"the run's model is damaged: {error}; make it again with `beltcomm fit {folder.path}`") from error
 
 
 def _verification_path(machine: Machine, model: Model, move: Path | None, name: str | None) -> tuple[Trajectory, str]:

@@ -30,10 +30,11 @@ def new_state() -> Array:
 
 
 @compiled
-def reset_state(state: Array, position_rad: float) -> None:
-    """Bring ``state`` to rest at ``position_rad``, as a drive does when its stage is switched on; nothing is remembered."""
+def reset_state(state: Array, position_rad: float, velocity_rad_s: float = 0.0) -> None:
+    """Bring ``state`` to ``position_rad``, as a drive does when it closes its loop; only the measured velocity is remembered."""
     state[:] = 0.0
     state[_POSITION] = position_rad
+    state[_VELOCITY] = state[_REFERENCE] = state[_FILTERED_REFERENCE] = velocity_rad_s
 
 
 @compiled

@@ -7,6 +7,7 @@ An adapter is a guest: a package registers a value of type :class:`Adapter` unde
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import entry_points
@@ -53,12 +54,14 @@ class Limits:
 
     position_min_rad, position_max_rad : float, rad, motor shaft, in the drive's own zero.
     speed_rad_s : float, rad/s, motor shaft.     torque_nm : float, N m, motor shaft.
+    deceleration_rad_s2 : float, rad/s², motor shaft, along which a quick stop brakes; inf leaves it to the drive.
     """
 
     position_min_rad: float
     position_max_rad: float
     speed_rad_s: float
     torque_nm: float
+    deceleration_rad_s2: float = math.inf
 
 
 @dataclass(frozen=True)

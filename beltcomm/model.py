@@ -234,7 +234,7 @@ def model_from_dict(data: Mapping[str, Any]) -> Model:
                 raise UsageError(f"{name} is given in {parameters[name].unit!r}; it must be in {known.unit!r}")
         return Model(str(data["name"]), effects, parameters, base_bodies, str(data.get("source", "")))
     except (AttributeError, KeyError, TypeError, ValueError) as error:
-        raise UsageError(f"this is not a model file: {type(error).__name__} at {error}") from error
+        raise UsageError(f"not a model file ({type(error).__name__}: {error}); it holds name, effects and parameters") from error
 
 
 @dataclass(frozen=True)
@@ -254,7 +254,7 @@ def load_plant(name: str | Path) -> PlantFile:
     """Load ``configs/plants/NAME.yaml`` or a path.  Raises UsageError."""
     path = find_config("plants", str(name))
     data = read_yaml(path)
-    model = model_from_dict(data)
+    model = _model_in(path, data)
     try:
         drive = data.get("drive") or {}
         return PlantFile(
@@ -268,5 +268,12 @@ def load_plant(name: str | Path) -> PlantFile:
 
 
 def load_model(path: Path) -> Model:
-    """Load a model or plant file.  Raises UsageError."""
-    return model_from_dict(read_yaml(path))
+    """Load a model or plant file.  Raises UsageError that names the file."""
+    return _model_in(path, read_yaml(path))
+
+
+def _model_in(path: Path, data: Mapping[str, Any]) -> Model:
+    try:
+        return model_from_dict(data)
+    except UsageError as error:
+        raise UsageError(f"{path}: {error}") from error

@@ -160,3 +160,12 @@ def test_an_unreadable_file_is_named(tmp_path: Path) -> None:
     broken.write_text("- 1\n", encoding="utf-8")
     with pytest.raises(UsageError, match="must hold a mapping"):
         load_model(broken)
+    for text, words in (
+        ("name: x\nbodies: [motor]\n", "not a model file .*effects"),
+        ("name: x\neffects: []\nparameters: {}\n", "is missing"),
+    ):
+        broken.write_text(text, encoding="utf-8")
+        for load in (load_model, load_plant):
+            with pytest.raises(UsageError, match=words) as caught:
+                load(broken)
+            assert str(caught.value).count(str(broken)) == 1

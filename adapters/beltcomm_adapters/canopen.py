@@ -120,7 +120,7 @@ class CanopenDrive:
             raise Refused("this drive has no homing; state where the carriage is with --position instead")
         speeds = homing_speeds_rad_s(self._objects, self._scaling, limits)
         width_rad = limits.position_max_rad - limits.position_min_rad
-        free = Limits(-math.inf, math.inf, limits.speed_rad_s, limits.torque_nm)
+        free = dataclasses.replace(limits, position_min_rad=-math.inf, position_max_rad=math.inf)
         period_s = _HOMING_PERIOD_S
         if self._profile.sync_change == "after_reset":
             period_s = sync_period_s(self._objects) or period_s

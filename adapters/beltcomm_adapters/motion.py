@@ -29,7 +29,7 @@ from beltcomm_adapters.setpoints import Frames, Layout, Setpoints
 #: Cycles without an answer that a recording survives; each leaves a gap in ``t_s``.
 TOLERATED_LOSSES: Final = 3
 ENABLE_TIME_S: Final = 3.0  # brake release included; 0.1 to 1 s are typical (G1)
-STOP_TIME_S: Final = 3.0
+STOP_TIME_S: Final = 3.0  # beyond the ramp of the quick stop
 #: A drive that is silent for so long while being stopped is left to its own guarding.
 SILENCE_S: Final = 0.2
 #: Standstill: less than this speed over this time, motor shaft.
@@ -79,7 +79,12 @@ class Watch:
             # one count of quantisation at either end is no speed
             if abs(travel) - 1 > self._travel_per_s * elapsed_s:
                 speed = travel / elapsed_s * self._scaling.position_rad
-                self._stop("speed", speed, "rad/s", "reduce the amplitude")
+                self._stop("speed", speed, "rad/s", "reduce the amplitude, or look at the encoder if its position jumped")
+
+    @property
+    def longest_stop_s(self) -> float:
+        """How long a quick stop may take, s: its ramp from the highest speed, and what a drive needs beside it."""
+        return STOP_TIME_S + self._limits.speed_rad_s / self._limits.deceleration_rad_s2
 
     def _stop(self, reason: str, value: float, unit: str, remedy: str) -> None:
         limits = self._limits
@@ -284,7 +289,7 @@ class Run:
         still_cycles = max(2, math.ceil(_STILL_TIME_S / self._period_s))
         still_counts = _STILL_RAD_S * still_cycles * self._period_s / self._scaling.position_rad
         positions: list[int] = []
-        for _ in range(math.ceil(STOP_TIME_S / self._period_s)):
+        for _ in range(math.ceil(self._watch.longest_stop_s / self._period_s)):
             sample = self._halting(QUICK_STOP)
             if sample is None:
                 continue

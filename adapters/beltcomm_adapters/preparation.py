@@ -28,6 +28,7 @@ _LINEAR_INTERPOLATION: Final = -2  # 60C0h
 #: Modes in which a position controller runs, so that 607Dh bounds its target.
 _POSITION_MODES: Final = (7, 8)
 _INT32: Final = 2**31 - 1
+_UINT32: Final = 2**32 - 1
 _RPM: Final = 2.0 * math.pi / 60.0
 #: Rounding of a float period, far below any timer's resolution.
 _SAME_S: Final = 1e-9
@@ -44,7 +45,9 @@ def check_motion(
         offered = ", ".join(sorted(capabilities.kinds)) or "none"
         raise UsageError(f"{capabilities.name} cannot run a motion of kind {motion.kind!r}; it offers {offered}")
     _check_period(motion, capabilities, profile)
-    if not (limits.position_min_rad < limits.position_max_rad and limits.speed_rad_s > 0 and limits.torque_nm > 0):
+    if not (
+        limits.position_min_rad < limits.position_max_rad and min(limits.speed_rad_s, limits.torque_nm, limits.deceleration_rad_s2) > 0
+    ):
         raise UsageError(f"these limits leave no room to move: {limits}")
     if not limits.position_min_rad <= here_rad <= limits.position_max_rad:
         raise UsageError(
@@ -123,7 +126,8 @@ def prepare(
 ) -> None:
     """Mode of operation, setpoints at rest, limits inside the drive, SYNC period; everything but setpoints is lent.
 
-    The drive's own limits are only ever tightened.  speeds_rad_s : the speeds of a motion in mode 3, whose ramps are opened
+    The drive's own limits are only ever tightened; the quick stop's deceleration is set, for the way it takes is counted with.
+    speeds_rad_s : the speeds of a motion in mode 3, whose ramps are opened
     just so far that they do not shape it.
     """
     mode = layout.mode
@@ -133,6 +137,9 @@ def prepare(
         objects.write(0x6060, 0, "int8", mode)
     machine.confirm_mode(mode)
     lending.set_if_there(0x605A, 0, "int16", _QUICK_STOP_AND_DISABLE)
+    if math.isfinite(limits.deceleration_rad_s2):
+        steps = math.floor(limits.deceleration_rad_s2 / scaling.acceleration_rad_s2)
+        lending.set_if_there(0x6085, 0, "uint32", min(max(steps, 1), _UINT32))
     if profile.sync_change == "at_once" and sync_period_s(objects) is not None:
         lending.set(0x60C2, 2, "int8", -3)
         lending.set(0x60C2, 1, "uint8", round(period_s * 1e3))

@@ -12,12 +12,7 @@ from beltcomm.cli.frame import Frame, api, options_of
 
 
 @click.command("apply")
-@shared.drive_options
-@shared.existing_run_option
-@click.option("--save", is_flag=True, help="Make them permanent in the drive; else they hold until power-off.")
-@click.option("--yes", is_flag=True, help="Answer every question with yes.")
-@click.option("--dry-run", is_flag=True, help="Show what would be written and write nothing.")
-@shared.output_options
+@shared.writing_options
 @click.pass_obj
 def command(frame: Frame, /, drive: str, run: Path, save: bool, **given: Any) -> int:
     """Write the gains of the run's design to the drive and read them back; nothing moves."""

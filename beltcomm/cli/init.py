@@ -19,12 +19,12 @@ if TYPE_CHECKING:
 #: What commissioning cannot do without on a belt axis, and what it is for.
 NEEDED = {
     "motor.inertia_kg_m2": "start values and the plausibility of the model",
-    "motor.peak_torque_nm": "the torque limit",
     "pulley.effective_radius_m": "travel per motor revolution",
+    "belt.specific_stiffness_n": "the belt force before anything is measured",
+    "belt.pulley_distance_m": "the belt force before anything is measured",
     "travel.min_m": "the travel window",
     "travel.max_m": "the travel window",
     "limits.speed_m_s": "the speed limit",
-    "limits.acceleration_m_s2": "the reference motions",
     "limits.feed_force_n": "the belt force limit",
 }
 _INTRODUCTION = (

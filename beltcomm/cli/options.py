@@ -77,7 +77,7 @@ def machine_options(function: Function) -> Function:
     """What every verb that moves an axis has."""
     for decorate in reversed(
         (
-            click.option("--yes", is_flag=True, help="Answer every question with yes."),
+            yes_option,
             click.option("--dry-run", is_flag=True, help="Show the plan and move nothing."),
             click.option("--home", is_flag=True, help="Let the drive search its zero first."),
             click.option(
@@ -89,6 +89,23 @@ def machine_options(function: Function) -> Function:
     return drive_options(function)
 
 
+def writing_options(function: Function) -> Function:
+    """What every verb that writes a run's parameters to a drive has."""
+    for decorate in reversed(
+        (
+            drive_options,
+            existing_run_option,
+            click.option("--save", is_flag=True, help="Make them permanent in the drive; else they hold until power-off."),
+            yes_option,
+            click.option("--dry-run", is_flag=True, help="Show what would be written and write nothing."),
+            output_options,
+        )
+    ):
+        function = decorate(function)
+    return function
+
+
+yes_option = click.option("--yes", is_flag=True, help="Answer every question with yes.")
 axis_option = click.option("--axis", metavar="FILE", help="axis.yaml, or the name of a shipped axis.")
 resume_option = click.option("--resume", is_flag=True, help="Go on with an existing run: only unfinished records are repeated.")
 new_run_option = click.option("--run", type=click.Path(path_type=Path), help="Run folder to make; a dated one under runs/ when left out.")

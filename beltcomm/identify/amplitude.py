@@ -2,12 +2,13 @@
 
 The amplitude rises step by step (thesis 3.4).  Before each step the record is simulated for a family of models that
 stands for what is not known yet; travel, speed, motor torque and belt force, the resonance included, must stay inside
-their limits for every member.  A torque limit alone does not protect the belt.
+their limits for every member.  A torque limit alone does not protect the belt.  The way that a stop takes is part of the travel:
+even from half as fast again as predicted it must end inside the window.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,35 +18,53 @@ from beltcomm.errors import Refused
 from beltcomm.linear import fastest_rate, operating_point
 from beltcomm.model import Model
 from beltcomm.simulate.forward import simulate_torque
+from beltcomm.stopping import HEAVIEST_KG, Braking
 
 Array = NDArray[np.float64]
 
 #: Carriage masses that stand for an unknown payload before anything was measured, kg.
-UNKNOWN_MASSES_KG = (0.3, 1.0, 3.0, 10.0, 30.0)
+UNKNOWN_MASSES_KG = (0.3, 1.0, 3.0, 10.0, HEAVIEST_KG)
 #: Spread of mass, stiffness and friction around a first estimate.
 FIRST_ESTIMATE_SPREAD = 0.15
+#: A stop is counted from this share of the predicted carriage speed, and a record is stopped at this share of the predicted motor
+#: speed and what coarse encoders add, m/s.
+SPEED_RESERVE, ENCODER_SLACK_M_S = 1.5, 0.01
 #: Steps of the search: the amplitude is found to 1 part in 2^12.
 _BISECTIONS = 12
 
 
 @dataclass(frozen=True)
 class MotionLimits:
-    """What a record may use.  travel_m : m either way from the start.   speed_m_s, torque_nm (motor shaft), belt_force_n."""
+    """What a record may use.  travel_m : m either way from the start.   speed_m_s, torque_nm (motor shaft), belt_force_n.
+
+    window_m : m either way from the start, which a stop must not leave.
+    """
 
     travel_m: float
     speed_m_s: float
     torque_nm: float
     belt_force_n: float
+    window_m: float = np.inf
 
 
 @dataclass(frozen=True)
 class Prediction:
-    """Largest travel from the start, carriage speed, motor torque and belt force of a record, over a family of models."""
+    """Largest travel from the start, carriage speed, motor torque and belt force of a record, over a family of models.
+
+    stop_m : way of a stop from ``SPEED_RESERVE`` times the carriage's speed.   motor_m_s : motor speed times i_t; it rings more.
+    """
 
     travel_m: float
     speed_m_s: float
     torque_nm: float
     belt_force_n: float
+    stop_m: float = 0.0
+    motor_m_s: float = 0.0
+
+    @property
+    def watched_m_s(self) -> float:
+        """Speed at which the record is stopped, m/s, as the motor shows it."""
+        return SPEED_RESERVE * self.motor_m_s + ENCODER_SLACK_M_S
 
     def use_of(self, limits: MotionLimits) -> dict[str, float]:
         """Share of each limit that is used."""
@@ -54,6 +73,7 @@ class Prediction:
             "speed": self.speed_m_s / limits.speed_m_s,
             "motor torque": self.torque_nm / limits.torque_nm,
             "belt force": self.belt_force_n / limits.belt_force_n,
+            "travel with a stop": (self.travel_m + self.stop_m) / limits.window_m if np.isfinite(limits.window_m) else 0.0,
         }
 
 
@@ -64,6 +84,11 @@ class AmplitudeStep:
     amplitude_nm: float
     prediction: Prediction
     binds: str
+
+
+def no_stop(_model: Model) -> Braking:
+    """A stop that takes no way: where it is of no interest."""
+    return Braking(np.inf, 0.0)
 
 
 def unknown_payload(model: Model) -> list[Model]:
@@ -93,39 +118,49 @@ def around(model: Model, spread: float = FIRST_ESTIMATE_SPREAD) -> list[Model]:
     ]
 
 
-def predict(family: Sequence[Model], torque: Array, sample_s: float, position_m: float) -> Prediction:
+def predict(
+    family: Sequence[Model], torque: Array, sample_s: float, position_m: float, braking: Callable[[Model], Braking] = no_stop
+) -> Prediction:
     """Worst case of one record over a family of models, starting at rest at ``position_m``.
 
-    torque : ndarray (n,), N m at the motor shaft, held for ``sample_s`` each.
+    torque : ndarray (n,), N m at the motor shaft, held for ``sample_s`` each.   braking : what stops each of the models.
     """
-    travel = speed = force = 0.0
+    travel = speed = force = stop = motor = 0.0
     for model in family:
         # eigenvalue times sub-step below 0.3: phase error of the fastest mode below 0.4 %
         substeps = max(5, int(np.ceil(sample_s * fastest_rate(model, operating_point(model, position_m)) / 0.3)))
         result = simulate_torque(model, torque, sample_s, position_m, substeps=substeps)
         travel = max(travel, float(np.max(np.abs(result.cart_position_m - result.cart_position_m[0]))))
-        speed = max(speed, float(np.max(np.abs(np.diff(result.cart_position_m)))) / sample_s)
+        fastest = float(np.max(np.abs(np.diff(result.cart_position_m)))) / sample_s
+        speed, stop = max(speed, fastest), max(stop, braking(model).way_m(SPEED_RESERVE * fastest))
+        motor = max(motor, model["transmission.ratio"] * float(np.max(np.abs(result.velocity_rad_s))))
         force = max(force, float(np.max(result.belt_force_n)))
-    return Prediction(travel, speed, float(np.max(np.abs(torque))), force)
+    return Prediction(travel, speed, float(np.max(np.abs(torque))), force, stop, motor)
 
 
 def largest_amplitude(
-    family: Sequence[Model], shape: Array, sample_s: float, position_m: float, limits: MotionLimits, at_most_nm: float
+    family: Sequence[Model],
+    shape: Array,
+    sample_s: float,
+    position_m: float,
+    limits: MotionLimits,
+    at_most_nm: float,
+    braking: Callable[[Model], Braking] = no_stop,
 ) -> AmplitudeStep:
     """The largest amplitude, up to ``at_most_nm``, for which every member of the family stays inside all limits.
 
-    shape : ndarray (n,), the record with unit amplitude.
+    shape : ndarray (n,), the record with unit amplitude.   braking : what stops each of the models.
     Raises Refused when even a fiftieth of ``at_most_nm`` is too much.
     """
     low, high = 0.0, at_most_nm
-    best = predict(family, at_most_nm * shape, sample_s, position_m)
+    best = predict(family, at_most_nm * shape, sample_s, position_m, braking)
     if max(best.use_of(limits).values()) <= 1.0:
         binds = "motor torque" if best.torque_nm >= 0.999 * limits.torque_nm else "step"
         return AmplitudeStep(at_most_nm, best, binds)
     binds, best = _first(best, limits), None  # type: ignore[assignment]
     for _ in range(_BISECTIONS):
         middle = 0.5 * (low + high)
-        trial = predict(family, middle * shape, sample_s, position_m)
+        trial = predict(family, middle * shape, sample_s, position_m, braking)
         if max(trial.use_of(limits).values()) <= 1.0:
             low, best = middle, trial
         else:

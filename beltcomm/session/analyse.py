@@ -10,6 +10,7 @@ import numpy as np
 
 from beltcomm.control import Cascade, CascadeStructure
 from beltcomm.design.cascade import DesignResult, design_cascade
+from beltcomm.design.cautious import cautious_cascade
 from beltcomm.design.design_plant import DesignPlant, with_friction_fractions
 from beltcomm.design.feedforward import FeedforwardKind, feedforward_from
 from beltcomm.design.specification import Infeasible, Specification
@@ -31,6 +32,8 @@ PRODUCT_SPECIFICATION = Specification(
 )
 #: Below this a loop is refused, whatever the drive's structure.
 LEAST_PHASE_MARGIN_DEG = 10.0
+#: Uncertainty of mass and stiffness that the first loop must bear: as much as the drive's structure allows.
+UNCERTAINTIES = (0.3, 0.15, 0.05)
 
 
 @dataclass(frozen=True)
@@ -173,6 +176,24 @@ def design(
         result = design_cascade(plants, structure, nearest)
         result = replace(result, remarks=(f"this drive cannot have the usual margins: {refusal}", *result.remarks))
     return result, with_feedforward(result.cascade, model, structure, dead_time_s, feedforward, apparent_damping_nm_s_rad)
+
+
+def first_loop(
+    model: Model, structure: CascadeStructure, position_m: float, dead_time_s: float, apparent_damping_nm_s_rad: float
+) -> DesignResult:
+    """The cautious loop for a first model at one place, with the largest uncertainty and the best margins that the drive allows.
+
+    Raises Refused (Infeasible) when even a model known to 5 % leaves less than ``LEAST_PHASE_MARGIN_DEG``.
+    """
+    plant = design_plants(model, [position_m], [model["cart.mass"]], dead_time_s, apparent_damping_nm_s_rad)[-1]
+    for uncertainty in UNCERTAINTIES:
+        try:
+            return cautious_cascade(plant, structure, uncertainty)
+        except Infeasible as refusal:
+            nearest, last = refusal.nearest, refusal
+    if nearest is None or nearest.phase_margin_deg < LEAST_PHASE_MARGIN_DEG:
+        raise last
+    return cautious_cascade(plant, structure, UNCERTAINTIES[-1], nearest)
 
 
 def with_feedforward(

@@ -9,18 +9,17 @@ from typing import Literal
 from beltcomm.axis import Axis
 from beltcomm.control import Cascade, CascadeStructure
 from beltcomm.design.cascade import DesignResult
-from beltcomm.design.cautious import cautious_cascade
-from beltcomm.design.design_plant import DesignPlant
 from beltcomm.design.feedforward import FeedforwardKind
-from beltcomm.design.specification import Infeasible, Specification
+from beltcomm.design.specification import Specification
 from beltcomm.errors import DataError, Refused
+from beltcomm.identify.amplitude import around
 from beltcomm.identify.dead_time import DeadTime
 from beltcomm.identify.final import FinalModel, final_model
 from beltcomm.identify.friction import FrictionFit
 from beltcomm.identify.magnitude_fit import MagnitudeFit, Solver
 from beltcomm.model import Model
 from beltcomm.recording import Recording
-from beltcomm.session import analyse, phases, verification
+from beltcomm.session import analyse, phases, stops, verification
 from beltcomm.session.machine import Machine
 from beltcomm.sidecar import Sidecar
 from beltcomm.trajectory import Trajectory
@@ -30,8 +29,6 @@ Apply = Literal["keep", "restore", "save"]
 
 #: s of machine time per frequency response: rest, one run-in period, three to four measured ones.
 RESPONSE_S = 7.0
-#: Uncertainty of mass and stiffness that the first loop must bear: as much as the drive's structure allows.
-UNCERTAINTIES = (0.3, 0.15, 0.05)
 #: Where along the travel the other frequency responses are taken, as shares of it.
 PLACES = (0.12, 0.5, 0.88)
 #: m: a place already measured nearby is not measured again.
@@ -131,29 +128,12 @@ def close_first_loop(machine: Machine, findings: Findings, model: Model) -> Casc
     """Phase 4: a cautious loop for the uncertain first model, written into the drive."""
     machine.talk.phase(5, len(TITLES), TITLES[4])
     structure = machine.drive.capabilities.structure
-    at = machine.position_m
-    plants = analyse.design_plants(model, [at], [model["cart.mass"]], delay(findings), analyse.apparent_damping(findings.thesis))
-    result = _cautious(plants[-1], structure)
+    result = analyse.first_loop(model, structure, machine.position_m, delay(findings), analyse.apparent_damping(findings.thesis))
     cascade = analyse.with_feedforward(result.cascade, model, structure, delay(findings))
     margin = min(m.phase_margin_deg for m in result.margins)
     machine.talk.say(f"first loop: K_P {cascade.kp_nm_s_rad:.4f} N m s/rad, smallest phase margin {margin:.0f} deg on an uncertain model")
-    machine.write_cascade(cascade)
+    stops.count_on_loop(machine, around(model), machine.write_cascade(cascade), delay(findings))
     return cascade
-
-
-def _cautious(plant: DesignPlant, structure: CascadeStructure) -> DesignResult:
-    """The first loop with the largest uncertainty and the best margins that the drive's structure allows.
-
-    Raises Refused (Infeasible) when even a model known to 5 % leaves less than ``LEAST_PHASE_MARGIN_DEG``.
-    """
-    for uncertainty in UNCERTAINTIES:
-        try:
-            return cautious_cascade(plant, structure, uncertainty)
-        except Infeasible as refusal:
-            nearest, last = refusal.nearest, refusal
-    if nearest is None or nearest.phase_margin_deg < analyse.LEAST_PHASE_MARGIN_DEG:
-        raise last
-    return cautious_cascade(plant, structure, UNCERTAINTIES[-1], nearest)
 
 
 def delay(findings: Findings) -> float:
@@ -244,6 +224,7 @@ def commission(machine: Machine, settings: Settings, findings: Findings) -> Find
         cascade = fit_and_design(machine, findings, settings)
         machine.talk.phase(9, len(TITLES), TITLES[8])
         model = known_model(findings)
+        stops.count_on_loop(machine, [model], cascade, delay(findings))
         if settings.move is not None:
             trajectory = settings.move
         else:

@@ -9,9 +9,12 @@ import numpy as np
 from beltcomm.axis import Axis
 from beltcomm.drive import Drive, Limits, Motion, Row
 from beltcomm.errors import DriveError, Refused, SafetyStop
+from beltcomm.stopping import first_deceleration
 
 #: m: what counts as moving; more than belt and coupling give way before friction breaks.
 MOVED_M = 5e-5
+#: Sliding friction is at least this share of the torque at which the carriage began to move.
+SLIDING_SHARE = 0.5
 #: Share of the torque that axis and motor allow at which an axis that does not move is given up.
 BREAKAWAY_SHARE = 0.6
 #: s, in which the torque rises to that share.
@@ -30,10 +33,14 @@ STILL_S = 0.1
 
 @dataclass(frozen=True)
 class Crept:
-    """onset_nm : torque at which the carriage began to move, positive, N m at the motor.   moved_m : how far it went, signed."""
+    """onset_nm : torque at which the carriage began to move, positive, N m at the motor.   moved_m : how far it went, signed.
+
+    slope_nm_s : how fast the torque rose, N m/s.
+    """
 
     onset_nm: float
     moved_m: float
+    slope_nm_s: float
 
 
 class Enough(SafetyStop):
@@ -43,10 +50,13 @@ class Enough(SafetyStop):
         super().__init__("the motion has shown what it was for", "enough")
 
 
-def creep(drive: Drive, axis: Axis, limits: Limits, by_m: float) -> Crept:
+def creep(drive: Drive, axis: Axis, limits: Limits, by_m: float, reach_m: float) -> Crept:
     """Creep by about ``by_m`` (signed), or until it gets fast; check direction and stopping.   Nothing is recorded.
 
-    Raises Refused when nothing moves, DriveError when torque and motion have opposite signs or the axis does not stop, SafetyStop.
+    reach_m : m, which the carriage must not leave with the way of the stop.  The work of the torque is used up by friction:  it ends
+    within  moved τ/τ_friction,  so it is stopped while that is less.
+    Raises Refused when nothing moves, DriveError when torque and motion have opposite signs or the axis does not stop, SafetyStop when
+    it went further than ``reach_m``.
     """
     ratio, sign = axis.transmission_m_rad, float(np.sign(by_m))
     period = drive.capabilities.sample_period_s
@@ -65,7 +75,8 @@ def creep(drive: Drive, axis: Axis, limits: Limits, by_m: float) -> Crept:
                 f"the carriage moves to {'negative' if sign > 0 else 'positive'} under {'positive' if sign > 0 else 'negative'} "
                 "torque: change the polarity of the drive (607Eh) or of its encoder, or the tilt of the axis moves it by itself"
             )
-        if moved > abs(by_m) or (moved > MOVED_M and moved - before[0] > CREEP_SPEED_M_S * period):
+        coasting = onset and moved * sign * row[2] > SLIDING_SHARE * onset[0] * reach_m
+        if moved > abs(by_m) or coasting or (moved > MOVED_M and moved - before[0] > CREEP_SPEED_M_S * period):
             raise Enough
         before[0] = moved
 
@@ -87,7 +98,14 @@ def creep(drive: Drive, axis: Axis, limits: Limits, by_m: float) -> Crept:
     end = drive.read(["position_rad"])["position_rad"]
     if ratio * abs(end - stopped) > MOVED_M:
         raise DriveError("the axis does not stand still after a stop; check the drive's quick stop (605Ah, 6085h) and its brake")
-    return Crept(onset[0] if onset else top, ratio * (end - start))
+    moved_m = ratio * (end - start)
+    if abs(moved_m) > reach_m:
+        raise SafetyStop(
+            f"the carriage came to rest {1e3 * abs(moved_m):.1f} mm from where it began to creep, {1e3 * reach_m:.1f} mm were counted "
+            "with: friction and the drive's own velocity loop hardly brake it; set that loop up with the maker's tool first",
+            "position",
+        )
+    return Crept(onset[0] if onset else top, moved_m, top / RAMP_S)
 
 
 def small_move(drive: Drive, axis: Axis, by_m: float, position_m: float | None) -> float:
@@ -107,12 +125,13 @@ def small_move(drive: Drive, axis: Axis, by_m: float, position_m: float | None) 
     if position_m is not None or drive.capabilities.referenced:  # going too far must not lead out of the travel
         ends = [max(ends[0], here + (low - start) / ratio), min(ends[1], here + (high - start) / ratio)]
     speed = (axis.limits.speed_m_s or 1.0) / ratio
-    limits = Limits(
-        ends[0], ends[1], min(speed, drive.capabilities.max_speed_rad_s), min(axis.torque_limit_nm, drive.capabilities.peak_torque_nm)
-    )
+    torque = min(axis.torque_limit_nm, drive.capabilities.peak_torque_nm)
+    braking = first_deceleration(axis, torque).value_m_s2
+    limits = Limits(ends[0], ends[1], min(speed, drive.capabilities.max_speed_rad_s), torque, braking / ratio)
     moved = 0.0
     for _ in range(GOES):
         if abs(by_m - moved) < NEAR_M or (by_m - moved) * by_m < 0.0:
             break
-        moved += creep(drive, axis, limits, GO_SHARE * (by_m - moved)).moved_m
+        go = GO_SHARE * (by_m - moved)
+        moved += creep(drive, axis, limits, go, abs(go) + MARGIN_M).moved_m
     return moved

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from beltcomm.model import Model
-from beltcomm.session import phases, verification
+from beltcomm.session import phases, stops, verification
 from beltcomm.session.commission import RESPONSE_S, Findings, Settings, close_first_loop, design_for, measure_friction
 from beltcomm.session.machine import Machine
 
@@ -20,6 +20,7 @@ def run_experiment(machine: Machine, model: Model, experiment: str) -> str:
         return "sweep"
     structure = machine.drive.capabilities.structure
     _, cascade = design_for(machine.axis, model, structure, findings, Settings())
+    stops.count_on_loop(machine, [model], cascade, 0.0)
     path, _ = verification.standard_move(machine, model)
     verification.verify_move(machine, model, cascade, 0.0, path)
     return "move_1"

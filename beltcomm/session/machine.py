@@ -18,11 +18,12 @@ from numpy.typing import NDArray
 from beltcomm.axis import Axis
 from beltcomm.control import Cascade
 from beltcomm.drive import COLUMNS, Drive, Limits, Motion, Row
-from beltcomm.errors import BeltcommError, DataError, Refused, UsageError
+from beltcomm.errors import BeltcommError, DataError, Refused, SafetyStop, UsageError
 from beltcomm.parameters import GAIN_NAMES, cascade_to_parameters, parameters_to_cascade
 from beltcomm.recording import Recording
 from beltcomm.runfolder import RunFolder
 from beltcomm.sidecar import Sidecar
+from beltcomm.stopping import Braking, first_deceleration
 from beltcomm.talk import Talk
 from beltcomm.trajectory import Trajectory
 
@@ -49,6 +50,8 @@ class Machine:
 
     position_m : carriage position; the zero of the axis is known after :meth:`reference_at` or when the drive is referenced.
     keep_gains : set by the sequence when the user wants to keep the new gains in the drive (not saved).
+    deceleration_m_s2 : of a quick stop, lent to the drive with every motion.   braking : what brakes the axis with the loop that is in
+    the drive; None as long as only friction can be counted with.
     """
 
     def __init__(self, drive: Drive, axis: Axis, folder: RunFolder, talk: Talk) -> None:
@@ -56,6 +59,8 @@ class Machine:
         self.ratio = axis.transmission_m_rad
         self.origin_rad = 0.0
         self.keep_gains = False
+        self.deceleration_m_s2 = first_deceleration(axis, drive.capabilities.peak_torque_nm).value_m_s2
+        self.braking: Braking | None = None
         self.machine_seconds = 0.0
         self._started = drive.clock.now()
         self._backup = drive.backup()
@@ -136,7 +141,11 @@ class Machine:
         """The same limits at the motor shaft in the drive's zero."""
         low, high = sorted(self.origin_rad + x / self.ratio for x in room.window_m)
         speed = min(room.speed_m_s / self.ratio, self.drive.capabilities.max_speed_rad_s)
-        return Limits(low, high, speed, room.torque_nm)
+        return Limits(low, high, speed, room.torque_nm, self.deceleration_m_s2 / self.ratio)
+
+    def brake_with(self, braking: Braking) -> None:
+        """From now on a stop is counted with, and set in the drive to, what a loop can do."""
+        self.braking, self.deceleration_m_s2 = braking, braking.deceleration_m_s2
 
     def torque_motion(self, torque_nm: Array) -> Motion:
         """An open-loop record at the drive's sampling period."""
@@ -154,15 +163,39 @@ class Machine:
             zero,
         )
 
-    def record(self, name: str, motion: Motion, room: Room, sidecar: Sidecar) -> Recording:
+    def stops_beyond(self, position_m: Array, speed_m_s: Array) -> str:
+        """In words, where a stop at some moment of a motion would end outside the travel; empty when every stop ends inside."""
+        if self.braking is None:
+            return ""
+        low, high = self.full_room().window_m
+        reached = self.braking.span_m(position_m, speed_m_s, self.drive.capabilities.sample_period_s)
+        if low <= reached[0] and reached[1] <= high:
+            return ""
+        end = reached[0] if reached[0] < low else reached[1]
+        return (
+            f"a stop with {self.braking.deceleration_m_s2:.3g} m/s², which the belt bears, would end at {end:.4g} m, the travel is "
+            f"{low:g}..{high:g} m"
+        )
+
+    def _check_stops(self, motion: Motion) -> None:
+        """Raise Refused when a stop at some moment of a closed-loop motion would end outside the travel."""
+        if motion.kind == "torque":
+            return
+        beyond = self.stops_beyond(self.ratio * (motion.position_rad - self.origin_rad), self.ratio * motion.velocity_rad_s)
+        if beyond:
+            raise Refused(f"the motion is refused: {beyond}; plan it slower or further away from the ends")
+
+    def record(self, name: str, motion: Motion, room: Room, sidecar: Sidecar, expected_m_s: float = math.inf) -> Recording:
         """Run a motion and keep it as ``recordings/NAME``; a record already finished in a resumed run is read instead.
 
         Rows stream to disk while the axis moves; an interrupted record stays, marked as unfinished.
-        Raises SafetyStop, DriveError, DataError.
+        expected_m_s : of the motor's speed times i_t; a higher one stops the axis.
+        Raises Refused, SafetyStop, DriveError, DataError.
         """
         if self.folder.finished(name) is not None:
             self.talk.say(f"{name}: kept from the earlier run")
             return self.folder.recording(name)
+        self._check_stops(motion)
         writer = self.folder.new_recording(name, sidecar, COLUMNS)
         zero, begun, total = self.origin_rad, self.drive.clock.now(), len(motion.torque_nm)
         rows = 0
@@ -171,6 +204,12 @@ class Machine:
             nonlocal rows
             t, torque, setpoint, position, velocity, reference, reference_velocity = row
             writer.write((t, torque, setpoint, position - zero, velocity, reference - zero, reference_velocity))
+            if abs(self.ratio * velocity) > expected_m_s:
+                raise SafetyStop(
+                    f"the speed {abs(self.ratio * velocity):.3g} m/s is more than the {expected_m_s:.3g} m/s that was to be expected at "
+                    "most; the axis was stopped; look for what moves it, whether the encoder jumped, and at the data in axis.yaml",
+                    "speed",
+                )
             rows += 1
             if rows % 200 == 0:
                 self.talk.progress(rows / total, (total - rows) * motion.period_s)
@@ -195,6 +234,7 @@ class Machine:
 
     def run(self, motion: Motion, room: Room, watch: Callable[[Row], None] = lambda _row: None) -> None:
         """Run a motion that is only a means (positioning, creeping), watched row by row; nothing is kept."""
+        self._check_stops(motion)
         begun = self.drive.clock.now()
         try:
             self.drive.record(motion, self.drive_limits(room), watch)

@@ -5,7 +5,7 @@ Every phase predicts what its motion will do before it asks the machine to move,
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,20 +13,22 @@ from numpy.typing import NDArray
 from beltcomm.axis_entries import TrajectoryLimits
 from beltcomm.errors import Refused, SafetyStop, UsageError
 from beltcomm.excitation import Excitation, choose_prbs, prbs
-from beltcomm.identify.amplitude import AmplitudeStep, MotionLimits, around, largest_amplitude, unknown_payload
+from beltcomm.identify.amplitude import AmplitudeStep, MotionLimits, Prediction, around, largest_amplitude, unknown_payload
 from beltcomm.identify.first_estimate import data_sheet_model, first_estimate
 from beltcomm.linear import modes, operating_point
 from beltcomm.model import Model
 from beltcomm.recording import Recording
-from beltcomm.session.creep import creep
+from beltcomm.session import stops
+from beltcomm.session.creep import MOVED_M, SLIDING_SHARE, creep
 from beltcomm.session.machine import Machine, Room
 from beltcomm.sidecar import ExcitationNote, Sidecar
 from beltcomm.trajectory import Strokes, Trajectory, at_rest, constant_speed_strokes, join, plan_trajectory
 
 Array = NDArray[np.float64]
 
-#: m; how far the carriage goes in the sign check.
+#: m; how far the carriage goes in the sign check, and with the way of its stop.
 SIGN_TRAVEL_M = 2e-3
+SIGN_REACH_M = 1e-2
 #: m, room kept to the ends of the travel.
 END_MARGIN_M = 5e-3
 #: Share of the belt force limit that a prediction may use: the models are known to FIRST_ESTIMATE_SPREAD.
@@ -54,15 +56,27 @@ EXCITATION_TRAVEL_M = 0.03
 
 @dataclass(frozen=True)
 class Breakaway:
-    """Torque at which the carriage began to move, N m at the motor shaft, in each direction (both positive on a level axis)."""
+    """Torque at which the carriage began to move, N m at the motor shaft, in each direction (both positive on a level axis).
+
+    slope_nm_s : how fast the torque rose, N m/s.
+    """
 
     forward_nm: float
     backward_nm: float
+    slope_nm_s: float = 0.0
 
     @property
     def coulomb_nm(self) -> float:
         """Half the difference of the two: friction."""
         return 0.5 * (self.forward_nm + self.backward_nm)
+
+    def sliding_nm(self, inertia_kg_m2: float, ratio: float) -> float:
+        """What is sure of the friction in motion, N m, on an axis with this inertia at the motor; 0 when nothing is.
+
+        The torque went on rising until the carriage had moved by ``MOVED_M``:  x = i_t Ṁ t³/6J  gives by how much.
+        """
+        rising_s = (6.0 * MOVED_M * inertia_kg_m2 / (ratio * self.slope_nm_s)) ** (1.0 / 3.0) if self.slope_nm_s else 0.0
+        return max(0.0, SLIDING_SHARE * (self.coulomb_nm - self.slope_nm_s * rising_s))
 
     @property
     def holding_nm(self) -> float:
@@ -97,15 +111,16 @@ def sign_and_scale(machine: Machine) -> Breakaway:
         raise UsageError(
             f"the carriage stands at {at:.4f} m, within {2e3 * SIGN_TRAVEL_M:.0f} mm of an end of its travel; move it further in by hand"
         )
-    limits = machine.drive_limits(room_around(machine, at, 5.0 * SIGN_TRAVEL_M))
+    room = room_around(machine, at, SIGN_REACH_M)
+    limits = machine.drive_limits(room)
     begun = machine.drive.clock.now()
     found = {}
     for sign in (1.0, -1.0):
-        crept = creep(machine.drive, machine.axis, limits, sign * SIGN_TRAVEL_M)
+        crept = creep(machine.drive, machine.axis, limits, sign * SIGN_TRAVEL_M, SIGN_REACH_M)
         found[sign] = crept.onset_nm
     machine.machine_seconds += machine.drive.clock.now() - begun
     machine.folder.journal(f"breakaway {found[1.0]:.3f} N m forward, {found[-1.0]:.3f} N m backward")
-    return Breakaway(found[1.0], found[-1.0])
+    return Breakaway(found[1.0], found[-1.0], crept.slope_nm_s)
 
 
 def motion_limits(machine: Machine, position_m: float) -> MotionLimits:
@@ -119,7 +134,11 @@ def motion_limits(machine: Machine, position_m: float) -> MotionLimits:
             "move the carriage further in or correct travel in axis.yaml"
         )
     return MotionLimits(
-        min(space, EXCITATION_TRAVEL_M), full.speed_m_s, full.torque_nm, BELT_SHARE * (machine.axis.limits.feed_force_n or np.inf)
+        min(space, EXCITATION_TRAVEL_M),
+        full.speed_m_s,
+        full.torque_nm,
+        BELT_SHARE * (machine.axis.limits.feed_force_n or np.inf),
+        min(space, EXCITATION_TRAVEL_M) + END_MARGIN_M,
     )
 
 
@@ -139,7 +158,8 @@ def raise_amplitude(machine: Machine, breakaway: Breakaway) -> Excited:
         at = machine.position_m  # every excitation leaves the carriage a little beside where it began
         limits = motion_limits(machine, at)
         unit = shape.torque / shape.amplitude_nm
-        step = largest_amplitude(family, unit, period, at, limits, min(at_most, limits.torque_nm))
+        braking = stops.braking_of(machine, breakaway.sliding_nm)
+        step = largest_amplitude(family, unit, period, at, limits, min(at_most, limits.torque_nm), braking)
         if step.amplitude_nm < OVER_BREAKAWAY * breakaway.coulomb_nm:
             raise Refused(
                 f"friction holds the axis up to {breakaway.coulomb_nm:.3f} N m, but the limit on {step.binds} allows only "
@@ -147,18 +167,20 @@ def raise_amplitude(machine: Machine, breakaway: Breakaway) -> Excited:
             )
         machine.talk.say(
             f"excitation ±{step.amplitude_nm:.3f} N m: up to {1e3 * step.prediction.travel_m:.1f} mm, "
-            f"{step.prediction.belt_force_n:.0f} N in the belt (bound by {step.binds})"
+            f"{step.prediction.belt_force_n:.0f} N in the belt (bound by {step.binds}); a stop takes up to "
+            f"{1e3 * step.prediction.stop_m:.1f} mm"
         )
         excitation = prbs(9, 2, 2.0 * step.amplitude_nm, period, 1, torque_step_nm=machine.drive.capabilities.torque_step_nm)
-        recordings.append(_excite(machine, f"amplitude_{len(recordings) + 1}", excitation, at))
+        recordings.append(_excite(machine, f"amplitude_{len(recordings) + 1}", excitation, at, step.prediction))
         model = first_estimate(recordings[-1:], sheet, counts)
         machine.folder.journal(
             f"amplitude {step.amplitude_nm:.3f} N m ({step.binds}): mass {model['cart.mass']:.2f} kg, "
             f"stiffness {model['belt_stiffness.stiffness']:.4g} N/m"
         )
+        stops.lend_brake(machine, model, at)
         family = around(model)
         at_most = GROWTH * step.amplitude_nm
-        following = largest_amplitude(family, unit, period, at, limits, min(at_most, limits.torque_nm))
+        following = largest_amplitude(family, unit, period, at, limits, min(at_most, limits.torque_nm), stops.braking_of(machine))
         if following.amplitude_nm < 1.1 * step.amplitude_nm or len(recordings) >= 5:
             return Excited(following, tuple(recordings), model)
 
@@ -173,7 +195,8 @@ def frequency_response(
     antiresonance, resonance = characteristic_hz(model, at)
     choice = choose_prbs(period, antiresonance, resonance, seconds)
     shape = prbs(choice.order, choice.clock, 2.0, period, choice.repeats)
-    step = largest_amplitude(around(model), shape.torque / shape.amplitude_nm, period, at, limits, amplitude_nm)
+    unit = shape.torque / shape.amplitude_nm
+    step = largest_amplitude(around(model), unit, period, at, limits, amplitude_nm, stops.braking_of(machine))
     excitation = prbs(
         choice.order,
         choice.clock,
@@ -182,12 +205,18 @@ def frequency_response(
         choice.repeats,
         torque_step_nm=machine.drive.capabilities.torque_step_nm,
     )
-    machine.folder.journal(f"{name}: {choice.reason}; ±{step.amplitude_nm:.3f} N m, bound by {step.binds}")
-    return _excite(machine, name, excitation, at), excitation, step
+    machine.folder.journal(
+        f"{name}: {choice.reason}; ±{step.amplitude_nm:.3f} N m, bound by {step.binds}; a stop takes up to "
+        f"{1e3 * step.prediction.stop_m:.1f} mm"
+    )
+    return _excite(machine, name, excitation, at, step.prediction), excitation, step
 
 
-def _excite(machine: Machine, name: str, excitation: Excitation, at: float) -> Recording:
-    room = room_around(machine, at, EXCITATION_TRAVEL_M + END_MARGIN_M)
+def _excite(machine: Machine, name: str, excitation: Excitation, at: float, predicted: Prediction) -> Recording:
+    """Record an excitation, watched so that a stop at any limit still ends in the window."""
+    around_it = room_around(machine, at, EXCITATION_TRAVEL_M + END_MARGIN_M)
+    low, high = around_it.window_m
+    room = replace(around_it, window_m=(low + predicted.stop_m, high - predicted.stop_m))
     note = ExcitationNote(
         kind=excitation.kind,
         amplitude_nm=excitation.amplitude_nm,
@@ -195,7 +224,7 @@ def _excite(machine: Machine, name: str, excitation: Excitation, at: float) -> R
         first_sample=excitation.first_sample,
     )
     sidecar = Sidecar(experiment="frf", start_position_m=at, session_time_s=machine.session_time_s, excitation=note)
-    return machine.record(name, machine.torque_motion(excitation.torque), room, sidecar)
+    return machine.record(name, machine.torque_motion(excitation.torque), room, sidecar, predicted.watched_m_s)
 
 
 def characteristic_hz(model: Model, position_m: float) -> tuple[float, float]:

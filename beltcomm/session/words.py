@@ -11,7 +11,7 @@ from beltcomm.identify.friction import FrictionFit
 from beltcomm.identify.inverse_fit import InverseFit
 from beltcomm.identify.magnitude_fit import MagnitudeFit
 from beltcomm.session.analyse import Characteristic
-from beltcomm.verify import Demand, Verdict
+from beltcomm.verify import Demand, TrackingError, Verdict
 
 #: (name in the model, words, unit shown, factor)
 _SHOWN = (
@@ -130,18 +130,14 @@ def verdict_lines(verdict: Verdict, demand: Demand | None) -> list[str]:
             f"  up to {demand.speed_m_s:.3g} m/s, {demand.acceleration_m_s2:.3g} m/s², {demand.feed_force_n:.3g} N feed force, "
             f"{demand.torque_nm:.2f} N m at the motor"
         )
-    rows: list[tuple[str, object, object]] = [("at the motor", verdict.measured, verdict.predicted)]
-    rows.append(("at the carriage", verdict.measured_cart, verdict.predicted_cart))
-    for words, measured, predicted in rows:
-        lines.append(
-            f"  {words:16} dynamic {_error(measured, 'dynamic_m', 1e3)} mm (predicted {_error(predicted, 'dynamic_m', 1e3)}), "
-            f"static {_error(measured, 'static_m', 1e6)} um (predicted {_error(predicted, 'static_m', 1e6)})"
-        )
+    lines.append(f"  {'at the motor':16} {_tracking(verdict.measured)}; predicted {_tracking(verdict.predicted)}")
+    at_cart = "not measured" if verdict.measured_cart is None else _tracking(verdict.measured_cart)
+    lines.append(f"  {'at the carriage':16} {at_cart}; predicted {_tracking(verdict.predicted_cart)}")
     return lines + [f"  {reason}" for reason in verdict.reasons]
 
 
-def _error(tracking: object, name: str, factor: float) -> str:
-    return "not measured" if tracking is None else f"{factor * float(getattr(tracking, name)):.3g}"
+def _tracking(error: TrackingError) -> str:
+    return f"dynamic {1e3 * error.dynamic_m:.3g} mm, static {1e6 * error.static_m:.3g} um"
 
 
 def remarks_lines(remarks: Sequence[str]) -> list[str]:

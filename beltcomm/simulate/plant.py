@@ -23,7 +23,7 @@ _LOOK_EVERY_M = 5e-3
 
 
 class SimulatedPlant:
-    """A model of an axis behind the motor shaft, starting at rest in static equilibrium at ``position_m``.
+    """A model of an axis behind the motor shaft, starting in static equilibrium at ``position_m``, as a whole at ``speed_m_s``.
 
     position_rad, velocity_rad_s, cart_position_m, belt_force_n : as in :class:`beltcomm.plant.Plant`; positions are relative
     to where the run began, the model inside uses the absolute carriage position.
@@ -38,6 +38,7 @@ class SimulatedPlant:
         position_m: float = 0.0,
         substeps_per_ms: int = 20,
         end_stops_m: tuple[float, float] | None = None,
+        speed_m_s: float = 0.0,
     ) -> None:
         check_step(model, position_m, 1e-3, substeps_per_ms)
         if end_stops_m is not None and not end_stops_m[0] < position_m < end_stops_m[1]:
@@ -51,6 +52,9 @@ class SimulatedPlant:
         self._p = model.vector()
         state = at_rest(model, position_m)
         self._q, self._v = state.positions, state.speeds
+        if speed_m_s:
+            levers = [model["transmission.ratio"] if each.rotary else 1.0 for _, each in model.bodies()]
+            self._v = speed_m_s / np.array(levers)
         self._carriage = carriage
         self._lever = model["transmission.ratio"] if body.rotary else 1.0  # m per coordinate of the carriage's body
         self._inertia = model[name]
@@ -61,7 +65,7 @@ class SimulatedPlant:
         self._duration_s, self._count, self._h = 0.0, 1, 0.0
         self.time_s = 0.0
         self.position_rad = 0.0
-        self.velocity_rad_s = 0.0
+        self.velocity_rad_s = float(self._v[0])
         self.cart_position_m = 0.0
         self.belt_force_n = self._advance(self._q, self._v, self._p, 0.0, 0.0, 0.0, 1)  # a step of no length only reads it
 

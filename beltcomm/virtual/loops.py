@@ -167,8 +167,8 @@ class Loops:
         self._gains_stale = True
 
     def _close(self) -> None:
-        if not self._closed:
-            reset_state(self._state, self.angle_rad)
+        if not self._closed:  # a drive measures its speed all the time, not only since the loop is closed
+            reset_state(self._state, self.angle_rad - self.speed_rad_s * TICK_S, self.speed_rad_s)
             self._closed = True
 
     def _decide(self, torque_nm: float) -> float:

@@ -332,6 +332,8 @@ class CyclicTorque(_Cyclic):
 class Stop(Mode):
     """Quick stop and fault reaction: the drive's own velocity loop along 6085h to rest.
 
+    The ramp brings no acceleration feedforward: it begins and ends with a step of the acceleration, which a feedforward would hand
+    on to the belt as a step of torque; the speed controller alone rounds it off.
     done : at standstill for 10 ms after the ramp, or 1 s after it whatever the axis does.
     """
 
@@ -356,4 +358,4 @@ class Stop(Mode):
             self._ended_ticks += 1
             self._still_ticks = self._still_ticks + 1 if abs(self.loops.speed_rad_s) < STANDSTILL_RAD_S else 0
             self.done = self._still_ticks >= self._STILL_TICKS or self._ended_ticks >= self._PATIENCE_TICKS
-        return self.loops.velocity(self._ramp.value, self._ramp.slope)
+        return self.loops.velocity(self._ramp.value, 0.0)

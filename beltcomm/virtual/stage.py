@@ -88,7 +88,8 @@ class PowerStage:
 class Encoder:
     """Counts of an incremental encoder on the motor shaft.
 
-    counts = floor(φ · counts_per_rev / 2π)
+    counts = round(φ · counts_per_rev / 2π): a count stands for the angles half a count to either side, so that readings have no
+    systematic error.
 
     zero_rad : motor angle of count 0, rad.   rad_per_count : size of one count, rad.
     counts, angle_rad : the sample latched last; the angle in whole counts.
@@ -110,6 +111,6 @@ class Encoder:
         if faults.encoder_step_at_s is not None and now_s >= faults.encoder_step_at_s:
             self._jumped += faults.encoder_step_counts
             faults.encoder_step_at_s = None
-        counts = math.floor((self._plant.position_rad - self._zero_rad) * self._per_rad * faults.encoder_sign)
+        counts = math.floor((self._plant.position_rad - self._zero_rad) * self._per_rad * faults.encoder_sign + 0.5)
         self.counts = counts + self._jumped
         self.angle_rad = self.counts * self.rad_per_count

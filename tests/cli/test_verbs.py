@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -12,10 +13,12 @@ from click.testing import CliRunner, Result
 from beltcomm import drive
 from beltcomm.axis import load_axis
 from beltcomm.cli.frame import Frame
+from beltcomm.cli.init import NEEDED
 from beltcomm.cli.main import cli
 from beltcomm.cli.talk import PlainTalk, RichTalk
 from beltcomm.effects import EFFECTS
 from beltcomm.errors import DataError, UsageError
+from beltcomm.session.commission import suitable
 
 
 def call(*words: str, answer: str | None = None) -> Result:
@@ -36,7 +39,7 @@ def test_init_without_questions_understands_data_sheet_units(tmp_path: Path) -> 
     assert axis.transmission_m_rad == pytest.approx(0.01242)
     assert (axis.travel.max_m, axis.get("pulley.teeth"), axis.trajectory("T_A").jerk_m_s3) == (0.57, 26, 40.0)
     assert set(json.loads(outcome.stdout)["missing"]) == {
-        "motor.peak_torque_nm", "limits.speed_m_s", "limits.acceleration_m_s2", "limits.feed_force_n",
+        "belt.specific_stiffness_n", "belt.pulley_distance_m", "limits.speed_m_s", "limits.feed_force_n",
     }  # fmt: skip
 
 
@@ -129,6 +132,29 @@ def test_plain_talk_reports_each_quarter_once() -> None:
         "      75 %, 5 s left",
         "      100 %, 0 s left",
     ]
+
+
+def test_plain_talk_tells_the_seconds_of_a_calculation_from_its_pace() -> None:
+    """A fit knows its share, not its seconds: 4 s for the first quarter leave about 12 s; within the first second nothing is told."""
+    now, stream = [100.0], io.StringIO()
+    talk = PlainTalk(stream, lambda: now[0])
+    talk.phase(1, 1, "fit")
+    for seconds, fraction in ((0.5, 0.25), (4.0, 0.5), (20.0, 0.8), (21.0, 1.0)):
+        now[0] = 100.0 + seconds
+        talk.progress(fraction, None)
+    assert stream.getvalue().splitlines()[1:] == ["      25 %", "      50 %, about 4 s left", "      80 %, about 5 s left", "      100 %"]
+
+
+def test_what_init_does_not_miss_commissioning_does_not_miss_either(tmp_path: Path) -> None:
+    """Every entry that commissioning asks for is asked for by init: with one of them gone, both say so by name."""
+    rig = load_axis("egc-70-600")
+    for entry in NEEDED:
+        path = tmp_path / f"{entry}.yaml"
+        outcome = call("init", str(path), "--from", "egc-70-600", "--set", f"{entry}=null", "--json")
+        assert set(json.loads(outcome.stdout)["missing"]) == {entry}
+        with pytest.raises(UsageError, match=re.escape(entry)):
+            suitable(load_axis(path))
+    suitable(rig)
 
 
 @pytest.mark.parametrize(("answer", "agreed"), [("y\n", True), ("YES\n", True), ("\n", False), ("no\n", False)])

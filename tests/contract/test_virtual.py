@@ -6,12 +6,13 @@ import gc
 import math
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from beltcomm.drive import Drive, Limits, Motion, Row, open_drive
-from beltcomm.errors import BusError, DriveError, DriveFault, UsageError
+from beltcomm.errors import BusError, DriveError, DriveFault, SafetyStop, UsageError
 from beltcomm.virtual.bus import FrameHash
 from beltcomm.virtual.faults import Faults
 from contract.conftest import Machine, RigidPlant, open_virtual
@@ -173,6 +174,53 @@ def test_a_host_that_hangs_is_noticed_by_the_drive_within_its_guard_time(profile
     # the host's last sign of life is up to 15 ms old when it hangs; then the drive brakes by itself
     assert 0.030 <= float(np.argmax(speeds)) * T <= 0.055
     assert abs(speeds[-1]) < 0.2 * max(speeds)
+
+
+class FarPlant(RigidPlant):
+    """Remembers how far it went in the positive direction."""
+
+    furthest_rad = -math.inf
+
+    def step(self, torque_nm: float, duration_s: float) -> None:
+        super().step(torque_nm, duration_s)
+        self.furthest_rad = max(self.furthest_rad, self.position_rad)
+
+
+def stopped(machine: Machine, deceleration_rad_s2: float) -> tuple[float, float]:
+    """Way, rad, that a stop out of a motion at 20 rad/s takes, and the speed it began with, rad/s; 6085h is what it was before."""
+    drive, plant = machine.drive, machine.plant
+    assert isinstance(plant, FarPlant)
+    before = drive._objects.read_bytes(0x6085, 0)  # type: ignore[attr-defined]
+    here, n = drive.read(["position_rad"])["position_rad"], 400
+    speed = np.minimum(np.arange(n) * T / 0.2, 1.0) * 20.0
+    at: list[tuple[float, float]] = []
+
+    def sink(row: Row) -> None:
+        if len(at) == 0 and row[0] > 0.3:
+            at.append((plant.position_rad, plant.velocity_rad_s))
+            raise SafetyStop("enough", "enough")
+
+    with pytest.raises(SafetyStop, match="enough"):
+        drive.record(
+            Motion("velocity", T, np.full(n, here), speed, np.zeros(n)),
+            replace(machine.limits, deceleration_rad_s2=deceleration_rad_s2),
+            sink,
+        )
+    assert drive._objects.read_bytes(0x6085, 0) == before  # type: ignore[attr-defined]
+    return plant.furthest_rad - at[0][0], at[0][1]
+
+
+def test_a_stop_brakes_with_the_deceleration_of_the_limits(profile, opened):
+    """From 20 rad/s, v²/2a + a lag below 2/100 s of the loop and 5 ms of reaction; the drive's own 1257 rad/s² comes back."""
+    ways = []
+    for deceleration in (math.inf, 400.0, 100.0):
+        machine = open_virtual(profile, FarPlant())
+        opened.append(machine)
+        way, speed = stopped(machine, deceleration)
+        ways.append(way)
+        ideal = speed**2 / 2.0 / min(deceleration, 400.0 * math.pi)
+        assert ideal < way < ideal + speed * (0.02 + 0.005), (way, speed)
+    assert ways[0] < ways[1] < ways[2]
 
 
 def test_a_pulled_cable_is_a_bus_error_and_the_axis_comes_to_rest(profile, opened):

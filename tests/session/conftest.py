@@ -25,7 +25,7 @@ PURE = (
     (phases, "largest_amplitude"),
     (analyse, "design_cascade"),
     (analyse, "thesis_fit"),
-    (sequence, "cautious_cascade"),
+    (analyse, "cautious_cascade"),
 )
 
 
@@ -86,7 +86,7 @@ def fitted(complete: Complete, monkeypatch: pytest.MonkeyPatch) -> None:
         (phases, "first_estimate"),
         (phases, "largest_amplitude"),
         (analyse, "design_cascade"),
-        (sequence, "cautious_cascade"),
+        (analyse, "cautious_cascade"),
     ):
         monkeypatch.setattr(place, name, remembering(getattr(place, name)))
 

@@ -78,7 +78,7 @@ def test_ctrl_c_while_the_axis_moves(
     assert outcome.exit_code == 4
     assert outcome.stderr.strip() == f"beltcomm: interrupted; what was recorded is kept in {run}, --resume goes on"
     assert outcome.stdout == ""
-    bench.check_stop()
+    bench.check_stop(run)
     assert state_after(bench, run) == {f"{name}.csv": data for name, data in before.items()}
     assert RunFolder.open(run).unfinished() == ([begun] if begun else [])
 

@@ -46,8 +46,8 @@ def test_software_limits_brake_and_fault(host: MakeHost, side: int) -> None:
         furthest = max(furthest, side * one.plant.position_rad)
     assert emergencies(one) == [0x8612]
     assert one.state() == State.FAULT
-    # Braking way v²/2a = 0.5 rad behind the limit, less what the loop overshoots in braking.
-    assert furthest == pytest.approx(2.5, abs=0.05)
+    # Braking way v²/2a = 0.5 rad behind the limit, and what speed control lags behind the ramp: v J/K_P = 0.1 rad at most.
+    assert 2.5 <= furthest <= 2.61
 
 
 def test_the_way_back_from_beyond_a_limit_is_free_and_further_out_is_not(host: MakeHost) -> None:
@@ -79,6 +79,7 @@ def test_equal_software_limits_are_off(host: MakeHost) -> None:
 def test_end_switches(host: MakeHost, side: int, code: int, bit: int) -> None:
     one = host(end_switches_rad=(-1.0, 1.0))
     one.gains()
+    one.write(0x6085, 0, round(50 * PER_RAD), "I")  # so soft that it stops well behind the switch
     one.write(0x60FF, 0, side * round(5 * PER_RAD), "i")
     one.enable(3)
     one.run(0.1)

@@ -289,18 +289,32 @@ def test_polarity_turns_positions_and_velocities(host: MakeHost) -> None:
     assert one.read(0x6064, code="i") == pytest.approx(PER_RAD, abs=30)
 
 
-def test_quick_stop_brakes_along_6085h(host: MakeHost) -> None:
-    one = host()
-    one.gains()
+def braked(one: Host, feedforward: float) -> tuple[float, list[float]]:
+    """Way, rad, and torque of every tick, N m, of a quick stop from 10 rad/s out of the torque mode, at 50 rad/s²."""
+    one.gains(forward=feedforward)
     one.write(0x6085, 0, round(50.0 * PER_RAD), "I")
     one.enable(10)
     one.plant.velocity_rad_s = 10.0
     one.run(0.02)
-    start = one.plant.position_rad
+    start, furthest = one.plant.position_rad, 0.0
+    one.plant.steps.clear()
     one.control(0x02)
-    one.run(0.1)
-    assert one.plant.velocity_rad_s == pytest.approx(5.0, abs=0.4)
-    one.run(0.4)
+    for _ in range(500):
+        one.run(0.001)
+        furthest = max(furthest, one.plant.position_rad - start)
     assert one.status & 0x4F == 0x40
-    # v²/2a = 1 rad, and one tick of delay.
-    assert one.plant.position_rad - start == pytest.approx(1.0, abs=0.06)
+    return furthest, [torque for torque, _ in one.plant.steps]
+
+
+def test_quick_stop_brakes_along_6085h(host: MakeHost) -> None:
+    way, torque = braked(host(), 0.0)
+    # v²/2a = 1 rad.  Speed control alone lags behind the ramp by a J/K_P = 0.5 rad/s, at most for as long as the ramp lasts.
+    assert 1.0 <= way <= 1.0 + 10.0 * INERTIA / 0.2
+    # From the first tick on it brakes: the speed was known before the loop closed.  J a = 0.1 N m and the loop's overshoot.
+    assert max(torque[:200]) <= 1e-3
+    assert -0.15 <= min(torque) <= -0.1
+
+
+def test_quick_stop_ignores_the_feedforward_of_the_acceleration(host: MakeHost) -> None:
+    """Twice the inertia as feedforward, 0.2 N m here, changes nothing."""
+    assert braked(host(), 2.0) == braked(host(), 0.0)

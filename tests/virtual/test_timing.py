@@ -69,14 +69,15 @@ def test_any_delay_splits_the_tick_where_the_switch_falls(delay_s: float, steps:
     one.close()
 
 
-def test_position_is_the_encoder_at_sync_in_whole_counts() -> None:
+@pytest.mark.parametrize(("begin", "first"), [(0.45, 3), (0.55, 4), (-0.45, 3), (-0.55, 2)])
+def test_position_is_the_encoder_at_sync_in_whole_counts(begin: float, first: int) -> None:
     one = prepared(counts_per_rev=1000, setpoint_delay_s=0.0)
     position = one.cycle(0)[0]
     one.plant.position_rad, one.plant.velocity_rad_s = 0.0, 2 * np.pi * 3.0  # 3 counts per tick
-    one.plant.position_rad = 2 * np.pi / 1000 * 0.999
+    one.plant.position_rad = 2 * np.pi / 1000 * begin
     got = [one.cycle(0)[0] for _ in range(4)]
-    # Latched before the plant was moved by hand, then every millisecond: floor(0.999 + 3 k).
-    assert [position, *got] == [0, 0, 3, 6, 9]
+    # Latched before the plant was moved by hand, then every millisecond: the nearest count to begin + 3 k.
+    assert [position, *got] == [0, 0, first, first + 3, first + 6]
     one.close()
 
 

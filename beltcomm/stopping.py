@@ -1,0 +1,216 @@
+"""How an axis comes to rest when it is stopped: along which deceleration, on which way, with how much force in the belt.
+
+A drive's quick stop ramps its speed down with a constant deceleration (6085h).  Such a ramp begins with a step, and a belt that is
+pulled by a step of acceleration swings to twice the force of a rigid one; a speed controller that is slower than the belt rounds
+it off.  Carriage side, SI.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltcomm.axis import Axis
+from beltcomm.control import Cascade, discrete_coefficients, new_state, reset_state, velocity_step
+from beltcomm.model import Model
+from beltcomm.simulate.plant import SimulatedPlant
+
+Array = NDArray[np.float64]
+
+#: Force of a suddenly pulled undamped spring over that of a rigid one.
+SWING = 2.0
+#: kg: the heaviest carriage that is thought of before it is weighed.
+HEAVIEST_KG = 30.0
+#: Periods from what makes a stop necessary to the drive's ramp: three lost answers, one to notice, one until the command is active.
+REACTION_PERIODS = 5
+#: s: constant speed before a simulated stop, and rest after its ramp.
+SETTLE_S, REST_S = 0.15, 0.4
+#: Shares of the rigid deceleration that are tried, largest first.
+SHARES = tuple(float(share) for share in np.geomspace(1.0, 0.2, 25))
+
+
+class Deceleration(NamedTuple):
+    """value_m_s2 : m/s², carriage.   binds : in words, what sets it."""
+
+    value_m_s2: float
+    binds: str
+
+
+@dataclass(frozen=True)
+class Braking:
+    """What a stop can be counted with:  way = v lag + v²/2a,  with v the speed until which an acceleration goes on during the lag.
+
+    deceleration_m_s2 : a.   lag_s : s, until the stop is asked for, and until the axis follows its ramp.
+    besides : what else brakes; the shorter way counts.
+    """
+
+    deceleration_m_s2: float
+    lag_s: float
+    besides: Braking | None = None
+
+    def way_m(self, speed_m_s: float, acceleration_m_s2: float = 0.0) -> float:
+        """Way to rest from a speed, m; infinite when nothing brakes."""
+        if speed_m_s == 0.0:
+            return 0.0
+        speed = abs(speed_m_s) + max(0.0, math.copysign(acceleration_m_s2, acceleration_m_s2 * speed_m_s)) * self.lag_s
+        way = speed * self.lag_s + speed**2 / (2.0 * self.deceleration_m_s2) if self.deceleration_m_s2 > 0.0 else math.inf
+        return min(way, self.besides.way_m(speed_m_s, acceleration_m_s2)) if self.besides else way
+
+    def span_m(self, position_m: Array, speed_m_s: Array, sample_s: float) -> tuple[float, float]:
+        """Lowest and highest position, m, that a motion reaches with a stop at any moment.   position_m, speed_m_s : (n,)."""
+        accelerations = np.gradient(speed_m_s, sample_s)
+        ways = [self.way_m(float(v), float(a)) for v, a in zip(speed_m_s, accelerations, strict=True)]
+        ends = position_m + np.sign(speed_m_s) * np.array(ways)
+        return float(np.min([ends, position_m])), float(np.max([ends, position_m]))
+
+
+@dataclass(frozen=True)
+class Stop:
+    """A simulated quick stop.   way_m : furthest carriage position after it was asked for, m.   belt_force_n : largest, N."""
+
+    way_m: float
+    belt_force_n: float
+
+
+def rigid_deceleration(axis: Axis, mass_kg: float, torque_nm: float, swing: float = 1.0) -> Deceleration:
+    """Largest deceleration within the axis' limits:  a ≤ a_max,  swing m a ≤ F_max,  (Θ_e/i_t + i_t m) a ≤ τ.
+
+    mass_kg : carriage and payload.   torque_nm : of motor and drive, motor shaft; friction, which helps to brake, is left out.
+    swing : 1 for a belt that is loaded gently, ``SWING`` for a step.   Infinite when the axis states none of the limits.
+    """
+    limits, ratio = axis.limits, axis.transmission_m_rad
+    force, inertia = limits.feed_force_n or math.inf, axis.motor_side_inertia_kg_m2 if axis.motor.inertia_kg_m2 else 0.0
+    return min(
+        Deceleration(limits.acceleration_m_s2 or math.inf, f"the axis limit of {limits.acceleration_m_s2 or math.inf:g} m/s²"),
+        Deceleration(force / (swing * mass_kg), f"the axis limit of {force:g} N feed force on {mass_kg:.3g} kg"),
+        Deceleration(torque_nm / (inertia / ratio + ratio * mass_kg), f"{torque_nm:.3g} N m of motor torque on {mass_kg:.3g} kg"),
+    )
+
+
+def first_deceleration(axis: Axis, torque_nm: float) -> Deceleration:
+    """What a quick stop may use before the carriage is weighed: the heaviest one thought of, and a step that makes the belt swing."""
+    peak = min(torque_nm, axis.motor.peak_torque_nm or math.inf)
+    return rigid_deceleration(axis, max(HEAVIEST_KG, axis.payload.mass_kg or 0.0), peak, SWING)
+
+
+def total_inertia(model: Model) -> float:
+    """Inertia of a rigid axis at the motor shaft:  Θ_e + i_t² m, kg m²."""
+    return model["motor.inertia"] + model["transmission.ratio"] ** 2 * model["cart.mass"]
+
+
+def total_friction(model: Model) -> float:
+    """Coulomb friction of a rigid axis at the motor shaft:  τ_m + i_t F_c, N m."""
+    return model.get("coulomb_motor.level") + model["transmission.ratio"] * model.get("coulomb_cart.level")
+
+
+def braked_by_friction(model: Model, friction_nm: float, reaction_s: float) -> Braking:
+    """What Coulomb friction alone does to a rigid axis without torque:  a = i_t τ_C/J."""
+    return Braking(model["transmission.ratio"] * friction_nm / total_inertia(model), reaction_s)
+
+
+def braked_by_unknown_gains(model: Model, kp_nm_s_rad: float, ki_nm_rad: float, deceleration_m_s2: float, reaction_s: float) -> Braking:
+    """What a velocity loop does that was never designed for this axis, taken as rigid, along the ramp of a quick stop.
+
+    J ω' + K_P ω + K_I φ = 0  swings out by less than  ω J/K_P  and  ω √(J/K_I).
+    """
+    inertia = total_inertia(model)
+    lag = min(
+        inertia / kp_nm_s_rad if kp_nm_s_rad > 0.0 else math.inf,
+        math.sqrt(inertia / ki_nm_rad) if ki_nm_rad > 0.0 else math.inf,
+    )
+    return Braking(deceleration_m_s2, lag + reaction_s)
+
+
+def predict_stop(
+    model: Model,
+    cascade: Cascade,
+    speed_m_s: float,
+    deceleration_m_s2: float,
+    *,
+    position_m: float,
+    period_s: float,
+    delay_s: float,
+    torque_limit_nm: float,
+    counts_per_rev: int,
+) -> Stop:
+    """A quick stop out of constant speed by the drive's own velocity loop, on the model.
+
+    The ramp begins at the measured speed and has no feedforward of its acceleration.   position_m : where the carriage sets out.
+    delay_s : torque setpoint to acting torque.
+    """
+    ratio = model["transmission.ratio"]
+    plant = SimulatedPlant(model, position_m=position_m, speed_m_s=speed_m_s)
+    coefficients, state = discrete_coefficients(cascade, period_s, torque_limit_nm), new_state()
+    step, speed = 2.0 * math.pi / counts_per_rev, speed_m_s / ratio
+    reset_state(state, -speed * period_s, speed)
+    whole = math.floor(delay_s / period_s + 1e-9)
+    rest = max(delay_s - whole * period_s, 0.0)
+    waiting = [0.0] * (whole + 1)
+    asked = round(SETTLE_S / period_s)
+    slope = math.copysign(deceleration_m_s2 / ratio * period_s, speed)
+    furthest, begun, force = 0.0, 0.0, 0.0
+    for k in range(asked + math.ceil(abs(speed / slope)) + round(REST_S / period_s)):
+        if k == asked:
+            begun = furthest = plant.cart_position_m
+        if k >= asked:
+            speed = speed - slope if abs(speed) > abs(slope) else 0.0
+        counted = math.floor(plant.position_rad / step + 0.5) * step
+        torque = velocity_step(coefficients, state, speed, 0.0, counted, 0.0)
+        before = waiting.pop(0)
+        waiting.append(torque)
+        if rest > 1e-9:
+            plant.step(before, rest)
+        if period_s - rest > 1e-9:
+            plant.step(waiting[0], period_s - rest)
+        if k >= asked:
+            force = max(force, abs(plant.belt_force_n))
+            furthest = max(furthest, plant.cart_position_m) if speed_m_s > 0.0 else min(furthest, plant.cart_position_m)
+    return Stop(abs(furthest - begun), force)
+
+
+def braked_by_loop(
+    family: Sequence[Model],
+    cascade: Cascade,
+    axis: Axis,
+    speed_m_s: float,
+    *,
+    position_m: float,
+    period_s: float,
+    reaction_s: float,
+    delay_s: float,
+    torque_limit_nm: float,
+    counts_per_rev: int,
+) -> tuple[Braking, Stop]:
+    """The hardest quick stop of a loop that loads the belt of no model in the family beyond the axis' feed force, and its way.
+
+    speed_m_s : from which it is simulated.   reaction_s : until it is asked for.   The way over v²/2a becomes the lag, which holds
+    for lower speeds too.   When even the softest stop tried loads the belt more, that one is returned with its force.
+    """
+    limit = axis.limits.feed_force_n or math.inf
+    rigid = rigid_deceleration(axis, max(model["cart.mass"] for model in family), torque_limit_nm).value_m_s2
+    for share in SHARES:
+        deceleration = share * rigid
+        stops = [
+            predict_stop(
+                model,
+                cascade,
+                speed_m_s,
+                deceleration,
+                position_m=position_m,
+                period_s=period_s,
+                delay_s=delay_s,
+                torque_limit_nm=torque_limit_nm,
+                counts_per_rev=counts_per_rev,
+            )
+            for model in family
+        ]
+        worst = Stop(max(stop.way_m for stop in stops), max(stop.belt_force_n for stop in stops))
+        if worst.belt_force_n <= limit:
+            break
+    lag = worst.way_m / speed_m_s - speed_m_s / (2.0 * deceleration)
+    return Braking(deceleration, max(lag, 0.0) + reaction_s), worst
