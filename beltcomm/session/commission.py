@@ -12,6 +12,7 @@ from beltcomm.design.cascade import DesignResult
 from beltcomm.design.cautious import cautious_cascade
 from beltcomm.design.design_plant import DesignPlant
 from beltcomm.design.feedforward import FeedforwardKind
+from beltcomm.design.prefilters import PrefilterKind
 from beltcomm.design.specification import Infeasible, Specification
 from beltcomm.errors import DataError, Refused
 from beltcomm.identify.dead_time import DeadTime
@@ -55,7 +56,7 @@ class Settings:
     """What the user decides.  payloads_kg : further carriage loads the loop must hold for, added to what is mounted now.
 
     position_m : where the carriage stands, when the drive does not know.   home : run the drive's homing first.
-    apply : what becomes of the new gains.   quick : one place only.   feedforward, prefilters : for comparisons; None means what is best.
+    apply : what becomes of the new gains.   quick : one place only.   prefilter : None is the best one that the drive has.
     move : the user's own reference motion instead of the standard move.
     """
 
@@ -63,6 +64,7 @@ class Settings:
     position_m: float | None = None
     home: bool = False
     payloads_kg: tuple[float, ...] = ()
+    prefilter: PrefilterKind | None = None
     feedforward: FeedforwardKind = "nonlinear"
     specification: Specification | None = None
     quick: bool = False
@@ -220,6 +222,7 @@ def design_for(
         masses_kg=masses,
         dead_time_s=delay(findings),
         apparent_damping_nm_s_rad=analyse.apparent_damping(findings.thesis),
+        prefilter=settings.prefilter,
         feedforward=settings.feedforward,
         specification=settings.specification,
     )
