@@ -53,12 +53,14 @@ class Limits:
 
     position_min_rad, position_max_rad : float, rad, motor shaft, in the drive's own zero.
     speed_rad_s : float, rad/s, motor shaft.     torque_nm : float, N m, motor shaft.
+    lag_rad : rad, largest distance from the reference in a motion of kind "position"; None leaves it to the drive's own setting.
     """
 
     position_min_rad: float
     position_max_rad: float
     speed_rad_s: float
     torque_nm: float
+    lag_rad: float | None = None
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beltcomm.control import Cascade, cascade_step, discrete_coefficients, new_state, reset_state
+from beltcomm.control import Cascade, CascadeStructure, cascade_step, discrete_coefficients, new_state, reset_state
 from beltcomm.effects.tilt import GRAVITY_M_S2
 from beltcomm.errors import DataError
 from beltcomm.model import Model
@@ -61,13 +61,17 @@ class Verdict:
 
 @dataclass(frozen=True)
 class PredictedMove:
-    """Simulated closed loop: motor position over i_t and carriage, m; torque N m; largest belt force, N."""
+    """Simulated closed loop: motor position over i_t and carriage, m; torque N m; largest belt force, N.
+
+    saturated : in words, which bounds of the drive were reached.
+    """
 
     t_s: Array
     motor_m: Array
     cart_m: Array
     torque_nm: Array
     belt_force_n: float
+    saturated: tuple[str, ...] = ()
 
 
 def demand(trajectory: Trajectory, model: Model) -> Demand:
@@ -92,17 +96,17 @@ def predict_move(
     cascade: Cascade,
     trajectory: Trajectory,
     *,
-    period_s: float,
+    structure: CascadeStructure,
     delay_s: float,
     torque_limit_nm: float,
     counts_per_rev: int,
 ) -> PredictedMove:
-    """Simulate the drive's own cascade on the model along a reference motion that is sampled every ``period_s``.
+    """Simulate the drive's own cascade on the model along a reference motion that is sampled once per loop period.
 
-    delay_s : torque setpoint to acting torque.  The encoder counts as the drive sees them; the measurement noise of the torque
-    signal does not enter the loop.
+    structure : of the drive's cascade.   delay_s : torque setpoint to acting torque.   The encoder counts as the drive sees them; the
+    measurement noise of the torque signal does not enter the loop.
     """
-    ratio = model["transmission.ratio"]
+    ratio, period_s = model["transmission.ratio"], structure.period_s
     reference = trajectory.position_m / ratio
     velocity = trajectory.velocity_m_s / ratio
     acceleration = np.diff(velocity, prepend=velocity[0]) / period_s
@@ -117,11 +121,13 @@ def predict_move(
     waiting = [0.0] * (whole + 1)
     n = len(reference)
     motor, cart, torque = np.empty(n), np.empty(n), np.empty(n)
-    belt = 0.0
+    belt = fastest = 0.0
     for k in range(n):
         motor[k], cart[k] = plant.position_rad, plant.cart_position_m
         counted = start + math.floor(plant.position_rad / step + 0.5) * step
-        torque[k] = cascade_step(coefficients, state, reference[k], velocity[k], acceleration[k], counted, 0.0)
+        seen = structure.position_error_seen(reference[k] - counted, cascade.kpp_1_s)
+        fastest = max(fastest, cascade.kpp_1_s * abs(seen))
+        torque[k] = cascade_step(coefficients, state, counted + seen, velocity[k], acceleration[k], counted, 0.0)
         before = waiting.pop(0)
         waiting.append(float(torque[k]))
         if rest > 1e-9:
@@ -130,7 +136,13 @@ def predict_move(
             plant.step(waiting[0], period_s - rest)
         belt = max(belt, abs(plant.belt_force_n))
     at = trajectory.position_m[0]
-    return PredictedMove(period_s * np.arange(n, dtype=np.float64), at + ratio * motor, at + cart, torque, belt)
+    saturated = []
+    if float(np.max(np.abs(torque))) >= torque_limit_nm:
+        saturated.append(f"the torque limit of {torque_limit_nm:.3g} N m")
+    if fastest >= structure.output_limit_rad_s * (1.0 - 1e-9):
+        saturated.append(f"the bound of the position controller's output, {ratio * structure.output_limit_rad_s:.3g} m/s")
+    t_s = period_s * np.arange(n, dtype=np.float64)
+    return PredictedMove(t_s, at + ratio * motor, at + cart, torque, belt, tuple(saturated))
 
 
 def tracking_error(t_s: Array, reference_m: Array, position_m: Array) -> TrackingError:
@@ -181,7 +193,9 @@ def judge(
     ):
         word = "meets" if value <= target else "misses"
         reasons.append(f"{what} {scale * value:.3g} {unit} {word} the target of {scale * target:.3g} {unit}")
+    if predicted.saturated:
+        reasons.append(f"the controller reaches {' and '.join(predicted.saturated)}")
     share = measured.dynamic_m / expected.dynamic_m - 1.0
-    reasons.append(f"predicted were {1e3 * expected.dynamic_m:.3g} mm: measured is {100 * share:+.0f} % of that away")
+    reasons.append(f"predicted were {1e3 * expected.dynamic_m:.3g} mm: the measured error is {100 * share:+.0f} % off")
     passed = measured.dynamic_m <= dynamic_target_m and measured.static_m <= static_target_m
     return Verdict(passed, measured, expected, measured_cart, expected_cart, tuple(reasons))

@@ -250,10 +250,8 @@ def commission(machine: Machine, settings: Settings, findings: Findings) -> Find
         if settings.move is not None:
             trajectory = settings.move
         else:
-            trajectory, remark = verification.standard_move(machine, model)
-            if remark:
-                findings.remarks.append(f"verification move {remark}")
-            trajectory, remark = verification.within_target(machine, model, cascade, delay(findings), trajectory)
+            standard = verification.standard_move(machine, model)
+            trajectory, remark = verification.within_target(machine, model, cascade, delay(findings), standard)
             if remark:
                 findings.remarks.append(remark)
         verdict, findings.demand = verification.verify_move(machine, model, cascade, delay(findings), trajectory)

@@ -37,11 +37,15 @@ RATED_TOLERANCE = 0.02
 
 @dataclass(frozen=True)
 class Room:
-    """What the present phase may use.  window_m : (min, max) of the carriage.   speed_m_s, torque_nm (motor shaft)."""
+    """What the present phase may use.  window_m : (min, max) of the carriage.   speed_m_s, torque_nm (motor shaft).
+
+    lag_m : how far a position loop may be off its reference; None leaves it to the drive's own setting.
+    """
 
     window_m: tuple[float, float]
     speed_m_s: float
     torque_nm: float
+    lag_m: float | None = None
 
 
 class Machine:
@@ -136,7 +140,7 @@ class Machine:
         """The same limits at the motor shaft in the drive's zero."""
         low, high = sorted(self.origin_rad + x / self.ratio for x in room.window_m)
         speed = min(room.speed_m_s / self.ratio, self.drive.capabilities.max_speed_rad_s)
-        return Limits(low, high, speed, room.torque_nm)
+        return Limits(low, high, speed, room.torque_nm, None if room.lag_m is None else room.lag_m / self.ratio)
 
     def torque_motion(self, torque_nm: Array) -> Motion:
         """An open-loop record at the drive's sampling period."""
