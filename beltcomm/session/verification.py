@@ -24,7 +24,7 @@ REST_S = 1.6
 #: Where a drive cannot follow the standard move: share of the target that a prediction aims at, longest move named, s, longest one
 #: driven, s; slowest short one, m/s, and its ramp to full speed, s.
 AIM_SHARE = 0.9
-SLOWEST_MOVE_S = 1800.0
+SLOWEST_MOVE_S = 3600.0
 LONGEST_SLOW_MOVE_S = 8.0
 SLOWEST_M_S = 2e-4
 RAMP_S = 0.2
@@ -108,54 +108,69 @@ def predicted(machine: Machine, model: Model, cascade: Cascade, delay_s: float, 
     )
 
 
-def within_target(machine: Machine, model: Model, cascade: Cascade, delay_s: float, standard: StandardMove) -> tuple[Trajectory, str]:
-    """The standard move, or the fastest slower one that is predicted to meet the dynamic target, and in words why.
+def _error_m(machine: Machine, model: Model, cascade: Cascade, delay_s: float, trajectory: Trajectory) -> float:
+    """Predicted dynamic error of a move at the motor, m."""
+    rested, path = predicted(machine, model, cascade, delay_s, trajectory)
+    return tracking_error(path.t_s, rested.position_m, path.motor_m).dynamic_m
 
-    A loop without velocity feedforward lags by speed over K_PP.  A move that then takes longer than ``LONGEST_SLOW_MOVE_S`` is only
-    named; a short one at constant speed takes its place, in which the integrator must break friction free within the target.
+
+def fastest(machine: Machine, model: Model, cascade: Cascade, delay_s: float, standard: StandardMove) -> Trajectory | None:
+    """The standard move with its time stretched until ``AIM_SHARE`` of the dynamic target is predicted; None beyond an hour.
+
+    A loop without velocity feedforward lags by speed over K_PP, so its error falls with the speed.
+    """
+    period, aim = machine.drive.capabilities.sample_period_s, AIM_SHARE * DYNAMIC_TARGET_M
+    share = 1.0
+    while True:
+        move = standard.at(share, period)
+        if move.duration_s > SLOWEST_MOVE_S:
+            return None
+        error = _error_m(machine, model, cascade, delay_s, move)
+        if error <= aim:
+            return move
+        share *= max(0.98 * aim / error, 1e-3)
+
+
+def within_target(machine: Machine, model: Model, cascade: Cascade, delay_s: float, standard: StandardMove) -> tuple[Trajectory, str]:
+    """The standard move, or where that misses the dynamic target the :func:`fastest` one that is predicted to meet it, and in words why.
+
+    One that takes longer than ``LONGEST_SLOW_MOVE_S`` is only named; a short one at constant speed takes its place, in which the
+    integrator must break friction free within the target.
     """
     period = machine.drive.capabilities.sample_period_s
     start, end = standard.start_m, standard.end_m
-
-    def error(move: Trajectory) -> float:
-        rested, path = predicted(machine, model, cascade, delay_s, move)
-        return tracking_error(path.t_s, rested.position_m, path.motor_m).dynamic_m
 
     def short(speed: float) -> Trajectory:
         limits = TrajectoryLimits(jerk_m_s3=20.0 * speed / RAMP_S**2, acceleration_m_s2=speed / RAMP_S, speed_m_s=speed)
         goal = start + math.copysign(min(abs(end - start), speed * LONGEST_SLOW_MOVE_S), end - start)
         return plan_trajectory(start, goal, limits, period)
 
+    def good(move: Trajectory) -> bool:
+        return _error_m(machine, model, cascade, delay_s, move) <= AIM_SHARE * DYNAMIC_TARGET_M
+
     whole = standard.at(1.0, period)
-    off = error(whole)
+    off = _error_m(machine, model, cascade, delay_s, whole)
     if off <= DYNAMIC_TARGET_M:
         return whole, standard.remark
-    aim = AIM_SHARE * DYNAMIC_TARGET_M
-    share, found = 1.0, off
-    while found > aim and whole.duration_s / share < SLOWEST_MOVE_S:
-        share *= max(0.98 * aim / found, 1e-3)  # the lag falls with the speed
-        found = error(standard.at(share, period))
     text = f"{standard.remark}; " if standard.remark else ""
     text += f"the standard move would have {1e3 * off:.3g} mm of dynamic error with this controller"
     target = f"{1e3 * DYNAMIC_TARGET_M:g} mm"
-    if found > aim:
+    slow = fastest(machine, model, cascade, delay_s, standard)
+    if slow is None:
         text += f", and no move of less than {SLOWEST_MOVE_S:.0f} s stays within {target}"
     else:
-        slow = standard.at(share, period)
-        text += (
-            f"; the fastest over the same way predicted to stay within {target} takes {slow.duration_s:.3g} s, up to "
-            f"{1e3 * float(np.max(np.abs(slow.velocity_m_s))):.3g} mm/s"
-        )
+        top = 1e3 * float(np.max(np.abs(slow.velocity_m_s)))
+        text += f"; the fastest over this way that is safely predicted within {target} takes {slow.duration_s:.3g} s, up to {top:.3g} mm/s"
         if slow.duration_s <= LONGEST_SLOW_MOVE_S:
             return slow, text
     low, high = SLOWEST_M_S, float(np.max(np.abs(whole.velocity_m_s)))
-    if error(short(low)) > aim:
-        return short(low), f"{text}; driven was a short one at {1e3 * low:g} mm/s"
-    for _ in range(10):
-        middle = math.sqrt(low * high)
-        low, high = (middle, high) if error(short(middle)) <= aim else (low, middle)
-    way = abs(float(short(low).position_m[-1]) - start)
-    return short(low), f"{text}; that is too long here, so {1e3 * way:.2g} mm were driven at {1e3 * low:.3g} mm/s from the start on"
+    if good(short(low)):
+        for _ in range(10):
+            middle = math.sqrt(low * high)
+            low, high = (middle, high) if good(short(middle)) else (low, middle)
+    move = short(low)
+    way = 1e3 * abs(float(move.position_m[-1]) - start)
+    return move, f"{text}; too long here, so {way:.2g} mm were driven, at {1e3 * low:.3g} mm/s from the start on"
 
 
 def _slower(limits: TrajectoryLimits, share: float) -> TrajectoryLimits:
