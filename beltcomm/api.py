@@ -279,7 +279,7 @@ def move(drive: str, axis: Axis | str, by_m: float, *, options: Options | None =
         abs(by_m),
         CREEP_SPEED_M_S,
         BREAKAWAY_SHARE * axis.torque_limit_nm,
-        float(axis.limits.feed_force_n or 0.0),
+        min(axis.belt_force_limit_n, BREAKAWAY_SHARE * axis.torque_limit_nm / axis.transmission_m_rad),
         RAMP_S * (1.0 + abs(by_m) / 3e-3),
         f"creep {1e3 * by_m:+.1f} mm under slowly rising torque, in several goes",
     )

@@ -118,9 +118,7 @@ def motion_limits(machine: Machine, position_m: float) -> MotionLimits:
             f"at {position_m:.4f} m only {1e3 * space:.1f} mm of travel are left beside the {1e3 * END_MARGIN_M:.0f} mm kept to the end; "
             "move the carriage further in or correct travel in axis.yaml"
         )
-    return MotionLimits(
-        min(space, EXCITATION_TRAVEL_M), full.speed_m_s, full.torque_nm, BELT_SHARE * (machine.axis.limits.feed_force_n or np.inf)
-    )
+    return MotionLimits(min(space, EXCITATION_TRAVEL_M), full.speed_m_s, full.torque_nm, BELT_SHARE * machine.axis.belt_force_limit_n)
 
 
 def raise_amplitude(machine: Machine, breakaway: Breakaway) -> Excited:
@@ -227,7 +225,7 @@ def move_to(machine: Machine, target_m: float, model: Model, slow_m_s: float = 0
 def gentle_limits(machine: Machine, model: Model, speed_m_s: float) -> TrajectoryLimits:
     """Speed, acceleration and jerk that load the belt with a third of its force at most."""
     limits = machine.axis.limits
-    acceleration = min(limits.acceleration_m_s2 or np.inf, (limits.feed_force_n or np.inf) / 3.0 / model["cart.mass"])
+    acceleration = min(limits.acceleration_m_s2 or np.inf, machine.axis.belt_force_limit_n / 3.0 / model["cart.mass"])
     return TrajectoryLimits(
         jerk_m_s3=20.0 * acceleration, acceleration_m_s2=acceleration, speed_m_s=min(speed_m_s, limits.speed_m_s or np.inf)
     )

@@ -190,7 +190,7 @@ def broken_limits(machine: Machine, model: Model, trajectory: Trajectory) -> lis
     pairs = [
         ("the speed", asked.speed_m_s, min(axis.speed_m_s or math.inf, top), "m/s"),
         ("the acceleration", asked.acceleration_m_s2, axis.acceleration_m_s2 or math.inf, "m/s²"),
-        ("the feed force", asked.feed_force_n, axis.feed_force_n or math.inf, "N"),
+        ("the feed force", asked.feed_force_n, machine.axis.belt_force_limit_n, "N"),
         ("the motor torque", asked.torque_nm, room.torque_nm, "N m"),
     ]
     broken = [f"{what} would be {value:.4g} {unit}, limit {limit:.4g} {unit}" for what, value, limit, unit in pairs if value > limit]
