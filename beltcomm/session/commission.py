@@ -107,7 +107,8 @@ def first_model(machine: Machine, findings: Findings) -> Model:
     """Model, dead time and apparent damping from the frequency response at one place."""
     recordings = [r for r in machine.folder.recordings() if r.sidecar.experiment == "frf"]
     counts = machine.drive.capabilities.counts_per_rev
-    findings.final = final_model(recordings, machine.axis, counts)
+    start = findings.excited.model if findings.excited else None
+    findings.final = final_model(recordings, machine.axis, counts, start=start)
     model = findings.final.fit.model
     measure_delay_and_damping(findings, recordings, model)
     return model
@@ -189,7 +190,7 @@ def measure_friction(machine: Machine, model: Model, name: str = "sweep") -> Rec
         session_time_s=machine.session_time_s,
         closed_loop=True,
     )
-    return machine.record(name, machine.follow(strokes.trajectory, machine.stroking()), machine.full_room(), sidecar)
+    return machine.record(name, machine.follow(strokes.trajectory, machine.stroking()), phases.loose_room(machine), sidecar)
 
 
 def fit_and_design(machine: Machine, findings: Findings, settings: Settings) -> Cascade:

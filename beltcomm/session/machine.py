@@ -130,17 +130,17 @@ class Machine:
         self.origin_rad = self.drive.read(["position_rad"])["position_rad"] - position_m / self.ratio
 
     def full_room(self) -> Room:
-        """The whole travel, the axis's speed, the torque that motor and drive allow."""
+        """The whole travel, the speed that axis and drive allow, the torque that motor and drive allow."""
         travel, limits = self.axis.travel, self.axis.limits
         torque = min(self.axis.motor.peak_torque_nm or math.inf, self.drive.capabilities.peak_torque_nm)
         self.axis.require("any motion", "travel.min_m", "travel.max_m", "limits.speed_m_s", "limits.feed_force_n")
-        return Room((float(travel.min_m or 0.0), float(travel.max_m or 0.0)), limits.speed_m_s or math.inf, torque)
+        speed = min(limits.speed_m_s or math.inf, self.drive.capabilities.max_speed_rad_s * self.ratio)
+        return Room((float(travel.min_m or 0.0), float(travel.max_m or 0.0)), speed, torque)
 
     def drive_limits(self, room: Room) -> Limits:
         """The same limits at the motor shaft in the drive's zero."""
         low, high = sorted(self.origin_rad + x / self.ratio for x in room.window_m)
-        speed = min(room.speed_m_s / self.ratio, self.drive.capabilities.max_speed_rad_s)
-        return Limits(low, high, speed, room.torque_nm, None if room.lag_m is None else room.lag_m / self.ratio)
+        return Limits(low, high, room.speed_m_s / self.ratio, room.torque_nm, None if room.lag_m is None else room.lag_m / self.ratio)
 
     def torque_motion(self, torque_nm: Array) -> Motion:
         """An open-loop record at the drive's sampling period."""

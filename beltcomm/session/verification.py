@@ -16,11 +16,24 @@ from beltcomm.session import phases
 from beltcomm.session.machine import Machine
 from beltcomm.sidecar import Sidecar
 from beltcomm.trajectory import Trajectory, load_move, plan_trajectory
-from beltcomm.verify import DYNAMIC_TARGET_M, Demand, PredictedMove, Verdict, demand, judge, predict_move, tracking_error
+from beltcomm.verify import (
+    DYNAMIC_TARGET_M,
+    Demand,
+    PredictedMove,
+    TrackingError,
+    Verdict,
+    demand,
+    judge,
+    predict_move,
+    predict_range,
+    tracking_error,
+)
 
 #: m and s of the verification move: the thesis's 0 to 0.5 m, and the rest in which the static error is read.
 MOVE_M = 0.5
 REST_S = 1.6
+#: s: the range of a longer move is not predicted, it would take too long.
+LONGEST_RANGED_S = 15.0
 #: Where a drive cannot follow the standard move: share of the target that a prediction aims at, longest move named, s, longest one
 #: driven, s; slowest short one, m/s, and its ramp to full speed, s.
 AIM_SHARE = 0.9
@@ -50,7 +63,7 @@ class StandardMove:
 def standard_move(machine: Machine, model: Model) -> StandardMove:
     """The standard move of this axis, admissible for its model.   Raises Refused when there is none."""
     start, end = _way(machine)
-    limits = machine.axis.trajectories.get("T_A") or phases.gentle_limits(machine, model, machine.axis.limits.speed_m_s or 1.0)
+    limits = machine.axis.trajectories.get("T_A") or phases.gentle_limits(machine, model, math.inf)
     return StandardMove(start, end, *admissible(machine, model, start, end, limits))
 
 
@@ -93,11 +106,12 @@ def admissible(machine: Machine, model: Model, start: float, end: float, limits:
     return _slower(limits, low), f"the move was slowed down, because at the speed asked for {'; '.join(broken)}"
 
 
-def predicted(machine: Machine, model: Model, cascade: Cascade, delay_s: float, trajectory: Trajectory) -> tuple[Trajectory, PredictedMove]:
-    """A move with the rest after it, and what it is predicted to be in this drive."""
+def predicted(
+    machine: Machine, model: Model, cascade: Cascade, delay_s: float, rested: Trajectory, belt_stretch_m: float = 0.0
+) -> PredictedMove:
+    """What a move with the rest after it is predicted to be in this drive."""
     capabilities = machine.drive.capabilities
-    rested = phases.held(trajectory, REST_S)
-    return rested, predict_move(
+    return predict_move(
         model,
         cascade,
         rested,
@@ -105,12 +119,14 @@ def predicted(machine: Machine, model: Model, cascade: Cascade, delay_s: float, 
         delay_s=delay_s,
         torque_limit_nm=capabilities.peak_torque_nm,
         counts_per_rev=capabilities.counts_per_rev,
+        belt_stretch_m=belt_stretch_m,
     )
 
 
 def _error_m(machine: Machine, model: Model, cascade: Cascade, delay_s: float, trajectory: Trajectory) -> float:
     """Predicted dynamic error of a move at the motor, m."""
-    rested, path = predicted(machine, model, cascade, delay_s, trajectory)
+    rested = phases.held(trajectory, REST_S)
+    path = predicted(machine, model, cascade, delay_s, rested)
     return tracking_error(path.t_s, rested.position_m, path.motor_m).dynamic_m
 
 
@@ -186,9 +202,8 @@ def _slower(limits: TrajectoryLimits, share: float) -> TrajectoryLimits:
 def broken_limits(machine: Machine, model: Model, trajectory: Trajectory) -> list[str]:
     """Limits of axis, motor and drive that a move would break, each with value and limit."""
     asked, axis, room = demand(trajectory, model), machine.axis.limits, machine.full_room()
-    top = machine.drive.capabilities.max_speed_rad_s * machine.ratio
     pairs = [
-        ("the speed", asked.speed_m_s, min(axis.speed_m_s or math.inf, top), "m/s"),
+        ("the speed", asked.speed_m_s, phases.SPEED_SHARE * room.speed_m_s, "m/s"),
         ("the acceleration", asked.acceleration_m_s2, axis.acceleration_m_s2 or math.inf, "m/s²"),
         ("the feed force", asked.feed_force_n, machine.axis.belt_force_limit_n, "N"),
         ("the motor torque", asked.torque_nm, room.torque_nm, "N m"),
@@ -209,7 +224,8 @@ def verify_move(
     if broken:
         raise Refused("the move is refused: " + "; ".join(broken) + _fastest(machine, model, trajectory))
     running = machine.write_cascade(cascade)
-    rested, path = predicted(machine, model, running, delay_s, trajectory)
+    rested = phases.held(trajectory, REST_S)
+    path = predicted(machine, model, running, delay_s, rested)
     _check_path(machine, path)
     lag = 2.0 * float(np.max(np.abs(rested.position_m - path.motor_m))) + phases.ASTRAY_M
     start = float(trajectory.position_m[0])
@@ -225,7 +241,13 @@ def verify_move(
         held_out=True,
     )
     recording = machine.record(name, machine.follow(beside, "position"), replace(machine.full_room(), lag_m=lag), sidecar)
-    return judge(recording, machine.ratio, path, rested.position_m), demand(trajectory, model)
+
+    def error(other: Model, stretch_m: float) -> TrackingError:
+        path = predicted(machine, other, running, delay_s, rested, stretch_m)
+        return tracking_error(path.t_s, rested.position_m, path.motor_m)
+
+    spread = predict_range(model, error) if rested.duration_s <= LONGEST_RANGED_S else None
+    return judge(recording, machine.ratio, path, rested.position_m, predicted_range=spread), demand(trajectory, model)
 
 
 def _check_path(machine: Machine, path: PredictedMove) -> None:
