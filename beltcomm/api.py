@@ -13,6 +13,8 @@ from typing import Any
 
 from beltcomm.axis import Axis, load_axis
 from beltcomm.control import Cascade
+from beltcomm.design.feedforward import FeedforwardKind
+from beltcomm.design.prefilters import PrefilterKind
 from beltcomm.design.specification import Specification
 from beltcomm.drive import Drive, open_drive
 from beltcomm.errors import BeltcommError, DataError, Refused, UsageError
@@ -29,13 +31,11 @@ from beltcomm.session.machine import Machine, backed_up
 from beltcomm.session.plan import Plan, commission_plan, friction_plan, identify_plan, move_plan, verification_plan
 from beltcomm.session.store import (
     cascade_from_dict,
-    delay_from_dict,
     drive_to_dict,
     plain,
     verdict_to_dict,
 )
 from beltcomm.talk import Silence, Talk
-from beltcomm.trajectory import Trajectory, load_move, plan_trajectory
 
 #: m: the longest way of ``beltcomm move``.
 LONGEST_MOVE_M = 0.1
@@ -47,8 +47,8 @@ class Options:
 
     yes : no questions.   seed : of everything random in a virtual drive.   dry_run : plan only.   resume : go on with a run.
     position_m : where the carriage stands.   home : let the drive find its zero.   payload_kg : heaviest further load.
-    apply : "keep", "restore" or "save" the new gains.   quick : one place only.   profile, node, bitrate, realtime : of the drive.
-    drive : further options for the adapter, by name.
+    apply : "keep", "restore" or "save" the new gains.   quick : one place only.   prefilter, feedforward : None is the best one.
+    profile, node, bitrate, realtime : of the drive.   drive : further options for the adapter, by name.
     """
 
     yes: bool = False
@@ -60,6 +60,8 @@ class Options:
     payload_kg: float | None = None
     apply: Apply = "restore"
     quick: bool = False
+    prefilter: PrefilterKind | None = None
+    feedforward: FeedforwardKind | None = None
     profile: str | None = None
     node: int | None = None
     bitrate: int | None = None
@@ -100,6 +102,7 @@ def commission(drive: str, axis: Axis | str, run: Path, *, options: Options | No
     options, talk, axis = options or Options(), talk or Silence(), _axis(axis)
     sequence.suitable(axis)
     with open_drive(drive, options.for_drive()) as connected:
+        analyse.offered(connected.capabilities.structure, options.prefilter, options.feedforward)
         plan = commission_plan(axis, connected.capabilities, options.quick)
         if options.dry_run:
             return _planned(plan)
@@ -111,7 +114,7 @@ def commission(drive: str, axis: Axis | str, run: Path, *, options: Options | No
             sequence.reference(machine, settings)
             _agree(plan, options, talk)
             try:
-                sequence.commission(machine, replace(settings, quick=options.quick), findings)
+                sequence.commission(machine, settings, findings)
             finally:  # an interrupted run keeps what it found
                 outcome.save(folder, findings)
     trusted = findings.final is not None and not findings.final.fit.suspect
@@ -190,7 +193,6 @@ def friction(drive: str, run: Path, *, options: Options | None = None, talk: Tal
 def design(
     run: Path,
     *,
-    prefilter: str | None = None,
     specification: Specification | None = None,
     options: Options | None = None,
     talk: Talk | None = None,
@@ -203,10 +205,7 @@ def design(
     recordings = folder.recordings()
     sequence.measure_delay_and_damping(findings, [r for r in recordings if r.sidecar.experiment == "frf"], model)
     structure = offline.structure_of(folder, findings)
-    if prefilter is not None:
-        if prefilter not in structure.prefilters:
-            raise Refused(f"the drive of this run has no {prefilter} prefilter; it has {', '.join(structure.prefilters)}")
-        specification = replace(specification or analyse.PRODUCT_SPECIFICATION, prefilters=(prefilter,))  # type: ignore[arg-type]
+    analyse.offered(structure, options.prefilter, options.feedforward)
     settings = replace(_settings(options), specification=specification)
     findings.design, findings.cascade = sequence.design_for(folder.axis, model, structure, findings, settings)
     mapping = outcome.design_dict(findings)
@@ -228,23 +227,28 @@ def verify(
     options: Options | None = None,
     talk: Talk | None = None,
 ) -> Result:
-    """Drive a move with the run's design, compare its error with the prediction.   Exit code 1 when a target is missed."""
+    """Drive a move with the run's design, compare its error with the prediction.   Exit code 1 when a target is missed.
+
+    ``options.feedforward`` replaces the design's for this move only.
+    """
     options, talk = options or Options(), talk or Silence()
     folder = RunFolder.open(run)
     model, saved = _saved_model(folder), folder.load("designs", "final")
-    cascade = cascade_from_dict(saved)
     with open_drive(drive, options.for_drive()) as connected:
         folder.claim_drive(connected.capabilities.identity)
+        structure = connected.capabilities.structure
+        analyse.offered(structure, None, options.feedforward)
+        cascade, delay_s = offline.cascade_of(saved, model, structure, options.feedforward)
         with Machine(connected, folder.axis, folder, talk) as machine:
             sequence.reference(machine, _settings(options))
-            stops.count_on_loop(machine, [model], cascade, delay_from_dict(saved))
-            path, remark = _verification_path(machine, model, move, trajectory)
+            stops.count_on_loop(machine, [model], cascade, delay_s)
+            path, remark = verification.move_asked_for(machine, model, move, trajectory)
             plan = verification_plan(machine.axis, model, path)
             if options.dry_run:
                 return _planned(plan)
             _agree(plan, options, talk)
             name = f"move_{1 + sum(n.startswith('move_') for n in folder.finished_names())}"
-            verdict, asked = verification.verify_move(machine, model, cascade, delay_from_dict(saved), path, name)
+            verdict, asked = verification.verify_move(machine, model, cascade, delay_s, path, name)
     folder.save_result(f"verify_{name}", verdict_to_dict(verdict))
     text = words.verdict_lines(verdict, asked) + words.remarks_lines([remark] if remark else [])
     text.append(f"Next: beltcomm apply --drive {drive} --run {run} --save" if verdict.passed else f"Next: beltcomm design {run}")
@@ -276,7 +280,7 @@ def move(drive: str, axis: Axis | str, by_m: float, *, options: Options | None =
         abs(by_m),
         CREEP_SPEED_M_S,
         BREAKAWAY_SHARE * axis.torque_limit_nm,
-        float(axis.limits.feed_force_n or 0.0),
+        min(axis.belt_force_limit_n, BREAKAWAY_SHARE * axis.torque_limit_nm / axis.transmission_m_rad),
         RAMP_S * (1.0 + abs(by_m) / 3e-3),
         f"creep {1e3 * by_m:+.1f} mm under slowly rising torque, in several goes",
     )
@@ -325,7 +329,15 @@ def _settings(options: Options) -> Settings:
     if payload < 0.0:
         raise UsageError(f"the payload is {payload:g} kg; give what is to be carried further, 0 or more")
     payloads = (payload,) if payload else ()
-    return Settings(apply=options.apply, position_m=options.position_m, home=options.home, payloads_kg=payloads)
+    return Settings(
+        apply=options.apply,
+        position_m=options.position_m,
+        home=options.home,
+        payloads_kg=payloads,
+        quick=options.quick,
+        prefilter=options.prefilter,
+        feedforward=options.feedforward or "nonlinear",
+    )
 
 
 def _new_folder(run: Path, axis: Axis, drive: Drive, options: Options) -> RunFolder:
@@ -352,17 +364,6 @@ def _saved_model(folder: RunFolder) -> Model:
         return load_model(path)
     except UsageError as error:
         raise DataError(f"the run's model is damaged: {error}; make it again with `beltcomm fit {folder.path}`") from error
-
-
-def _verification_path(machine: Machine, model: Model, move: Path | None, name: str | None) -> tuple[Trajectory, str]:
-    if move is not None:
-        return load_move(move, machine.drive.capabilities.sample_period_s, machine.axis), ""
-    if name is None:
-        return verification.standard_move(machine, model)
-    limits = machine.axis.trajectory(name)
-    low, high = machine.full_room().window_m
-    start = max(0.0, low)
-    return plan_trajectory(start, min(start + verification.MOVE_M, high), limits, machine.drive.capabilities.sample_period_s), ""
 
 
 def _written(drive: str, folder: RunFolder, wanted: Mapping[str, float], options: Options, talk: Talk, verb: str) -> Result:

@@ -147,6 +147,14 @@ class Axis:
         driven = (self.get("pulley.inertia_kg_m2") or 0.0) + self.gearbox.inertia_kg_m2
         return float((self.motor.inertia_kg_m2 or 0.0) + self.coupling.inertia_kg_m2 + driven / self.gearbox.ratio**2)
 
+    @property
+    def belt_force_limit_n(self) -> float:
+        """Largest force of the belt:  min(feed force, pulley torque/r), N; infinite when neither is known."""
+        known = [self.limits.feed_force_n or math.inf]
+        if self.limits.pulley_torque_nm is not None and self.get("pulley.effective_radius_m") is not None:
+            known.append(self.limits.pulley_torque_nm / float(self.get("pulley.effective_radius_m")))
+        return min(known)
+
     def torque_limit(self) -> TorqueLimit:
         """The smallest of the torque limits, at the motor shaft, and which one it is.
 

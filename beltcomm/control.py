@@ -105,6 +105,8 @@ class CascadeStructure:
     period_s : s, sampling period of its loops.    prefilters : the kinds available.    steps : smallest step
     of each gain in SI by name (``kp_nm_s_rad`` ...), 0 when continuous for our purpose.  lowest, highest : SI bounds.
     Names besides the fields of :class:`Cascade`: ``integral_time_s`` for a drive that stores T_N = K_P/K_I in place of K_I.
+    output_limit_rad_s, dead_zone_rad : bound of the position controller's output, and position errors it does not see; as set
+    in the drive, motor shaft.
     """
 
     name: str
@@ -117,6 +119,13 @@ class CascadeStructure:
     steps: dict[str, float] = field(default_factory=dict)
     lowest: dict[str, float] = field(default_factory=dict)
     highest: dict[str, float] = field(default_factory=dict)
+    output_limit_rad_s: float = math.inf
+    dead_zone_rad: float = 0.0
+
+    def position_error_seen(self, error_rad: float, kpp_1_s: float) -> float:
+        """Position error that acts: less the dead zone, and no more than makes the largest output; rad, motor shaft."""
+        seen = max(0.0, abs(error_rad) - self.dead_zone_rad)
+        return math.copysign(min(seen, self.output_limit_rad_s / kpp_1_s) if kpp_1_s > 0.0 else seen, error_rad)
 
 
 def discrete_coefficients(cascade: Cascade, period_s: float, torque_limit_nm: float) -> Array:

@@ -55,6 +55,7 @@ class Limits:
     position_min_rad, position_max_rad : float, rad, motor shaft, in the drive's own zero.
     speed_rad_s : float, rad/s, motor shaft.     torque_nm : float, N m, motor shaft.
     deceleration_rad_s2 : float, rad/s², motor shaft, along which a quick stop brakes; inf leaves it to the drive.
+    lag_rad : rad, largest distance from the reference in a motion of kind "position"; None leaves it to the drive's own setting.
     """
 
     position_min_rad: float
@@ -62,6 +63,7 @@ class Limits:
     speed_rad_s: float
     torque_nm: float
     deceleration_rad_s2: float = math.inf
+    lag_rad: float | None = None
 
 
 @dataclass(frozen=True)

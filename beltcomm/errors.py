@@ -45,7 +45,7 @@ class DataError(BeltcommError):
 class SafetyStop(BeltcommError):
     """A watched limit was reached and the axis was stopped.
 
-    ``reason`` is a word for programs: position, speed, torque, belt_force, interrupted, lost_frames.
+    ``reason`` is a word for programs: position, speed, torque, lag, belt_force, interrupted, lost_frames.
     """
 
     exit_code = 4

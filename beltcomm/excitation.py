@@ -196,10 +196,10 @@ def prbs_band(order: int, clock: int, sample_period_s: float) -> tuple[float, fl
 def choose_prbs(sample_period_s: float, lowest_hz: float, highest_hz: float, duration_s: float) -> PrbsChoice:
     """Order, clock and measured periods of a PRBS that shows ``lowest_hz`` to ``highest_hz`` within ``duration_s``.
 
-    The clock is the largest that keeps half the power up to half an octave above ``highest_hz``: more torque at low
-    frequencies.  The order is the smallest whose lines (3.6) lie no further apart than a tenth of ``lowest_hz`` and
-    1 Hz: a longer period would only move the cart further (its stroke grows with the period's 3/2 power).  The time
-    left over becomes measured periods.
+    The clock is the largest that keeps half the power up to half an octave above ``highest_hz`` and leaves time for enough
+    periods: more torque at low frequencies.  The order is the smallest whose lines (3.6) lie no further apart than a
+    tenth of ``lowest_hz`` and 1 Hz: a longer period would only move the cart further (its stroke grows with the
+    period's 3/2 power).  The time left over becomes measured periods.
 
     sample_period_s : s.     lowest_hz : the lowest antiresonance expected.     highest_hz : the highest resonance
     expected.     duration_s : s, the whole record with rest and one period of run-in.
@@ -218,32 +218,42 @@ def choose_prbs(sample_period_s: float, lowest_hz: float, highest_hz: float, dur
             f"that ends at {nyquist_hz:.4g} Hz and {NYQUIST_OVER_HIGHEST * highest_hz:.4g} Hz are needed; sample at least "
             f"every {500.0 / (NYQUIST_OVER_HIGHEST * highest_hz):.3g} ms or leave the resonance out"
         )
-    clock = max(1, floor(1.0 / (ZERO_OVER_HIGHEST * highest_hz * sample_period_s)))
+    largest = max(1, floor(1.0 / (ZERO_OVER_HIGHEST * highest_hz * sample_period_s)))
     spacing_hz = min(lowest_hz / LOWEST_OVER_LINE, WIDEST_LINE_SPACING_HZ)
-    fitting = [n for n in MAXIMAL_TAPS if prbs_band(n, clock, sample_period_s)[0] <= spacing_hz]
+    orders = {clock: _smallest_order(clock, spacing_hz, sample_period_s) for clock in range(largest, 0, -1)}
+    fitting = {clock: order for clock, order in orders.items() if order is not None}
     if not fitting:
         raise Refused(
             f"lines every {spacing_hz:.3g} Hz, as an antiresonance at {lowest_hz:.3g} Hz asks for, need a PRBS beyond order "
-            f"{max(MAXIMAL_TAPS)} at clock {clock} and {1e3 * sample_period_s:.4g} ms; sample more slowly or start higher"
+            f"{max(MAXIMAL_TAPS)} at clock {largest} and {1e3 * sample_period_s:.4g} ms; sample more slowly or start higher"
         )
-    order = min(fitting)
-    line_hz, zero_hz = prbs_band(order, clock, sample_period_s)
     for_periods_s = duration_s - REST_BEFORE_S - REST_AFTER_S - 2 * sample_period_s
-    repeats = floor(for_periods_s * line_hz + 1e-9) - 1
-    if repeats < FEWEST_REPEATS:
-        needed_s = duration_s - for_periods_s + (1 + FEWEST_REPEATS) / line_hz
+    repeats = {c: floor(for_periods_s * prbs_band(n, c, sample_period_s)[0] + 1e-9) - 1 for c, n in fitting.items()}
+    # A period grows by whole orders; where the largest clock's is too long, the next smaller one's may still do.
+    enough = [clock for clock in fitting if repeats[clock] >= FEWEST_REPEATS]
+    if not enough:
+        shortest_s = min(1.0 / prbs_band(n, c, sample_period_s)[0] for c, n in fitting.items())
+        needed_s = duration_s - for_periods_s + (1 + FEWEST_REPEATS) * shortest_s
         raise Refused(
             f"{duration_s:.3g} s are too short for one period of run-in and {FEWEST_REPEATS} measured periods of "
-            f"{1.0 / line_hz:.3g} s; allow {needed_s:.3g} s or raise the lowest frequency above {lowest_hz:.3g} Hz"
+            f"{shortest_s:.3g} s; allow {needed_s:.3g} s or raise the lowest frequency above {lowest_hz:.3g} Hz"
         )
+    clock = enough[0]
+    order = fitting[clock]
+    line_hz, zero_hz = prbs_band(order, clock, sample_period_s)
     return PrbsChoice(
         order,
         clock,
-        repeats,
+        repeats[clock],
         f"order {order}, clock {clock}: lines every {line_hz:.3g} Hz (at most {spacing_hz:.3g} Hz for an antiresonance at "
-        f"{lowest_hz:.4g} Hz), excited up to {zero_hz:.4g} Hz (resonance at {highest_hz:.4g} Hz); {repeats} measured "
+        f"{lowest_hz:.4g} Hz), excited up to {zero_hz:.4g} Hz (resonance at {highest_hz:.4g} Hz); {repeats[clock]} measured "
         f"periods of {1.0 / line_hz:.3g} s after one of run-in",
     )
+
+
+def _smallest_order(clock: int, spacing_hz: float, sample_period_s: float) -> int | None:
+    """The smallest order with lines no further apart than ``spacing_hz``; None when there is none."""
+    return min((n for n in MAXIMAL_TAPS if prbs_band(n, clock, sample_period_s)[0] <= spacing_hz), default=None)
 
 
 def _rotated_to_mean_momentum(period: Array) -> tuple[Array, float]:

@@ -60,6 +60,16 @@ def test_resonance_matches_the_published_one_when_the_stiffness_does() -> None:
         RIG.expected_resonance_hz(0.0)
 
 
+def test_the_belt_carries_the_smaller_of_feed_force_and_pulley_torque() -> None:
+    """At the pulley, so a gearbox does not change it: 1.24 N m over 12.42 mm are 99.84 N."""
+    geared = replace(RIG, gearbox=Gearbox(ratio=3.0))
+    assert geared.belt_force_limit_n == RIG.belt_force_limit_n == pytest.approx(1.24 / 0.01242)
+    limits = replace(RIG.limits, feed_force_n=80.0)
+    assert replace(RIG, limits=limits).belt_force_limit_n == 80.0
+    assert replace(RIG, limits=replace(limits, pulley_torque_nm=None)).belt_force_limit_n == 80.0
+    assert Axis(name="bare").belt_force_limit_n == math.inf
+
+
 def test_torque_limit_names_what_binds() -> None:
     assert RIG.torque_limit() == (1.24, "the axis limit of 1.24 N m at the driving pulley")
     weak = replace(RIG, motor=replace(RIG.motor, rated_torque_nm=0.5, peak_torque_nm=1.0))

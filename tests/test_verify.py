@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.signal import butter
 
 from beltcomm.axis_entries import TrajectoryLimits
-from beltcomm.control import Cascade, Feedforward, Prefilter
+from beltcomm.control import Cascade, CascadeStructure, Feedforward, Prefilter
 from beltcomm.errors import DataError
 from beltcomm.model import Model, build_model
 from beltcomm.recording import Recording
@@ -23,6 +24,7 @@ from truth import TruthPlant, nominal
 Array = NDArray[np.float64]
 T_A = TrajectoryLimits(jerk_m_s3=40.0, acceleration_m_s2=45.0, speed_m_s=5.0)
 RATIO = 0.01242
+STRUCTURE = CascadeStructure("thesis", PERIOD_S)
 
 
 def move() -> Trajectory:
@@ -178,7 +180,7 @@ def test_predicted_move_is_an_own_loop_on_the_truth(rig: str, delay_s: float) ->
     plant = nominal(rig)
     model = true_model(plant)
     cascade, trajectory = cascade_for(rig, model), join([at_rest(0.0, 0.05, PERIOD_S), move()])
-    found = predict_move(model, cascade, trajectory, period_s=PERIOD_S, delay_s=delay_s, torque_limit_nm=3.1, counts_per_rev=COUNTS)
+    found = predict_move(model, cascade, trajectory, structure=STRUCTURE, delay_s=delay_s, torque_limit_nm=3.1, counts_per_rev=COUNTS)
     motor, cart, torque, belt = own_loop(plant, cascade, trajectory, delay_s)
     np.testing.assert_allclose(found.motor_m, motor, atol=0.4e-6)
     np.testing.assert_allclose(found.cart_m, cart, atol=0.4e-6)
@@ -194,12 +196,31 @@ def test_a_prediction_tells_a_delay_and_a_torque_limit() -> None:
     model = true_model(nominal("g_a"))
     cascade = cascade_for("g_a", model)
     moves = [
-        predict_move(model, cascade, move(), period_s=PERIOD_S, delay_s=delay, torque_limit_nm=limit, counts_per_rev=COUNTS)
+        predict_move(model, cascade, move(), structure=STRUCTURE, delay_s=delay, torque_limit_nm=limit, counts_per_rev=COUNTS)
         for delay, limit in ((1.0e-3, 3.1), (2.0e-3, 3.1), (1.0e-3, 1.24))
     ]
     for other in moves[1:]:
         assert np.max(np.abs(other.motor_m - moves[0].motor_m)) > 20e-6
     assert np.max(np.abs(moves[2].torque_nm)) == 1.24
+
+
+def test_a_prediction_runs_into_the_bounds_of_the_drive_and_names_them() -> None:
+    """Without velocity feedforward the speed is the output of the position controller: at most its bound of 30 rad/s, 0.373 m/s."""
+    model = true_model(nominal("g_b"))
+    cascade = replace(cascade_for("g_b", model), feedforward=Feedforward(velocity=0.0))
+    free, bounded = (
+        predict_move(model, cascade, move(), structure=structure, delay_s=1e-3, torque_limit_nm=3.1, counts_per_rev=COUNTS)
+        for structure in (STRUCTURE, replace(STRUCTURE, output_limit_rad_s=30.0))
+    )
+    assert free.saturated == ()
+    assert bounded.saturated == ("the bound of the position controller's output, 0.373 m/s",)
+    fastest = [float(np.max(np.diff(path.motor_m))) / PERIOD_S for path in (free, bounded)]
+    assert fastest[0] > 0.7
+    assert fastest[1] == pytest.approx(30.0 * RATIO, rel=0.05)  # the velocity loop overshoots a little
+    clamped = predict_move(
+        model, cascade_for("g_b", model), move(), structure=STRUCTURE, delay_s=1e-3, torque_limit_nm=0.3, counts_per_rev=COUNTS
+    )
+    assert clamped.saturated == ("the torque limit of 0.3 N m",)
 
 
 # ---- verdict
@@ -242,6 +263,9 @@ def test_a_move_within_its_targets_passes_and_says_so() -> None:
     assert first == "dynamic error 0.5 mm meets the target of 1 mm"
     assert second == "static error 40 um meets the target of 100 um"
     assert "0.4 mm" in third
+    assert "reaches" not in "".join(verdict.reasons)
+    at_the_limit = judge(recorded(reference, measured), RATIO, replace(expected, saturated=("the torque limit of 1 N m",)), reference)
+    assert "the controller reaches the torque limit of 1 N m" in at_the_limit.reasons
     assert "+25 %" in third
 
 

@@ -132,7 +132,7 @@ def _range_of(entry: ParameterObject) -> tuple[int, int]:
     return entry.lowest if entry.lowest is not None else least, entry.highest if entry.highest is not None else most
 
 
-def structure_of(profile: Profile, period_s: float) -> CascadeStructure:
+def structure_of(profile: Profile, period_s: float, output_limit_rad_s: float = math.inf, dead_zone_rad: float = 0.0) -> CascadeStructure:
     """The cascade inside a drive of this kind, its gains as the objects quantise them.
 
     Where the integral part is an integral time, its step and bounds stand under ``integral_time_s`` (K_I = K_P / T_n).
@@ -154,5 +154,7 @@ def structure_of(profile: Profile, period_s: float) -> CascadeStructure:
         steps=steps,
         lowest=lowest,
         highest=highest,
+        output_limit_rad_s=output_limit_rad_s,
+        dead_zone_rad=dead_zone_rad,
         **options,
     )

@@ -78,7 +78,7 @@ def read_capabilities(
         counts_per_rev=scaling.counts_per_rev,
         torque_step_nm=scaling.torque_nm,
         torque_sampling=profile.torque_sampling,
-        structure=structure_of(profile, _loop_period_s(objects, profile, period_s)),
+        structure=structure_of(profile, _loop_period_s(objects, profile, period_s), *_position_bounds(objects, profile, scaling)),
         rated_torque_nm=scaling.rated_torque_nm,
         peak_torque_nm=peak_permille * 1e-3 * scaling.rated_torque_nm,
         rated_current_a=scaling.rated_current_a,
@@ -87,6 +87,13 @@ def read_capabilities(
         referenced=referenced,
         identity=dict(identity),
     )
+
+
+def _position_bounds(objects: Objects, profile: Profile, scaling: Scaling) -> tuple[float, float]:
+    """Largest output of the position controller, rad/s, and its dead zone, rad, motor shaft; none where the drive tells none."""
+    output = objects.read_if_there(*profile.output_limit, "uint32") if profile.output_limit else None
+    dead = objects.read_if_there(*profile.dead_zone, "uint32") if profile.dead_zone else None
+    return math.inf if output is None else output * abs(scaling.speed_rad_s), (dead or 0) * abs(scaling.position_rad)
 
 
 def _loop_period_s(objects: Objects, profile: Profile, otherwise_s: float) -> float:

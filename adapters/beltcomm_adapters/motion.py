@@ -60,6 +60,7 @@ class Watch:
         self._lowest = limits.position_min_rad / scaling.position_rad
         self._highest = limits.position_max_rad / scaling.position_rad
         self._fastest = limits.speed_rad_s / scaling.speed_rad_s
+        self._farthest = math.inf if limits.lag_rad is None else limits.lag_rad / scaling.position_rad
         self._travel_per_s = limits.speed_rad_s / scaling.position_rad
         self._strongest = (_TORQUE_SHARE * limits.torque_nm + _TORQUE_NOISE_OF_RATED * scaling.rated_torque_nm) / scaling.torque_nm
         self._before: Sample | None = None
@@ -86,12 +87,19 @@ class Watch:
         """How long a quick stop may take, s: its ramp from the highest speed, and what a drive needs beside it."""
         return STOP_TIME_S + self._limits.speed_rad_s / self._limits.deceleration_rad_s2
 
+    def follow(self, sample: Sample, reference: int) -> None:
+        """Raises SafetyStop when ``sample`` is too far off its reference position."""
+        if abs(reference - sample.position) > self._farthest:
+            off = (reference - sample.position) * self._scaling.position_rad
+            self._stop("lag", off, "rad", "look at the gains, or slow the move down")
+
     def _stop(self, reason: str, value: float, unit: str, remedy: str) -> None:
         limits = self._limits
         limit = {
             "position": f"the window {limits.position_min_rad:.4g} to {limits.position_max_rad:.4g} rad",
             "speed": f"the limit {limits.speed_rad_s:.4g} rad/s",
             "torque": f"the limit {limits.torque_nm:.4g} N m",
+            "lag": f"the limit {limits.lag_rad or 0.0:.4g} rad",
         }[reason]
         raise SafetyStop(f"{reason} {value:.4g} {unit} at the motor is outside {limit}; the axis was stopped; {remedy}", reason)
 
@@ -208,6 +216,8 @@ class Run:
                 if start_s is None:
                     start_s = sample.stamp_s
                 if before is not None:
+                    if setpoints.kind == "position":
+                        self._watch.follow(before, setpoints.position[k - 1])
                     jitter_s = max(jitter_s, abs(sample.stamp_s - before.stamp_s - self._period_s))
                     sink(make_row(k - 1, start_s, before, sample))
                     rows += 1

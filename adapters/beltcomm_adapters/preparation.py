@@ -126,9 +126,9 @@ def prepare(
 ) -> None:
     """Mode of operation, setpoints at rest, limits inside the drive, SYNC period; everything but setpoints is lent.
 
-    The drive's own limits are only ever tightened; the quick stop's deceleration is set, for the way it takes is counted with.
-    speeds_rad_s : the speeds of a motion in mode 3, whose ramps are opened
-    just so far that they do not shape it.
+    The drive's own limits are only ever tightened; its following error window is set as asked, and the quick stop's deceleration, for the
+    way it takes is counted with.
+    speeds_rad_s : the speeds of a motion in mode 3, whose ramps are opened just so far that they do not shape it.
     """
     mode = layout.mode
     if objects.read_int(0x6060, 0, "int8"):
@@ -158,6 +158,8 @@ def prepare(
     _tighten_torque_and_speed(objects, lending, profile, scaling, limits)
     if mode in _POSITION_MODES:
         _tighten_window(objects, lending, scaling, limits, period_s)
+        if limits.lag_rad is not None:
+            lending.set_if_there(0x6065, 0, "uint32", min(math.ceil(limits.lag_rad / scaling.position_rad), _INT32))
 
 
 def _tighten_torque_and_speed(objects: Objects, lending: Lending, profile: Profile, scaling: Scaling, limits: Limits) -> None:

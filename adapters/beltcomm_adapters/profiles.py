@@ -47,6 +47,7 @@ class Profile:
     torque_slope_permille_s : 6087h that makes mode 4 follow a setpoint at once.
     torque_limit_lowest_permille : smallest 6072h the drive takes.
     loop_period : (index, subindex) of the velocity loop's period in us.    referenced : (index, subindex, bit).
+    output_limit, dead_zone : (index, subindex) of the position controller's, in speed and position units, where it has them.
     emergency : text of an EMCY code, beside those of CiA 301.
     """
 
@@ -69,6 +70,8 @@ class Profile:
     torque_limit_lowest_permille: int = 0
     loop_period: tuple[int, int] | None = None
     referenced: tuple[int, int, int] | None = None
+    output_limit: tuple[int, int] | None = None
+    dead_zone: tuple[int, int] | None = None
     emergency: Mapping[int, str] = field(default_factory=dict)
 
 
@@ -100,6 +103,10 @@ def _fits(match: Mapping[str, Any], identity: Mapping[str, str]) -> bool:
     return numbers and (any(name.startswith(known) for known in match["device_names"]) if "device_names" in match else True)
 
 
+def _place(entry: Mapping[str, int] | None) -> tuple[int, int] | None:
+    return (entry["index"], entry["subindex"]) if entry else None
+
+
 def _profile(raw: dict[str, Any]) -> Profile:
     """Checked values from the file's mapping; a key that nothing reads is a ValueError."""
     sync = raw.pop("sync")
@@ -109,7 +116,7 @@ def _profile(raw: dict[str, Any]) -> Profile:
     sources = raw.pop("sources")
     if wrong := [key for key, entry in sources.items() if not entry["source"] or entry["confidence"] not in CONFIDENCES]:
         raise ValueError(f"no source or no confidence for {wrong}")
-    logic, period, referenced = raw.pop("enable_logic", None), raw.pop("loop_period", None), raw.pop("referenced", None)
+    logic, referenced = raw.pop("enable_logic", None), raw.pop("referenced", None)
     return Profile(
         shortest_sync_ms=sync["shortest_ms"],
         sync_change=sync["change"],
@@ -117,7 +124,9 @@ def _profile(raw: dict[str, Any]) -> Profile:
         sources=sources,
         supported_modes=tuple(raw.pop("supported_modes")),
         enable_logic=(logic["index"], logic["subindex"], logic["type"], logic["value"]) if logic else None,
-        loop_period=(period["index"], period["subindex"]) if period else None,
         referenced=(referenced["index"], referenced["subindex"], referenced["bit"]) if referenced else None,
+        loop_period=_place(raw.pop("loop_period", None)),
+        output_limit=_place(raw.pop("output_limit", None)),
+        dead_zone=_place(raw.pop("dead_zone", None)),
         **raw,
     )

@@ -17,6 +17,8 @@ from beltcomm.cli.frame import Frame, api, axis_for, options_of, run_folder
 @shared.new_run_option
 @shared.resume_option
 @shared.payload_option
+@shared.prefilter_option
+@shared.feedforward_option
 @shared.apply_option
 @click.option("--quick", is_flag=True, help="Fewer records: one position, a shorter sweep; wider intervals.")
 @shared.output_options

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -13,11 +14,11 @@ from beltcomm.cli.frame import Frame, api, options_of
 @click.command("design")
 @shared.run_argument
 @shared.payload_option
-@click.option("--prefilter", type=click.Choice(["none", "notch", "butterworth"]), help="Of the velocity loop; the best one when left out.")
+@shared.prefilter_option
+@shared.feedforward_option
 @shared.output_options
 @click.pass_obj
-def command(frame: Frame, /, run: Path, payload_kg: float | None, prefilter: str | None) -> int:
+def command(frame: Frame, /, run: Path, **given: Any) -> int:
     """Design the controller from the model of the run folder RUN; no machine is needed, nothing is written to a drive."""
     frame.run = run
-    options = options_of(payload_kg=payload_kg)
-    return frame.show(api().design(run, prefilter=prefilter, options=options, talk=frame.talk()))
+    return frame.show(api().design(run, options=options_of(**given), talk=frame.talk()))

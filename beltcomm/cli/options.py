@@ -114,6 +114,14 @@ run_argument = click.argument("run", type=click.Path(path_type=Path))
 payload_option = click.option(
     "--payload", "payload_kg", type=Quantity("payload_kg"), help="Heaviest payload to be moved; the design must hold for it."
 )
+prefilter_option = click.option(
+    "--prefilter", type=click.Choice(["none", "notch", "butterworth"]), help="Of the velocity loop; the best one when left out."
+)
+feedforward_option = click.option(
+    "--feedforward",
+    type=click.Choice(["nonlinear", "linear", "none"]),
+    help="nonlinear: inertia, viscous and Coulomb friction; linear: all friction as damping; none: no velocity either.",
+)
 apply_option = click.option(
     "--apply",
     type=click.Choice(["keep", "restore", "save"]),

@@ -17,10 +17,14 @@ from beltcomm.errors import UsageError
 @shared.existing_run_option
 @click.option("--move", type=click.Path(path_type=Path), metavar="CSV", help="Your own move: columns t_s, position_m.")
 @click.option("--trajectory", metavar="NAME", help="Limits of the 0 to 0.5 m move, from axis.yaml; T_A when left out.")
+@shared.feedforward_option
 @shared.output_options
 @click.pass_obj
 def command(frame: Frame, /, drive: str, run: Path, move: Path | None, trajectory: str | None, **given: Any) -> int:
-    """Drive a move with the run's design and compare its error with the predicted one; the machine moves."""
+    """Drive a move with the run's design and compare its error with the predicted one; the machine moves.
+
+    --feedforward replaces the design's for this move only, to see what it brings.
+    """
     if move is not None and trajectory is not None:
         raise UsageError("--move brings its own motion, --trajectory names limits for the standard one; give one of them")
     frame.run = run

@@ -54,8 +54,10 @@ def final_model(
         if not excited:
             raise DataError("no recording with an excitation (experiment: frf); record one with `beltcomm identify`")
         longest = max(excited, key=lambda r: len(r.t_s))
-        sheet = data_sheet_model(axis, longest.sidecar.start_position_m or 0.0, 0.1)
-        start = first_estimate([longest], sheet, counts_per_rev)
+        place = longest.sidecar.start_position_m or 0.0
+        # Twice, because the share of the carriage in the friction is assumed and not found: first its level must be known.
+        level = first_estimate([longest], data_sheet_model(axis, place, 0.0), counts_per_rev)["coulomb_motor.level"]
+        start = first_estimate([longest], data_sheet_model(axis, place, level), counts_per_rev)
     start = as_constant(start, float(np.median([r.sidecar.start_position_m or 0.0 for r in recordings])))
     constant = fit_inverse(recordings, start, counts_per_rev=counts_per_rev, progress=lambda f: progress(0.5 * f))
     places = stiffness_by_record(recordings, constant.model, counts_per_rev)

@@ -13,8 +13,9 @@ from beltcomm.design.cascade import DesignResult, design_cascade
 from beltcomm.design.cautious import cautious_cascade
 from beltcomm.design.design_plant import DesignPlant, with_friction_fractions
 from beltcomm.design.feedforward import FeedforwardKind, feedforward_from
+from beltcomm.design.prefilters import PrefilterKind
 from beltcomm.design.specification import Infeasible, Specification
-from beltcomm.errors import DataError
+from beltcomm.errors import DataError, Refused
 from beltcomm.identify.dead_time import DeadTime, dead_time_between
 from beltcomm.identify.friction import FrictionFit, Plateau, find_plateaus, fit_friction
 from beltcomm.identify.inverse_fit import InverseFit
@@ -28,7 +29,7 @@ from beltcomm.transfer import two_mass
 #: What is asked of the final loop.  45 and 70 degrees hold for every damping down to none (the thesis's published gains have 30 to 36
 #: there); 60 and 80 would cost the stiffness K_I K_PP a factor of 17 on rig g_a, and with 3 % error of the feedforward both targets.
 PRODUCT_SPECIFICATION = Specification(
-    phase_margin_deg=45.0, position_phase_margin_deg=70.0, velocity_filters_s=(0.001, 0.002, 0.004, 0.008)
+    phase_margin_deg=45.0, position_phase_margin_deg=70.0, velocity_filters_s=(0.001, 0.002, 0.004, 0.008, 0.016, 0.032)
 )
 #: Below this a loop is refused, whatever the drive's structure.
 LEAST_PHASE_MARGIN_DEG = 10.0
@@ -159,22 +160,28 @@ def design(
     masses_kg: Sequence[float],
     dead_time_s: float,
     apparent_damping_nm_s_rad: float,
+    prefilter: PrefilterKind | None = None,
     feedforward: FeedforwardKind = "nonlinear",
     specification: Specification | None = None,
 ) -> tuple[DesignResult, Cascade]:
     """The proven cascade and, with the feedforward of the model as far as the drive has it, what goes into the drive.
 
+    prefilter : the only kind to try; None: all that the drive has.
     Raises Refused (Infeasible) with what binds.
     """
+    offered(structure, prefilter)
+    wanted = specification or PRODUCT_SPECIFICATION
+    if prefilter is not None:
+        wanted = replace(wanted, prefilters=(prefilter,))
     plants = design_plants(model, positions_m, masses_kg, dead_time_s, apparent_damping_nm_s_rad)
     try:
-        result = design_cascade(plants, structure, specification or PRODUCT_SPECIFICATION)
+        result = design_cascade(plants, structure, wanted)
     except Infeasible as refusal:
         nearest = refusal.nearest
         if specification is not None or nearest is None or nearest.phase_margin_deg < LEAST_PHASE_MARGIN_DEG:
             raise
         result = design_cascade(plants, structure, nearest)
-        result = replace(result, remarks=(f"this drive cannot have the usual margins: {refusal}", *result.remarks))
+        result = replace(result, remarks=(f"the usual margins cannot be had: {refusal}", *result.remarks))
     return result, with_feedforward(result.cascade, model, structure, dead_time_s, feedforward, apparent_damping_nm_s_rad)
 
 
@@ -196,6 +203,14 @@ def first_loop(
     return cautious_cascade(plant, structure, UNCERTAINTIES[-1], nearest)
 
 
+def offered(structure: CascadeStructure, prefilter: PrefilterKind | None, feedforward: FeedforwardKind | None = None) -> None:
+    """Raise Refused for a prefilter or a feedforward that was asked for and that the drive does not have."""
+    if prefilter is not None and prefilter not in structure.prefilters:
+        raise Refused(f"{structure.name} has no {prefilter} prefilter; choose {' or '.join(structure.prefilters)}")
+    if feedforward not in (None, "none") and not (structure.torque_feedforward or structure.velocity_feedforward):
+        raise Refused(f"{structure.name} has no feedforward, so {feedforward} cannot be had; leave it out or choose none")
+
+
 def with_feedforward(
     cascade: Cascade,
     model: Model,
@@ -212,7 +227,7 @@ def with_feedforward(
         inertia_kg_m2=model["motor.inertia"] + ratio**2 * model["cart.mass"],
         viscous_nm_s_rad=model.get("viscous_motor.damping") + ratio**2 * model.get("viscous_cart.damping"),
         coulomb_nm=model.get("coulomb_motor.level") + ratio * model.get("coulomb_cart.level"),
-        apparent_viscous_nm_s_rad=apparent_nm_s_rad,
+        apparent_viscous_nm_s_rad=apparent_nm_s_rad or None,
         dead_time_s=dead_time_s,
     )
     return replace(cascade, feedforward=feedforward, filter_reference=structure.reference_filter)

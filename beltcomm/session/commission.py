@@ -10,6 +10,7 @@ from beltcomm.axis import Axis
 from beltcomm.control import Cascade, CascadeStructure
 from beltcomm.design.cascade import DesignResult
 from beltcomm.design.feedforward import FeedforwardKind
+from beltcomm.design.prefilters import PrefilterKind
 from beltcomm.design.specification import Specification
 from beltcomm.errors import DataError, Refused
 from beltcomm.identify.amplitude import around
@@ -52,7 +53,7 @@ class Settings:
     """What the user decides.  payloads_kg : further carriage loads the loop must hold for, added to what is mounted now.
 
     position_m : where the carriage stands, when the drive does not know.   home : run the drive's homing first.
-    apply : what becomes of the new gains.   quick : one place only.   feedforward, prefilters : for comparisons; None means what is best.
+    apply : what becomes of the new gains.   quick : one place only.   prefilter : None is the best one that the drive has.
     move : the user's own reference motion instead of the standard move.
     """
 
@@ -60,6 +61,7 @@ class Settings:
     position_m: float | None = None
     home: bool = False
     payloads_kg: tuple[float, ...] = ()
+    prefilter: PrefilterKind | None = None
     feedforward: FeedforwardKind = "nonlinear"
     specification: Specification | None = None
     quick: bool = False
@@ -102,7 +104,8 @@ def first_model(machine: Machine, findings: Findings) -> Model:
     """Model, dead time and apparent damping from the frequency response at one place."""
     recordings = [r for r in machine.folder.recordings() if r.sidecar.experiment == "frf"]
     counts = machine.drive.capabilities.counts_per_rev
-    findings.final = final_model(recordings, machine.axis, counts)
+    start = findings.excited.model if findings.excited else None
+    findings.final = final_model(recordings, machine.axis, counts, start=start)
     model = findings.final.fit.model
     measure_delay_and_damping(findings, recordings, model)
     return model
@@ -167,7 +170,7 @@ def measure_friction(machine: Machine, model: Model, name: str = "sweep") -> Rec
         session_time_s=machine.session_time_s,
         closed_loop=True,
     )
-    return machine.record(name, machine.follow(strokes.trajectory, machine.stroking()), machine.full_room(), sidecar)
+    return machine.record(name, machine.follow(strokes.trajectory, machine.stroking()), phases.loose_room(machine), sidecar)
 
 
 def fit_and_design(machine: Machine, findings: Findings, settings: Settings) -> Cascade:
@@ -200,6 +203,7 @@ def design_for(
         masses_kg=masses,
         dead_time_s=delay(findings),
         apparent_damping_nm_s_rad=analyse.apparent_damping(findings.thesis),
+        prefilter=settings.prefilter,
         feedforward=settings.feedforward,
         specification=settings.specification,
     )
@@ -228,10 +232,8 @@ def commission(machine: Machine, settings: Settings, findings: Findings) -> Find
         if settings.move is not None:
             trajectory = settings.move
         else:
-            trajectory, remark = verification.standard_move(machine, model)
-            if remark:
-                findings.remarks.append(f"verification move {remark}")
-            trajectory, remark = verification.within_target(machine, model, cascade, delay(findings), trajectory)
+            standard = verification.standard_move(machine, model)
+            trajectory, remark = verification.within_target(machine, model, cascade, delay(findings), standard)
             if remark:
                 findings.remarks.append(remark)
         verdict, findings.demand = verification.verify_move(machine, model, cascade, delay(findings), trajectory)

@@ -38,11 +38,15 @@ RATED_TOLERANCE = 0.02
 
 @dataclass(frozen=True)
 class Room:
-    """What the present phase may use.  window_m : (min, max) of the carriage.   speed_m_s, torque_nm (motor shaft)."""
+    """What the present phase may use.  window_m : (min, max) of the carriage.   speed_m_s, torque_nm (motor shaft).
+
+    lag_m : how far a position loop may be off its reference; None leaves it to the drive's own setting.
+    """
 
     window_m: tuple[float, float]
     speed_m_s: float
     torque_nm: float
+    lag_m: float | None = None
 
 
 class Machine:
@@ -131,17 +135,19 @@ class Machine:
         self.origin_rad = self.drive.read(["position_rad"])["position_rad"] - position_m / self.ratio
 
     def full_room(self) -> Room:
-        """The whole travel, the axis's speed, the torque that motor and drive allow."""
+        """The whole travel, the speed that axis and drive allow, the torque that motor and drive allow."""
         travel, limits = self.axis.travel, self.axis.limits
         torque = min(self.axis.motor.peak_torque_nm or math.inf, self.drive.capabilities.peak_torque_nm)
         self.axis.require("any motion", "travel.min_m", "travel.max_m", "limits.speed_m_s", "limits.feed_force_n")
-        return Room((float(travel.min_m or 0.0), float(travel.max_m or 0.0)), limits.speed_m_s or math.inf, torque)
+        speed = min(limits.speed_m_s or math.inf, self.drive.capabilities.max_speed_rad_s * self.ratio)
+        return Room((float(travel.min_m or 0.0), float(travel.max_m or 0.0)), speed, torque)
 
     def drive_limits(self, room: Room) -> Limits:
         """The same limits at the motor shaft in the drive's zero."""
         low, high = sorted(self.origin_rad + x / self.ratio for x in room.window_m)
         speed = min(room.speed_m_s / self.ratio, self.drive.capabilities.max_speed_rad_s)
-        return Limits(low, high, speed, room.torque_nm, self.deceleration_m_s2 / self.ratio)
+        lag = None if room.lag_m is None else room.lag_m / self.ratio
+        return Limits(low, high, speed, room.torque_nm, self.deceleration_m_s2 / self.ratio, lag)
 
     def brake_with(self, braking: Braking) -> None:
         """From now on a stop is counted with, and set in the drive to, what a loop can do."""

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 from beltcomm.axis import Axis
-from beltcomm.control import CascadeStructure
+from beltcomm.control import Cascade, CascadeStructure
+from beltcomm.design.feedforward import FeedforwardKind
 from beltcomm.errors import DataError
 from beltcomm.identify.final import final_model
 from beltcomm.identify.magnitude_fit import Solver
@@ -11,7 +15,7 @@ from beltcomm.model import Model
 from beltcomm.runfolder import RunFolder
 from beltcomm.session import analyse
 from beltcomm.session.commission import Findings, measure_delay_and_damping
-from beltcomm.session.store import structure_from_dict
+from beltcomm.session.store import cascade_from_dict, delay_from_dict, structure_from_dict
 from beltcomm.talk import Talk
 
 #: The cascade assumed for a run folder that no drive has ever been connected to: the thesis's own, at 1 kHz.
@@ -25,6 +29,20 @@ def structure_of(folder: RunFolder, findings: Findings) -> CascadeStructure:
         return structure_from_dict(known)
     findings.remarks.append("no drive is known to this run: designed for the thesis's cascade at 1 kHz")
     return THESIS_STRUCTURE
+
+
+def cascade_of(
+    saved: Mapping[str, Any], model: Model, structure: CascadeStructure, feedforward: FeedforwardKind | None = None
+) -> tuple[Cascade, float]:
+    """The controller of a saved design and the delay it was proven with, s; with another feedforward of the model when asked for.
+
+    Raises DataError when the design is damaged, UsageError for a linear feedforward without a frequency response.
+    """
+    cascade, delay_s = cascade_from_dict(saved), delay_from_dict(saved)
+    if feedforward is None:
+        return cascade, delay_s
+    apparent = float(saved.get("apparent_damping_nm_s_rad") or 0.0)
+    return analyse.with_feedforward(cascade, model, structure, delay_s, feedforward, apparent), delay_s
 
 
 def counts_of(folder: RunFolder) -> int:

@@ -50,6 +50,10 @@ SWEEP_LONGEST_S = 0.6
 ARRIVED_M = 1e-3
 ASTRAY_M = 2e-2
 POSITIONING_TRIES = 4
+#: m: a loop that is further off its reference has lost it; until it is tuned, all that is asked.  Share of the speed that axis and
+#: drive allow which a reference may use: what overshoots it must not be stopped.
+LOST_M = 5e-2
+SPEED_SHARE = 0.95
 #: m, largest travel of an excitation around its place: the stiffness is taken as constant there.
 EXCITATION_TRAVEL_M = 0.03
 
@@ -137,7 +141,7 @@ def motion_limits(machine: Machine, position_m: float) -> MotionLimits:
         min(space, EXCITATION_TRAVEL_M),
         full.speed_m_s,
         full.torque_nm,
-        BELT_SHARE * (machine.axis.limits.feed_force_n or np.inf),
+        BELT_SHARE * machine.axis.belt_force_limit_n,
         min(space, EXCITATION_TRAVEL_M) + END_MARGIN_M,
     )
 
@@ -245,7 +249,7 @@ def move_to(machine: Machine, target_m: float, model: Model, slow_m_s: float = 0
         trajectory = plan_trajectory(
             machine.position_m, target_m, gentle_limits(machine, model, slow_m_s), machine.drive.capabilities.sample_period_s
         )
-        machine.run(machine.follow(held(trajectory, 0.3), machine.stroking()), machine.full_room())
+        machine.run(machine.follow(held(trajectory, 0.3), machine.stroking()), loose_room(machine))
     if abs(machine.position_m - target_m) > ASTRAY_M:
         raise SafetyStop(
             f"the carriage stands at {machine.position_m:.4f} m instead of {target_m:.4f} m after a move; the loop does not hold it",
@@ -253,13 +257,16 @@ def move_to(machine: Machine, target_m: float, model: Model, slow_m_s: float = 0
         )
 
 
+def loose_room(machine: Machine) -> Room:
+    """The whole axis for a loop that is not tuned yet.  The drive's own window counts motor revolutions, whatever the gearbox."""
+    return replace(machine.full_room(), lag_m=LOST_M)
+
+
 def gentle_limits(machine: Machine, model: Model, speed_m_s: float) -> TrajectoryLimits:
     """Speed, acceleration and jerk that load the belt with a third of its force at most."""
-    limits = machine.axis.limits
-    acceleration = min(limits.acceleration_m_s2 or np.inf, (limits.feed_force_n or np.inf) / 3.0 / model["cart.mass"])
-    return TrajectoryLimits(
-        jerk_m_s3=20.0 * acceleration, acceleration_m_s2=acceleration, speed_m_s=min(speed_m_s, limits.speed_m_s or np.inf)
-    )
+    limits, top = machine.axis.limits, SPEED_SHARE * machine.full_room().speed_m_s
+    acceleration = min(limits.acceleration_m_s2 or np.inf, machine.axis.belt_force_limit_n / 3.0 / model["cart.mass"])
+    return TrajectoryLimits(jerk_m_s3=20.0 * acceleration, acceleration_m_s2=acceleration, speed_m_s=min(speed_m_s, top))
 
 
 def held(trajectory: Trajectory, seconds: float) -> Trajectory:
@@ -280,7 +287,7 @@ def sweep(machine: Machine, model: Model) -> Strokes:
     low, high = stroke_ends(machine)
     at = machine.position_m
     far = high if high - at > at - low else low
-    limits = gentle_limits(machine, model, machine.axis.limits.speed_m_s or np.inf)
+    limits = gentle_limits(machine, model, np.inf)
     # Two ramps of v (v/a + a/j)/2 each and a plateau with its run-in fill the window: v²/a + v (0.05 s + plateau) = window.
     a, window = limits.acceleration_m_s2, abs(far - at)
     wait = 0.05 + SWEEP_RUN_IN_S + SWEEP_SHORTEST_S

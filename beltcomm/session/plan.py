@@ -63,7 +63,7 @@ def commission_plan(axis: Axis, capabilities: Capabilities, quick: bool = False)
     """The whole job."""
     limits, travel = axis.limits, axis.travel
     whole = float(travel.max_m or 0.0) - float(travel.min_m or 0.0)
-    speed, force = float(limits.speed_m_s or 0.0), float(limits.feed_force_n or 0.0)
+    speed, force = _top_speed_m_s(axis, capabilities), axis.belt_force_limit_n
     torque = min(axis.motor.peak_torque_nm or math.inf, capabilities.peak_torque_nm)
     gentle = force / 3.0
     shaking = phases.BELT_SHARE * force
@@ -94,15 +94,11 @@ def friction_plan(axis: Axis, capabilities: Capabilities) -> Plan:
     """The sweep alone."""
     whole = float(axis.travel.max_m or 0.0) - float(axis.travel.min_m or 0.0)
     torque = min(axis.motor.peak_torque_nm or math.inf, capabilities.peak_torque_nm)
-    force = float(axis.limits.feed_force_n or 0.0) / 3.0
+    force = axis.belt_force_limit_n / 3.0
     return Plan(
         f"The carriage of {axis.name or 'the axis'} will travel its whole length in closed loop at seven speeds, both ways, with a loop "
         "designed from the run's model. Ctrl-C stops it at any time.",
-        (
-            Experiment(
-                "constant-speed sweep", whole, 0.8 * float(axis.limits.speed_m_s or 0.0), torque, force, SWEEP_SECONDS + MOVE_SECONDS
-            ),
-        ),
+        (Experiment("constant-speed sweep", whole, 0.8 * _top_speed_m_s(axis, capabilities), torque, force, SWEEP_SECONDS + MOVE_SECONDS),),
     )
 
 
@@ -123,6 +119,10 @@ def verification_plan(axis: Axis, model: Model, path: Trajectory) -> Plan:
     return move_plan(axis, travel, asked.speed_m_s, asked.torque_nm, asked.feed_force_n, seconds, what)
 
 
+def _top_speed_m_s(axis: Axis, capabilities: Capabilities) -> float:
+    return min(float(axis.limits.speed_m_s or 0.0), capabilities.max_speed_rad_s * axis.transmission_m_rad)
+
+
 #: s, upper bounds of the parts, from the sequence's own constants: ramps both ways; five rising steps of 2.8 s; rest, run-in and
 #: measured periods; strokes at seven speeds, three of them twice.
 CREEP_SECONDS = 2.0 * (creep.RAMP_S + 0.5)
@@ -135,7 +135,7 @@ REST_SECONDS = 2.0
 
 def _here(axis: Axis, capabilities: Capabilities) -> tuple[Experiment, ...]:
     torque = min(axis.torque_limit_nm, capabilities.peak_torque_nm)
-    force = float(axis.limits.feed_force_n or 0.0)
+    force = axis.belt_force_limit_n
     shaking = phases.BELT_SHARE * force
     ratio = axis.transmission_m_rad
     rising = creep.BREAKAWAY_SHARE * torque

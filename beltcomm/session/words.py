@@ -87,7 +87,8 @@ def friction_lines(friction: FrictionFit) -> list[str]:
             viscous, coulomb = pair
             lines.append(f"  {words:8} {1e3 * coulomb.value:.1f} mN m, {1e3 * viscous.value:.3f} mN m s/rad")
     if friction.repeat_scatter_nm is not None:
-        lines.append(f"  strokes repeated at the same speed differ by {1e3 * friction.repeat_scatter_nm:.2g} mN m rms")
+        scatter = f"{1e3 * friction.repeat_scatter_nm:.2g} mN m rms beyond" if friction.repeat_scatter_nm > 0.0 else "no more than"
+        lines.append(f"  strokes repeated at the same speed differ by {scatter} their noise")
     return lines + [f"  {remark}" for remark in friction.remarks]
 
 
@@ -130,14 +131,22 @@ def verdict_lines(verdict: Verdict, demand: Demand | None) -> list[str]:
             f"  up to {demand.speed_m_s:.3g} m/s, {demand.acceleration_m_s2:.3g} m/s², {demand.feed_force_n:.3g} N feed force, "
             f"{demand.torque_nm:.2f} N m at the motor"
         )
-    lines.append(f"  {'at the motor':16} {_tracking(verdict.measured)}; predicted {_tracking(verdict.predicted)}")
-    at_cart = "not measured" if verdict.measured_cart is None else _tracking(verdict.measured_cart)
-    lines.append(f"  {'at the carriage':16} {at_cart}; predicted {_tracking(verdict.predicted_cart)}")
+    for words, measured, expected, spread in (
+        ("at the motor", verdict.measured, verdict.predicted, verdict.predicted_range),
+        ("at the carriage", verdict.measured_cart, verdict.predicted_cart, None),
+    ):
+        parts = []
+        for what, name, unit, factor in (("dynamic", "dynamic_m", "mm", 1e3), ("static", "static_m", "um", 1e6)):
+            seen = "not measured" if measured is None else f"{_short(factor * getattr(measured, name))} {unit}"
+            between = f", {' to '.join(_short(factor * getattr(end, name)) for end in spread)}" if spread else ""
+            parts.append(f"{what} {seen} (predicted {_short(factor * getattr(expected, name))}{between})")
+        lines.append(f"  {words:16} {', '.join(parts)}")
     return lines + [f"  {reason}" for reason in verdict.reasons]
 
 
-def _tracking(error: TrackingError) -> str:
-    return f"dynamic {1e3 * error.dynamic_m:.3g} mm, static {1e6 * error.static_m:.3g} um"
+def _short(value: float) -> str:
+    """Three digits, without powers of ten."""
+    return f"{value:.3g}" if abs(value) < 1000.0 else f"{value:.0f}"
 
 
 def remarks_lines(remarks: Sequence[str]) -> list[str]:

@@ -27,6 +27,7 @@ class SimulatedPlant:
 
     position_rad, velocity_rad_s, cart_position_m, belt_force_n : as in :class:`beltcomm.plant.Plant`; positions are relative
     to where the run began, the model inside uses the absolute carriage position.
+    belt_stretch_m : how far the motor is ahead of the carriage at the start, as friction may have left it, m at the belt.
     end_stops_m : (min, max), m, absolute carriage positions of two rubber buffers; None leaves the axis without ends.
 
     Raises UsageError when ``substeps_per_ms`` is too small for the model.
@@ -39,6 +40,7 @@ class SimulatedPlant:
         substeps_per_ms: int = 20,
         end_stops_m: tuple[float, float] | None = None,
         speed_m_s: float = 0.0,
+        belt_stretch_m: float = 0.0,
     ) -> None:
         check_step(model, position_m, 1e-3, substeps_per_ms)
         if end_stops_m is not None and not end_stops_m[0] < position_m < end_stops_m[1]:
@@ -57,6 +59,8 @@ class SimulatedPlant:
             self._v = speed_m_s / np.array(levers)
         self._carriage = carriage
         self._lever = model["transmission.ratio"] if body.rotary else 1.0  # m per coordinate of the carriage's body
+        if carriage:
+            self._q[carriage] -= belt_stretch_m / self._lever
         self._inertia = model[name]
         self._low, self._high = end_stops_m or (-math.inf, math.inf)
         self._substeps_per_s = 1e3 * substeps_per_ms

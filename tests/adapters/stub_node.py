@@ -72,7 +72,8 @@ def standard_objects() -> dict[tuple[int, int], tuple[str, float]]:
 class StubNode:
     """Node 1.   refuse : abort code by object, on write.    drop : SYNCs (from 1) whose first answer is lost.
 
-    ignores_target : bit 12 stays 0.     fault_at, emergency_at : SYNC at which bit 3 is set, or an EMCY 8611h is sent.
+    ignores_target : bit 12 stays 0.     jammed : target positions are taken, and nothing moves.
+    fault_at, emergency_at : SYNC at which bit 3 is set, or an EMCY 8611h is sent.
     silent_from : SYNC from which nothing is heard any more.     stuck_objects : writes are confirmed and forgotten.
     """
 
@@ -80,6 +81,7 @@ class StubNode:
     refuse: dict[tuple[int, int], int] = field(default_factory=dict)
     drop: set[int] = field(default_factory=set)
     ignores_target: bool = False
+    jammed: bool = False
     fault_at: int | None = None
     fault_pattern: int = _FAULT
     emergency_at: int | None = None
@@ -181,7 +183,7 @@ class StubNode:
                 self._activate(number, data, int(mode))
                 self._pending[number] = None
         self.acting_nm = self.get(0x6071) * 1e-3 * RATED_NM if self.state == _ENABLED and mode == 10 else 0.0
-        if self.state == _ENABLED and mode == 8:
+        if self.state == _ENABLED and mode == 8 and not self.jammed:
             target = self.get(0x607A) / COUNTS_PER_RAD
             self.speed_rad_s, self.position_rad = 0.0, target
         position = round(self.position_rad * COUNTS_PER_RAD)

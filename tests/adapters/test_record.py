@@ -6,6 +6,7 @@ import math
 import os
 import signal
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -180,6 +181,19 @@ def test_a_torque_the_drive_should_have_clamped_is_a_breach(opened):
     with pytest.raises(SafetyStop, match="torque") as caught:
         drive.record(torque([0.1] * 50), Limits(-10, 10, 50, 0.1), lambda row: None)
     assert caught.value.reason == "torque"
+
+
+def test_a_motion_that_falls_behind_its_reference_is_stopped_by_the_host_and_watched_by_the_drive(opened):
+    """The drive stands still while its reference goes off at 1 rad/s: 0.02 rad are reached after 20 ms."""
+    node, rows = StubNode(jammed=True), []
+    node.objects[0x6065, 0] = ("<I", 65536)
+    with pytest.raises(SafetyStop, match=r"lag 0\.02\d* rad at the motor is outside the limit 0\.02 rad") as caught:
+        opened(node).record(position(np.linspace(0.0, 0.2, 201)), replace(LIMITS, lag_rad=0.02), rows.append)
+    assert caught.value.reason == "lag"
+    assert node.states[-2:] == [QUICK, DISABLED]
+    assert 19 <= len(rows) <= 22
+    window = math.ceil(0.02 * COUNTS_PER_RAD)
+    assert [value for index, _, value in node.written if index == 0x6065] == [window, 65536]
 
 
 @pytest.mark.parametrize("pattern", [0x08, 0x0F])

@@ -44,6 +44,8 @@ class Options:
     payload_kg: float | None = None
     apply: str = "restore"
     quick: bool = False
+    prefilter: str | None = None
+    feedforward: str | None = None
     profile: str | None = None
     node: int | None = None
     bitrate: int | None = None
@@ -99,6 +101,19 @@ def test_options_reach_the_api(api: StandIn) -> None:
     assert outcome.stdout == "Verdict: pass\n"
 
 
+@pytest.mark.parametrize(
+    ("words", "options"),
+    [
+        ("design R --prefilter notch --feedforward linear", Options(prefilter="notch", feedforward="linear")),
+        ("verify --drive can0 --run R --feedforward none", Options(feedforward="none")),
+        ("commission --drive virtual --prefilter none --feedforward nonlinear", Options(prefilter="none", feedforward="nonlinear")),
+    ],
+)
+def test_the_parts_of_the_controller_can_be_chosen(api: StandIn, words: str, options: Options) -> None:
+    assert call(*words.split()).exit_code == 0
+    assert api.calls[0][2]["options"] == options
+
+
 def test_what_is_not_given_is_left_to_the_api(api: StandIn) -> None:
     call("friction", "--drive", "virtual", "--run", "R")
     assert api.calls[0][2]["options"] == Options()
@@ -108,7 +123,7 @@ def test_what_is_not_given_is_left_to_the_api(api: StandIn) -> None:
     ("words", "name", "args", "given"),
     [
         (["fit", "R", "--solver", "trf"], "fit", (Path("R"),), {"solver": "trf"}),
-        (["design", "R", "--prefilter", "notch"], "design", (Path("R"),), {"prefilter": "notch"}),
+        (["design", "R"], "design", (Path("R"),), {}),
         (["verify", "--drive", "can0", "--run", "R", "--move", "m.csv"], "verify", ("can0", Path("R")), {"move": Path("m.csv")}),
         (["apply", "--drive", "can0", "--run", "R"], "apply", ("can0", Path("R")), {}),
         (["rollback", "--drive", "can0", "--run", "R"], "rollback", ("can0", Path("R")), {}),

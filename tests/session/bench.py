@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import signal
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,13 +13,15 @@ import can
 import numpy as np
 from numpy.typing import NDArray
 
+from beltcomm.axis import Axis, Gearbox, load_axis
+from beltcomm.configfiles import find_config
 from beltcomm.drive import Drive, open_drive
 from beltcomm.recording import Recording
 from beltcomm.session.phases import SIGN_REACH_M, SIGN_TRAVEL_M
 from beltcomm.stopping import Braking
 from beltcomm.virtual.bus import Frame
 from beltcomm_adapters.canopen import connect
-from truth.rigs import nominal
+from truth.rigs import GEARBOX_KG_M2, geared, nominal
 
 Array = NDArray[np.float64]
 
@@ -43,6 +46,7 @@ class LoggedPlant:
 
     def __init__(self, plant: Any) -> None:
         self.plant = plant
+        self.ratio = plant.axis.transmission_m_rad if hasattr(plant, "axis") else RATIO
         self._torque: list[float] = []
         self._angle: list[float] = [plant.position_rad]
         self._cart: list[float] = [plant.cart_position_m]
@@ -74,7 +78,7 @@ class LoggedPlant:
 
     def first_tick_of(self, recording: Recording, start_m: float) -> int:
         """The tick of a recording's first row: where the encoder of the plant reads exactly what was recorded, row by row."""
-        counts = np.round((np.array(self._angle) + start_m / RATIO) / COUNT_RAD)
+        counts = np.round((np.array(self._angle) + start_m / self.ratio) / COUNT_RAD)
         recorded = np.round(recording.position / COUNT_RAD)
         ticks = np.round((recording.t_s - recording.t_s[0]) / 1e-3).astype(int)
         probe = np.argsort(-np.abs(np.diff(recorded)))[:40] + 1  # rows in fast motion: they fit nowhere else
@@ -189,6 +193,16 @@ class Bench:
             self.signals += 1
             self.signal_tick = len(self.plant.torque_nm)
             signal.raise_signal(signal.SIGINT)
+
+
+def geared_bench(folder: Path, rig: str, ratio: float, **options: Any) -> tuple[Bench, Axis]:
+    """A rig behind a gearbox, and its axis file's content; ``folder`` keeps the plant file that tells the drive where its zero is."""
+    plant = geared(rig, ratio)
+    shipped = find_config("plants", rig).read_text(encoding="utf-8")
+    file = folder / f"{rig}_{ratio:g}.yaml"
+    file.write_text(shipped.replace("value: 0.01242,", f"value: {plant.axis.transmission_m_rad!r},"), encoding="utf-8")
+    axis = replace(load_axis("egc-70-600"), name=f"EGC-70-600, {ratio:g}:1", gearbox=Gearbox(ratio, GEARBOX_KG_M2))
+    return Bench(name=f"virtual:{file}", plant=plant, **options), axis
 
 
 class Listener:

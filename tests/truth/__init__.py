@@ -1,10 +1,10 @@
 """The independent truth simulator: judges the product and therefore imports nothing from it.
 
-``nominal(name)`` and ``draw(name, rng)`` give the thesis's rigs; :class:`TruthPlant` takes any :class:`Axis`.
+``nominal(name)``, ``draw(name, rng)`` and ``geared(name, ratio)`` give the thesis's rigs; :class:`TruthPlant` takes any :class:`Axis`.
 """
 
 from truth.plant import Axis, ConstantBelt, Coupling, EndStops, ThreeSectionBelt, TruthPlant, TwoStrandBelt
-from truth.rigs import RIGS, Rig, draw, nominal
+from truth.rigs import RIGS, Rig, draw, geared, nominal
 
 __all__ = [
     "RIGS",
@@ -17,5 +17,6 @@ __all__ = [
     "TruthPlant",
     "TwoStrandBelt",
     "draw",
+    "geared",
     "nominal",
 ]
