@@ -24,7 +24,7 @@ from beltcomm import __version__
 from beltcomm.axis import Axis, load_axis, save_axis
 from beltcomm.configfiles import did_you_mean, read_yaml, to_yaml, write_text
 from beltcomm.errors import DataError, UsageError
-from beltcomm.recording import Recording, RecordingWriter, Sidecar, load_recording, save_recording
+from beltcomm.recording import Recording, RecordingWriter, Sidecar, common_side, load_recording, save_recording
 from beltcomm.recording_writer import MOTOR_COLUMNS
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
@@ -102,6 +102,11 @@ class RunFolder:
         """Where recordings stand."""
         return self.path / "recordings"
 
+    @property
+    def drive(self) -> Mapping[str, str]:
+        """Identity of the drive that the run was made on; empty when there was none."""
+        return dict(self._about().get("drive") or {})
+
     def claim_drive(self, identity: Mapping[str, str]) -> None:
         """Note which drive this run is made on; on a later call, that it still is.
 
@@ -143,7 +148,7 @@ class RunFolder:
     def recordings(self, experiment: str | None = None) -> list[Recording]:
         """The complete recordings, checked, sorted by name; those of one kind of experiment when it is given.
 
-        Raises DataError when there is none, or one of them cannot be used (with file, column and row).
+        Raises DataError when there is none, one of them cannot be used (with file, column and row), or they are of two axes.
         """
         if not self.recordings_folder.is_dir():
             raise DataError(f"{self.recordings_folder} is missing; record with `beltcomm identify`, or put CSV files there")
@@ -153,6 +158,10 @@ class RunFolder:
             kind = f" of the kind {experiment}" if experiment else ""
             rest = f"; broken off were {', '.join(self.unfinished())}: finish them with --resume" if self.unfinished() else ""
             raise DataError(f"{self.recordings_folder} holds no complete recording{kind}{rest}")
+        try:
+            common_side(loaded)
+        except DataError as error:
+            raise DataError(f"{self.recordings_folder}: {error}") from error
         return chosen
 
     def recording(self, name: str) -> Recording:
