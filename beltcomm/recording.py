@@ -157,12 +157,15 @@ class Recording:
             quotient = float(np.ptp(self.cart_position_m)) / (moved * ratio)
             if abs(quotient / 1000.0 - 1.0) < 0.2:
                 raise self._fault("cart_position_m is in mm: it moves 1000 times as far as the motor says; divide it by 1000")
-        peak = axis.motor.peak_torque_nm
-        largest = float(np.abs(self.torque).max())
-        if self.side == "motor" and peak is not None and largest > 1.5 * peak:
+        if self.side == "ampere":
+            return
+        entry = "motor.peak_torque_nm" if self.side == "motor" else "limits.feed_force_n"
+        limit, largest = axis.get(entry), float(np.abs(self.torque).max())
+        if limit is not None and largest > 1.5 * limit:
+            unit = self.torque_unit
             raise self._fault(
-                f"torque_nm reaches {largest:.4g} N m, the motor of {axis} gives at most {peak:g} N m; "
-                "look at the column's unit (mN m? per cent of rated?) and at motor.peak_torque_nm"
+                f"{CHANNELS[self.side]['torque']} reaches {largest:.4g} {unit}, {axis} gives at most {limit:g} {unit}; "
+                f"look at the column's unit (thousandths? per cent of rated?) and at {entry}"
             )
 
     def _label(self) -> str:
@@ -334,11 +337,8 @@ def common_side(recordings: Iterable[Recording]) -> Side:
     for recording in recordings:
         sides.setdefault(recording.side, recording.name)
     if len(sides) > 1:
-        listed = ", ".join(
-            f"{name} in {unit_of(CHANNELS[side]['torque'])} and {unit_of(CHANNELS[side]['position'])}" for side, name in sides.items()
-        )
-        raise DataError(
-            f"the recordings are not of one axis ({listed}); keep those of each axis in a run of its own, or state "
-            "motor.torque_constant_nm_a where one of them is in ampere"
-        )
+        units = {side: [unit_of(CHANNELS[side][signal]) for signal in ("torque", "position")] for side in sides}
+        listed = ", ".join(f"{name} in {' and '.join(units[side])}" for side, name in sides.items())
+        constant = "; or state motor.torque_constant_nm_a" if set(sides) == {"motor", "ampere"} else ""
+        raise DataError(f"the recordings are not of one axis ({listed}); keep those of each axis in a run of its own{constant}")
     return next(iter(sides), "motor")

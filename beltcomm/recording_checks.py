@@ -24,6 +24,8 @@ UNIT_FACTORS = {
     1000.0: "thousandths (mm, mrad) instead of m or rad",
     -1.0: "the opposite sign",
 }
+#: Share of a torque's variance that must be slow for its sign to be judged; less is what a triangle lets through of fast shaking.
+SLOW_SHARE = 0.01
 
 
 def gaps(t_s: Array) -> NDArray[np.intp]:
@@ -80,32 +82,44 @@ def reference_unit_fault(signal: Array, reference: Array) -> str:
 
 
 def opposite_signs(t_s: Array, torque: Array, position: Array) -> bool:
-    """Whether positive torque accelerates to negative positions: then one of the two columns has the wrong sign.
+    """Whether positive torque drives to negative positions: then one of the two columns has the wrong sign.
 
-    Regresses torque on acceleration, velocity, its sign and a constant, all as means under triangles of 0.16 to 0.64 s: above
-    the first antiresonance of a drive train torque and acceleration oppose each other by nature.  True when the acceleration explains
-    most of what friction leaves, with a negative mass, under some triangle, and under none with a positive one.
+    Regresses torque on acceleration, direction of motion, place and a constant, all as means under triangles of 0.16 to 0.64 s:
+    above the first antiresonance of a drive train torque and acceleration oppose each other by nature.  True when, under some
+    triangle, a negative mass or a friction that drives explains most of what the rest leaves, and under none a positive one
+    even half as much.
     """
     even = np.arange(t_s[0], t_s[-1], float(np.median(np.diff(t_s))))
     torque, position = np.interp(even, t_s, torque), np.interp(even, t_s, position)
     period = float(even[1] - even[0])
-    found = [_mass_share(torque, position, max(2, round(window / period))) for window in (0.08, 0.16, 0.32)]
-    return min(found) < -0.5 and max(found) < 0.2
+    widths = [max(2, round(window / period)) for window in (0.08, 0.16, 0.32)]
+    found = [share for width in widths if len(torque) >= 12 * width for share in _shares(torque, position, width)]
+    return bool(found) and min(found) < -0.5 and max(found) < -0.5 * min(found)
 
 
-def _mass_share(torque: Array, position: Array, width: int) -> float:
-    """Share of the torque, not explained by friction, that acceleration explains; negative for a negative mass.   width : samples."""
-    if len(torque) < 12 * width:
-        return 0.0
+def _shares(torque: Array, position: Array, width: int) -> tuple[float, float]:
+    """Shares of the torque that acceleration and friction explain, each of what the rest leaves; negative for a negative factor."""
     # the second difference over the width is the acceleration's mean under a triangle of that width; torque gets the same
     force = _running_mean(_running_mean(torque, width), width)[1:-1]
+    if force.var() < SLOW_SHARE * torque.var():
+        return 0.0, 0.0
     before, middle, after = position[: -2 * width], position[width:-width], position[2 * width :]
     every = max(1, width // 2)
     acceleration, velocity = (after - 2.0 * middle + before)[::every], (after - before)[::every]
-    friction = np.column_stack([np.ones(len(velocity)), velocity, np.sign(velocity)])
-    rest, pull = (signal - friction @ np.linalg.lstsq(friction, signal, rcond=None)[0] for signal in (force[::every], acceleration))
-    power = float(rest @ rest) * float(pull @ pull)
-    return math.copysign(float(rest @ pull) ** 2 / power, float(rest @ pull)) if power > 0.0 else 0.0
+    direction, others = np.sign(velocity), np.column_stack([np.ones(len(velocity)), middle[::every]])
+    return (
+        _partial(force[::every], acceleration, np.column_stack([others, velocity, direction])),
+        _partial(force[::every], direction, np.column_stack([others, acceleration])),
+    )
+
+
+def _partial(signal: Array, cause: Array, others: Array) -> float:
+    """Squared partial correlation of a signal with one cause, with its sign."""
+    rest, pull = (column - others @ np.linalg.lstsq(others, column, rcond=None)[0] for column in (signal, cause))
+    # what the other causes explain but for rounding is nothing
+    if pull @ pull <= 1e-12 * (cause @ cause) or rest @ rest <= 1e-12 * (signal @ signal):
+        return 0.0
+    return math.copysign(float(rest @ pull) ** 2 / (float(rest @ rest) * float(pull @ pull)), float(rest @ pull))
 
 
 def _running_mean(signal: Array, width: int) -> Array:

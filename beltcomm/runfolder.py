@@ -7,6 +7,7 @@
       run.yaml                 the drive's identity and the tool's version
       recordings/NAME.csv      signals        recordings/NAME.yaml   what was done
       models/NAME.yaml  designs/NAME.yaml  results/NAME.yaml         the tool's own
+      originals/               foreign files as they were, for recordings made by `beltcomm import`
       journal.txt              what the session did, one line each
 
 A folder made by hand needs ``axis.yaml`` and ``recordings`` only.  Files are written whole or not at all.
@@ -180,17 +181,17 @@ class RunFolder:
         Raises DataError when a complete one exists, UsageError for a name that is no file name.
         """
         _make_folder(self.recordings_folder)
-        return RecordingWriter(self.recordings_folder / f"{_checked(name)}.csv", sidecar, columns)
+        return RecordingWriter(self.recordings_folder / f"{checked_name(name)}.csv", sidecar, columns)
 
     def withdraw(self, name: str) -> None:
         """A complete recording turns out to be unusable: it becomes ``NAME.csv.part``, to be made again; nothing is deleted."""
-        path = self.recordings_folder / f"{_checked(name)}.csv"
+        path = self.recordings_folder / f"{checked_name(name)}.csv"
         os.replace(path, path.with_name(f"{name}.csv.part"))
 
     def add_recording(self, recording: Recording) -> Path:
         """Write a recording made elsewhere (simulated, imported).   Raises as :meth:`new_recording`."""
         _make_folder(self.recordings_folder)
-        _checked(recording.name)
+        checked_name(recording.name)
         return save_recording(recording, self.recordings_folder)
 
     def save_model(self, name: str, mapping: Mapping[str, Any]) -> Path:
@@ -212,7 +213,7 @@ class RunFolder:
 
     def file(self, kind: str, name: str) -> Path:
         """Path of ``KIND/NAME.yaml``.   Raises DataError when it is missing, naming what makes it."""
-        path = self.path / kind / f"{_checked(name)}.yaml"
+        path = self.path / kind / f"{checked_name(name)}.yaml"
         if not path.is_file():
             maker = {"models": "fit", "designs": "design"}.get(kind)
             remedy = f"make it with `beltcomm {maker} {self.path}`" if maker else "run the command that makes it first"
@@ -225,7 +226,7 @@ class RunFolder:
 
     def load_result(self, name: str) -> dict[str, Any] | None:
         """The mapping in ``results/NAME.yaml``, None when there is none.   Raises DataError when it is unreadable."""
-        return self.load("results", name) if (self.path / "results" / f"{_checked(name)}.yaml").is_file() else None
+        return self.load("results", name) if (self.path / "results" / f"{checked_name(name)}.yaml").is_file() else None
 
     def journal(self, line: str) -> None:
         """Append one line to the session's journal.   Raises UsageError when it cannot be written."""
@@ -238,7 +239,7 @@ class RunFolder:
 
     def _save(self, kind: str, name: str, mapping: Mapping[str, Any]) -> Path:
         _make_folder(self.path / kind)
-        path = self.path / kind / f"{_checked(name)}.yaml"
+        path = self.path / kind / f"{checked_name(name)}.yaml"
         write_text(path, to_yaml(mapping))
         return path
 
@@ -258,8 +259,8 @@ def _make_folder(path: Path) -> None:
         raise UsageError(f"the folder {path} cannot be made: {error.strerror or error}; choose another --run folder") from error
 
 
-def _checked(name: str) -> str:
-    """The name, when it can be a file name everywhere."""
+def checked_name(name: str) -> str:
+    """The name, when it can be a file name everywhere.   Raises UsageError."""
     if not _NAME.fullmatch(name):
         raise UsageError(f"{name!r} cannot be a name; use letters, digits, '_', '-' and '.', a letter or digit first")
     return name

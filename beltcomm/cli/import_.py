@@ -68,9 +68,7 @@ class Rows(click.ParamType):  # type: ignore[type-arg,unused-ignore]  # generic 
     show_default=True,
     help="After or before its row's time stamp.",
 )
-@click.option(
-    "--unwrap", metavar="SPAN", type=float, help="The position is a counter that starts anew after SPAN (rad or m, after scaling)."
-)
+@click.option("--unwrap", metavar="SPAN", help="The position is a counter that starts anew after SPAN, after scaling (1rev, 200mm).")
 @click.option("--rows", type=Rows(), metavar="FIRST:LAST", help="Only these rows, counted from 1.")
 @click.option("--from", "from_s", type=shared.Quantity("from_s"), help="Leave out what was recorded before this time after the first row.")
 @click.option("--until", "until_s", type=shared.Quantity("until_s"), help="Leave out what was recorded after this time.")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from beltcomm.errors import DataError
@@ -27,9 +29,10 @@ def check(recording: Recording) -> tuple[str, ...]:
     wrap = _wrap(recording.position)
     if wrap:
         at = int(np.argmax(np.abs(steps)))
+        hint = "1rev" if unit == "rad" and abs(wrap / math.tau - 1.0) < 0.1 else f"about {wrap:.6g} {unit}"
         raise DataError(
             f"{recording.file}: {position} jumps by {steps[at]:.6g} {unit} at t = {recording.t_s[at]:.6g} s, against the motion before "
-            f"and after: a counter that starts anew. Join it with --unwrap SPAN, in {unit} (about {wrap:.6g}), or cut the record"
+            f"and after: a counter that starts anew. Join it with --unwrap SPAN ({hint}), or cut the record"
         )
     speed = np.abs(steps / np.diff(recording.t_s))
     fastest = float(np.percentile(speed, 99.0))
@@ -43,7 +46,8 @@ def check(recording: Recording) -> tuple[str, ...]:
         raise DataError(f"{recording.file}: {position} covers {moved:.6g} m; if that is mm write --map {position}=NAME*mm")
     if opposite_signs(recording.t_s, recording.torque, recording.position):
         raise DataError(
-            f"{recording.file}: positive {torque} accelerates to negative {position}; turn one sign, such as --map {torque}=-NAME"
+            f"{recording.file}: positive {torque} drives to negative {position} (mass or friction would be negative); turn one sign, "
+            f"such as --map {torque}=-NAME"
         )
     return (*_period_note(recording), *_level_note(recording.position, position, unit))
 
@@ -72,6 +76,7 @@ def _period_note(recording: Recording) -> list[str]:
     periods = len(excited) / note.period_samples
     if periods < 2.0:
         return [f"the record holds {periods:.2g} periods of {note.period_samples} samples; two are needed to tell noise from response"]
+    excited = excited[: int(periods) * note.period_samples]
     likeness = float(np.corrcoef(excited[: -note.period_samples], excited[note.period_samples :])[0, 1])
     if likeness >= _REPEATS:
         return []

@@ -13,7 +13,7 @@ from beltcomm.errors import DataError, UsageError
 from beltcomm.foreign.mapping import Source, kept_columns, sources_for
 from beltcomm.foreign.table import Decimal, Separator, Table
 from beltcomm.foreign.timestamps import checked_time, seconds_of
-from beltcomm.quantities import unit_of
+from beltcomm.quantities import in_other_unit, parse_quantity, unit_of
 from beltcomm.recording_columns import CHANNELS, KNOWN_COLUMNS
 
 Column = NDArray[Any]
@@ -31,7 +31,7 @@ class Reading:
     period_s : s between rows, where there is no time column or it is not to be used.
     first_row, last_row : only these rows, counted from 1.     from_s, until_s : only this part, s after its first row.
     torque_acts : "after" the time stamp of its row, or "before" it: then the row's torque is moved to the row before.
-    unwrap : span in which the position counts and starts anew, in the unit of its column; None when it does not.
+    unwrap : span after which the position starts anew, such as "1rev"; None when it does not.
     drop_incomplete : leave out rows in which a value is missing, instead of refusing them.
     """
 
@@ -46,16 +46,15 @@ class Reading:
     from_s: float | None = None
     until_s: float | None = None
     torque_acts: Literal["after", "before"] = "after"
-    unwrap: float | None = None
+    unwrap: str | None = None
     drop_incomplete: bool = False
 
     def __post_init__(self) -> None:
         if self.period_s is not None and not 0.0 < self.period_s < np.inf:
             raise UsageError(f"the time between rows is {self.period_s:g} s; it must be positive")
-        if self.unwrap is not None and not 0.0 < self.unwrap < np.inf:
-            raise UsageError(f"unwrap is {self.unwrap:g}; give the span after which the position starts anew")
-        if (self.first_row or 1) < 1 or (self.last_row is not None and self.last_row <= (self.first_row or 1)):
-            raise UsageError(f"the rows {self.first_row or 1} to {self.last_row} are none; rows are counted from 1")
+        first = 1 if self.first_row is None else self.first_row
+        if first < 1 or (self.last_row is not None and self.last_row <= first):
+            raise UsageError(f"the rows {first} to {self.last_row} are none; rows are counted from 1")
 
     def to_dict(self) -> dict[str, Any]:
         """What differs from the defaults, for the sidecar."""
@@ -111,7 +110,10 @@ def convert(table: Table, reading: Reading, *, timed: bool = True) -> Converted:
         columns = _cut(table.file, columns, reading)
     for name in _POSITIONS:
         if name in columns and reading.unwrap is not None:
-            columns[name] = np.unwrap(columns[name], period=reading.unwrap)
+            span = parse_quantity(reading.unwrap, name)
+            if not 0.0 < span < np.inf:
+                raise UsageError(f"--unwrap is {reading.unwrap}; give the span after which {name} starts anew, above 0")
+            columns[name] = np.unwrap(columns[name], period=span)
     if reading.torque_acts == "before":
         columns = _moved(columns)
         notes.append("torque was moved to the row before: it acts until its own time stamp")
@@ -185,8 +187,10 @@ def _check_there_is_time(table: Table, columns: Mapping[str, Column]) -> None:
         if column.dtype.kind == "f" and len(column) > 2 and np.all(np.diff(column) > 0.0)
     ]
     hint = f" ({'; '.join(rising[:3])})" if rising else ""
+    spelled = {name: in_other_unit(name, "t_s") for name in table.columns}
+    example = next((f"{name}*{factor:.6g}" for name, factor in spelled.items() if factor is not None), "NAME")
     raise UsageError(
-        f"{table.file}: nothing says when its rows were sampled{hint}; map its time with --map t_s=NAME, or give --rate or --period"
+        f"{table.file}: nothing says when its rows were sampled{hint}; map its time with --map t_s={example}, or give --rate or --period"
     )
 
 
@@ -219,7 +223,13 @@ def alignment(reading: Reading, columns: Mapping[str, Column]) -> str:
 
 def line_of_table(name: str, column: Column, source: Source | None) -> dict[str, Any]:
     """One line of the table that shows what was read: column, source, factor, extremes and rms, in the unit of the column."""
-    line: dict[str, Any] = {"column": name, "from": source.theirs if source else "", "scale": 1.0, "offset": 0.0, "unit": unit_of(name)}
+    line: dict[str, Any] = {
+        "column": name,
+        "from": source.theirs if source else "(rate)" if name == "t_s" else name,
+        "scale": 1.0,
+        "offset": 0.0,
+        "unit": unit_of(name),
+    }
     if source:
         line |= {"scale": source.scale, "offset": source.offset}
     if column.dtype.kind == "f" and len(column):

@@ -75,6 +75,7 @@ def parse_source(text: str, table: Table, known: Collection[str]) -> Source:
 def _readings(expression: str, table: Table) -> Iterator[tuple[str, str, str]]:
     """Every way in which a column's name stands in the expression: (column, text before, text behind); longest names first."""
     names = {spelled: name for name in table.columns for spelled in (Table.bare(name), name) if table.find(spelled) == name}
+    names |= {f"c{i}": name for i, name in enumerate(table.columns, start=1) if table.find(f"c{i}") == name}
     spelled_names = sorted(names | {f'"{name}"': column for name, column in names.items()}, key=len, reverse=True)
     lowered = expression.lower()
     for spelled in spelled_names:
@@ -121,7 +122,8 @@ def _quantity(text: str, column: str, *, number_only: bool = False) -> tuple[flo
     """Value in SI of the number, unit, or number with unit at the beginning, and the rest of the text; None for neither."""
     sign = -1.0 if text.startswith("-") else 1.0
     text = text[1:].strip() if sign < 0.0 else text
-    match = _NUMBER.match(text)
+    # a unit may begin with a number itself: 1/min
+    match = None if _unit_at(text, column) and not number_only else _NUMBER.match(text)
     value, rest = (float(match[0]), text[match.end() :].strip()) if match else (1.0, text)
     unit = "" if number_only else _unit_at(rest, column)
     if not match and not unit:
@@ -146,7 +148,12 @@ def _check_stated_unit(text: str, source: Source, table: Table) -> None:
     """Raise UsageError when the file states a unit that is not ours and no factor was written."""
     stated = table.unit(source.theirs)
     suffix = suffix_of(source.column)
-    if not stated or not suffix or source.scaled:
+    if not suffix or source.scaled:
+        return
+    ending = source.theirs.rpartition("_")[2].lower()
+    if not stated and len(ending) > 1 and ending in UNITS[suffix].others:  # one letter is an index more often than a unit
+        stated = ending
+    if not stated:
         return
     plain = re.sub(r"[\s·*]", "", stated).replace("²", "2").replace("µ", "u").replace("μ", "u").lower()
     head, bare = f"--map {text}: {source.theirs!r} is in {stated} by the file itself", Table.bare(source.theirs)
@@ -172,16 +179,16 @@ def _no_column_of_ours(column: str, expression: str, table: Table, known: Collec
 
 
 def _not_understood(expression: str, column: str, table: Table) -> str:
-    name = re.split(r"[*/+]", expression.strip().strip('"'))[0].strip().lstrip("-").strip()
-    found = table.find(name)
-    if found is None:
-        return table.no_such_column(name)
+    plain = expression.strip().strip('"').lstrip("-").strip()
+    spelled = [name for column in table.columns for name in (column, Table.bare(column))]
+    known = [name for name in spelled if re.match(re.escape(name) + r"(?!\w)", plain, re.I) and table.find(plain[: len(name)])]
+    if not known:
+        return table.no_such_column(re.split(r"[*/+]", plain)[0].strip())
+    name = max(known, key=len)
     suffix = suffix_of(column)
     units = f" or a unit ({', '.join(UNITS[suffix].others)})" if suffix else ""
     decimal = "; write the decimal point as '.'" if re.search(r"\d,\d", expression) else ""
-    return (
-        f"{expression[len(name) :].strip()!r} behind {name!r} is not understood: *, / and a number{units}, then + or - an offset{decimal}"
-    )
+    return f"{plain[len(name) :].strip()!r} behind {name!r} is not understood: *, / and a number{units}, then + or - an offset{decimal}"
 
 
 def kept_columns(table: Table, names: Sequence[str], sources: Mapping[str, Source], known: Collection[str]) -> dict[str, str]:

@@ -28,7 +28,7 @@ from beltcomm.foreign.checks import check
 from beltcomm.foreign.convert import Converted, Reading, convert, reading_from_dict, without_time
 from beltcomm.foreign.table import read_table
 from beltcomm.recording import Recording, Sidecar, common_side, load_recording, recording_from_columns
-from beltcomm.runfolder import RunFolder
+from beltcomm.runfolder import RunFolder, checked_name
 
 ORIGINALS = "originals"
 
@@ -107,9 +107,10 @@ def open_or_plan(run: Path, axis: Axis | None) -> tuple[RunFolder | None, Axis]:
 
 
 def check_together(folder: RunFolder | None, found: Sequence[Imported], axis: Axis) -> None:
-    """Raise DataError for a name that is taken, UsageError for two files of one name, DataError for two axes in one run."""
+    """Raise DataError for a name that is taken or two axes in one run, UsageError for two files of one name or one that is none."""
     names = [item.recording.name for item in found]
     for name in names:
+        checked_name(name)
         if names.count(name) > 1:
             raise UsageError(f"two files would become the recording {name}; import them one by one with --name")
         if folder is not None and (folder.recordings_folder / f"{name}.csv").exists():

@@ -47,7 +47,10 @@ class Table:
     notes: tuple[str, ...] = ()
 
     def find(self, name: str) -> str | None:
-        """The column that a name means: itself, else the only one that differs in case or by a unit in brackets; None for none."""
+        """The column that a name means: itself, else the only one that differs in case or by a unit in brackets, or c1 for the first.
+
+        None when there is none.
+        """
         if name in self.columns:
             return name
         wanted = name.strip().lower()
@@ -55,7 +58,8 @@ class Table:
             found = [known for known in self.columns if shortened(known) == wanted]
             if len(found) == 1:
                 return found[0]
-        return None
+        place = int(wanted[1:]) if re.fullmatch(r"c[1-9]\d{0,4}", wanted) else 0
+        return list(self.columns)[place - 1] if 0 < place <= len(self.columns) else None
 
     def unit(self, name: str) -> str:
         """The unit that the file states for a column: below its name or in brackets behind it; "" for none."""
@@ -74,7 +78,7 @@ class Table:
         """The sentence for a name that is no column: the nearest one, and all there are."""
         shown = [known if " " not in known else f'"{known}"' for known in self.columns]
         more = f" and {len(shown) - 30} more" if len(shown) > 30 else ""
-        return f"{self.file} has no column {name!r}{did_you_mean(name, self.columns)}; it has {', '.join(shown[:30])}{more}"
+        return f"{self.file} has no column {name!r}{did_you_mean(name, self.columns, 0.5)}; it has {', '.join(shown[:30])}{more}"
 
 
 def read_table(

@@ -75,18 +75,21 @@ def read_text_table(path: Path, separator: Separator | None, decimal: Decimal | 
     if begin is None:
         raise DataError(f"{path} holds no row of numbers ({form.words()}); give --separator, --decimal or --skip-lines")
     above = [line for line in lines if line.number < content[begin].number]
-    names, units = _header(path, above, form)
-    notes = [f"{form.words()}, first row in line {content[begin].number}"]
+    names, units, header_line = _header(path, above, form)
+    header = f"header in line {header_line}, " if names else ""
+    notes = [f"{form.words()}, {header}first row in line {content[begin].number}"]
     if encoding != "utf-8":
         notes.append(f"read as {encoding} text")
     if not names:
         names = [f"c{j}" for j in range(1, form.width + 1)]
         notes.append(f"it has no header: its columns are called c1 to c{form.width}")
-    columns, remarks = _columns(path, content[begin:], form, names, torn_rows)
-    empty = [name for name in columns if name.startswith("c") and columns[name].dtype.kind == "f" and np.all(np.isnan(columns[name]))]
-    kept = {name: column for name, column in columns.items() if name not in empty}
+    rows = content[begin:]
+    if text[-1] not in "\r\n" and len(rows) > 1:
+        rows = rows[:-1]
+        notes.append("its last line has no end and was left out: it may be torn")
+    columns, remarks = _columns(path, rows, form, names, torn_rows)
     stated = {name: unit for name, unit in zip(names, units, strict=True) if unit} if units else {}
-    return Table(str(path), kept, stated, (*notes, *remarks))
+    return Table(str(path), columns, stated, (*notes, *remarks))
 
 
 def _text(path: Path) -> tuple[str, str]:
@@ -141,6 +144,9 @@ def _recognised(path: Path, content: Sequence[_Line], separator: Separator | Non
             found = _tried(sample, mark, comma)
             if found is not None and (best is None or found[0] > best[0] + 1e-9):
                 best = found
+    if best is None and (len(content) < 3 or all(_number(line.replace(",", "."), False) is not None for line in sample)):
+        what = "holds no rows" if len(content) < 3 else "has one column only"
+        raise DataError(f"{path} {what}; torque and position are needed, one row per sample")
     if best is None:
         raise DataError(
             f"{path} is no table of numbers: no separator (comma, semicolon, tab, space) gives rows of one length; "
@@ -166,9 +172,10 @@ def _tried(sample: Sequence[str], mark: str, comma: bool) -> tuple[float, _Forma
     return sum(map(sum, numbers)) / cells, _Format(mark, comma, width, numeric)
 
 
-def _header(path: Path, above: Sequence[_Line], form: _Format) -> tuple[list[str], list[str]]:
-    """Names and units of the columns from the lines above the first row; empty lists where there are none."""
+def _header(path: Path, above: Sequence[_Line], form: _Format) -> tuple[list[str], list[str], int]:
+    """Names and units of the columns from the lines above the first row, empty lists where there are none; the line of the names."""
     candidates: list[list[str]] = []
+    numbers: list[int] = []
     for line in reversed(above):
         commented = line.text.lstrip().startswith(_COMMENT)
         text = line.text.lstrip().lstrip("#%/").strip() if commented else line.text
@@ -184,13 +191,14 @@ def _header(path: Path, above: Sequence[_Line], form: _Format) -> tuple[list[str
                 raise _other_length(path, line, len(fields), form)
             break
         candidates.append(fields)
+        numbers.append(line.number)
         if len(candidates) == 2:
             break
     if not candidates:
-        return [], []
+        return [], [], 0
     if len(candidates) == 2 and all(_is_unit(cell) for cell in candidates[0]):
-        return _unique(candidates[1]), [cell.strip("[]() ") for cell in candidates[0]]
-    return _unique(candidates[0]), []
+        return _unique(candidates[1]), [cell.strip("[]() ") for cell in candidates[0]], numbers[1]
+    return _unique(candidates[0]), [], numbers[0]
 
 
 def _other_length(path: Path, line: _Line, names: int, form: _Format) -> DataError:
@@ -237,7 +245,7 @@ def _slowly(path: Path, rows: Sequence[_Line], form: _Format, names: Sequence[st
     end = len(rows)
     while end and not (len(split[end - 1]) == form.width and form.is_row(split[end - 1])):
         end -= 1
-    remarks = [f"left out at the end, no rows: {len(rows) - end} lines from line {rows[end].number} on"] if end < len(rows) else []
+    remarks = [f"left out from line {rows[end].number} on: {len(rows) - end} lines that are no rows"] if end < len(rows) else []
     whole = [i for i in range(end) if len(split[i]) == form.width]
     if len(whole) < end:
         bad = next(i for i in range(end) if len(split[i]) != form.width)

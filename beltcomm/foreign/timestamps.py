@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,8 @@ from beltcomm.errors import DataError
 from beltcomm.recording import LONGEST_STEP_S
 
 Column = NDArray[Any]
+_ZONE = re.compile(r"(?<=\d)\s*(Z|[+-]\d\d:?\d\d)$")
+_STAMP = re.compile(r"\d{4}-\d\d-\d\d[ T]\d\d:\d\d:\d\d(\.\d*)?$")
 
 
 def seconds_of(file: str, name: str, stamps: Column) -> Column:
@@ -18,11 +21,13 @@ def seconds_of(file: str, name: str, stamps: Column) -> Column:
 
     Raises DataError for text that is neither.
     """
-    texts = np.char.replace(np.char.strip(stamps.astype(str)), ",", ".")
-    if np.all(np.char.find(texts, "-") < 0):
-        texts = np.char.add("1970-01-01T", np.char.zfill(texts, 8))
+    texts = [_ZONE.sub("", str(stamp).strip().replace(",", ".").replace("/", "-")) for stamp in stamps]
+    if not any("-" in text for text in texts):
+        texts = [f"1970-01-01T{text:0>8}" for text in texts]
     try:
-        times = np.char.rstrip(texts, "Z").astype("datetime64[ns]")
+        if not all(_STAMP.match(text) for text in texts):
+            raise ValueError
+        times = np.array(texts, dtype="datetime64[ns]")
     except ValueError as error:
         raise DataError(
             f"{file}: {name} holds text such as {str(stamps[0])[:30]!r}, no time that is understood; give --rate instead"
@@ -39,9 +44,10 @@ def checked_time(file: str, t_s: Column, rows: NDArray[np.intp]) -> None:
     back = np.flatnonzero(steps < 0.0)
     if len(back):
         at = int(back[0])
+        many = f" and {len(back) - 1} times more" if len(back) > 1 else ""
         raise DataError(
-            f"{file}: time goes back by {-steps[at]:.6g} s in row {rows[at + 1] + 1} ({len(back)} times in all); another record begins "
-            f"there: take one part, --rows :{rows[at] + 1} or --rows {rows[at + 1] + 1}:, or do without the stamps with --rate"
+            f"{file}: time goes back by {-steps[at]:.6g} s in row {rows[at + 1] + 1}{many}; another record begins there: "
+            f"take one part, --rows :{rows[at] + 1} or --rows {rows[at + 1] + 1}:, or do without the stamps with --rate"
         )
     still = np.flatnonzero(steps == 0.0)
     if len(still):
