@@ -19,6 +19,8 @@ from beltcomm.recording_columns import CHANNELS, KNOWN_COLUMNS
 Column = NDArray[Any]
 #: Columns that act over a step; all others are sampled at its beginning.
 _ACTING = tuple(channels[signal] for channels in CHANNELS.values() for signal in ("torque", "torque_setpoint") if signal in channels)
+#: Larger numbers stand for a missing value.
+_NO_MEASUREMENT = 1e18
 _POSITIONS = tuple(channels["position"] for channels in CHANNELS.values())
 
 
@@ -130,7 +132,8 @@ def _scaled(table: Table, source: Source) -> Column:
         raise DataError(f"{table.file}: {source.theirs} holds text such as {str(values[0])[:30]!r}; map a column of numbers")
     if source.scale == 1.0 and source.offset == 0.0:
         return values
-    return source.scale * values + source.offset
+    with np.errstate(all="ignore"):  # what is no number is found with the missing values
+        return source.scale * values + source.offset
 
 
 def _check_lengths(table: Table, columns: Mapping[str, Column], sources: Mapping[str, Source]) -> None:
@@ -144,7 +147,7 @@ def _complete(
     file: str, columns: dict[str, Column], needed: Sequence[str], rows: NDArray[np.intp], drop: bool, notes: list[str]
 ) -> tuple[dict[str, Column], NDArray[np.intp]]:
     """The rows in which no mapped value is missing; without ``drop`` only rows at both ends may be incomplete."""
-    missing = {name: np.isnan(columns[name]) for name in needed if name in columns}
+    missing = {name: ~(np.abs(columns[name]) < _NO_MEASUREMENT) for name in needed if name in columns}
     absent = [name for name, mask in missing.items() if mask.all()]
     if absent:
         raise DataError(f"{file}: the column for {absent[0]} holds no value; map another one")

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import re
-import zipfile
-import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -105,21 +103,21 @@ def read_table(
 
 def _mat(path: Path) -> dict[str, Any]:
     from scipy.io import loadmat
-    from scipy.io.matlab import MatReadError
 
     try:
         return dict(loadmat(path, simplify_cells=True))
     except NotImplementedError as error:
         raise DataError(f"{path} is a MATLAB 7.3 file (HDF5); save it again in MATLAB with: save(..., '-v7')") from error
-    except (OSError, ValueError, TypeError, KeyError, MatReadError, zlib.error, EOFError) as error:
+    except Exception as error:  # on damaged bytes these readers raise whatever they stumble over
         raise DataError(f"{path} cannot be read as a MATLAB file ({_words(error)}); is it cut off?") from error
 
 
 def _npz(path: Path) -> dict[str, Any]:
     try:
-        loaded = np.load(path, allow_pickle=False)
-        return {"": loaded} if isinstance(loaded, np.ndarray) else {name: loaded[name] for name in loaded.files}
-    except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile, zlib.error) as error:
+        with open(path, "rb") as file:
+            loaded = np.load(file, allow_pickle=False)
+            return {"": loaded} if isinstance(loaded, np.ndarray) else {name: loaded[name] for name in loaded.files}
+    except Exception as error:  # on damaged bytes these readers raise whatever they stumble over
         raise DataError(f"{path} cannot be read as a NumPy file ({_words(error)}); is it cut off, or does it hold objects?") from error
 
 
@@ -131,6 +129,7 @@ def _from_arrays(path: Path, arrays: Mapping[str, Any]) -> Table:
         values = np.asarray(value)
         if values.dtype.kind in "buif" and values.size > 1 and values.ndim <= 2:
             flat = np.squeeze(values).astype(np.float64)
+            flat[~np.isfinite(flat)] = np.nan
             parts = {name or "c1": flat} if flat.ndim == 1 else _of_matrix(name or "c", flat)
             columns |= parts
         elif not name.startswith("_"):

@@ -42,11 +42,9 @@ def refused(outcome: Result, code: int, *words: str) -> None:
 
 def test_a_run_folder_is_made_and_the_original_kept(log: Path, tmp_path: Path) -> None:
     run = tmp_path / "run"
-    facts = (
-        "--experiment frf --start-position 50mm --held-out --closed-loop --payload 3kg --session-time 12s "
-        "--excitation multisine --amplitude 0.3 --period-samples 500 --first-sample 100 --source lab"
-    ).split()
-    outcome = call(log, "--run", run, "--axis", "egc-70-600", *MAPPED, *facts)
+    done = ("--experiment", "frf", "--start-position", "50mm", "--held-out", "--closed-loop", "--payload", "3kg", "--session-time", "12s")
+    excitation = ("--excitation", "multisine", "--amplitude", "0.3", "--period-samples", "500", "--first-sample", "100")
+    outcome = call(log, "--run", run, "--axis", "egc-70-600", *MAPPED, *done, *excitation, "--source", "lab")
     assert outcome.exit_code == 0, outcome.output
     assert "torque_nm     Iq           0.65" in outcome.stdout
     assert "no data can tell this error of 1 ms from a real dead time" in outcome.stdout
@@ -123,6 +121,11 @@ def test_gaps_and_jitter_are_reported(tmp_path: Path) -> None:
     del lines[501:521], lines[901]
     outcome = call(write(tmp_path / "a.csv", "\n".join([*lines, ""])), "--run", tmp_path / "run", "--dry-run", *MAPPED)
     assert "gaps: 2, about 21 samples lost, the longest lasts 21 ms" in outcome.stdout
+    lines = [f"{float(line.split(',')[0]) + 2e-4 * (i % 2):.4f},{line.split(',', 1)[1]}" for i, line in enumerate(text().splitlines()[1:])]
+    jittering = write(tmp_path / "b.csv", "\n".join(["time,Iq,enc", *lines, ""]))
+    outcome = call(jittering, "--run", tmp_path / "run", "--dry-run", *MAPPED)
+    assert "note: the time steps deviate by up to" in outcome.stdout
+    assert "gaps: none" in outcome.stdout
 
 
 def test_without_an_axis_the_run_is_one_rigid_mass(log: Path, tmp_path: Path) -> None:
