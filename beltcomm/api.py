@@ -6,10 +6,9 @@ Each opens what it needs, does one job, saves its results in the run folder, and
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 from beltcomm.axis import Axis, load_axis
 from beltcomm.control import Cascade
@@ -18,9 +17,12 @@ from beltcomm.design.prefilters import PrefilterKind
 from beltcomm.design.specification import Specification
 from beltcomm.drive import Drive, open_drive
 from beltcomm.errors import BeltcommError, DataError, Refused, UsageError
+from beltcomm.foreign.convert import Reading
+from beltcomm.foreign.job import check_imports, import_recordings
 from beltcomm.identify.magnitude_fit import Solver
 from beltcomm.model import Model, load_model, load_plant
 from beltcomm.parameters import cascade_to_parameters
+from beltcomm.result import Result, plain
 from beltcomm.runfolder import RunFolder
 from beltcomm.session import analyse, gains, offline, outcome, stops, verification, words
 from beltcomm.session import commission as sequence
@@ -32,7 +34,6 @@ from beltcomm.session.plan import Plan, commission_plan, friction_plan, identify
 from beltcomm.session.store import (
     cascade_from_dict,
     drive_to_dict,
-    plain,
     verdict_to_dict,
 )
 from beltcomm.talk import Silence, Talk
@@ -75,23 +76,6 @@ class Options:
         if self.realtime:
             found["realtime"] = True
         return {**found, **self.drive}
-
-
-@dataclass(frozen=True)
-class Result:
-    """What a command did.   data : everything, for programs.   text : the same for people.   exit_code : 0, or 1 for a missed target."""
-
-    data: Mapping[str, Any]
-    text: Sequence[str]
-    exit_code: int = 0
-
-    def to_json(self) -> Mapping[str, Any]:
-        """Everything as a mapping of plain values."""
-        return dict(plain(self.data))
-
-    def lines(self) -> Iterable[str]:
-        """The result for people."""
-        return self.text
 
 
 def commission(drive: str, axis: Axis | str, run: Path, *, options: Options | None = None, talk: Talk | None = None) -> Result:
@@ -386,13 +370,16 @@ __all__ = [
     "BeltcommError",
     "Cascade",
     "Options",
+    "Reading",
     "Result",
     "apply",
+    "check_imports",
     "commission",
     "design",
     "fit",
     "friction",
     "identify",
+    "import_recordings",
     "move",
     "rollback",
     "simulate",

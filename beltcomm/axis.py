@@ -121,7 +121,10 @@ class Axis:
 
     @property
     def has_belt(self) -> bool:
-        """Whether this is a belt axis; otherwise one rigid mass on the load side."""
+        """Whether this is a belt axis; otherwise one rigid mass on the load side, whatever its records are in.
+
+        Those of a linear motor hold N and m, those of a motor alone N m or A and rad: :attr:`beltcomm.recording.Recording.side`.
+        """
         return self.belt is not None or self.pulley is not None
 
     @property
@@ -156,7 +159,7 @@ class Axis:
         return min(known)
 
     def torque_limit(self) -> TorqueLimit:
-        """The smallest of the torque limits, at the motor shaft, and which one it is.
+        """The smallest of the torque limits, at the motor shaft, and which one it is; without a belt, the feed force in N counts as it is.
 
         min(motor peak, pulley torque/i_g, i_t · feed force).   Raises UsageError when none of them is known.
         """
@@ -167,7 +170,7 @@ class Axis:
         if self.limits.pulley_torque_nm is not None:
             torque = self.limits.pulley_torque_nm
             known.append(TorqueLimit(torque / self.gearbox.ratio, f"the axis limit of {torque:g} N m at the driving pulley"))
-        if self.limits.feed_force_n is not None and self.get("pulley.effective_radius_m") is not None:
+        if self.limits.feed_force_n is not None and (not self.has_belt or self.get("pulley.effective_radius_m") is not None):
             force = self.limits.feed_force_n
             known.append(TorqueLimit(force * self.transmission_m_rad, f"the axis limit of {force:g} N feed force"))
         if not known:

@@ -6,59 +6,40 @@ known (side "load"), or the torque is in ampere where no torque constant is know
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.axis import Axis
-from beltcomm.configfiles import did_you_mean, to_yaml, write_text
+from beltcomm.configfiles import to_yaml, write_text
 from beltcomm.errors import DataError
-from beltcomm.quantities import in_other_unit, unit_of
-from beltcomm.recording_checks import CLIPPED_SHARE, clipped_share, gaps, jitter, velocity_unit_fault
+from beltcomm.quantities import unit_of
+from beltcomm.recording_checks import CLIPPED_SHARE, clipped_share, gaps, jitter, reference_unit_fault, velocity_unit_fault
+from beltcomm.recording_columns import CHANNELS, COMMON, INERTIA_UNIT, KNOWN_COLUMNS, Side, side_of
 from beltcomm.recording_writer import RecordingWriter
 from beltcomm.sidecar import ExcitationNote, Sidecar, load_sidecar
 from beltcomm.signalfile import read_columns, write_columns
 
 Array = NDArray[np.float64]
-Side = Literal["motor", "load", "ampere"]
 
-__all__ = ["ExcitationNote", "Recording", "RecordingWriter", "Sidecar", "load_recording", "save_recording"]
+__all__ = [
+    "ExcitationNote",
+    "Recording",
+    "RecordingWriter",
+    "Sidecar",
+    "common_side",
+    "load_recording",
+    "recording_from_columns",
+    "save_recording",
+]
 
-#: Column of each signal, by side.  ``force_setpoint_n`` and ``reference_velocity_m_s`` follow the pattern of the others.
-CHANNELS: Final[Mapping[Side, Mapping[str, str]]] = {
-    "motor": {
-        "torque": "torque_nm",
-        "torque_setpoint": "torque_setpoint_nm",
-        "position": "position_rad",
-        "velocity": "velocity_rad_s",
-        "reference_position": "reference_position_rad",
-        "reference_velocity": "reference_velocity_rad_s",
-    },
-    "load": {
-        "torque": "force_n",
-        "torque_setpoint": "force_setpoint_n",
-        "position": "position_m",
-        "velocity": "velocity_m_s",
-        "reference_position": "reference_position_m",
-        "reference_velocity": "reference_velocity_m_s",
-    },
-    "ampere": {
-        "torque": "current_a",
-        "position": "position_rad",
-        "velocity": "velocity_rad_s",
-        "reference_position": "reference_position_rad",
-        "reference_velocity": "reference_velocity_rad_s",
-    },
-}
-#: Signals with the same column on every side.
-COMMON: Final = ("temperature_c", "cart_position_m", "load_position_rad")
+#: What was asked of a signal.
+_REFERENCES: Final = {"position": "reference_position", "velocity": "reference_velocity", "torque": "torque_setpoint"}
 _OPTIONAL = ("torque_setpoint", "velocity", "reference_position", "reference_velocity", *COMMON)
-_KNOWN = {"t_s", *COMMON, *(name for channels in CHANNELS.values() for name in channels.values())}
-
 #: Fewer samples are no measurement of a motion (a static map: of a position dependence).
 FEWEST_SAMPLES = {"static_map": 3}
 FEWEST_SAMPLES_IN_TIME = 10
@@ -125,6 +106,11 @@ class Recording:
         """Unit of position and reference_position: "rad" or "m"."""
         return unit_of(CHANNELS[self.side]["position"])
 
+    @property
+    def inertia_unit(self) -> str:
+        """Unit of torque over acceleration: "kg m²", "kg" or "A s²/rad" (inertia over the unknown torque constant)."""
+        return INERTIA_UNIT[self.side]
+
     def gaps(self) -> NDArray[np.intp]:
         """Indices of the samples after which samples were lost."""
         return gaps(self.t_s)
@@ -171,12 +157,15 @@ class Recording:
             quotient = float(np.ptp(self.cart_position_m)) / (moved * ratio)
             if abs(quotient / 1000.0 - 1.0) < 0.2:
                 raise self._fault("cart_position_m is in mm: it moves 1000 times as far as the motor says; divide it by 1000")
-        peak = axis.motor.peak_torque_nm
-        largest = float(np.abs(self.torque).max())
-        if self.side == "motor" and peak is not None and largest > 1.5 * peak:
+        if self.side == "ampere":
+            return
+        entry = "motor.peak_torque_nm" if self.side == "motor" else "limits.feed_force_n"
+        limit, largest = axis.get(entry), float(np.abs(self.torque).max())
+        if limit is not None and largest > 1.5 * limit:
+            unit = self.torque_unit
             raise self._fault(
-                f"torque_nm reaches {largest:.4g} N m, the motor of {axis} gives at most {peak:g} N m; "
-                "look at the column's unit (mN m? per cent of rated?) and at motor.peak_torque_nm"
+                f"{CHANNELS[self.side]['torque']} reaches {largest:.4g} {unit}, {axis} gives at most {limit:g} {unit}; "
+                f"look at the column's unit (thousandths? per cent of rated?) and at {entry}"
             )
 
     def _label(self) -> str:
@@ -239,6 +228,11 @@ class Recording:
             if fault:
                 names = f"{channels['position']} and {channels['velocity']}"
                 raise self._fault(f"{names} contradict each other: {fault}; convert the column")
+        for signal, reference in _REFERENCES.items():
+            values, asked = getattr(self, signal), getattr(self, reference)
+            fault = reference_unit_fault(values, asked) if values is not None and asked is not None else ""
+            if fault:
+                raise self._fault(f"{channels[signal]} and {channels[reference]} contradict each other: {fault}; convert the column")
 
     def _check_time(self) -> None:
         steps = np.diff(self.t_s)
@@ -289,18 +283,36 @@ def load_recording(path: Path | str, axis: Axis | None = None) -> Recording:
     name = path.name.removesuffix(".part").removesuffix(".csv")
     note_path = path.with_name(f"{name}.yaml")
     sidecar, notes = load_sidecar(note_path) if note_path.is_file() else (Sidecar(), ())
-    columns = read_columns(path, _KNOWN, torn=path.name.endswith(".part"))
-    side = _side(path, columns, sidecar)
+    columns = read_columns(path, KNOWN_COLUMNS, torn=path.name.endswith(".part"))
+    return recording_from_columns(name, columns, sidecar, axis, notes=notes, file=str(path))
+
+
+def recording_from_columns(
+    name: str,
+    columns: Mapping[str, NDArray[Any]],
+    sidecar: Sidecar,
+    axis: Axis | None = None,
+    *,
+    notes: tuple[str, ...] = (),
+    file: str = "",
+) -> Recording:
+    """The recording that named columns make, as :func:`load_recording` does; unknown columns are kept and not used.
+
+    Raises DataError when the columns of every side are incomplete, and as :class:`Recording`.
+    """
+    rest = dict(columns)
+    side = side_of(file or f"recording {name!r}", rest, timed=sidecar.experiment != "static_map")
     channels = {"t_s": "t_s", **CHANNELS[side], **{signal: signal for signal in COMMON}}
-    signals = {signal: columns.pop(column) for signal, column in channels.items() if column in columns}
-    if columns:
-        notes = (*notes, f"columns kept and ignored: {', '.join(columns) or 'one without a name'}")
+    signals = {signal: rest.pop(column) for signal, column in channels.items() if column in rest}
+    if rest:
+        notes = (*notes, f"columns kept and ignored: {', '.join(rest) or 'one without a name'}")
     constant = axis.motor.torque_constant_nm_a if axis is not None else None
     if side == "ampere" and constant is not None:
-        side, signals["torque"] = "motor", signals["torque"] * constant
+        side = "motor"
+        signals |= {signal: signals[signal] * constant for signal in ("torque", "torque_setpoint") if signal in signals}
         notes = (*notes, f"torque is current_a times the torque constant of {constant:g} N m/A")
     signals.setdefault("t_s", np.zeros(0))
-    recording = Recording(name=name, side=side, sidecar=sidecar, notes=notes, extra=columns, file=str(path), **signals)
+    recording = Recording(name=name, side=side, sidecar=sidecar, notes=notes, extra=rest, file=file, **signals)
     if axis is not None:
         recording.check_against(axis)
     return recording
@@ -319,28 +331,14 @@ def save_recording(recording: Recording, folder: Path) -> Path:
     return path
 
 
-def _side(path: Path, columns: Mapping[str, object], sidecar: Sidecar) -> Side:
-    """Which side the columns are from.  Raises DataError, naming what is missing."""
-    if "t_s" not in columns and sidecar.experiment != "static_map":
-        hint = _hint("t_s", columns)
-        still = "" if hint else "; a static map of position and torque needs a sidecar with experiment: static_map"
-        raise DataError(f"{path} has no column t_s{hint}{still}")
-    for side, channels in CHANNELS.items():
-        if channels["torque"] in columns and channels["position"] in columns:
-            return side
-    torque = next((side for side, channels in CHANNELS.items() if channels["torque"] in columns), None)
-    if torque is not None:
-        missing = CHANNELS[torque]["position"]
-        beside = f" beside {CHANNELS[torque]['torque']}"
-    else:
-        missing, beside = ("force_n", "") if "position_m" in columns else ("torque_nm", " (or current_a, or force_n)")
-    raise DataError(f"{path} has no column {missing}{beside}{_hint(missing, columns)}; it has {', '.join(columns)}")
-
-
-def _hint(wanted: str, columns: Mapping[str, object]) -> str:
-    """What another column probably is."""
-    for name in columns:
-        factor = in_other_unit(name, wanted)
-        if factor is not None:
-            return f"; multiply {name} by {factor:.6g} and call it {wanted}"
-    return did_you_mean(wanted, [name for name in columns if name not in _KNOWN])
+def common_side(recordings: Iterable[Recording]) -> Side:
+    """The side that all recordings of one axis are from.   Raises DataError when they differ: then they are of two axes."""
+    sides: dict[Side, str] = {}
+    for recording in recordings:
+        sides.setdefault(recording.side, recording.name)
+    if len(sides) > 1:
+        units = {side: [unit_of(CHANNELS[side][signal]) for signal in ("torque", "position")] for side in sides}
+        listed = ", ".join(f"{name} in {' and '.join(units[side])}" for side, name in sides.items())
+        constant = "; or state motor.torque_constant_nm_a" if set(sides) == {"motor", "ampere"} else ""
+        raise DataError(f"the recordings are not of one axis ({listed}); keep those of each axis in a run of its own{constant}")
+    return next(iter(sides), "motor")

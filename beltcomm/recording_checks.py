@@ -24,6 +24,8 @@ UNIT_FACTORS = {
     1000.0: "thousandths (mm, mrad) instead of m or rad",
     -1.0: "the opposite sign",
 }
+#: Share of a torque's variance that must be slow for its sign to be judged; less is what a triangle lets through of fast shaking.
+SLOW_SHARE = 0.01
 
 
 def gaps(t_s: Array) -> NDArray[np.intp]:
@@ -70,6 +72,61 @@ def clipped_share(torque: Array, setpoint: Array | None, amplitude: float | None
     return float(np.mean(at_end)) if len(entries) and np.median(jumps) > 3.0 * smallest else 0.0
 
 
+def reference_unit_fault(signal: Array, reference: Array) -> str:
+    """What is wrong with the unit of a signal's reference, in words; "" when they agree or nothing can be told."""
+    measured, asked = signal - signal.mean(), reference - reference.mean()
+    power = float(measured @ measured), float(asked @ asked)
+    if min(power) <= 0.0 or abs(measured @ asked) < 0.98 * math.sqrt(power[0] * power[1]):
+        return ""
+    return _unit_words(math.copysign(math.sqrt(power[1] / power[0]), float(measured @ asked)), "reference", "signal")
+
+
+def opposite_signs(t_s: Array, torque: Array, position: Array) -> bool:
+    """Whether positive torque drives to negative positions: then one of the two columns has the wrong sign.
+
+    Regresses torque on acceleration, direction of motion, place and a constant, all as means under triangles of 0.16 to 0.64 s:
+    above the first antiresonance of a drive train torque and acceleration oppose each other by nature.  True when, under some
+    triangle, a negative mass or a friction that drives explains most of what the rest leaves, and under none a positive one
+    even half as much.
+    """
+    even = np.arange(t_s[0], t_s[-1], float(np.median(np.diff(t_s))))
+    torque, position = np.interp(even, t_s, torque), np.interp(even, t_s, position)
+    period = float(even[1] - even[0])
+    widths = [max(2, round(window / period)) for window in (0.08, 0.16, 0.32)]
+    found = [share for width in widths if len(torque) >= 12 * width for share in _shares(torque, position, width)]
+    return bool(found) and min(found) < -0.5 and max(found) < -0.5 * min(found)
+
+
+def _shares(torque: Array, position: Array, width: int) -> tuple[float, float]:
+    """Shares of the torque that acceleration and friction explain, each of what the rest leaves; negative for a negative factor."""
+    # the second difference over the width is the acceleration's mean under a triangle of that width; torque gets the same
+    force = _running_mean(_running_mean(torque, width), width)[1:-1]
+    if force.var() < SLOW_SHARE * torque.var():
+        return 0.0, 0.0
+    before, middle, after = position[: -2 * width], position[width:-width], position[2 * width :]
+    every = max(1, width // 2)
+    acceleration, velocity = (after - 2.0 * middle + before)[::every], (after - before)[::every]
+    direction, others = np.sign(velocity), np.column_stack([np.ones(len(velocity)), middle[::every]])
+    return (
+        _partial(force[::every], acceleration, np.column_stack([others, velocity, direction])),
+        _partial(force[::every], direction, np.column_stack([others, acceleration])),
+    )
+
+
+def _partial(signal: Array, cause: Array, others: Array) -> float:
+    """Squared partial correlation of a signal with one cause, with its sign."""
+    rest, pull = (column - others @ np.linalg.lstsq(others, column, rcond=None)[0] for column in (signal, cause))
+    # what the other causes explain but for rounding is nothing
+    if pull @ pull <= 1e-12 * (cause @ cause) or rest @ rest <= 1e-12 * (signal @ signal):
+        return 0.0
+    return math.copysign(float(rest @ pull) ** 2 / (float(rest @ rest) * float(pull @ pull)), float(rest @ pull))
+
+
+def _running_mean(signal: Array, width: int) -> Array:
+    total = np.concatenate(([0.0], np.cumsum(signal)))
+    return (total[width:] - total[:-width]) / width
+
+
 def _in_runs(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """The mask without runs shorter than CLIPPED_RUN."""
     edges = np.flatnonzero(np.diff(np.concatenate(([0], mask.astype(np.int8), [0]))))
@@ -91,10 +148,14 @@ def velocity_unit_fault(t_s: Array, position: Array, velocity: Array) -> str:
     power = float(travel @ travel), float(by_velocity @ by_velocity)
     if min(power) <= 0.0 or abs(travel @ by_velocity) < 0.9 * math.sqrt(power[0] * power[1]):
         return ""
-    quotient = math.copysign(math.sqrt(power[1] / power[0]), float(travel @ by_velocity))
+    return _unit_words(math.copysign(math.sqrt(power[1] / power[0]), float(travel @ by_velocity)), "velocity", "position")
+
+
+def _unit_words(quotient: float, upper: str, lower: str) -> str:
+    """What a quotient of two signals tells of their units; "" when it is none of UNIT_FACTORS."""
     for factor, words in UNIT_FACTORS.items():
         if abs(quotient / factor - 1.0) < 0.05:
-            return f"the velocity has {words}"
+            return f"the {upper} has {words}"
         if abs(quotient * factor - 1.0) < 0.05:
-            return f"the position has {words}"
+            return f"the {lower} has {words}"
     return ""

@@ -7,6 +7,7 @@
       run.yaml                 the drive's identity and the tool's version
       recordings/NAME.csv      signals        recordings/NAME.yaml   what was done
       models/NAME.yaml  designs/NAME.yaml  results/NAME.yaml         the tool's own
+      originals/               foreign files as they were, for recordings made by `beltcomm import`
       journal.txt              what the session did, one line each
 
 A folder made by hand needs ``axis.yaml`` and ``recordings`` only.  Files are written whole or not at all.
@@ -24,7 +25,7 @@ from beltcomm import __version__
 from beltcomm.axis import Axis, load_axis, save_axis
 from beltcomm.configfiles import did_you_mean, read_yaml, to_yaml, write_text
 from beltcomm.errors import DataError, UsageError
-from beltcomm.recording import Recording, RecordingWriter, Sidecar, load_recording, save_recording
+from beltcomm.recording import Recording, RecordingWriter, Sidecar, common_side, load_recording, save_recording
 from beltcomm.recording_writer import MOTOR_COLUMNS
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
@@ -102,6 +103,11 @@ class RunFolder:
         """Where recordings stand."""
         return self.path / "recordings"
 
+    @property
+    def drive(self) -> Mapping[str, str]:
+        """Identity of the drive that the run was made on; empty when there was none."""
+        return dict(self._about().get("drive") or {})
+
     def claim_drive(self, identity: Mapping[str, str]) -> None:
         """Note which drive this run is made on; on a later call, that it still is.
 
@@ -143,7 +149,7 @@ class RunFolder:
     def recordings(self, experiment: str | None = None) -> list[Recording]:
         """The complete recordings, checked, sorted by name; those of one kind of experiment when it is given.
 
-        Raises DataError when there is none, or one of them cannot be used (with file, column and row).
+        Raises DataError when there is none, one of them cannot be used (with file, column and row), or they are of two axes.
         """
         if not self.recordings_folder.is_dir():
             raise DataError(f"{self.recordings_folder} is missing; record with `beltcomm identify`, or put CSV files there")
@@ -153,6 +159,10 @@ class RunFolder:
             kind = f" of the kind {experiment}" if experiment else ""
             rest = f"; broken off were {', '.join(self.unfinished())}: finish them with --resume" if self.unfinished() else ""
             raise DataError(f"{self.recordings_folder} holds no complete recording{kind}{rest}")
+        try:
+            common_side(loaded)
+        except DataError as error:
+            raise DataError(f"{self.recordings_folder}: {error}") from error
         return chosen
 
     def recording(self, name: str) -> Recording:
@@ -171,17 +181,17 @@ class RunFolder:
         Raises DataError when a complete one exists, UsageError for a name that is no file name.
         """
         _make_folder(self.recordings_folder)
-        return RecordingWriter(self.recordings_folder / f"{_checked(name)}.csv", sidecar, columns)
+        return RecordingWriter(self.recordings_folder / f"{checked_name(name)}.csv", sidecar, columns)
 
     def withdraw(self, name: str) -> None:
         """A complete recording turns out to be unusable: it becomes ``NAME.csv.part``, to be made again; nothing is deleted."""
-        path = self.recordings_folder / f"{_checked(name)}.csv"
+        path = self.recordings_folder / f"{checked_name(name)}.csv"
         os.replace(path, path.with_name(f"{name}.csv.part"))
 
     def add_recording(self, recording: Recording) -> Path:
         """Write a recording made elsewhere (simulated, imported).   Raises as :meth:`new_recording`."""
         _make_folder(self.recordings_folder)
-        _checked(recording.name)
+        checked_name(recording.name)
         return save_recording(recording, self.recordings_folder)
 
     def save_model(self, name: str, mapping: Mapping[str, Any]) -> Path:
@@ -203,7 +213,7 @@ class RunFolder:
 
     def file(self, kind: str, name: str) -> Path:
         """Path of ``KIND/NAME.yaml``.   Raises DataError when it is missing, naming what makes it."""
-        path = self.path / kind / f"{_checked(name)}.yaml"
+        path = self.path / kind / f"{checked_name(name)}.yaml"
         if not path.is_file():
             maker = {"models": "fit", "designs": "design"}.get(kind)
             remedy = f"make it with `beltcomm {maker} {self.path}`" if maker else "run the command that makes it first"
@@ -216,7 +226,7 @@ class RunFolder:
 
     def load_result(self, name: str) -> dict[str, Any] | None:
         """The mapping in ``results/NAME.yaml``, None when there is none.   Raises DataError when it is unreadable."""
-        return self.load("results", name) if (self.path / "results" / f"{_checked(name)}.yaml").is_file() else None
+        return self.load("results", name) if (self.path / "results" / f"{checked_name(name)}.yaml").is_file() else None
 
     def journal(self, line: str) -> None:
         """Append one line to the session's journal.   Raises UsageError when it cannot be written."""
@@ -229,7 +239,7 @@ class RunFolder:
 
     def _save(self, kind: str, name: str, mapping: Mapping[str, Any]) -> Path:
         _make_folder(self.path / kind)
-        path = self.path / kind / f"{_checked(name)}.yaml"
+        path = self.path / kind / f"{checked_name(name)}.yaml"
         write_text(path, to_yaml(mapping))
         return path
 
@@ -249,8 +259,8 @@ def _make_folder(path: Path) -> None:
         raise UsageError(f"the folder {path} cannot be made: {error.strerror or error}; choose another --run folder") from error
 
 
-def _checked(name: str) -> str:
-    """The name, when it can be a file name everywhere."""
+def checked_name(name: str) -> str:
+    """The name, when it can be a file name everywhere.   Raises UsageError."""
     if not _NAME.fullmatch(name):
         raise UsageError(f"{name!r} cannot be a name; use letters, digits, '_', '-' and '.', a letter or digit first")
     return name

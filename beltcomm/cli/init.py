@@ -78,6 +78,18 @@ def command(frame: Frame, /, file: Path, template: str | None, entries: tuple[st
     return 0
 
 
+def axis_with(axis: str | None, entries: tuple[str, ...], run: Path) -> Axis:
+    """An axis by name or file, else that of a run, else an empty one, with entries from --set.   Raises UsageError."""
+    from beltcomm.axis import Axis, axis_from_dict, load_axis
+
+    in_run = run / "axis.yaml"
+    start = load_axis(axis or str(in_run)) if axis or in_run.is_file() else Axis(name=run.resolve().name)
+    data = start.to_dict()
+    for text in entries:
+        _set(data, text)
+    return axis_from_dict(data)
+
+
 def _missing(axis: Axis) -> dict[str, str]:
     """What commissioning will ask for, with its purpose."""
     return {

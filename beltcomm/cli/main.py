@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import importlib
+import keyword
 import sys
 from collections.abc import Sequence
 from typing import Any
@@ -26,6 +27,7 @@ VERBS = {
     "rollback": "Write the gains back that the drive had before.",
     "move": "A small, safe move.",
     "simulate": "A virtual experiment from a model or plant into a run folder.",
+    "import": "Foreign measurements into a run folder.",
     "drives": "Drive adapters found, or why one is broken.",
     "effects": "The physical effects a model can have.",
 }
@@ -42,7 +44,8 @@ class Verbs(click.Group):
         """The command of a verb, its module imported only now; None for a word that is no verb."""
         if cmd_name not in VERBS:
             return None
-        command: click.Command = importlib.import_module(f"beltcomm.cli.{cmd_name}").command
+        module = cmd_name + "_" * keyword.iskeyword(cmd_name)
+        command: click.Command = importlib.import_module(f"beltcomm.cli.{module}").command
         return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:

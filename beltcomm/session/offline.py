@@ -8,10 +8,12 @@ from typing import Any
 from beltcomm.axis import Axis
 from beltcomm.control import Cascade, CascadeStructure
 from beltcomm.design.feedforward import FeedforwardKind
-from beltcomm.errors import DataError
+from beltcomm.errors import DataError, UsageError
+from beltcomm.foreign.checks import check
 from beltcomm.identify.final import final_model
 from beltcomm.identify.magnitude_fit import Solver
 from beltcomm.model import Model
+from beltcomm.recording import Recording, common_side
 from beltcomm.runfolder import RunFolder
 from beltcomm.session import analyse
 from beltcomm.session.commission import Findings, measure_delay_and_damping
@@ -60,7 +62,8 @@ def counts_of(folder: RunFolder) -> int:
 def fitted(folder: RunFolder, solver: Solver, talk: Talk, model: Model | None = None) -> Findings:
     """Final fit, log-magnitude fits, dead time and friction from what the run folder holds."""
     findings = Findings()
-    recordings = folder.recordings()
+    recordings = [item for item in folder.recordings() if not item.is_static_map]
+    _check_fit_for_belt_model(folder, recordings)
     if model is None:
         findings.final = final_model(recordings, folder.axis, counts_of(folder), progress=lambda f: talk.progress(f, None))
         model = findings.final.fit.model
@@ -71,6 +74,26 @@ def fitted(folder: RunFolder, solver: Solver, talk: Talk, model: Model | None = 
     except DataError as problem:
         findings.remarks.append(str(problem))
     return findings
+
+
+def _check_fit_for_belt_model(folder: RunFolder, recordings: list[Recording]) -> None:
+    """Raise UsageError for an axis without a belt, DataError for records without torque, or foreign ones with a wrong sign or unit."""
+    if not folder.axis.has_belt:
+        raise UsageError(
+            f"{folder.axis} has neither belt nor pulley; the fit's model is a motor that drives a carriage by a belt. "
+            "If there is a belt, state pulley.effective_radius_m and motor.inertia_kg_m2"
+        )
+    side = common_side(recordings)
+    if side == "ampere":
+        folder.axis.require("the fit of records in ampere", "motor.torque_constant_nm_a")
+    if side == "load":
+        raise DataError(
+            f"the records of {folder.path} hold force and carriage position; the fit of a belt axis needs torque_nm (or current_a) "
+            "and position_rad at the motor, for the belt lies between motor and carriage"
+        )
+    if not folder.drive:  # an adapter has its signs and units right; whoever writes files by hand may not
+        for recording in recordings:
+            check(recording)
 
 
 def _middle(axis: Axis) -> float:

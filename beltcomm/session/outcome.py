@@ -5,10 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 from beltcomm.identify.final import FinalModel
+from beltcomm.result import plain
 from beltcomm.runfolder import RunFolder
 from beltcomm.session import analyse, words
 from beltcomm.session.commission import Findings, delay
-from beltcomm.session.store import design_to_dict, fit_to_dict, plain, verdict_to_dict
+from beltcomm.session.store import design_to_dict, fit_to_dict, verdict_to_dict
 
 
 def save(folder: RunFolder, findings: Findings) -> None:

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping
 from typing import Any
-
-import numpy as np
 
 from beltcomm.control import Cascade, CascadeStructure
 from beltcomm.design.cascade import DesignResult
@@ -14,22 +11,8 @@ from beltcomm.drive import Capabilities
 from beltcomm.errors import DataError, UsageError
 from beltcomm.identify.inverse_fit import InverseFit
 from beltcomm.parameters import cascade_to_parameters, parameters_to_cascade
+from beltcomm.result import plain
 from beltcomm.verify import Verdict
-
-
-def plain(value: Any) -> Any:
-    """The value in the types that YAML and JSON have: dataclasses and mappings as mappings, arrays as lists."""
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {f.name: plain(getattr(value, f.name)) for f in dataclasses.fields(value) if not f.name.startswith("_")}
-    if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray):
-        return [plain(item) for item in value.tolist()]
-    if isinstance(value, (list, tuple, set, frozenset)):
-        return [plain(item) for item in value]
-    if isinstance(value, np.generic):
-        return value.item()
-    return value
 
 
 def drive_to_dict(capabilities: Capabilities) -> dict[str, Any]:

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from beltcomm.errors import DataError
 from beltcomm.identify.residual import (
     RUN_IN_S,
     RUN_IN_TRAVEL_M,
@@ -270,9 +269,16 @@ def test_torque_noise_is_read_from_setpoint_and_torque(delay_s: float) -> None:
         assert torque_noise(records) == pytest.approx(NOISE_NM, rel=0.1)
 
 
-def test_torque_noise_needs_a_setpoint_and_has_a_floor() -> None:
+def test_torque_noise_without_a_setpoint_comes_from_repeated_periods_and_smooth_records() -> None:
+    recorder = Recorder(seed=15)
+    plant = draw("g_b", np.random.default_rng(15))
+    opened, closed = recorder.shaken(plant, 0.3, 2), recorder.stroked(plant, (0.1, 0.5), 0.2)
+    bare = [replace(record, torque_setpoint=None) for record in (opened, closed)]
+    for records in ([bare[0]], [bare[1]], bare):
+        assert torque_noise(records) == pytest.approx(NOISE_NM, rel=0.1)
+
+
+def test_torque_noise_has_a_floor() -> None:
     plant = draw("g_b", np.random.default_rng(16))
     quiet = Recorder(noise_nm=0.0).shaken(plant, 0.3, 1)
     assert torque_noise([quiet], quiet_nm=2e-3) == 2e-3
-    with pytest.raises(DataError, match="torque_setpoint_nm"):
-        torque_noise([replace(quiet, torque_setpoint=None)])

@@ -1,0 +1,1 @@
+"""Measurements from elsewhere: foreign tables become recordings of a run folder, the originals kept."""

@@ -1,0 +1,247 @@
+"""A foreign table becomes the columns of a recording: scaled, cut, aligned; every change is said."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltcomm.errors import DataError, UsageError
+from beltcomm.foreign.mapping import Source, kept_columns, sources_for
+from beltcomm.foreign.table import Decimal, Separator, Table
+from beltcomm.foreign.timestamps import checked_time, seconds_of
+from beltcomm.quantities import in_other_unit, parse_quantity, unit_of
+from beltcomm.recording_columns import CHANNELS, KNOWN_COLUMNS
+
+Column = NDArray[Any]
+#: Columns that act over a step; all others are sampled at its beginning.
+_ACTING = tuple(channels[signal] for channels in CHANNELS.values() for signal in ("torque", "torque_setpoint") if signal in channels)
+#: Larger numbers stand for a missing value.
+_NO_MEASUREMENT = 1e18
+_POSITIONS = tuple(channels["position"] for channels in CHANNELS.values())
+
+
+@dataclass(frozen=True)
+class Reading:
+    """How foreign files are read, the same for all files of one import.
+
+    mapping : one ``column=name*scale`` each (:mod:`beltcomm.foreign.mapping`).   keep : further columns to keep, or ("all",).
+    separator, decimal, skip_lines : of a text file; recognised when None.
+    period_s : s between rows, where there is no time column or it is not to be used.
+    first_row, last_row : only these rows, counted from 1.     from_s, until_s : only this part, s after its first row.
+    torque_acts : "after" the time stamp of its row, or "before" it: then the row's torque is moved to the row before.
+    unwrap : span after which the position starts anew, such as "1rev"; None when it does not.
+    drop_incomplete : leave out rows in which a value is missing, instead of refusing them.
+    """
+
+    mapping: tuple[str, ...] = ()
+    keep: tuple[str, ...] = ()
+    separator: Separator | None = None
+    decimal: Decimal | None = None
+    skip_lines: int = 0
+    period_s: float | None = None
+    first_row: int | None = None
+    last_row: int | None = None
+    from_s: float | None = None
+    until_s: float | None = None
+    torque_acts: Literal["after", "before"] = "after"
+    unwrap: str | None = None
+    drop_incomplete: bool = False
+
+    def __post_init__(self) -> None:
+        if self.period_s is not None and not 0.0 < self.period_s < np.inf:
+            raise UsageError(f"the time between rows is {self.period_s:g} s; it must be positive")
+        first = 1 if self.first_row is None else self.first_row
+        if first < 1 or (self.last_row is not None and self.last_row <= first):
+            raise UsageError(f"the rows {first} to {self.last_row} are none; rows are counted from 1")
+
+    def to_dict(self) -> dict[str, Any]:
+        """What differs from the defaults, for the sidecar."""
+        given = {item.name: getattr(self, item.name) for item in fields(self) if getattr(self, item.name) != item.default}
+        return {name: list(value) if isinstance(value, tuple) else value for name, value in given.items()}
+
+
+def reading_from_dict(data: Mapping[str, Any]) -> Reading:
+    """The inverse of :meth:`Reading.to_dict`.   Raises DataError for keys that are none."""
+    given: dict[str, Any] = {key: tuple(value) if isinstance(value, list) else value for key, value in data.items()}
+    try:
+        return Reading(**given)
+    except TypeError as error:
+        raise DataError(f"the sidecar's import section is damaged ({error}); import the file again") from error
+
+
+@dataclass(frozen=True, eq=False)
+class Converted:
+    """columns : ours by name.   sources : where each came from.   not_taken : columns of the file that were left.   notes : sentences."""
+
+    columns: Mapping[str, Column]
+    sources: Mapping[str, Source]
+    not_taken: tuple[str, ...]
+    notes: tuple[str, ...] = field(default=())
+
+
+def convert(table: Table, reading: Reading, *, timed: bool = True) -> Converted:
+    """Map, scale, cut and align the columns of a table.   timed : False for a static map, which has no time.
+
+    Raises UsageError for a mapping that does not fit the table, DataError for values that are missing or time that does not rise.
+    """
+    sources = sources_for(table, reading.mapping, KNOWN_COLUMNS)
+    kept = kept_columns(table, reading.keep, sources, KNOWN_COLUMNS)
+    if reading.period_s is not None or not timed:
+        sources.pop("t_s", None)
+    columns = {name: _scaled(table, source) for name, source in sources.items()}
+    columns |= {name: table.columns[theirs] for name, theirs in kept.items()}
+    _check_lengths(table, columns, sources)
+    notes: list[str] = list(table.notes)
+    first = (reading.first_row or 1) - 1
+    rows = np.arange(first, min(len(next(iter(columns.values()), ())), reading.last_row or 2**62))
+    if not len(rows):
+        raise UsageError(f"{table.file} has no row {reading.first_row}; it has {len(next(iter(columns.values()), ()))}")
+    columns = {name: column[rows] for name, column in columns.items()}
+    if timed and reading.period_s is not None:
+        columns = {"t_s": reading.period_s * np.arange(len(rows)), **columns}
+        notes.append("without time stamps: lost samples cannot be seen")
+    columns, rows = _complete(table.file, columns, list(sources) + ["t_s"] * timed, rows, reading.drop_incomplete, notes)
+    if timed:
+        _check_there_is_time(table, columns)
+        columns, rows = _without_doubles(columns, rows, notes)
+        checked_time(table.file, columns["t_s"], rows)
+        columns = _cut(table.file, columns, reading)
+    for name in _POSITIONS:
+        if name in columns and reading.unwrap is not None:
+            span = parse_quantity(reading.unwrap, name)
+            if not 0.0 < span < np.inf:
+                raise UsageError(f"--unwrap is {reading.unwrap}; give the span after which {name} starts anew, above 0")
+            columns[name] = np.unwrap(columns[name], period=span)
+    if reading.torque_acts == "before":
+        columns = _moved(columns)
+        notes.append("torque was moved to the row before: it acts until its own time stamp")
+    ordered = {name: columns[name] for name in ("t_s", *KNOWN_COLUMNS, *columns) if name in columns}
+    taken = {source.theirs for source in sources.values()} | set(kept.values())
+    return Converted(ordered, sources, tuple(name for name in table.columns if name not in taken), tuple(notes))
+
+
+def _scaled(table: Table, source: Source) -> Column:
+    values = table.columns[source.theirs]
+    if source.column == "t_s" and values.dtype.kind not in "fiu":
+        return seconds_of(table.file, source.theirs, values)
+    if values.dtype.kind not in "fiu":
+        raise DataError(f"{table.file}: {source.theirs} holds text such as {str(values[0])[:30]!r}; map a column of numbers")
+    if source.scale == 1.0 and source.offset == 0.0:
+        return values
+    with np.errstate(all="ignore"):  # what is no number is found with the missing values
+        return source.scale * values + source.offset
+
+
+def _check_lengths(table: Table, columns: Mapping[str, Column], sources: Mapping[str, Source]) -> None:
+    lengths = {name: len(column) for name, column in columns.items()}
+    if len(set(lengths.values())) > 1:
+        listed = ", ".join(f"{sources[name].theirs if name in sources else name} {count}" for name, count in lengths.items())
+        raise DataError(f"{table.file}: the columns differ in length ({listed}); map signals that were sampled together")
+
+
+def _complete(
+    file: str, columns: dict[str, Column], needed: Sequence[str], rows: NDArray[np.intp], drop: bool, notes: list[str]
+) -> tuple[dict[str, Column], NDArray[np.intp]]:
+    """The rows in which no mapped value is missing; without ``drop`` only rows at both ends may be incomplete."""
+    missing = {name: ~(np.abs(columns[name]) < _NO_MEASUREMENT) for name in needed if name in columns}
+    absent = [name for name, mask in missing.items() if mask.all()]
+    if absent:
+        raise DataError(f"{file}: the column for {absent[0]} holds no value; map another one")
+    bad = np.logical_or.reduce(list(missing.values())) if missing else np.zeros(len(rows), dtype=bool)
+    if not bad.any():
+        return columns, rows
+    if bad.all():
+        counts = ", ".join(f"{name} in {int(mask.sum())}" for name, mask in missing.items())
+        raise DataError(f"{file}: in every row a value is missing ({counts} of {len(bad)}); map columns that were sampled together")
+    good = np.flatnonzero(~bad)
+    inside = np.flatnonzero(bad[good[0] : good[-1]]) + good[0]
+    if len(inside) and not drop:
+        at = int(inside[0])
+        names = ", ".join(name for name, mask in missing.items() if mask[at])
+        raise DataError(
+            f"{file}: {len(inside)} of {len(bad)} rows miss a value, first {names} in row {rows[at] + 1}; "
+            "leave such rows out with --drop-incomplete (a gap is then reported), or map other columns"
+        )
+    notes.append(f"{int(bad.sum())} rows without a value left out, the first is row {rows[int(np.flatnonzero(bad)[0])] + 1}")
+    keep = ~bad if drop else slice(good[0], good[-1] + 1)
+    return {name: column[keep] for name, column in columns.items()}, rows[keep]
+
+
+def _without_doubles(columns: dict[str, Column], rows: NDArray[np.intp], notes: list[str]) -> tuple[dict[str, Column], NDArray[np.intp]]:
+    """Without rows that repeat the one before in every value, time included."""
+    double = np.logical_and.reduce([column[1:] == column[:-1] for column in columns.values()])
+    if not double.any():
+        return columns, rows
+    notes.append(f"{int(double.sum())} rows that repeat the row before left out, the first is row {rows[int(np.argmax(double)) + 1] + 1}")
+    keep = np.concatenate(([True], ~double))
+    return {name: column[keep] for name, column in columns.items()}, rows[keep]
+
+
+def _check_there_is_time(table: Table, columns: Mapping[str, Column]) -> None:
+    if "t_s" in columns:
+        return
+    rising = [
+        f"{name} rises by {np.median(np.diff(column)):.6g} per row"
+        for name, column in table.columns.items()
+        if column.dtype.kind == "f" and len(column) > 2 and np.all(np.diff(column) > 0.0)
+    ]
+    hint = f" ({'; '.join(rising[:3])})" if rising else ""
+    spelled = {name: in_other_unit(name, "t_s") for name in table.columns}
+    example = next((f"{name}*{factor:.6g}" for name, factor in spelled.items() if factor is not None), "NAME")
+    raise UsageError(
+        f"{table.file}: nothing says when its rows were sampled{hint}; map its time with --map t_s={example}, or give --rate or --period"
+    )
+
+
+def _cut(file: str, columns: dict[str, Column], reading: Reading) -> dict[str, Column]:
+    if reading.from_s is None and reading.until_s is None:
+        return columns
+    since = columns["t_s"] - columns["t_s"][0]
+    kept = (since >= (reading.from_s or 0.0)) & (since <= (np.inf if reading.until_s is None else reading.until_s))
+    if not kept.any():
+        raise UsageError(f"{file} lasts {since[-1]:.6g} s; nothing of it is left by --from and --until")
+    return {name: column[kept] for name, column in columns.items()}
+
+
+def _moved(columns: dict[str, Column]) -> dict[str, Column]:
+    """Torque one row earlier; the last row, whose torque is not known then, goes."""
+    return {name: column[1:] if name in _ACTING else column[:-1] for name, column in columns.items()}
+
+
+def alignment(reading: Reading, columns: Mapping[str, Column]) -> str:
+    """The sentence that says what is assumed of the torque's time."""
+    name = next((name for name in _ACTING if name in columns), "torque")
+    step = f"{1e3 * float(np.median(np.diff(columns['t_s']))):.4g} ms" if "t_s" in columns else "one row"
+    acts = "from its row's time stamp to the next" if reading.torque_acts == "after" else "until its row's time stamp"
+    other = "before" if reading.torque_acts == "after" else "after"
+    return (
+        f"{name} is taken to act {acts}. If the recorder means it otherwise, import with --torque-acts {other}: no data can tell "
+        f"this error of {step} from a real dead time."
+    )
+
+
+def line_of_table(name: str, column: Column, source: Source | None) -> dict[str, Any]:
+    """One line of the table that shows what was read: column, source, factor, extremes and rms, in the unit of the column."""
+    line: dict[str, Any] = {
+        "column": name,
+        "from": source.theirs if source else "(rate)" if name == "t_s" else name,
+        "scale": 1.0,
+        "offset": 0.0,
+        "unit": unit_of(name),
+    }
+    if source:
+        line |= {"scale": source.scale, "offset": source.offset}
+    if column.dtype.kind == "f" and len(column):
+        line |= {"min": float(column.min()), "max": float(column.max()), "rms": float(np.sqrt(np.mean(column**2)))}
+    return line
+
+
+def without_time(reading: Reading) -> Reading:
+    """The same for a static map.   Raises UsageError when a rate or a part in time was given."""
+    if reading.period_s is not None or reading.from_s is not None or reading.until_s is not None:
+        raise UsageError("a static map has no time; leave out --rate, --period, --from and --until")
+    return replace(reading, torque_acts="after")

@@ -1,0 +1,145 @@
+"""``beltcomm import``: foreign measurements into a run folder, or shown without writing anything."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from beltcomm.axis import Axis, load_axis
+from beltcomm.errors import UsageError
+from beltcomm.foreign import store
+from beltcomm.foreign.convert import Reading, alignment, line_of_table
+from beltcomm.recording import Sidecar
+from beltcomm.result import Result
+from beltcomm.runfolder import RunFolder
+
+
+def import_recordings(
+    files: Sequence[Path],
+    run: Path,
+    reading: Reading,
+    *,
+    axis: Axis | str | None = None,
+    sidecar: Sidecar | None = None,
+    name: str | None = None,
+    dry_run: bool = False,
+) -> Result:
+    """Foreign measurements, one recording per file, into a new or an imported run folder; all of them or none.
+
+    files : CSV or text (also .gz), .mat up to version 7, .npz, .npy.   reading : the mapping and how the files are read.
+    axis : an axis, its file or the name of a shipped one; None takes that of the run, or notes only a name: one rigid mass.
+    sidecar : what was done, the same for all files.   name : of the recording, when it is one file.   dry_run : write nothing.
+    Raises UsageError, DataError; nothing is written then.
+    """
+    sidecar = sidecar or Sidecar()
+    if not files:
+        raise UsageError("no file is given; name the files with the measurements")
+    if len(files) > 1 and name is not None:
+        raise UsageError(f"--name {name} is for one file, {len(files)} are given; import them one by one")
+    if len(files) > 1 and sidecar.session_time_s is not None:
+        raise UsageError("--session-time belongs to one record; import the files one by one")
+    folder, known = store.open_or_plan(run, axis if isinstance(axis, Axis) or axis is None else load_axis(axis))
+    noted = replace(sidecar, source=sidecar.source or "imported with beltcomm import")
+    found = [store.imported(Path(file), name or store.recording_name(Path(file)), reading, noted, known) for file in files]
+    store.check_together(folder, found, known)
+    if not dry_run:
+        store.write(run, folder, known, found)
+    described = [_described(item) for item in found]
+    data = {"run": str(run), "dry_run": dry_run, "axis": _axis_dict(known, folder, axis), "recordings": described}
+    text = [line for item, recording in zip(described, found, strict=True) for line in _lines(item, recording)]
+    text += ["", *_closing(run, folder, known, axis, dry_run)]
+    if sidecar.experiment != "static_map":
+        text.append(alignment(reading, found[0].converted.columns))
+    if known.has_belt and not dry_run:
+        text.append(f"Next: beltcomm fit {run}")
+    return Result(data, text)
+
+
+def check_imports(run: Path) -> Result:
+    """Repeat every import of a run from its original and compare bit by bit.   Exit code 1 when something differs."""
+    outcome = store.repeated(RunFolder.open(run))
+    wrong = {name: text for name, text in outcome.items() if text}
+    text = [f"{name}: {fault or 'the same, bit by bit'}" for name, fault in outcome.items()]
+    text.append(f"{len(outcome) - len(wrong)} of {len(outcome)} imports in {run} can be repeated from their originals.")
+    return Result({"run": str(run), "repeated": outcome}, text, 1 if wrong else 0)
+
+
+def _described(item: store.Imported) -> dict[str, Any]:
+    """Everything about one import, for programs."""
+    recording = item.recording
+    columns = recording.columns()
+    found: dict[str, Any] = {
+        "name": recording.name,
+        "file": str(item.source),
+        "sha256": item.sha256,
+        "side": recording.side,
+        "experiment": recording.sidecar.experiment,
+        "held_out": recording.sidecar.held_out,
+        "samples": len(recording.torque),
+        "columns": [line_of_table(name, column, item.converted.sources.get(name)) for name, column in columns.items()],
+        "not_taken": list(item.converted.not_taken),
+        "notes": list(item.notes),
+    }
+    if not recording.is_static_map:
+        steps, lost = np.diff(recording.t_s), recording.gaps()
+        period = recording.sample_period_s
+        found |= {"period_s": period, "rate_hz": 1.0 / period, "duration_s": float(recording.t_s[-1] - recording.t_s[0])}
+        found["gaps"] = [
+            {"t_s": float(recording.t_s[i]), "length_s": float(steps[i]), "lost_samples": max(1, round(float(steps[i]) / period) - 1)}
+            for i in lost
+        ]
+    return found
+
+
+def _axis_dict(axis: Axis, folder: RunFolder | None, given: Axis | str | None) -> dict[str, Any]:
+    return {"name": axis.name, "belt": axis.has_belt, "minimal": folder is None and given is None}
+
+
+def _lines(found: dict[str, Any], item: store.Imported) -> list[str]:
+    """The same for people: a headline, the table of columns, what was left and what looks odd."""
+    timed = "rate_hz" in found
+    when = f"{found['duration_s']:.6g} s at {found['rate_hz']:.6g} Hz" if timed else "static map, no time"
+    held = ", held out" if found["held_out"] else ""
+    head = ["column", "from", "scale", "offset", "min", "max", "rms", "unit"]
+    rows = [[_cell(line.get(key, "")) for key in head] for line in found["columns"]]
+    widths = [max(len(row[i]) for row in [head, *rows]) for i in range(len(head))]
+    table = [
+        "  " + "  ".join(_aligned(cell, width, i) for i, (cell, width) in enumerate(zip(row, widths, strict=True))) for row in [head, *rows]
+    ]
+    lines = [
+        f"{found['name']} from {item.source}: {found['samples']} rows, {when} ({found['experiment']}{held})",
+        *(t.rstrip() for t in table),
+    ]
+    if timed:
+        lost = sum(gap["lost_samples"] for gap in found["gaps"])
+        longest = max((gap["length_s"] for gap in found["gaps"]), default=0.0)
+        lines.append(
+            f"  gaps: {len(found['gaps'])}, about {lost} samples lost, the longest lasts {1e3 * longest:.4g} ms"
+            if found["gaps"]
+            else "  gaps: none"
+        )
+    if found["not_taken"]:
+        lines.append(f"  not taken: {', '.join(found['not_taken'])}")
+    return lines + [f"  note: {note}" for note in found["notes"] if not note.startswith("samples were lost")]
+
+
+def _cell(value: object) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def _aligned(cell: str, width: int, place: int) -> str:
+    return cell.rjust(width) if 2 <= place <= 6 else cell.ljust(width)
+
+
+def _closing(run: Path, folder: RunFolder | None, axis: Axis, given: Axis | str | None, dry_run: bool) -> list[str]:
+    lines = ["Nothing was written (--dry-run)."] if dry_run else [f"Written to {run}; the originals are in {run / store.ORIGINALS}."]
+    if folder is None and given is None:
+        lines.append(
+            f"No --axis was given: {'the run would get' if dry_run else 'the run has'} an axis.yaml with the name {axis.name!r} only, "
+            "one rigid mass. A toothed-belt axis needs its axis file: radius and inertia cannot be found from these columns."
+        )
+    return lines

@@ -1,0 +1,203 @@
+"""Foreign measurements into a run folder: checked whole before the first file is written, the originals kept byte for byte.
+
+::
+
+    RUN/originals/FILE          the foreign file as it was
+    RUN/recordings/NAME.yaml    its sidecar; the key ``import`` holds the original's SHA-256, the mapping and how it was read
+
+With the original and that key an import can be repeated (:func:`repeated`), and the result must be the same bit by bit.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import shutil
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltcomm import __version__
+from beltcomm.axis import Axis
+from beltcomm.errors import DataError, UsageError
+from beltcomm.foreign.checks import check
+from beltcomm.foreign.convert import Converted, Reading, convert, reading_from_dict, without_time
+from beltcomm.foreign.table import read_table
+from beltcomm.recording import Recording, Sidecar, common_side, load_recording, recording_from_columns
+from beltcomm.runfolder import RunFolder, checked_name
+
+ORIGINALS = "originals"
+
+
+@dataclass(frozen=True, eq=False)
+class Imported:
+    """One foreign file as a recording.   source : the file.   sha256 : of its bytes.   recording : as saved, side as in the file.
+
+    converted : where the columns came from.     notes : sentences on how it was read and what looks odd.
+    """
+
+    source: Path
+    sha256: str
+    recording: Recording
+    converted: Converted
+    notes: tuple[str, ...]
+
+
+def imported(path: Path, name: str, reading: Reading, sidecar: Sidecar, axis: Axis) -> Imported:
+    """One foreign file as a recording, checked against the axis; nothing is written.   Raises UsageError, DataError."""
+    static = sidecar.experiment == "static_map"
+    reading = without_time(reading) if static else reading
+    table = read_table(
+        path, separator=reading.separator, decimal=reading.decimal, skip_lines=reading.skip_lines, torn_rows=reading.drop_incomplete
+    )
+    converted = convert(table, reading, timed=not static)
+    sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
+    about = {
+        "original": f"{ORIGINALS}/{path.name}",
+        "sha256": sha256,
+        "columns": {column: source.written for column, source in converted.sources.items()},
+        "reading": reading.to_dict(),
+        "beltcomm": __version__,
+    }
+    noted = replace(sidecar, extra={**sidecar.extra, "import": about})
+    try:
+        recording = recording_from_columns(name, converted.columns, noted, file=str(path))
+        checked = recording_from_columns(name, converted.columns, noted, axis, file=str(path))
+        odd = check(checked)
+    except DataError as error:
+        raise _with_the_way_out(error, table.columns, converted) from error
+    return Imported(path, sha256, recording, converted, (*converted.notes, *checked.notes, *odd))
+
+
+def _with_the_way_out(error: DataError, names: Mapping[str, Any], converted: Converted) -> DataError:
+    """A missing column is mapped, not renamed in the file."""
+    if "has no column" not in str(error):
+        return error
+    mapped = ", ".join(f"{column}={source.theirs}" for column, source in converted.sources.items()) or "nothing"
+    wanted = re.search(r"has no column (\w+)", str(error))
+    column = wanted[1] if wanted else "torque_nm"
+    theirs = ", ".join(list(names)[:30])
+    return DataError(
+        f"a recording needs torque and position of one side: torque_nm or current_a with position_rad, or force_n with position_m; "
+        f"{column} is missing. Mapped is {mapped}; add --map {column}=NAME*SCALE from the file's columns {theirs}"
+    )
+
+
+def open_or_plan(run: Path, axis: Axis | None) -> tuple[RunFolder | None, Axis]:
+    """The run that is continued, None for a new one, and the axis that holds.
+
+    axis : what the user gave; None takes that of an existing run, and for a new one nothing but a name is known then.
+    Raises UsageError when the run was recorded on a drive or has another axis.
+    """
+    if not run.exists() or (run.is_dir() and not any(run.iterdir())):
+        return None, axis or Axis(name=run.resolve().name)
+    folder = RunFolder.open(run)
+    if folder.drive:
+        made = ", ".join(f"{key} {value}" for key, value in sorted(folder.drive.items()))
+        raise UsageError(f"{run} was recorded on a drive ({made}); import foreign measurements into a run of their own")
+    known = folder.axis
+    if axis is not None and axis.fingerprint() != known.fingerprint():
+        changes = "; ".join(known.changes(axis)[:3])
+        raise UsageError(f"{run} is a run of another axis than --axis says ({changes}); one run holds one axis: import into a new run")
+    return folder, known
+
+
+def check_together(folder: RunFolder | None, found: Sequence[Imported], axis: Axis) -> None:
+    """Raise DataError for a name that is taken or two axes in one run, UsageError for two files of one name or one that is none."""
+    names = [item.recording.name for item in found]
+    for name in names:
+        checked_name(name)
+        if names.count(name) > 1:
+            raise UsageError(f"two files would become the recording {name}; import them one by one with --name")
+        if folder is not None and (folder.recordings_folder / f"{name}.csv").exists():
+            raise DataError(f"{folder.path} has a recording {name} already, and recordings are never changed; give another --name")
+    existing = folder.recordings() if folder is not None and folder.finished_names() else []
+    scaled = [recording_from_columns(item.recording.name, item.recording.columns(), item.recording.sidecar, axis) for item in found]
+    common_side([*existing, *scaled])
+
+
+def write(run: Path, folder: RunFolder | None, axis: Axis, found: Sequence[Imported]) -> RunFolder:
+    """Write what was imported: originals first, each recording whole.   Raises UsageError when the folder cannot be written."""
+    folder = folder or RunFolder.create(run, axis)
+    for item in found:
+        original = _keep_original(folder, item)
+        extra = dict(item.recording.sidecar.extra)
+        extra["import"] = {**extra["import"], "original": f"{ORIGINALS}/{original.name}"}
+        folder.add_recording(replace(item.recording, notes=(), sidecar=replace(item.recording.sidecar, extra=extra)))
+    return folder
+
+
+def _keep_original(folder: RunFolder, item: Imported) -> Path:
+    """Copy the foreign file, unless the run has it already; another file of that name is not touched."""
+    target = folder.path / ORIGINALS
+    stem, ending = stem_and_ending(item.source)
+    try:
+        target.mkdir(exist_ok=True)
+        number = 1
+        while (path := target / (f"{stem}{ending}" if number == 1 else f"{stem}-{number}{ending}")).exists():
+            if hashlib.sha256(path.read_bytes()).hexdigest() == item.sha256:
+                return path
+            number += 1
+        temporary = path.with_name(f".{path.name}.tmp")
+        shutil.copyfile(item.source, temporary)
+        if hashlib.sha256(temporary.read_bytes()).hexdigest() != item.sha256:
+            temporary.unlink()
+            raise DataError(f"{item.source} changed while it was imported; import it when the recorder has finished")
+        temporary.replace(path)
+    except OSError as error:
+        raise UsageError(f"{target} cannot be written: {error.strerror or error}; choose another --run folder") from error
+    return path
+
+
+def stem_and_ending(path: Path) -> tuple[str, str]:
+    """``("log", ".csv.gz")`` of ``log.csv.gz``."""
+    ending = "".join(path.suffixes[-2:]) if path.suffix.lower() == ".gz" else path.suffix
+    return path.name.removesuffix(ending), ending
+
+
+def recording_name(path: Path) -> str:
+    """A name for the recording of a file: letters, digits, '_', '-' and '.' of its own."""
+    plain = re.sub(r"[^A-Za-z0-9_.-]+", "_", stem_and_ending(path)[0]).strip("_.-")
+    return plain or "imported"
+
+
+def repeated(folder: RunFolder) -> dict[str, str]:
+    """Every import of a run again from its original: recording -> "" when nothing differs, else what does.
+
+    Raises DataError when the run holds no imported recording.
+    """
+    outcome: dict[str, str] = {}
+    for name in folder.finished_names():
+        recording = load_recording(folder.recordings_folder / f"{name}.csv")
+        about = recording.sidecar.extra.get("import")
+        if isinstance(about, Mapping):
+            outcome[name] = _difference(folder, recording, about)
+    if not outcome:
+        raise DataError(f"{folder.path} holds no imported recording; nothing to repeat")
+    return outcome
+
+
+def _difference(folder: RunFolder, recording: Recording, about: Mapping[str, Any]) -> str:
+    original = folder.path / str(about.get("original", ""))
+    if not original.is_file():
+        return f"its original {original} is missing"
+    if hashlib.sha256(original.read_bytes()).hexdigest() != about.get("sha256"):
+        return f"its original {original} was changed since"
+    try:
+        reading = reading_from_dict(about.get("reading") or {})
+        again = imported(original, recording.name, reading, replace(recording.sidecar, extra={}), folder.axis).recording
+    except (DataError, UsageError) as error:
+        return f"it cannot be imported again: {error}"
+    before, after = recording.columns(), again.columns()
+    if list(before) != list(after):
+        return f"its columns are {', '.join(before)}, imported again {', '.join(after)}"
+    differing = [column for column in before if not _same(before[column], after[column])]
+    return f"it differs from its original in {', '.join(differing)}" if differing else ""
+
+
+def _same(before: NDArray[Any], after: NDArray[Any]) -> bool:
+    return np.array_equal(before, after, equal_nan=before.dtype.kind == "f" and after.dtype.kind == "f")

@@ -1,0 +1,153 @@
+"""Foreign files as tables: formats recognised, faults said."""
+
+from __future__ import annotations
+
+import gzip
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.io import savemat
+
+from beltcomm.errors import DataError, UsageError
+from beltcomm.foreign.table import read_table
+from foreign.samples import swing, text, write
+
+T, CURRENT, ENCODER = swing()
+
+
+def the_same(columns: dict[str, Any], names: tuple[str, str, str], time_scale: float = 1.0) -> None:
+    for name, expected in zip(names, (T * time_scale, CURRENT, ENCODER), strict=True):
+        np.testing.assert_allclose(columns[name], expected, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("content", "encoding", "names"),
+    [
+        (text(), "utf-8", ("time", "Iq", "enc")),
+        (text().replace("\n", "\r\n"), "utf-8-sig", ("time", "Iq", "enc")),
+        (text("t;I;x", separator=";", comma=True), "utf-8", ("t", "I", "x")),
+        (text("t\tI\tx", separator="\t", comma=True), "utf-8", ("t", "I", "x")),
+        (text("t\tI\tx", separator="\t"), "utf-16", ("t", "I", "x")),
+        (text("Time [s]  Drive Iq  x", separator="  "), "utf-8", ("Time [s]", "Drive Iq", "x")),
+        (text("", separator=" "), "utf-8", ("c1", "c2", "c3")),
+        (text("# t, I, x"), "utf-8", ("t", "I", "x")),
+        (text("% t I x\n% a remark of some length", separator=" "), "utf-8", ("t", "I", "x")),
+        (text("Logger 3\nChannels;3\n\nt;I;x", separator=";"), "utf-8", ("t", "I", "x")),
+        (text("t;Strom [A];Lage [°]", separator=";", comma=True), "cp1252", ("t", "Strom [A]", "Lage [°]")),
+        (text('"t, s","Iq","x"'), "utf-8", ("t, s", "Iq", "x")),
+        (text("I,I,"), "utf-8", ("I", "I_2", "c3")),
+        (text() + "End of file\n\n", "utf-8", ("time", "Iq", "enc")),
+        (text() + "1.5,0.", "utf-8", ("time", "Iq", "enc")),
+    ],
+)
+def test_text_in_the_shapes_that_loggers_write(tmp_path: Path, content: str, encoding: str, names: tuple[str, str, str]) -> None:
+    table = read_table(write(tmp_path / "a.txt", content, encoding))
+    assert tuple(table.columns) == names
+    the_same(dict(table.columns), names)
+
+
+def test_a_row_of_units_is_told_from_the_names(tmp_path: Path) -> None:
+    table = read_table(write(tmp_path / "a.csv", text("t,I,x\n[ms],A,-", time_scale=1e3)))
+    the_same(dict(table.columns), ("t", "I", "x"), 1e3)
+    assert [table.unit(name) for name in table.columns] == ["ms", "A", "-"]
+
+
+def test_a_compressed_file(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv.gz"
+    path.write_bytes(gzip.compress(text().encode()))
+    the_same(dict(read_table(path).columns), ("time", "Iq", "enc"))
+    path.write_bytes(path.read_bytes()[:3000])
+    with pytest.raises(DataError, match=r"a\.csv\.gz cannot be read"):
+        read_table(path)
+
+
+def test_missing_values_text_columns_and_damaged_cells(tmp_path: Path) -> None:
+    lines = text(samples=200).splitlines()
+    rows = [f"{line},{'run' if i > 99 else 'idle'}" for i, line in enumerate(lines[1:])]
+    rows[10] = rows[10].replace(rows[10].split(",")[1], "")
+    rows[11] = rows[11].replace(rows[11].split(",")[1], "ERR7")
+    table = read_table(write(tmp_path / "a.csv", "\n".join([f"{lines[0]},state", *rows, ""])))
+    assert np.flatnonzero(np.isnan(table.columns["Iq"])).tolist() == [10, 11]
+    assert set(table.columns["state"]) == {"run", "idle"}
+    assert "Iq is no number in 1 rows, first 'ERR7' in line 13: taken as missing" in table.notes
+
+
+def test_torn_lines_are_refused_or_left_out(tmp_path: Path) -> None:
+    lines = text(samples=100).splitlines()
+    lines[50] = "0.049"
+    path = write(tmp_path / "a.csv", "\n".join([*lines, ""]))
+    with pytest.raises(DataError, match=r"line 51 has 1 values, the rows have 3; .*--drop-incomplete"):
+        read_table(path)
+    table = read_table(path, torn_rows=True)
+    assert len(table.columns["time"]) == 99
+    assert "1 torn lines left out, the first is line 51" in table.notes
+
+
+@pytest.mark.parametrize(
+    ("content", "sentence"),
+    [
+        ("", "is empty"),
+        ("\n \n", "is empty"),
+        ("time,Iq,enc\n", "holds no rows"),
+        ("I\n1.0\n2.0\n3.5\n4\n", "has one column only"),
+        ("all work\nand no play\nmakes a dull log, they say\nbut, in, fact, there\nis more\n", "no table of numbers"),
+        (text("t,I,x", separator=";", comma=True).replace(";", ","), "line 1 above the first row has 3 names, the rows have"),
+        (text() + text(), r"the header stands again in line 1502: a second record .*--rows"),
+        ("abc\0\0\0", "not a text file"),
+    ],
+)
+def test_text_that_is_no_table(tmp_path: Path, content: str, sentence: str) -> None:
+    with pytest.raises(DataError, match=sentence):
+        read_table(write(tmp_path / "a.csv", content))
+
+
+def test_what_was_said_of_the_format_holds(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.csv", "a;b\n1,5;2\n2,5;3\n4,5;4\n5,5;6\n")
+    assert read_table(path, separator="semicolon", decimal="comma").columns["a"].tolist() == [1.5, 2.5, 4.5, 5.5]
+    assert list(read_table(path, skip_lines=1).columns) == ["c1", "c2"]
+    with pytest.raises(DataError, match="give --separator, --decimal or --skip-lines"):
+        read_table(path, separator="tab")
+
+
+def test_matlab_and_numpy_files(tmp_path: Path) -> None:
+    savemat(tmp_path / "a.mat", {"log": {"t": T, "I": CURRENT}, "M": np.column_stack([T, CURRENT, ENCODER]), "gain": 3.0, "who": "me"})
+    table = read_table(tmp_path / "a.mat")
+    the_same(dict(table.columns), ("M1", "M2", "M3"))
+    assert set(table.columns) == {"log.t", "log.I", "M1", "M2", "M3"}
+    assert table.notes == ("not read, because they are no vectors of numbers: gain, who",)
+    np.savez(tmp_path / "a.npz", t=T, I=CURRENT, x=ENCODER.astype(np.int32))
+    the_same(dict(read_table(tmp_path / "a.npz").columns), ("t", "I", "x"))
+    np.save(tmp_path / "a.npy", np.stack([T, CURRENT, ENCODER]))
+    the_same(dict(read_table(tmp_path / "a.npy").columns), ("c1", "c2", "c3"))
+
+
+def test_matlab_and_numpy_files_that_cannot_be_read(tmp_path: Path) -> None:
+    savemat(tmp_path / "cut.mat", {"t": T})
+    (tmp_path / "cut.mat").write_bytes((tmp_path / "cut.mat").read_bytes()[:5000])
+    (tmp_path / "new.mat").write_bytes(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM" + b"\x89HDF\r\n\x1a\n" + bytes(512))
+    savemat(tmp_path / "none.mat", {"gain": 3.0})
+    np.savez(tmp_path / "objects.npz", a=np.array([None, 1], dtype=object))
+    (tmp_path / "no.npy").write_bytes(b"1,2,3\n")
+    for name, sentence in {
+        "cut.mat": "is it cut off",
+        "new.mat": r"MATLAB 7\.3 file .*'-v7'",
+        "none.mat": "holds no vectors of numbers",
+        "objects.npz": "does it hold objects",
+        "no.npy": "cannot be read as a NumPy file",
+    }.items():
+        with pytest.raises(DataError, match=sentence):
+            read_table(tmp_path / name)
+
+
+def test_files_that_are_not_there_or_of_another_kind(tmp_path: Path) -> None:
+    (tmp_path / "a.xlsx").write_bytes(b"PK")
+    for path, sentence in {
+        tmp_path / "b.csv": "does not exist",
+        tmp_path: "is a folder",
+        tmp_path / "a.xlsx": "save its sheet as CSV",
+    }.items():
+        with pytest.raises(UsageError, match=re.escape(str(path)) + r".*" + sentence):
+            read_table(path)
