@@ -1,0 +1,267 @@
+"""The session: which records a plan holds, and running them one after the other on one machine."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from truth.hidden import control, laws, recorder
+from truth.hidden import layout as at
+from truth.hidden.layout import Array
+from truth.hidden.machines import Machine
+from truth.hidden.recorder import PERIOD_S
+from truth.hidden.signals import PERIOD_SAMPLES, Path, Reference, multisine, sweep
+
+#: s, sub-step of the integration: 25 kHz.
+SUBSTEP_S = 40e-6
+PLANS = ("thorough", "default")
+#: Samples at rest before and after an excitation.
+LEAD, TAIL = 250, 450
+
+
+@dataclass(frozen=True)
+class Task:
+    """One record to make.   reference : for a closed loop.   excitation : (n,), N m, for an open one."""
+
+    name: str
+    experiment: str
+    start_m: float
+    reference: Reference | None = None
+    excitation: Array | None = None
+    integral: bool = True
+    held_out: bool = False
+    note: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Record:
+    """What was recorded, each (n,), and its start on the session's clock.
+
+    acting_nm : torque_nm without noise.   fine : shown angle at many instants, or (0,).   bristle_nm : friction at the start."""
+
+    task: Task
+    session_time_s: float
+    position_rad: Array
+    torque_nm: Array
+    setpoint_nm: Array
+    acting_nm: Array
+    fine: Array
+    bristle_nm: float
+
+
+@dataclass(frozen=True)
+class Abilities:
+    """What the axis may do.   acceleration_m_s2 : gentle and full.   speed_m_s : gentle and full."""
+
+    gentle_m_s2: float
+    full_m_s2: float
+    gentle_m_s: float
+    full_m_s: float
+
+
+def abilities(machine: Machine) -> Abilities:
+    """From torque (1.2 and 2.3 N m for acceleration) and belt force (40 and 80 % of the limit)."""
+    base = machine.base
+    per_torque = base.radius_m / base.rigid_inertia_kg_m2
+    gentle = min(1.2 * per_torque, 0.4 * base.belt_force_limit_n / base.mass_kg, 20.0)
+    full = min(2.3 * per_torque, 0.8 * base.belt_force_limit_n / base.mass_kg, 50.0)
+    return Abilities(gentle, full, 1.5, 2.0)
+
+
+@dataclass(frozen=True)
+class Amplitudes:
+    """Multisine amplitudes, N m, small to large, of the held-out record, and the relative size of the lines, None for equal."""
+
+    steps_nm: tuple[float, float, float]
+    held_out_nm: float
+    weights: Array | None
+
+
+def belt_force_per_torque(machine: Machine) -> Array:
+    """Predicted belt force of the healthy linear machine on the lines of a multisine, complex, N per N m; 0 at 0 Hz."""
+    freq = np.fft.rfftfreq(PERIOD_SAMPLES, PERIOD_S)
+    stiffness, force = control.dynamic_stiffness(freq[1:], 0.5 * machine.base.stroke_m, machine.base.vector())
+    return np.concatenate(([0.0], force / stiffness))
+
+
+def amplitudes(machine: Machine) -> Amplitudes:
+    """0.4, 0.75, 2.5 N m as the method sheet; less where the predicted belt force would pass 80 % of its limit.
+
+    Then the lines around the resonance are made smaller, so that more torque is left to overcome friction, and the small
+    amplitudes stay above it.
+    """
+    force = belt_force_per_torque(machine)
+    base = machine.base
+    largest = largest_torque(machine, force, multisine(machine.rng(3))[0])
+    if largest > 2.5:
+        return Amplitudes((0.4, 0.75, 2.5), 1.6, None)
+    static = base.mass_kg * base.radius_m / base.rigid_inertia_kg_m2
+    weights = 1.0 / np.maximum(1.0, np.abs(force) / static)
+    large = min(2.5, 0.9 * largest_torque(machine, force, multisine(machine.rng(3), weights)[0]))
+    small = max(0.3 * large, min(2.0 * base.coulomb_nm, 0.6 * large))
+    return Amplitudes((0.7 * small, small, large), 0.5 * (small + large), weights)
+
+
+def largest_torque(machine: Machine, force: Array, period: Array) -> float:
+    """Torque of a multisine, N m, at which the predicted belt force reaches 80 % of its limit."""
+    predicted = np.fft.irfft(np.fft.rfft(period) * force)
+    return 0.8 * machine.base.belt_force_limit_n / float(np.abs(predicted).max())
+
+
+def frf(machine: Machine, rng: np.random.Generator, name: str, place: float, level: tuple[float, Array | None], periods: int) -> Task:
+    """A multisine record: one period to settle and then ``periods``.   level : amplitude, N m, and weights of the lines."""
+    amplitude, weights = level
+    period, excited, empty = multisine(rng, weights)
+    fade = np.clip(np.arange(PERIOD_SAMPLES) / 200.0, 0.0, 1.0)
+    signal = amplitude * np.concatenate((np.zeros(LEAD), period * fade, np.tile(period, periods), np.zeros(TAIL)))
+    note = {
+        "kind": "multisine",
+        "amplitude_nm": round(amplitude, 6),
+        "period_samples": PERIOD_SAMPLES,
+        "first_sample": LEAD + PERIOD_SAMPLES + 1,  # the setpoint acts one sample later
+        "excited_lines": excited,
+        "detection_lines": empty,
+    }
+    held_out = name.startswith("holdout")
+    return Task(name, "frf", place * machine.base.stroke_m, excitation=signal, held_out=held_out, note=note)
+
+
+def plan(machine: Machine, name: str) -> Iterator[Task]:
+    """The records of a plan in their order.   Raises ValueError for an unknown plan."""
+    if name not in PLANS:
+        raise ValueError(f"plan {name!r} is not one of {', '.join(PLANS)}")
+    base, able, rng = machine.base, abilities(machine), machine.rng(2)
+    thorough = name == "thorough"
+    stroke = base.stroke_m
+    low, high = 0.07 * stroke, 0.93 * stroke
+
+    def swept(label: str, speeds: tuple[float, ...]) -> Task:
+        return Task(label, "friction_sweep", low, sweep(low, low, high, speeds, able.gentle_m_s2).reference(), integral=False)
+
+    yield swept("sweep_fast_1", (1.5, 1.0, 0.6) if thorough else (1.5, 0.8))
+    places = (0.2, 0.5, 0.8)
+    level = amplitudes(machine)
+    steps = [(a, i) for i in range(3) for a in (1, 2)] + [(0, 1)] if thorough else [(2, 0), (2, 1), (2, 2), (1, 1)]
+    for a, i in steps:
+        periods = 3 if thorough else 2 if i == 1 else 1
+        yield frf(machine, rng, f"frf_p{i}_a{a}", places[i], (level.steps_nm[a], level.weights), periods)
+    yield swept("sweep_slow", (0.25, 0.1) if thorough else (0.4,))
+    for i, place in enumerate(places):
+        strokes = ((0.05, 0.06), (0.036, 0.03), (0.022, 0.01)) if thorough else ((0.024, 0.04), (0.010, 0.01))
+        path = Path(place * stroke).rest(0.25)
+        for way, speed in strokes:
+            path.move(path.now_m + way, speed, 2.0).rest(0.08).move(path.now_m - way, speed, 2.0).rest(0.08)
+        yield Task(f"slow_p{i}", "friction_sweep", place * stroke, path.rest(0.37).reference())
+    path = Path(0.5 * stroke).rest(0.25)
+    for amplitude, cycles in ((2e-3, 1), (1e-3, 2), (0.4e-3, 3), (0.2e-3, 5)) if thorough else ((1e-3, 1), (0.4e-3, 2), (0.2e-3, 3)):
+        path.triangle(amplitude, 4e-3, cycles).rest(0.05)
+    yield Task("reversal", "reversal", 0.5 * stroke, path.rest(0.40).reference())
+    path = Path(low).rest(0.25)
+    for target in (0.9, 0.3, 0.7, 0.1) if thorough else (0.9, 0.1):
+        path.move(target * stroke, able.full_m_s, able.full_m_s2).rest(0.15)
+    yield Task("fast", "trajectory", low, path.rest(0.30).reference(), integral=False)
+    yield random_moves(machine, rng, able, 13.0 if thorough else 4.5)
+    yield frf(machine, rng, "holdout_frf", 0.65, (level.held_out_nm, level.weights), 2 if thorough else 1)
+    yield swept("sweep_fast_2", (1.5, 0.8, 0.4) if thorough else (1.5,))
+
+
+def random_moves(machine: Machine, rng: np.random.Generator, able: Abilities, seconds: float) -> Task:
+    """Held-out moves: random targets, speeds from 0.01 to 1.5 m/s, slow ones short."""
+    start = float(rng.uniform(0.3, 0.7)) * machine.base.stroke_m
+    path = Path(start).rest(0.25)
+    while sum(len(r.position_m) for r in path._pieces) * PERIOD_S < seconds - 1.5:
+        speed = float(0.01 * 150.0 ** rng.uniform(0.0, 1.0))
+        reach = min(2.0 * speed, 0.86 * machine.base.stroke_m)
+        target = path.now_m + float(rng.uniform(0.4, 1.0)) * reach * rng.choice([-1.0, 1.0])
+        low, high = 0.07 * machine.base.stroke_m, 0.93 * machine.base.stroke_m
+        target = min(max(target, low), high)
+        if abs(target - path.now_m) < 0.3 * reach:
+            continue
+        path.move(target, speed, able.gentle_m_s2 * float(rng.uniform(0.3, 1.0))).rest(float(rng.uniform(0.05, 0.2)))
+    return Task("holdout_moves", "trajectory", start, path.rest(0.40).reference(), held_out=True)
+
+
+class Session:
+    """One machine through one session; its state goes on from record to record, positioning moves in between included.
+
+    fine : instants per sample at which the shown angle is kept for the examiner, 0 for none.
+    """
+
+    def __init__(self, machine: Machine, substep_s: float = SUBSTEP_S, fine: int = 0) -> None:
+        self.machine, self.substep_s, self.per_sample = machine, substep_s, fine
+        self.state, self.memory = np.zeros(at.STATES), np.zeros(recorder.MEMORY)
+        self._noise = machine.rng(4)
+        self._fast, self._tracking = control.gains_for(machine, integral=False), control.gains_for(machine, integral=True)
+        self._centring = control.centring_for(machine)
+
+    def place(self, position_m: float) -> None:
+        """Put the carriage somewhere at rest, belt and friction without force, and hold it for half a second."""
+        base, state = self.machine.base, self.state
+        angle = position_m / base.radius_m
+        state[at.ANGLE] = angle
+        cart = laws.pulley(angle, self.machine.p)[0]
+        state[at.CART] = state[at.IDLER] = state[at.PAYLOAD] = cart
+        self.memory[recorder.LAST_ANGLE] = recorder.reading(angle, base.quantum_rad, self.machine.p)
+        self._target_m = position_m
+        self.follow(Path(position_m).rest(0.5).reference(), self._tracking)
+
+    @property
+    def time_s(self) -> float:
+        """Session clock."""
+        return float(self.state[at.TIME])
+
+    def follow(self, reference: Reference, gains: Array, fine: int = 0) -> tuple[Array, Array, Array, Array]:
+        """Run a reference in closed loop with the feedforward of the healthy machine."""
+        base = self.machine.base
+        scale = 1.0 / base.radius_m
+        speed = reference.speed_m_s * scale
+        forward = base.rigid_inertia_kg_m2 * scale * reference.acceleration_m_s2
+        forward += (base.viscous_nm_s_rad + base.drag_n_s_m * base.radius_m**2) * speed
+        forward += base.coulomb_nm * np.tanh(reference.speed_m_s / 1e-3)
+        target = np.column_stack((reference.position_m * scale, speed))
+        return self._run(gains, target, forward, fine)
+
+    def _run(self, gains: Array, target: Array, forward: Array, fine: int) -> tuple[Array, Array, Array, Array]:
+        shown = np.zeros(len(forward) * fine)
+        self.memory[recorder.INTEGRAL] = self.memory[recorder.NOTCH_1] = self.memory[recorder.NOTCH_2] = 0.0
+        machine = self.machine
+        out = recorder.run(
+            self.state, machine.p, machine.bursts, gains, self.memory, np.ascontiguousarray(target), forward, shown, self.substep_s
+        )
+        travel = machine.base.stroke_m
+        if not (np.isfinite(self.state).all() and -0.05 * travel < out[0].min() * machine.base.radius_m):
+            raise RuntimeError("the machine left its travel or its state is no longer finite")
+        if out[0].max() * machine.base.radius_m > 1.05 * travel:
+            raise RuntimeError("the machine left its travel")
+        return (*out, shown)
+
+    def record(self, task: Task) -> Record:
+        """Go to the start of a record (not recorded), then make it."""
+        here = self.state[at.ANGLE] * self.machine.base.radius_m
+        able = abilities(self.machine)
+        there = Path(float(here)).move(task.start_m, 0.8, able.gentle_m_s2).rest(0.25)
+        self.follow(there.reference(), self._tracking)
+        began, bristle = self.time_s, float(self.state[at.Z_MOTOR])
+        if task.reference is not None:
+            gains = self._tracking if task.integral else self._fast
+            position, setpoint, torque, fine = self.follow(task.reference, gains, self.per_sample)
+        else:
+            assert task.excitation is not None
+            hold = recorder.reading(self.state[at.ANGLE], self.machine.base.quantum_rad, self.machine.p)
+            self.memory[recorder.FILTERED_SPEED] = 0.0
+            target = np.column_stack((np.full(len(task.excitation), hold), np.zeros(len(task.excitation))))
+            position, setpoint, torque, fine = self._run(self._centring, target, task.excitation, self.per_sample)
+        noise = self._noise.normal(0.0, self.machine.base.torque_noise_nm, len(torque))
+        return Record(task, began, position, torque + noise, setpoint, torque, fine, bristle)
+
+
+def run_session(machine: Machine, plan_name: str, substep_s: float = SUBSTEP_S, fine: int = 0) -> Iterator[Record]:
+    """All records of a plan, one after the other."""
+    session = Session(machine, substep_s, fine)
+    tasks = list(plan(machine, plan_name))
+    session.place(tasks[0].start_m)
+    for task in tasks:
+        yield session.record(task)
