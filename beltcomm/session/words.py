@@ -11,7 +11,7 @@ from beltcomm.identify.friction import FrictionFit
 from beltcomm.identify.inverse_fit import InverseFit
 from beltcomm.identify.magnitude_fit import MagnitudeFit
 from beltcomm.session.analyse import Characteristic
-from beltcomm.verify import Demand, TrackingError, Verdict
+from beltcomm.verify import Demand, Verdict
 
 #: (name in the model, words, unit shown, factor)
 _SHOWN = (
