@@ -105,7 +105,7 @@ def total_inertia(model: Model) -> float:
 
 def total_friction(model: Model) -> float:
     """Coulomb friction of a rigid axis at the motor shaft:  τ_m + i_t F_c, N m."""
-    return model.get("coulomb_motor.level") + model["transmission.ratio"] * model.get("coulomb_cart.level")
+    return model.get("coulomb.level") + model["transmission.ratio"] * model.get("cart_friction.level")
 
 
 def braked_by_friction(model: Model, friction_nm: float, reaction_s: float) -> Braking:

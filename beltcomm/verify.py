@@ -86,8 +86,8 @@ def demand(trajectory: Trajectory, model: Model) -> Demand:
     ratio, mass = model["transmission.ratio"], model["cart.mass"]
     a, v = trajectory.acceleration_m_s2, trajectory.velocity_m_s
     gravity = mass * GRAVITY_M_S2 * math.sin(model.get("tilt.angle"))
-    viscous = model.get("viscous_motor.damping") + ratio**2 * model.get("viscous_cart.damping")
-    coulomb = model.get("coulomb_motor.level") + ratio * model.get("coulomb_cart.level")
+    viscous = model.get("viscous.damping") + ratio**2 * model.get("viscous_cart.damping")
+    coulomb = model.get("coulomb.level") + ratio * model.get("cart_friction.level")
     inertia = model["motor.inertia"] + ratio**2 * mass
     torque = inertia * a / ratio + viscous * v / ratio + coulomb * np.sign(v) + ratio * gravity
     return Demand(
@@ -179,11 +179,11 @@ def _held_stretch_m(model: Model) -> float:
     """Largest stretch of the belt that friction holds at rest, m; 0 for a model without a belt."""
     if "belt_stiffness.stiffness" in model.parameters:
         stiffness = model["belt_stiffness.stiffness"]
-    elif "belt_stiffness_position.specific_stiffness" in model.parameters:  # softest where both strands are equal
-        stiffness = 2.0 * model["belt_stiffness_position.specific_stiffness"] / model["belt_stiffness_position.pulley_distance"]
+    elif "belt_spans.specific_stiffness" in model.parameters:  # softest where both strands are equal
+        stiffness = 2.0 * model["belt_spans.specific_stiffness"] / model["belt_spans.pulley_distance"]
     else:
         return 0.0
-    return min(model.get("coulomb_cart.level"), model.get("coulomb_motor.level") / model["transmission.ratio"]) / stiffness
+    return min(model.get("cart_friction.level"), model.get("coulomb.level") / model["transmission.ratio"]) / stiffness
 
 
 def tracking_error(t_s: Array, reference_m: Array, position_m: Array) -> TrackingError:

@@ -183,7 +183,7 @@ def _stiffness_names(model: Model) -> list[str]:
     return [
         n
         for n in model.parameters
-        if n.startswith(("belt_stiffness.stiffness", "belt_stiffness_position.specific", "end_pulley.specific_s"))
+        if n.startswith(("belt_stiffness.stiffness", "belt_spans.specific", "belt_sections.specific_s"))
     ]
 
 

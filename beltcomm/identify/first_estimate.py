@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 #: The effects that every belt axis gets; what else is needed is found by comparing with measurements.  Viscous friction of the
 #: carriage is not among them: seen from the motor it differs from that of the motor only next to the antiresonance.
-BASE_EFFECTS = ("belt_stiffness", "belt_damping", "viscous_motor", "viscous_cart", "coulomb_motor", "coulomb_cart")
+BASE_EFFECTS = ("belt_stiffness", "belt_damping", "viscous", "viscous_cart", "coulomb", "cart_friction")
 #: kg: carriages between these are tried.  N/m: belts between these shares of the data sheet's stiffness are tried.
 MASSES_KG = np.geomspace(0.1, 100.0, 25)
 STIFFNESS_SHARES = np.geomspace(0.4, 2.5, 12)
@@ -32,8 +32,8 @@ RUNAWAY_NM = 1e6
 #: N at the carriage, from where its friction is looked for when none is expected.
 LEAST_FRICTION_N = 0.1
 #: Parameters that the torque equation is linear in, beside the inertia; and those it is not.
-_LINEAR = ("coulomb_motor.level", "viscous_motor.damping")
-_NONLINEAR = ("cart.mass", "belt_stiffness.stiffness", "coulomb_cart.level")
+_LINEAR = ("coulomb.level", "viscous.damping")
+_NONLINEAR = ("cart.mass", "belt_stiffness.stiffness", "cart_friction.level")
 
 
 def data_sheet_model(axis: Axis, position_m: float, coulomb_nm: float, tilt_rad: float = 0.0) -> Model:
@@ -49,8 +49,8 @@ def data_sheet_model(axis: Axis, position_m: float, coulomb_nm: float, tilt_rad:
         "cart.mass": axis.payload.mass_kg or 2.0,
         "transmission.ratio": ratio,
         "belt_stiffness.stiffness": axis.belt_stiffness_n_m(position_m),
-        "coulomb_motor.level": 0.7 * coulomb_nm,
-        "coulomb_cart.level": 0.3 * coulomb_nm / ratio,
+        "coulomb.level": 0.7 * coulomb_nm,
+        "cart_friction.level": 0.3 * coulomb_nm / ratio,
         "viscous_cart.damping": 0.0,  # unknown: a prediction of the belt force must not count on it
     }
     effects: tuple[str, ...] = BASE_EFFECTS
@@ -72,7 +72,7 @@ def first_estimate(recordings: Sequence[Recording], start: Model, counts_per_rev
     if kept < FEWEST_SAMPLES:
         raise DataError(f"the axis moved in only {kept} of {total} samples; raise the excitation or look for a brake")
     search = _Search(pieces, start)
-    friction = max(start["coulomb_cart.level"], LEAST_FRICTION_N)
+    friction = max(start["cart_friction.level"], LEAST_FRICTION_N)
     grid = [(search.rest((m, c, friction)), m, c) for m in MASSES_KG for c in STIFFNESS_SHARES * start["belt_stiffness.stiffness"]]
     # How the friction is split between motor and carriage is only a guess so far; a wrong split puts mass and stiffness 15 % off.
     # (Where the carriage stuck before is neglected: 1 % of the mass at usual friction, 6 % where friction is all at the carriage.)
@@ -117,5 +117,5 @@ class _Search:
         """The model with everything solved for; the data sheet's inertia where the data want none."""
         (inertia, coulomb, viscous), _ = self.solved(trial)
         low, high = (share * self.start["motor.inertia"] for share in INERTIA_SHARES)
-        found = {"motor.inertia": float(np.clip(inertia, low, high)), "coulomb_motor.level": coulomb, "viscous_motor.damping": viscous}
+        found = {"motor.inertia": float(np.clip(inertia, low, high)), "coulomb.level": coulomb, "viscous.damping": viscous}
         return self.start.with_values({**dict(zip(_NONLINEAR, map(float, trial), strict=True)), **found}, "first estimate")

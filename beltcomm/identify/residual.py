@@ -112,7 +112,7 @@ def start_offset(model: Model, motion: FineMotion) -> float:
     at = operating_point(model, float(motion.theta[0]) * model["transmission.ratio"], 1.0)
     held = matrices(model, at).hold(("motor",))
     compliance = float(np.linalg.inv(held.K)[held.bodies.index("cart"), held.bodies.index("cart")])
-    return min(HELD_SPREAD * model.get("coulomb_cart.level") * compliance, MOVING_STRETCH_M)
+    return min(HELD_SPREAD * model.get("cart_friction.level") * compliance, MOVING_STRETCH_M)
 
 
 def resting(motion: FineMotion) -> NDArray[np.bool_]:
