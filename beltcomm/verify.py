@@ -75,8 +75,8 @@ def demand(trajectory: Trajectory, model: Model) -> Demand:
     ratio, mass = model["transmission.ratio"], model["cart.mass"]
     a, v = trajectory.acceleration_m_s2, trajectory.velocity_m_s
     gravity = mass * GRAVITY_M_S2 * math.sin(model.get("tilt.angle"))
-    viscous = model.get("viscous_motor.damping") + ratio**2 * model.get("viscous_cart.damping")
-    coulomb = model.get("coulomb_motor.level") + ratio * model.get("coulomb_cart.level")
+    viscous = model.get("viscous.damping") + ratio**2 * model.get("viscous_cart.damping")
+    coulomb = model.get("coulomb.level") + ratio * model.get("cart_friction.level")
     inertia = model["motor.inertia"] + ratio**2 * mass
     torque = inertia * a / ratio + viscous * v / ratio + coulomb * np.sign(v) + ratio * gravity
     return Demand(

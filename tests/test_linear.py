@@ -32,10 +32,10 @@ RIGID = build_model("rigid", (), {"motor.inertia": 2e-3}, base_bodies=("motor",)
 
 
 def belt_axis(*more: str, **values: float) -> Model:
-    effects = ("belt_stiffness", "belt_damping", "viscous_motor", "viscous_cart", *more)
+    effects = ("belt_stiffness", "belt_damping", "viscous", "viscous_cart", *more)
     numbers = {
         "motor.inertia": INERTIA, "cart.mass": MASS, "transmission.ratio": IT, "belt_stiffness.stiffness": C,
-        "belt_damping.damping": D, "viscous_motor.damping": IT**2 * DM, "viscous_cart.damping": DC,
+        "belt_damping.damping": D, "viscous.damping": IT**2 * DM, "viscous_cart.damping": DC,
     }  # fmt: skip
     return build_model("axis", effects, numbers | {name.replace("__", "."): value for name, value in values.items()})
 
@@ -43,7 +43,7 @@ def belt_axis(*more: str, **values: float) -> Model:
 def full_rig() -> Model:
     values = {"end_pulley.specific_stiffness": 106250.0, "end_pulley.pulley_distance": 0.79, "end_pulley.offset": 0.05,
               "transmission.ratio": IT, "cart.mass": 11.57, "tilt.angle": 0.4}  # fmt: skip
-    return build_model("rig", ("end_pulley", "coupling", "viscous_motor", "viscous_end_pulley", "tilt"), values)
+    return build_model("rig", ("end_pulley", "coupling", "viscous", "viscous_end_pulley", "tilt"), values)
 
 
 def test_two_mass_state_space_is_that_of_the_thesis() -> None:
@@ -148,7 +148,7 @@ def test_sampled_response_is_the_sum_of_the_images(delay_s: float) -> None:
 
 def test_modes_of_two_masses_are_their_closed_form() -> None:
     """Free masses on a spring-damper: ω² = c/μ, ζ = d/(2 √(c μ)), μ the reduced mass; motor held: ω² = c/m, ζ = d/(2 √(c m))."""
-    model = belt_axis(viscous_motor__damping=0.0, viscous_cart__damping=0.0)
+    model = belt_axis(viscous__damping=0.0, viscous_cart__damping=0.0)
     point = operating_point(model, 0.1)
     motor_mass = INERTIA / IT**2
     reduced = motor_mass * MASS / (motor_mass + MASS)
@@ -160,7 +160,7 @@ def test_modes_of_two_masses_are_their_closed_form() -> None:
 
 def test_antiresonances_are_the_modes_with_the_motor_held() -> None:
     """Zeros of the motor's undamped response."""
-    model = full_rig().with_values({"end_pulley.specific_damping": 0.0, "coupling.damping": 0.0, "viscous_motor.damping": 0.0,
+    model = full_rig().with_values({"end_pulley.specific_damping": 0.0, "coupling.damping": 0.0, "viscous.damping": 0.0,
                                     "viscous_end_pulley.damping": 0.0})  # fmt: skip
     point = operating_point(model, 0.3)
     system = state_space(model, point)
@@ -171,7 +171,7 @@ def test_antiresonances_are_the_modes_with_the_motor_held() -> None:
 
 
 def test_coulomb_friction_slides_without_damping() -> None:
-    plain, with_friction = belt_axis(), belt_axis("coulomb_motor", "coulomb_cart")
+    plain, with_friction = belt_axis(), belt_axis("coulomb", "cart_friction")
     sliding = operating_point(plain, 0.1, 1.0)
     np.testing.assert_array_equal(matrices(with_friction, sliding).D, matrices(plain, sliding).D)
 
@@ -180,21 +180,21 @@ def test_coulomb_friction_slides_without_damping() -> None:
 def test_a_level_that_falls_with_speed_is_negative_damping(monkeypatch: pytest.MonkeyPatch, speed: float) -> None:
     """force = -level sign(v), so the damping is d level/d|v|, here -0.003 N m s/rad, in both directions."""
     falling = replace(
-        effect_named("coulomb_motor"),
+        effect_named("coulomb"),
         law=lambda v, x, t, level: level - 0.003 * abs(v),
         slope=lambda v, x, t, level: -0.003 * math.copysign(1.0, v),
     )
     plain = belt_axis()
     expected = matrices(plain, operating_point(plain, 0.1)).D[0, 0] - 0.003
-    monkeypatch.setitem(effects._BY_NAME, "coulomb_motor", falling)
-    model = belt_axis("coulomb_motor")
+    monkeypatch.setitem(effects._BY_NAME, "coulomb", falling)
+    model = belt_axis("coulomb")
     assert matrices(model, operating_point(model, 0.1, speed)).D[0, 0] == pytest.approx(expected, rel=1e-12)
 
 
 def test_friction_at_standstill_refuses_sticks_or_becomes_its_describing_function() -> None:
-    model = belt_axis("coulomb_motor", "coulomb_cart", coulomb_motor__level=0.0875, coulomb_cart__level=3.0)
+    model = belt_axis("coulomb", "cart_friction", coulomb__level=0.0875, cart_friction__level=3.0)
     point = operating_point(model, 0.1)
-    with pytest.raises(Refused, match="coulomb_motor has no linearisation at standstill"):
+    with pytest.raises(Refused, match="coulomb has no linearisation at standstill"):
         state_space(model, point)
     stuck = matrices(model, point, "stuck")
     assert stuck.bodies == ()
@@ -206,7 +206,7 @@ def test_friction_at_standstill_refuses_sticks_or_becomes_its_describing_functio
 
 
 def test_only_bodies_with_friction_stick() -> None:
-    model = belt_axis("coulomb_motor")
+    model = belt_axis("coulomb")
     point = operating_point(model, 0.1)
     assert matrices(model, point, "stuck").bodies == ("cart",)
     assert modes(model, point, "stuck") == modes(model, operating_point(model, 0.1, 1.0), held=("motor",))
@@ -249,7 +249,7 @@ def test_a_body_on_nothing_has_no_equilibrium() -> None:
 
 
 def test_fastest_rate_is_the_resonance_of_a_lightly_damped_axis() -> None:
-    model = belt_axis(viscous_motor__damping=0.0, viscous_cart__damping=0.0)
+    model = belt_axis(viscous__damping=0.0, viscous_cart__damping=0.0)
     resonance = 2 * math.pi * two_mass(model, operating_point(model, 0.0)).resonance_hz
     assert fastest_rate(model, operating_point(model, 0.0)) == pytest.approx(resonance, rel=1e-9)
 

@@ -14,16 +14,16 @@ from beltcomm.errors import UsageError
 from beltcomm.model import build_model, load_model, load_plant, model_from_dict
 from beltcomm.runfolder import RunFolder
 
-TWO_MASS = ("belt_stiffness", "belt_damping", "viscous_motor", "coulomb_cart")
+TWO_MASS = ("belt_stiffness", "belt_damping", "viscous", "cart_friction")
 
 
 def test_vector_follows_the_listed_order() -> None:
-    model = build_model("m", TWO_MASS, {"coulomb_cart.level": 2.5, "motor.inertia": 7e-5})
+    model = build_model("m", TWO_MASS, {"cart_friction.level": 2.5, "motor.inertia": 7e-5})
     assert list(model.parameters) == [
         "motor.inertia", "cart.mass", "transmission.ratio", "belt_stiffness.stiffness",
-        "belt_damping.damping", "viscous_motor.damping", "coulomb_cart.level",
+        "belt_damping.damping", "viscous.damping", "cart_friction.level",
     ]  # fmt: skip
-    assert model.vector()[model.index("coulomb_cart.level")] == 2.5
+    assert model.vector()[model.index("cart_friction.level")] == 2.5
     assert model.vector()[0] == model["motor.inertia"] == 7e-5
     assert model.get("tilt.angle", 0.25) == 0.25
 
@@ -36,7 +36,7 @@ def test_bodies_that_effects_bring_come_after_the_base() -> None:
 @pytest.mark.parametrize(
     ("effects", "message"),
     [
-        (("belt_stiffness", "belt_stiffness_position"), "both a belt spring"),
+        (("belt_stiffness", "stiffness_position"), "both a belt spring"),
         (("belt_stiffness", "end_pulley"), "both a belt spring"),
         (("belt_stiffness", "belt_damping", "belt_damping"), "a second time"),
         (("belt_stiffness", "coulomb_end_pulley"), "acts on end_pulley"),
@@ -129,7 +129,7 @@ def test_a_plant_file_may_be_written_by_hand(tmp_path: Path) -> None:
 def test_bounds_and_units_left_out_come_from_the_effect() -> None:
     data = build_model("m", TWO_MASS, {}).to_dict()
     data["parameters"] = {name: {"value": item["value"]} for name, item in data["parameters"].items()}
-    item = model_from_dict(data).parameters["viscous_motor.damping"]
+    item = model_from_dict(data).parameters["viscous.damping"]
     assert (item.unit, item.side, item.low, item.high) == ("N m s/rad", "motor", 0.0, 0.5)
 
 
@@ -139,7 +139,7 @@ def test_bounds_and_units_left_out_come_from_the_effect() -> None:
         (lambda data: data.pop("effects"), "not a model file"),
         (lambda data: data["parameters"].pop("cart.mass"), r"is missing cart\.mass"),
         (lambda data: data["parameters"].update({"cart.bogus": {"value": 1.0}}), r"unknown parameter cart\.bogus"),
-        (lambda data: data["parameters"]["viscous_motor.damping"].update(unit="N s/m"), "must be in 'N m s/rad'"),
+        (lambda data: data["parameters"]["viscous.damping"].update(unit="N s/m"), "must be in 'N m s/rad'"),
         (lambda data: data["parameters"]["cart.mass"].update(value="heavy"), "not a model file"),
         (lambda data: data["parameters"].update({"cart.mass": 5.0}), "not a model file"),
         (lambda data: data.update(bodies=["motor", "wagon"]), "not a model file"),

@@ -63,9 +63,9 @@ def test_simulation_plants_have_the_damping_of_the_tables_at_the_belt(name: str)
 @pytest.mark.parametrize(("name", "viscous", "coulomb"), [("g_a", 2.53e-3, 0.125), ("g_b", 2.23e-3, 0.115), ("egc_70", 2.53e-3, 0.125)])
 def test_friction_is_that_of_table_a10(name: str, viscous: float, coulomb: float) -> None:
     model = load_plant(name).model
-    assert model["viscous_motor.damping"] == viscous
-    assert model["coulomb_motor.level"] == pytest.approx(0.7 * coulomb)
-    assert IT * model["coulomb_cart.level"] == pytest.approx(0.3 * coulomb, rel=1e-6)
+    assert model["viscous.damping"] == viscous
+    assert model["coulomb.level"] == pytest.approx(0.7 * coulomb)
+    assert IT * model["cart_friction.level"] == pytest.approx(0.3 * coulomb, rel=1e-6)
     assert model["transmission.ratio"] == IT
 
 

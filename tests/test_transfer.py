@@ -93,8 +93,8 @@ def test_coefficients_stand_in_descending_powers() -> None:
 def test_a_model_gives_its_parameters_back() -> None:
     """d_m: 33.17 N s/m at the belt is stored as i_t² 33.17 N m s/rad (errata 1)."""
     values = {"motor.inertia": 71.73e-6, "cart.mass": 13.44, "transmission.ratio": 0.01242, "belt_stiffness.stiffness": 203740.0,
-              "belt_damping.damping": 20.0, "viscous_motor.damping": 5.1167e-3, "viscous_cart.damping": 226.42}  # fmt: skip
-    effects = ("belt_stiffness", "belt_damping", "viscous_motor", "viscous_cart", "tilt")
+              "belt_damping.damping": 20.0, "viscous.damping": 5.1167e-3, "viscous_cart.damping": 226.42}  # fmt: skip
+    effects = ("belt_stiffness", "belt_damping", "viscous", "viscous_cart", "tilt")
     model = build_model("g_a", effects, values)
     got = two_mass(model, operating_point(model, 0.2))
     np.testing.assert_allclose(list(vars(got).values()), list(vars(G_A).values()), rtol=1e-5)
@@ -102,16 +102,16 @@ def test_a_model_gives_its_parameters_back() -> None:
 
 def test_position_dependent_stiffness_is_taken_at_the_point() -> None:
     """(2.26) at l1 = 0.55 m."""
-    values = {"belt_stiffness_position.specific_stiffness": 106250.0, "belt_stiffness_position.pulley_distance": 0.79,
-              "belt_stiffness_position.offset": 0.05}  # fmt: skip
-    model = build_model("x", ("belt_stiffness_position",), values)
+    values = {"stiffness_position.specific_stiffness": 106250.0, "stiffness_position.pulley_distance": 0.79,
+              "stiffness_position.offset": 0.05}  # fmt: skip
+    model = build_model("x", ("stiffness_position",), values)
     c1, c2, c3 = 106250.0 / 0.55, 106250.0 / 0.24, 106250.0 / 0.79
     assert two_mass(model, operating_point(model, 0.5)).stiffness_n_m == pytest.approx(c1 + c2 * c3 / (c2 + c3), rel=1e-12)
 
 
 def test_describing_function_shows_friction_as_damping() -> None:
     """Errata 7: an FRF around standstill sees Coulomb friction of 0.125 N m as 40 mN m s/rad, here at 4 rad/s peak speed."""
-    model = build_model("g_a", ("belt_stiffness", "coulomb_motor"), {"coulomb_motor.level": 0.125, "transmission.ratio": 0.01242})
+    model = build_model("g_a", ("belt_stiffness", "coulomb"), {"coulomb.level": 0.125, "transmission.ratio": 0.01242})
     got = two_mass(model, operating_point(model, 0.2), Oscillation(0.04, 100.0))
     assert 0.01242**2 * got.motor_damping_n_s_m == pytest.approx(4 * 0.125 / (np.pi * 4.0), rel=1e-9)
 
@@ -124,6 +124,6 @@ def test_other_structures_are_refused(effects: tuple[str, ...]) -> None:
 
 
 def test_a_stuck_body_is_not_a_two_mass_axis() -> None:
-    model = build_model("stuck", ("belt_stiffness", "coulomb_motor"), {})
+    model = build_model("stuck", ("belt_stiffness", "coulomb"), {})
     with pytest.raises(UsageError, match="free bodies are cart"):
         two_mass(model, operating_point(model, 0.2), "stuck")

@@ -51,10 +51,10 @@ def test_demand_of_t_a_on_g_a_is_the_thesis_sheets() -> None:
 def test_demand_takes_gravity_and_every_friction() -> None:
     """At constant speed: F = m g sin α, τ = (b + r² b_c) v/r + τ_c + r F_c + r m g sin α (4.15), (2.22)."""
     values = {
-        "motor.inertia": 7e-5, "cart.mass": 3.0, "transmission.ratio": RATIO, "viscous_motor.damping": 2e-3, "viscous_cart.damping": 9.0,
-        "coulomb_motor.level": 0.08, "coulomb_cart.level": 3.0, "tilt.angle": 0.3,
+        "motor.inertia": 7e-5, "cart.mass": 3.0, "transmission.ratio": RATIO, "viscous.damping": 2e-3, "viscous_cart.damping": 9.0,
+        "coulomb.level": 0.08, "cart_friction.level": 3.0, "tilt.angle": 0.3,
     }  # fmt: skip
-    effects = ("belt_stiffness", "viscous_motor", "viscous_cart", "coulomb_motor", "coulomb_cart", "tilt")
+    effects = ("belt_stiffness", "viscous", "viscous_cart", "coulomb", "cart_friction", "tilt")
     model = build_model("tilted", effects, values)
     t = PERIOD_S * np.arange(100, dtype=np.float64)
     uphill = Trajectory(t, 0.4 * t, np.full(100, 0.4), np.zeros(100))
@@ -165,8 +165,8 @@ def cascade_for(rig: str, model: Model, *, prefiltered: bool = True) -> Cascade:
     share, cutoff = (1.0, 123.24) if rig == "g_a" else (0.1, 481.6)
     feedforward = Feedforward(
         inertia_kg_m2=model["motor.inertia"] + RATIO**2 * model["cart.mass"],
-        viscous_nm_s_rad=model["viscous_motor.damping"],
-        coulomb_nm=model["coulomb_motor.level"] + RATIO * model["coulomb_cart.level"],
+        viscous_nm_s_rad=model["viscous.damping"],
+        coulomb_nm=model["coulomb.level"] + RATIO * model["cart_friction.level"],
     )
     return Cascade(0.12 * share, 1.39 * share, 6.29, 0.002, Prefilter("butterworth", cutoff), feedforward)
 

@@ -7,7 +7,7 @@ import difflib
 from beltcomm.effects import (
     belt_damping,
     belt_stiffness,
-    belt_stiffness_position,
+    stiffness_position,
     coulomb,
     coupling,
     end_pulley,
@@ -21,7 +21,7 @@ __all__ = ["DRIVING_BODY", "DRIVING_END", "EFFECTS", "Body", "Effect", "Element"
 
 EFFECTS: tuple[Effect, ...] = (
     belt_stiffness.EFFECT,
-    belt_stiffness_position.EFFECT,
+    stiffness_position.EFFECT,
     end_pulley.EFFECT,
     coupling.EFFECT,
     belt_damping.EFFECT,

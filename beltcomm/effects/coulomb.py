@@ -34,7 +34,7 @@ def slope(speed: float, position: float, t: float, level_: float) -> float:
 
 
 def on(body: str) -> Effect:
-    """The effect on one body: ``coulomb_motor``, ``coulomb_cart``, ``coulomb_end_pulley``."""
+    """The effect on one body: ``coulomb``, ``cart_friction``, ``coulomb_end_pulley``."""
     unit, _, side = body_units(body)
     parameter = Parameter("level", unit, side, _START[body], 0.0, _HIGH[body], "friction that does not depend on speed")
     return Effect(

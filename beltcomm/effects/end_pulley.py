@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from beltcomm.effects._effect import DRIVING_END, Body, Effect, Element, Parameter
-from beltcomm.effects.belt_stiffness_position import BELT_PARAMETERS
+from beltcomm.effects.stiffness_position import BELT_PARAMETERS
 
 
 def front(stretch: float, rate: float, x: float, ea: float, l3: float, offset: float, da: float) -> float:

@@ -148,7 +148,7 @@ def _stiffness_names(model: Model) -> list[str]:
     return [
         n
         for n in model.parameters
-        if n.startswith(("belt_stiffness.stiffness", "belt_stiffness_position.specific", "end_pulley.specific_s"))
+        if n.startswith(("belt_stiffness.stiffness", "stiffness_position.specific", "end_pulley.specific_s"))
     ]
 
 

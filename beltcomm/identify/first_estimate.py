@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 #: The effects that every belt axis gets; what else is needed is found by comparing with measurements.  Viscous friction of the
 #: carriage is not among them: seen from the motor it differs from that of the motor only next to the antiresonance.
-BASE_EFFECTS = ("belt_stiffness", "belt_damping", "viscous_motor", "coulomb_motor", "coulomb_cart")
+BASE_EFFECTS = ("belt_stiffness", "belt_damping", "viscous", "coulomb", "cart_friction")
 #: kg: carriages between these are tried.  N/m: belts between these shares of the data sheet's stiffness are tried.
 MASSES_KG = np.geomspace(0.1, 100.0, 25)
 STIFFNESS_SHARES = np.geomspace(0.4, 2.5, 12)
@@ -29,7 +29,7 @@ INERTIA_SHARES = (0.5, 2.0)
 #: N m: no torque of a belt axis; a trial whose motion runs away reaches it.
 RUNAWAY_NM = 1e6
 #: Parameters that the torque equation is linear in, beside the inertia.
-_LINEAR = ("coulomb_motor.level", "viscous_motor.damping")
+_LINEAR = ("coulomb.level", "viscous.damping")
 
 
 def data_sheet_model(axis: Axis, position_m: float, coulomb_nm: float, tilt_rad: float = 0.0) -> Model:
@@ -45,8 +45,8 @@ def data_sheet_model(axis: Axis, position_m: float, coulomb_nm: float, tilt_rad:
         "cart.mass": axis.payload.mass_kg or 2.0,
         "transmission.ratio": ratio,
         "belt_stiffness.stiffness": axis.belt_stiffness_n_m(position_m),
-        "coulomb_motor.level": 0.7 * coulomb_nm,
-        "coulomb_cart.level": 0.3 * coulomb_nm / ratio,
+        "coulomb.level": 0.7 * coulomb_nm,
+        "cart_friction.level": 0.3 * coulomb_nm / ratio,
     }
     effects: tuple[str, ...] = BASE_EFFECTS
     if tilt_rad:
@@ -115,5 +115,5 @@ class _Search:
         """The model with everything solved for; the data sheet's inertia where the data want none."""
         (inertia, coulomb, viscous), _ = self.solved(mass, stiffness)
         low, high = (share * self.start["motor.inertia"] for share in INERTIA_SHARES)
-        found = {"motor.inertia": float(np.clip(inertia, low, high)), "coulomb_motor.level": coulomb, "viscous_motor.damping": viscous}
+        found = {"motor.inertia": float(np.clip(inertia, low, high)), "coulomb.level": coulomb, "viscous.damping": viscous}
         return self.start.with_values({"cart.mass": mass, "belt_stiffness.stiffness": stiffness, **found}, "first estimate")

@@ -98,8 +98,8 @@ def characteristics(fit: InverseFit, position_m: float) -> dict[str, Characteris
     def numbers(model: Model) -> np.ndarray:
         two = two_mass(model, operating_point(model, position_m, 1.0))
         ratio = model["transmission.ratio"]
-        coulomb = model.get("coulomb_motor.level") + ratio * model.get("coulomb_cart.level")
-        viscous = model.get("viscous_motor.damping") + ratio**2 * model.get("viscous_cart.damping")
+        coulomb = model.get("coulomb.level") + ratio * model.get("cart_friction.level")
+        viscous = model.get("viscous.damping") + ratio**2 * model.get("viscous_cart.damping")
         return np.array([two.resonance_hz, two.antiresonance_hz, coulomb, viscous])
 
     here = numbers(fit.model)
@@ -130,7 +130,7 @@ def design_plants(
     plants = []
     for position in positions_m:
         two = two_mass(model, operating_point(model, position, 1.0))
-        moving = model.get("viscous_motor.damping") + two.transmission_m_rad**2 * model.get("viscous_cart.damping")
+        moving = model.get("viscous.damping") + two.transmission_m_rad**2 * model.get("viscous_cart.damping")
         apparent = max(apparent_damping_nm_s_rad, moving)
         fractions = sorted({0.0, moving / apparent if apparent else 0.0, 0.5, 1.0})
         for mass in masses_kg:
@@ -189,8 +189,8 @@ def with_feedforward(
         structure,
         kind,
         inertia_kg_m2=model["motor.inertia"] + ratio**2 * model["cart.mass"],
-        viscous_nm_s_rad=model.get("viscous_motor.damping") + ratio**2 * model.get("viscous_cart.damping"),
-        coulomb_nm=model.get("coulomb_motor.level") + ratio * model.get("coulomb_cart.level"),
+        viscous_nm_s_rad=model.get("viscous.damping") + ratio**2 * model.get("viscous_cart.damping"),
+        coulomb_nm=model.get("coulomb.level") + ratio * model.get("cart_friction.level"),
         apparent_viscous_nm_s_rad=apparent_nm_s_rad,
         dead_time_s=dead_time_s,
     )

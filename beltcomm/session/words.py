@@ -18,13 +18,13 @@ _SHOWN = (
     ("motor.inertia", "motor-side inertia", "kg mm²", 1e6),
     ("cart.mass", "carriage mass", "kg", 1.0),
     ("belt_stiffness.stiffness", "belt stiffness", "kN/m", 1e-3),
-    ("belt_stiffness_position.specific_stiffness", "belt specific stiffness EA", "kN", 1e-3),
-    ("belt_stiffness_position.offset", "free belt at position 0", "mm", 1e3),
+    ("stiffness_position.specific_stiffness", "belt specific stiffness EA", "kN", 1e-3),
+    ("stiffness_position.offset", "free belt at position 0", "mm", 1e3),
     ("belt_damping.damping", "belt damping", "N s/m", 1.0),
-    ("viscous_motor.damping", "viscous friction", "mN m s/rad", 1e3),
+    ("viscous.damping", "viscous friction", "mN m s/rad", 1e3),
     ("viscous_cart.damping", "viscous friction, carriage", "N s/m", 1.0),
-    ("coulomb_motor.level", "Coulomb friction, motor", "mN m", 1e3),
-    ("coulomb_cart.level", "Coulomb friction, carriage", "N", 1.0),
+    ("coulomb.level", "Coulomb friction, motor", "mN m", 1e3),
+    ("cart_friction.level", "Coulomb friction, carriage", "N", 1.0),
 )
 _DERIVED = (
     ("resonance", "resonance", "Hz", 1.0),

@@ -25,7 +25,7 @@ PERIOD_S = 1e-3
 COUNTS = 65536
 STEP_RAD = 2.0 * math.pi / COUNTS
 NOISE_NM = 6e-3
-EFFECTS = ("belt_stiffness", "belt_damping", "viscous_motor", "coulomb_motor", "coulomb_cart")
+EFFECTS = ("belt_stiffness", "belt_damping", "viscous", "coulomb", "cart_friction")
 
 
 @dataclass(frozen=True)
@@ -131,8 +131,8 @@ def true_model(plant: TruthPlant) -> Model:
         "transmission.ratio": axis.transmission_m_rad,
         "belt_stiffness.stiffness": axis.belt.stiffness_n_m,
         "belt_damping.damping": axis.belt.damping_n_s_m,
-        "viscous_motor.damping": axis.viscous_motor_nm_s_rad,
-        "coulomb_motor.level": axis.coulomb_motor_nm,
-        "coulomb_cart.level": axis.coulomb_cart_n,
+        "viscous.damping": axis.viscous_motor_nm_s_rad,
+        "coulomb.level": axis.coulomb_motor_nm,
+        "cart_friction.level": axis.coulomb_cart_n,
     }
     return build_model("truth", EFFECTS, values)

@@ -49,7 +49,7 @@ def driven(plant: TruthPlant, torque: Array) -> Prediction:
 def off_by(model: Model, mass: float, stiffness: float, friction: float) -> Model:
     """The model that an estimate with these errors would give."""
     scaled = {"cart.mass": mass, "belt_stiffness.stiffness": stiffness}
-    scaled |= dict.fromkeys(("coulomb_motor.level", "coulomb_cart.level", "belt_damping.damping"), friction)
+    scaled |= dict.fromkeys(("coulomb.level", "cart_friction.level", "belt_damping.damping"), friction)
     return model.with_values({name: factor * model[name] for name, factor in scaled.items()})
 
 
@@ -99,7 +99,7 @@ def test_family_holds_what_it_says() -> None:
     for name in ("cart.mass", "belt_stiffness.stiffness"):
         shares = {round(member[name] / model[name], 9) for member in family}
         assert shares == {1.0, round(1.0 - FIRST_ESTIMATE_SPREAD, 9), round(1.0 + FIRST_ESTIMATE_SPREAD, 9)}
-    assert min(member["coulomb_motor.level"] for member in family) == pytest.approx(0.85 * model["coulomb_motor.level"])
+    assert min(member["coulomb.level"] for member in family) == pytest.approx(0.85 * model["coulomb.level"])
     assert max(member["belt_damping.damping"] for member in family) == model["belt_damping.damping"]
 
 
@@ -152,6 +152,6 @@ def test_the_machine_keeps_the_limits_that_were_planned() -> None:
 def test_no_room_is_refused_with_what_binds(family: Sequence[Model]) -> None:
     with pytest.raises(Refused, match=r"would break the limit on motor torque .*check the limits in axis\.yaml"):
         largest_amplitude(family, UNIT, PERIOD_S, AT_M, MotionLimits(10.0, 100.0, 1e-3, 1e6), 0.6)
-    smooth = [m.with_values({"coulomb_motor.level": 0.0, "coulomb_cart.level": 0.0}) for m in family]
+    smooth = [m.with_values({"coulomb.level": 0.0, "cart_friction.level": 0.0}) for m in family]
     with pytest.raises(Refused, match="limit on belt force"):
         largest_amplitude(smooth, UNIT, PERIOD_S, AT_M, MotionLimits(10.0, 100.0, 100.0, 0.5), 0.6)

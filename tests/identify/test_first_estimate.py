@@ -43,10 +43,10 @@ def test_stiffness_follows_although_the_data_sheet_is_a_fifth_off(estimates: lis
 
 def test_friction_at_the_motor_is_found(estimates: list[tuple[Model, Model]]) -> None:
     for truth, found in estimates:
-        total = truth["coulomb_motor.level"] + truth["transmission.ratio"] * truth["coulomb_cart.level"]
-        estimate = found["coulomb_motor.level"] + found["transmission.ratio"] * found["coulomb_cart.level"]
+        total = truth["coulomb.level"] + truth["transmission.ratio"] * truth["cart_friction.level"]
+        estimate = found["coulomb.level"] + found["transmission.ratio"] * found["cart_friction.level"]
         assert estimate == pytest.approx(total, rel=0.25)
-        assert found["viscous_motor.damping"] >= 0.0
+        assert found["viscous.damping"] >= 0.0
 
 
 def test_inertia_is_found_and_the_transmission_stays(estimates: list[tuple[Model, Model]]) -> None:
@@ -68,7 +68,7 @@ def test_data_sheet_model_holds_the_sheet() -> None:
     assert model["motor.inertia"] == pytest.approx(71.73e-6)
     belt = 106250.0 * (1.0 / 0.33 + 1.0 / (1.58 - 0.33))
     assert model["belt_stiffness.stiffness"] == pytest.approx(1.0 / (1.0 / belt + 0.01242**2 / 168.75))
-    assert model["coulomb_motor.level"] + 0.01242 * model["coulomb_cart.level"] == pytest.approx(COULOMB_NM)
+    assert model["coulomb.level"] + 0.01242 * model["cart_friction.level"] == pytest.approx(COULOMB_NM)
     assert "tilt.angle" not in model.parameters
     assert data_sheet_model(AXIS, 0.28, COULOMB_NM, tilt_rad=math.radians(3.0))["tilt.angle"] == pytest.approx(math.radians(3.0))
 

@@ -22,7 +22,7 @@ def start_beside(truth: Model) -> Model:
     """As far off as a first estimate: 15 %, friction and damping more."""
     wrong = {
         "motor.inertia": 1.1, "cart.mass": 0.86, "belt_stiffness.stiffness": 1.15, "belt_damping.damping": 0.5,
-        "viscous_motor.damping": 0.6, "coulomb_motor.level": 1.2, "coulomb_cart.level": 0.7,
+        "viscous.damping": 0.6, "coulomb.level": 1.2, "cart_friction.level": 0.7,
     }  # fmt: skip
     return truth.with_values({name: factor * truth[name] for name, factor in wrong.items()})
 
@@ -85,7 +85,7 @@ def half(fit: InverseFit, name: str) -> float:
 
 
 def coulomb(model: Model) -> float:
-    return model["coulomb_motor.level"] + model["transmission.ratio"] * model["coulomb_cart.level"]
+    return model["coulomb.level"] + model["transmission.ratio"] * model["cart_friction.level"]
 
 
 @pytest.mark.parametrize("which", ["g_a", "g_b", "geared"])
@@ -131,15 +131,15 @@ def test_progress_rises_to_one(g_b: Case) -> None:
 
 
 def test_a_parameter_at_its_bound_is_named(g_b: Case) -> None:
-    item = g_b.start.parameters["coulomb_cart.level"]
-    low, true = 1.2 * g_b.truth["coulomb_cart.level"], g_b.truth["coulomb_cart.level"]
+    item = g_b.start.parameters["cart_friction.level"]
+    low, true = 1.2 * g_b.truth["cart_friction.level"], g_b.truth["cart_friction.level"]
     assert item.value < true < low
     bounded = replace(item, value=1.3 * low, low=low)
-    start = replace(g_b.start, parameters={**g_b.start.parameters, "coulomb_cart.level": bounded})
+    start = replace(g_b.start, parameters={**g_b.start.parameters, "cart_friction.level": bounded})
     fit = fit_inverse(g_b.records, start, counts_per_rev=COUNTS)
-    assert fit.model["coulomb_cart.level"] == low
-    assert fit.model.parameters["coulomb_cart.level"].interval is None
-    (remark,) = [r for r in fit.remarks if r.startswith("coulomb_cart.level")]
+    assert fit.model["cart_friction.level"] == low
+    assert fit.model.parameters["cart_friction.level"].interval is None
+    (remark,) = [r for r in fit.remarks if r.startswith("cart_friction.level")]
     assert "lower bound" in remark
     assert f"{low:g} N" in remark
 

@@ -159,8 +159,8 @@ WRONG = {
     "cart.mass": 1.05,
     "belt_stiffness.stiffness": 0.95,
     "belt_damping.damping": 2.0,
-    "coulomb_motor.level": 1.1,
-    "coulomb_cart.level": 1.5,
+    "coulomb.level": 1.1,
+    "cart_friction.level": 1.5,
 }
 
 

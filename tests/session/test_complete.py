@@ -22,7 +22,7 @@ PARAMETERS = (
     ("cart.mass", "mass_kg", 0.03),
     ("belt_stiffness.stiffness", "stiffness_n_m", 0.03),
     ("motor.inertia", "inertia_kg_m2", 0.03),
-    ("viscous_motor.damping", "viscous_nm_s_rad", 0.05),
+    ("viscous.damping", "viscous_nm_s_rad", 0.05),
 )
 CHARACTERISTICS = (
     ("resonance", "resonance_hz", 0.01),

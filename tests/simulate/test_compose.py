@@ -17,9 +17,9 @@ from beltcomm.simulate import compose
 from beltcomm.simulate.compose import kernel_for, kernel_source
 from beltcomm.simulate.forward import simulate_torque
 
-FULL = ("end_pulley", "coupling", "belt_damping", "viscous_motor", "viscous_cart", "viscous_end_pulley",
-        "coulomb_motor", "coulomb_cart", "coulomb_end_pulley", "tilt")  # fmt: skip
-COMBINATIONS = (FULL, ("belt_stiffness_position", "belt_damping", "viscous_cart"), ("belt_stiffness", "coulomb_cart"))
+FULL = ("end_pulley", "coupling", "belt_damping", "viscous", "viscous_cart", "viscous_end_pulley",
+        "coulomb", "cart_friction", "coulomb_end_pulley", "tilt")  # fmt: skip
+COMBINATIONS = (FULL, ("stiffness_position", "belt_damping", "viscous_cart"), ("belt_stiffness", "cart_friction"))
 
 
 def model_of(effects: tuple[str, ...]) -> Model:
@@ -46,7 +46,7 @@ def test_compiled_forces_are_those_of_the_laws(effects: tuple[str, ...]) -> None
 
 
 def test_levels_stand_at_their_bodies() -> None:
-    model = build_model("m", FULL, {"coulomb_motor.level": 0.1, "coulomb_cart.level": 4.0, "coulomb_end_pulley.level": 2.0})
+    model = build_model("m", FULL, {"coulomb.level": 0.1, "cart_friction.level": 4.0, "coulomb_end_pulley.level": 2.0})
     kernel = kernel_for(model)
     got = np.empty(4)
     kernel.levels(np.zeros(4), np.ones(4), model.vector(), 0.0, got)
@@ -56,7 +56,7 @@ def test_levels_stand_at_their_bodies() -> None:
 
 
 def test_the_order_of_effects_does_not_matter() -> None:
-    effects = ("belt_stiffness", "coulomb_cart")
+    effects = ("belt_stiffness", "cart_friction")
     torque = 0.2 * np.sign(np.sin(np.arange(300) / 11.0))
     one, other = (simulate_torque(model_of(order), torque, 1e-3) for order in (effects, effects[::-1]))
     np.testing.assert_allclose(one.position_rad, other.position_rad, rtol=1e-9, atol=1e-12)
@@ -65,13 +65,13 @@ def test_the_order_of_effects_does_not_matter() -> None:
 def test_an_end_pulley_without_mass_is_the_spring_by_position() -> None:
     """Three masses with a light end pulley move as the two-mass model with the replacement stiffness (2.26)."""
     belt = {"specific_stiffness": 106250.0, "pulley_distance": 0.79, "offset": 0.05}
-    two = build_model("two", COMBINATIONS[1], {f"belt_stiffness_position.{k}": x for k, x in belt.items()}
+    two = build_model("two", COMBINATIONS[1], {f"stiffness_position.{k}": x for k, x in belt.items()}
                       | {"belt_damping.damping": 0.0, "viscous_cart.damping": 5.0})  # fmt: skip
     values = {f"end_pulley.{name}": x for name, x in belt.items()} | {
         "end_pulley.mass": 1e-3, "end_pulley.specific_damping": 0.0, "coupling.stiffness": 1e4, "coupling.damping": 0.0,
         "belt_damping.damping": 0.0, "driving_pulley.inertia": 2e-5, "motor.inertia": 3e-5, "viscous_cart.damping": 5.0,
-        "viscous_motor.damping": 0.0, "viscous_end_pulley.damping": 0.0, "coulomb_motor.level": 0.0,
-        "coulomb_cart.level": 0.0, "coulomb_end_pulley.level": 0.0,
+        "viscous.damping": 0.0, "viscous_end_pulley.damping": 0.0, "coulomb.level": 0.0,
+        "cart_friction.level": 0.0, "coulomb_end_pulley.level": 0.0,
     }  # fmt: skip
     three = build_model("three", FULL, values)
     torque = 0.1 * np.sin(2 * np.pi * 10.0 * np.arange(200) / 1e3)
@@ -82,7 +82,7 @@ def test_an_end_pulley_without_mass_is_the_spring_by_position() -> None:
 
 
 def test_a_changed_law_gets_another_kernel(monkeypatch: pytest.MonkeyPatch) -> None:
-    combination = (("motor", "cart"), ("belt_stiffness", "coulomb_cart"))
+    combination = (("motor", "cart"), ("belt_stiffness", "cart_friction"))
     before = kernel_source(*combination)
     assert kernel_source(*combination) == before
     read = compose.inspect.getsource

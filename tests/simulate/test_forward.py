@@ -15,25 +15,25 @@ from beltcomm.simulate.compose import kernel_for
 from beltcomm.simulate.forward import State, simulate_torque
 
 IT, INERTIA, MASS, C, D = 0.01242, 71.73e-6, 13.44, 203740.0, 20.0
-RIG = ("end_pulley", "coupling", "belt_damping", "viscous_motor", "viscous_cart", "viscous_end_pulley",
-       "coulomb_motor", "coulomb_cart", "coulomb_end_pulley", "tilt")  # fmt: skip
-NO_FRICTION = {"coulomb_motor.level": 0.0, "coulomb_cart.level": 0.0, "coulomb_end_pulley.level": 0.0}
+RIG = ("end_pulley", "coupling", "belt_damping", "viscous", "viscous_cart", "viscous_end_pulley",
+       "coulomb", "cart_friction", "coulomb_end_pulley", "tilt")  # fmt: skip
+NO_FRICTION = {"coulomb.level": 0.0, "cart_friction.level": 0.0, "coulomb_end_pulley.level": 0.0}
 
 
 def axis(**values: float) -> Model:
     """The two-mass axis of table A.4 without friction; own values by ``effect__parameter``."""
     numbers = {
         "motor.inertia": INERTIA, "cart.mass": MASS, "transmission.ratio": IT, "belt_stiffness.stiffness": C,
-        "belt_damping.damping": D, "viscous_motor.damping": 0.0, "coulomb_motor.level": 0.0, "coulomb_cart.level": 0.0,
+        "belt_damping.damping": D, "viscous.damping": 0.0, "coulomb.level": 0.0, "cart_friction.level": 0.0,
     }  # fmt: skip
-    effects = ("belt_stiffness", "belt_damping", "viscous_motor", "coulomb_motor", "coulomb_cart")
+    effects = ("belt_stiffness", "belt_damping", "viscous", "coulomb", "cart_friction")
     return build_model("axis", effects, numbers | {name.replace("__", "."): value for name, value in values.items()})
 
 
 def motor(coulomb: float) -> Model:
     """One inertia with Coulomb friction."""
-    values = {"motor.inertia": 1e-3, "coulomb_motor.level": coulomb}
-    return build_model("motor", ("coulomb_motor",), values, base_bodies=("motor",))
+    values = {"motor.inertia": 1e-3, "coulomb.level": coulomb}
+    return build_model("motor", ("coulomb",), values, base_bodies=("motor",))
 
 
 def test_free_oscillation_has_its_frequency_and_decay() -> None:
@@ -82,7 +82,7 @@ def test_stiction_holds_below_the_level_and_lets_go_above() -> None:
 
 def test_friction_of_the_cart_hides_its_position_from_the_motor() -> None:
     """A stuck cart: the motor rests where the belt carries the torque, θ = τ/(i_t² c)."""
-    model = axis(coulomb_cart__level=100.0, belt_damping__damping=100.0, viscous_motor__damping=0.01)
+    model = axis(cart_friction__level=100.0, belt_damping__damping=100.0, viscous__damping=0.01)
     out = simulate_torque(model, np.full(2000, 0.5), 1e-3)
     assert not out.cart_position_m.any()
     assert out.position_rad[-1] == pytest.approx(0.5 / (IT**2 * C), rel=1e-9)
@@ -129,8 +129,8 @@ def test_second_order_against_an_independent_integrator() -> None:
     p = {"motor.inertia": 46.5e-6, "driving_pulley.inertia": 25.23e-6, "cart.mass": 11.57, "end_pulley.mass": 0.153,
          "transmission.ratio": IT, "end_pulley.specific_stiffness": 106250.0, "end_pulley.specific_damping": 7.17,
          "end_pulley.pulley_distance": 0.79, "end_pulley.offset": 0.05, "coupling.stiffness": 168.75,
-         "coupling.damping": 1e-3, "viscous_motor.damping": 2.5e-3, "viscous_cart.damping": 9.0,
-         "coulomb_motor.level": 0.0875, "coulomb_cart.level": 3.0, "coulomb_end_pulley.level": 0.8,
+         "coupling.damping": 1e-3, "viscous.damping": 2.5e-3, "viscous_cart.damping": 9.0,
+         "coulomb.level": 0.0875, "cart_friction.level": 3.0, "coulomb_end_pulley.level": 0.8,
          "viscous_end_pulley.damping": 1.3, "belt_damping.damping": 4.0, "tilt.angle": 0.2}  # fmt: skip
     model = build_model("rig", RIG, p)
     torque, period = np.array([0.9, 0.2, 1.1, 0.7, 0.3, 0.8, 1.0, 0.1]), 1e-3
@@ -172,7 +172,7 @@ def test_friction_through_reversals_converges_to_the_independent_integrator() ->
 
     Reversals cost nothing beyond the Verlet step's phase error: below A ω³h²t/24, and a quarter for half the step.
     """
-    model = axis(coulomb_motor__level=0.05, belt_damping__damping=0.0)
+    model = axis(coulomb__level=0.05, belt_damping__damping=0.0)
     start = State(np.array([2e-3 / IT, 0.0]), np.zeros(2))
     end_time = 0.02
 
@@ -204,7 +204,7 @@ def test_friction_through_reversals_converges_to_the_independent_integrator() ->
 
 def test_a_record_can_be_continued() -> None:
     torque = 0.3 * np.sign(np.sin(np.arange(400) / 7.0))
-    model = axis(coulomb_motor__level=0.0875, coulomb_cart__level=3.0, viscous_motor__damping=2.5e-3)
+    model = axis(coulomb__level=0.0875, cart_friction__level=3.0, viscous__damping=2.5e-3)
     whole = simulate_torque(model, torque, 1e-3, position_m=0.2)
     first = simulate_torque(model, torque[:150], 1e-3, position_m=0.2)
     second = simulate_torque(model, torque[150:], 1e-3, time_s=0.15, state=first.end)
@@ -215,7 +215,7 @@ def test_a_record_can_be_continued() -> None:
 
 def test_same_input_same_bytes() -> None:
     torque = np.random.default_rng(7).normal(0.0, 0.3, 500)
-    model = axis(coulomb_motor__level=0.0875, coulomb_cart__level=3.0)
+    model = axis(coulomb__level=0.0875, cart_friction__level=3.0)
     first, second = (simulate_torque(model, torque, 1e-3) for _ in range(2))
     assert first.position_rad.tobytes() == second.position_rad.tobytes()
     assert first.belt_force_n.tobytes() == second.belt_force_n.tobytes()
@@ -235,7 +235,7 @@ def test_inverse_of_the_simulated_motion_is_its_torque(friction: float) -> None:
 
     Below 0.2 rad/s nothing is compared: where the motor sticks, the friction is anything between its two levels.
     """
-    model = axis(viscous_motor__damping=2.5e-3, coulomb_motor__level=0.0875 * friction, coulomb_cart__level=3.0 * friction)
+    model = axis(viscous__damping=2.5e-3, coulomb__level=0.0875 * friction, cart_friction__level=3.0 * friction)
     held = np.repeat([0.5, 0.9, 0.3, 0.8, 0.6], 40)
     errors = []
     for substeps in (20, 40, 80):

@@ -22,9 +22,9 @@ def axis(**values: float) -> Model:
     """Rig G_B without friction; own values by ``effect__parameter``."""
     numbers = {
         "motor.inertia": INERTIA, "cart.mass": MASS, "transmission.ratio": LEVER, "belt_stiffness.stiffness": STIFFNESS,
-        "belt_damping.damping": 20.0, "viscous_motor.damping": 0.0, "coulomb_motor.level": 0.0, "coulomb_cart.level": 0.0,
+        "belt_damping.damping": 20.0, "viscous.damping": 0.0, "coulomb.level": 0.0, "cart_friction.level": 0.0,
     }  # fmt: skip
-    effects = ("belt_stiffness", "belt_damping", "viscous_motor", "coulomb_motor", "coulomb_cart")
+    effects = ("belt_stiffness", "belt_damping", "viscous", "coulomb", "cart_friction")
     return build_model("axis", effects, numbers | {name.replace("__", "."): value for name, value in values.items()})
 
 
@@ -98,7 +98,7 @@ def test_known_load_keeps_a_reversal_out_of_its_neighbours() -> None:
     """Friction that reverses within a sample bends the angle by a kink no spline follows; with the model's load it does."""
     motor, cart = 0.0805, 2.78
     plant = TruthPlant(Axis(INERTIA, MASS, LEVER, ConstantBelt(STIFFNESS, 20.0), coulomb_motor_nm=motor, coulomb_cart_n=cart))
-    model = axis(coulomb_motor__level=motor, coulomb_cart__level=cart)
+    model = axis(coulomb__level=motor, cart_friction__level=cart)
     torque = 0.3 * np.sign(np.random.default_rng(5).normal(size=800))
     theta = [plant.position_rad]
     for value in torque.tolist():
@@ -132,7 +132,7 @@ def cruise(speed: float, acceleration: float = 0.0, samples: int = 2000) -> Fine
 @pytest.mark.parametrize("speed", [20.0, -20.0])
 def test_load_at_constant_speed_is_all_friction(speed: float) -> None:
     """load = (τ_c + r F_c) sign(ω) + b ω;  the carriage trails by F_c/c."""
-    model = axis(coulomb_motor__level=0.08, coulomb_cart__level=2.8, viscous_motor__damping=2e-3, belt_damping__damping=300.0)
+    model = axis(coulomb__level=0.08, cart_friction__level=2.8, viscous__damping=2e-3, belt_damping__damping=300.0)
     motion = cruise(speed)
     load, cart = load_torque(model, motion)
     expected = np.sign(speed) * (0.08 + LEVER * 2.8) + 2e-3 * speed
@@ -148,8 +148,8 @@ def test_load_at_constant_acceleration_is_the_carriage() -> None:
 
 
 def test_vector_replaces_the_model() -> None:
-    model = axis(coulomb_motor__level=0.08)
-    other = model.with_values({"coulomb_motor.level": 0.11})
+    model = axis(coulomb__level=0.08)
+    other = model.with_values({"coulomb.level": 0.11})
     here, _ = load_torque(model, cruise(20.0), other.vector())
     np.testing.assert_array_equal(here, load_torque(other, cruise(20.0))[0])
 
@@ -158,8 +158,8 @@ def test_vector_replaces_the_model() -> None:
 def test_motor_friction_turns_round_within_two_bristles(bristles: float, share: float) -> None:
     """After a reversal the friction falls from +level to -level in proportion to the way back, and stays where the motor rests."""
     level, bristle = 0.08, BRISTLE_M / LEVER
-    vector = axis(coulomb_motor__level=level, belt_damping__damping=0.0).vector()
-    model = axis(coulomb_motor__level=level)
+    vector = axis(coulomb__level=level, belt_damping__damping=0.0).vector()
+    model = axis(coulomb__level=level)
     vector[model.index("belt_stiffness.stiffness")] = 0.0  # friction alone
     vector[model.index("belt_damping.damping")] = 0.0
     there = np.linspace(0.0, 1.0, 8 * SUB + 1)
@@ -172,7 +172,7 @@ def test_motor_friction_turns_round_within_two_bristles(bristles: float, share: 
 
 def test_a_carriage_held_off_by_friction_starts_off() -> None:
     """Offset o: the belt pushes back with c o until the carriage moves; a resting motor carries r c o."""
-    model = axis(coulomb_cart__level=10.0)
+    model = axis(cart_friction__level=10.0)
     motion = FineMotion(np.full(50 * SUB + 1, 3.0), np.zeros(50 * SUB + 1), 51, T, SUB, 0.0)
     load, cart = load_torque(model, motion, offset_m=4e-5)
     np.testing.assert_allclose(cart, LEVER * 3.0 + 4e-5, rtol=1e-12)

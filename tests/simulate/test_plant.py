@@ -14,13 +14,13 @@ from beltcomm.simulate.forward import simulate_torque
 from beltcomm.simulate.plant import SimulatedPlant
 
 IT, STOP_N_M = 0.01242, 2e5
-EFFECTS = ("belt_stiffness", "belt_damping", "viscous_motor", "coulomb_motor", "coulomb_cart")
+EFFECTS = ("belt_stiffness", "belt_damping", "viscous", "coulomb", "cart_friction")
 
 
 def axis(**values: float) -> Model:
     numbers = {"motor.inertia": 71.73e-6, "cart.mass": 13.44, "transmission.ratio": IT, "belt_stiffness.stiffness": 203740.0,
-               "belt_damping.damping": 20.0, "viscous_motor.damping": 2.53e-3, "coulomb_motor.level": 0.0875,
-               "coulomb_cart.level": 3.0}  # fmt: skip
+               "belt_damping.damping": 20.0, "viscous.damping": 2.53e-3, "coulomb.level": 0.0875,
+               "cart_friction.level": 3.0}  # fmt: skip
     return build_model("axis", EFFECTS, numbers | {name.replace("__", "."): value for name, value in values.items()})
 
 
@@ -58,7 +58,7 @@ def test_steps_of_any_duration_add_up() -> None:
 
 def test_end_stop_holds_the_axis_where_its_spring_carries_the_motor() -> None:
     """At rest the buffer is pressed by s = τ/(i_t k), less the part d h/(2 m) of it that the splitting of a step leaves."""
-    model = axis(coulomb_motor__level=0.0, coulomb_cart__level=0.0)
+    model = axis(coulomb__level=0.0, cart_friction__level=0.0)
     for side, stop in ((1.0, 0.05), (-1.0, -0.04)):
         plant = SimulatedPlant(model, 0.0, end_stops_m=(-0.04, 0.05))
         for _ in range(3000):
@@ -74,8 +74,8 @@ def test_end_stop_throws_back_with_its_restitution() -> None:
 
     Source: Schwager, Pöschel, Granular Matter 9 (2007) 465.
     """
-    values = {"motor.inertia": 1e-3, "coulomb_motor.level": 0.0, "transmission.ratio": IT}
-    model = build_model("motor", ("coulomb_motor",), values, base_bodies=("motor",))
+    values = {"motor.inertia": 1e-3, "coulomb.level": 0.0, "transmission.ratio": IT}
+    model = build_model("motor", ("coulomb",), values, base_bodies=("motor",))
     plant = SimulatedPlant(model, 0.0, substeps_per_ms=200, end_stops_m=(-0.5, 0.05))
     for _ in range(80):
         plant.step(0.5, 1e-3)
@@ -105,7 +105,7 @@ def test_impossible_plants_are_refused() -> None:
 
 
 def test_leaving_the_model_is_said() -> None:
-    model = build_model("by position", ("belt_stiffness_position", "belt_damping", "viscous_cart"), {})
+    model = build_model("by position", ("stiffness_position", "belt_damping", "viscous_cart"), {})
     plant = SimulatedPlant(model, 0.1)
 
     def run_away() -> None:

@@ -34,7 +34,7 @@ def slope(x: float, specific_stiffness: float, pulley_distance: float, offset: f
 
 
 EFFECT = Effect(
-    name="belt_stiffness_position",
+    name="stiffness_position",
     slot="element",
     title="belt stiffness by position",
     parameters=BELT_PARAMETERS,
