@@ -94,7 +94,7 @@ def test_law_agrees_with_its_slope(effect: Effect) -> None:
 
 def test_belt_stiffness_is_that_of_the_data_sheet() -> None:
     """EA = 106 250 N, l3 = 0.79 m: 296 kN/m at l1 = 0.55 m and never below 269 (thesis.md, section 1)."""
-    effect = effect_named("stiffness_position")
+    effect = effect_named("belt_spans")
     slope = effect.elements[0].slope
     assert slope(0.5, 106250.0, 0.79, 0.05)[0] == pytest.approx(296e3, rel=2e-3)
     assert min(slope(0.001 * i, 106250.0, 0.79, 0.05)[0] for i in range(740)) == pytest.approx(269e3, rel=1e-3)

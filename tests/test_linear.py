@@ -41,9 +41,9 @@ def belt_axis(*more: str, **values: float) -> Model:
 
 
 def full_rig() -> Model:
-    values = {"end_pulley.specific_stiffness": 106250.0, "end_pulley.pulley_distance": 0.79, "end_pulley.offset": 0.05,
+    values = {"belt_sections.specific_stiffness": 106250.0, "belt_sections.pulley_distance": 0.79, "belt_sections.offset": 0.05,
               "transmission.ratio": IT, "cart.mass": 11.57, "tilt.angle": 0.4}  # fmt: skip
-    return build_model("rig", ("end_pulley", "coupling", "viscous", "viscous_end_pulley", "tilt"), values)
+    return build_model("rig", ("belt_sections", "coupling", "viscous", "viscous_end_pulley", "tilt"), values)
 
 
 def test_two_mass_state_space_is_that_of_the_thesis() -> None:
@@ -69,9 +69,9 @@ def test_three_mass_matrices_are_those_of_the_thesis() -> None:
     it, l1 = r / gear, offset + x
     c1, c2, c3 = ea / l1, ea / (l3 - l1), ea / l3
     d1, d2, d3 = da / l1, da / (l3 - l1), da / l3
-    values = {"end_pulley.specific_stiffness": ea, "end_pulley.specific_damping": da, "end_pulley.pulley_distance": l3,
-              "end_pulley.offset": offset, "transmission.ratio": it}  # fmt: skip
-    model = build_model("three", ("end_pulley",), values)
+    values = {"belt_sections.specific_stiffness": ea, "belt_sections.specific_damping": da, "belt_sections.pulley_distance": l3,
+              "belt_sections.offset": offset, "transmission.ratio": it}  # fmt: skip
+    model = build_model("three", ("belt_sections",), values)
     m = matrices(model, operating_point(model, x))
     assert m.bodies == ("motor", "cart", "end_pulley")
 
@@ -160,7 +160,7 @@ def test_modes_of_two_masses_are_their_closed_form() -> None:
 
 def test_antiresonances_are_the_modes_with_the_motor_held() -> None:
     """Zeros of the motor's undamped response."""
-    model = full_rig().with_values({"end_pulley.specific_damping": 0.0, "coupling.damping": 0.0, "viscous.damping": 0.0,
+    model = full_rig().with_values({"belt_sections.specific_damping": 0.0, "coupling.damping": 0.0, "viscous.damping": 0.0,
                                     "viscous_end_pulley.damping": 0.0})  # fmt: skip
     point = operating_point(model, 0.3)
     system = state_space(model, point)

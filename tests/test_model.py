@@ -29,15 +29,15 @@ def test_vector_follows_the_listed_order() -> None:
 
 
 def test_bodies_that_effects_bring_come_after_the_base() -> None:
-    model = build_model("m", ("end_pulley", "coupling"), {})
+    model = build_model("m", ("belt_sections", "coupling"), {})
     assert [body.name for _, body in model.bodies()] == ["motor", "cart", "end_pulley", "driving_pulley"]
 
 
 @pytest.mark.parametrize(
     ("effects", "message"),
     [
-        (("belt_stiffness", "stiffness_position"), "both a belt spring"),
-        (("belt_stiffness", "end_pulley"), "both a belt spring"),
+        (("belt_stiffness", "belt_spans"), "both a belt spring"),
+        (("belt_stiffness", "belt_sections"), "both a belt spring"),
         (("belt_stiffness", "belt_damping", "belt_damping"), "a second time"),
         (("belt_stiffness", "coulomb_end_pulley"), "acts on end_pulley"),
         (("belt_stifness",), "did you mean belt_stiffness"),
@@ -86,7 +86,7 @@ def test_effects_can_be_added_and_taken_away() -> None:
 
 
 def test_a_file_brings_back_the_same_model(tmp_path: Path) -> None:
-    model = build_model("m", ("end_pulley", "coupling", "tilt"), {"tilt.angle": 1.0 / 3.0}, origin="test", source="none")
+    model = build_model("m", ("belt_sections", "coupling", "tilt"), {"tilt.angle": 1.0 / 3.0}, origin="test", source="none")
     path = tmp_path / "m.yaml"
     path.write_text(yaml.safe_dump(model.to_dict()), encoding="utf-8")
     again = load_model(path)

@@ -102,9 +102,9 @@ def test_a_model_gives_its_parameters_back() -> None:
 
 def test_position_dependent_stiffness_is_taken_at_the_point() -> None:
     """(2.26) at l1 = 0.55 m."""
-    values = {"stiffness_position.specific_stiffness": 106250.0, "stiffness_position.pulley_distance": 0.79,
-              "stiffness_position.offset": 0.05}  # fmt: skip
-    model = build_model("x", ("stiffness_position",), values)
+    values = {"belt_spans.specific_stiffness": 106250.0, "belt_spans.pulley_distance": 0.79,
+              "belt_spans.offset": 0.05}  # fmt: skip
+    model = build_model("x", ("belt_spans",), values)
     c1, c2, c3 = 106250.0 / 0.55, 106250.0 / 0.24, 106250.0 / 0.79
     assert two_mass(model, operating_point(model, 0.5)).stiffness_n_m == pytest.approx(c1 + c2 * c3 / (c2 + c3), rel=1e-12)
 

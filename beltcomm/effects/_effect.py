@@ -3,16 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal
 
-Slot = Literal["torque_path", "friction_level", "force", "element", "kinematics", "sensor", "body"]
+Slot = Literal[
+    "torque_delay",
+    "torque_path",
+    "friction_level",
+    "friction_onset",
+    "force",
+    "belt_law",
+    "element",
+    "kinematics",
+    "sensor",
+    "body",
+]
 Side = Literal["motor", "cart", "belt", "drive"]
 Law = Callable[..., float]
 
 #: Body that the belt's driven end is fixed to: ``DRIVING_BODY`` where a coupling splits it off, else the first body.
 DRIVING_END = "driving_end"
 DRIVING_BODY = "driving_pulley"
+#: Name that an effect writes among its ``uses`` for the stiffness of the belt at the carriage's place, N/m, whatever law gives it.
+BELT_STIFFNESS = "belt.stiffness"
+#: Group of the laws of the belt as a spring: a model has one of them at most.
+BELT_SPRING = "belt spring"
 
 
 @dataclass(frozen=True)
@@ -21,6 +36,7 @@ class Parameter:
 
     unit : SI.     side : where it is meant: "motor" (motor shaft), "cart" (carriage), "belt" (at the belt line), "drive".
     start : value used when an effect is added without knowledge.     low, high : physical bounds.
+    fitted : False for what is known beforehand or chosen from a list (a number of teeth, an order): a fit leaves it alone.
     """
 
     name: str
@@ -30,6 +46,46 @@ class Parameter:
     low: float
     high: float
     meaning: str
+    fitted: bool = True
+
+
+@dataclass(frozen=True)
+class Ground:
+    """What is known of an axis when an effect is put on trial: the base model around a record and the data sheets.
+
+    inertia kg m², motor side; mass kg; stiffness N/m; damping N s/m; coulomb N m, motor side; ratio m/rad; low_m, high_m : m, where
+    the records went; antiresonance_hz : Hz; teeth : of the driving pulley, 0 when not known; peak_nm : N m, largest torque in the
+    records; peak_force_n : N, largest belt force in them; offset_m, pulley_distance_m : m, geometry of the belt, 0 when not known.
+    """
+
+    inertia: float
+    mass: float
+    stiffness: float
+    damping: float
+    coulomb: float
+    ratio: float
+    low_m: float
+    high_m: float
+    antiresonance_hz: float
+    teeth: int
+    peak_nm: float
+    peak_force_n: float
+    offset_m: float = 0.0
+    pulley_distance_m: float = 0.0
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One way to switch an effect on, at a size typical of machines.
+
+    values : own parameters by bare name (those of bodies as ``body.name``); the rest stands at its start.
+    amplitudes : parameters that scale the effect each on its own (sine and cosine): every one is a column of its own in a score
+    test; () makes one column of the whole.    signed : the effect may as well act the other way round.
+    """
+
+    values: Mapping[str, float]
+    amplitudes: tuple[str, ...] = ()
+    signed: bool = False
 
 
 @dataclass(frozen=True)
@@ -82,7 +138,10 @@ class Effect:
     body : the body a force or a friction level acts on.     elements, bodies : what an element or body effect brings.
     slope : linearisation; for ``force``: (position, speed, t, *p) -> (d force/d position, d force/d speed); for
     ``friction_level``: (speed, position, t, *p) -> d level/d speed.
-    group : effects of one group exclude each other.     seen, check : for the technician.     source : origin of the law.
+    group : effects of one group exclude each other.     seen, causes, check : for the technician.     source : origin of the law.
+    trials : how a diagnosis switches it on, from what is known of the axis; None: it is not put on trial (base effects and laws
+    that need data of their own).    twins : effects that no motion of this axis can tell from it, or hardly.    separate : the
+    experiment that tells the twins apart.    causes : usual causes.
     """
 
     name: str
@@ -99,7 +158,10 @@ class Effect:
     elements: tuple[Element, ...] = ()
     bodies: tuple[Body, ...] = ()
     group: str = ""
-    needs: Mapping[str, str] = field(default_factory=dict)
+    trials: Callable[[Ground], list[Trial]] | None = None
+    twins: tuple[str, ...] = ()
+    separate: str = ""
+    causes: str = ""
 
     def full_names(self) -> tuple[str, ...]:
         """Names of its own parameters as they stand in a model: ``effect.parameter``."""

@@ -1,57 +1,52 @@
-"""The end pulley as a third mass between three belt sections."""
+"""The end pulley as a third mass in the returning span, without the geometry of the belt."""
 
 from __future__ import annotations
 
-from beltcomm.effects._effect import DRIVING_END, Body, Effect, Element, Parameter
-from beltcomm.effects.stiffness_position import BELT_PARAMETERS
+from beltcomm.effects._effect import BELT_STIFFNESS, DRIVING_END, Body, Effect, Element, Ground, Parameter, Trial
 
 
-def front(stretch: float, rate: float, x: float, ea: float, l3: float, offset: float, da: float) -> float:
-    """Section 1, driving end to carriage:  (EA stretch + DA rate)/l1, N, with l1 = offset + x.   Source: (2.10), (2.14)."""
-    return (ea * stretch + da * rate) / (offset + x)
+def span(stretch: float, rate: float, x: float, share: float, stiffness: float) -> float:
+    """Half of the returning span:  2 share stiffness stretch, N.   Two in series carry ``share`` of the belt's stiffness."""
+    return 2.0 * share * stiffness * stretch
 
 
-def back(stretch: float, rate: float, x: float, ea: float, l3: float, offset: float, da: float) -> float:
-    """Section 2, end pulley to carriage:  (EA stretch + DA rate)/l2, N, with l2 = l3 - l1.   Source: (2.10), (2.14)."""
-    return (ea * stretch + da * rate) / (l3 - offset - x)
+def span_slope(x: float, share: float, stiffness: float) -> tuple[float, float]:
+    """(stiffness N/m, damping N s/m)."""
+    return 2.0 * share * stiffness, 0.0
 
 
-def span(stretch: float, rate: float, x: float, ea: float, l3: float, offset: float, da: float) -> float:
-    """Section 3, driving end to end pulley:  (EA stretch + DA rate)/l3, N.   Source: (2.10), (2.12)."""
-    return (ea * stretch + da * rate) / l3
+def direct(stretch: float, rate: float, x: float, share: float, stiffness: float) -> float:
+    """What the direct span does not carry any more:  -share stiffness stretch, N."""
+    return -share * stiffness * stretch
 
 
-def front_slope(x: float, ea: float, l3: float, offset: float, da: float) -> tuple[float, float]:
-    """(stiffness c1, damping d1)."""
-    return ea / (offset + x), da / (offset + x)
+def direct_slope(x: float, share: float, stiffness: float) -> tuple[float, float]:
+    """(stiffness N/m, damping N s/m)."""
+    return -share * stiffness, 0.0
 
 
-def back_slope(x: float, ea: float, l3: float, offset: float, da: float) -> tuple[float, float]:
-    """(stiffness c2, damping d2)."""
-    return ea / (l3 - offset - x), da / (l3 - offset - x)
-
-
-def span_slope(x: float, ea: float, l3: float, offset: float, da: float) -> tuple[float, float]:
-    """(stiffness c3, damping d3)."""
-    return ea / l3, da / l3
+def trials(ground: Ground) -> list[Trial]:
+    """Two masses, three shares."""
+    return [Trial({"end_pulley.mass": mass, "share": share}) for mass in (0.15, 0.6) for share in (0.15, 0.27, 0.45)]
 
 
 EFFECT = Effect(
     name="end_pulley",
     slot="body",
-    title="end pulley as a mass",
-    parameters=(
-        *BELT_PARAMETERS,
-        Parameter("specific_damping", "N s", "belt", 8.0, 0.0, 1000.0, "damping of a belt section times its length"),
-    ),
+    title="mass of the end pulley",
+    parameters=(Parameter("share", "1", "belt", 0.27, 0.02, 0.9, "share of the belt's stiffness in the span over the end pulley"),),
     bodies=(Body("end_pulley", Parameter("mass", "kg", "belt", 0.2, 1e-3, 100.0, "inertia of the end pulley over r²")),),
     elements=(
-        Element((DRIVING_END, "cart"), front, front_slope),
-        Element(("end_pulley", "cart"), back, back_slope),
         Element((DRIVING_END, "end_pulley"), span, span_slope),
+        Element(("end_pulley", "cart"), span, span_slope),
+        Element((DRIVING_END, "cart"), direct, direct_slope),
     ),
-    group="belt spring",
+    uses=(BELT_STIFFNESS,),
+    trials=trials,
+    twins=("dead_time",),
+    separate="record an excitation up to 250 Hz at another place of the carriage",
     seen="a second resonance above the first one, the same at all amplitudes",
+    causes="inertia of the idler and the returning span",
     check="mass and bearing of the idler",
     source="(2.11)-(2.20)",
 )

@@ -10,7 +10,7 @@ from scipy.optimize import minimize_scalar
 
 from beltcomm.axis import Axis
 from beltcomm.effects import effect_named
-from beltcomm.effects.stiffness_position import stiffness as stiffness_at
+from beltcomm.effects.belt_spans import stiffness as stiffness_at
 from beltcomm.errors import DataError
 from beltcomm.identify.first_estimate import data_sheet_model, first_estimate
 from beltcomm.identify.inverse_fit import OUTLIER, InverseFit, fit_inverse
@@ -70,7 +70,7 @@ def final_model(
         recordings,
         varying_start,
         counts_per_rev=counts_per_rev,
-        fixed=("transmission.ratio", "stiffness_position.pulley_distance"),
+        fixed=("transmission.ratio", "belt_spans.pulley_distance"),
         progress=lambda f: progress(0.5 + 0.5 * f),
     )
     better, other = (varying, constant) if varying.misfit < constant.misfit else (constant, varying)
@@ -109,11 +109,11 @@ def stiffness_by_record(recordings: Sequence[Recording], model: Model, counts_pe
 
 def as_constant(model: Model, position_m: float) -> Model:
     """A model with the belt law by position, as one with the constant stiffness that the law has at a place."""
-    if "stiffness_position" not in model.effects:
+    if "belt_spans" not in model.effects:
         return model
     names = ("specific_stiffness", "pulley_distance", "offset")
-    stiffness = stiffness_at(position_m, *(model[f"stiffness_position.{name}"] for name in names))
-    constant = model.without_effect("stiffness_position").with_effect("belt_stiffness", {"stiffness": stiffness}, "final fit")
+    stiffness = stiffness_at(position_m, *(model[f"belt_spans.{name}"] for name in names))
+    constant = model.without_effect("belt_spans").with_effect("belt_stiffness", {"stiffness": stiffness}, "final fit")
     order = ("belt_stiffness", *(e for e in constant.effects if e != "belt_stiffness"))
     return Model(model.name, order, constant.parameters, model.base_bodies, model.source)
 
@@ -125,7 +125,7 @@ def by_position(model: Model, axis: Axis, recordings: Sequence[Recording], place
     at = {r.name: r.sidecar.start_position_m or 0.0 for r in recordings}
     shares = [value / stiffness_at(at[name], 1.0, distance, offset) for name, value in places.items()]
     values = {"specific_stiffness": float(np.median(shares)), "pulley_distance": distance, "offset": offset}
-    position = effect_named("stiffness_position")
+    position = effect_named("belt_spans")
     without = model.without_effect("belt_stiffness").with_effect(position.name, values, "final fit")
     order = (position.name, *(e for e in without.effects if e != position.name))
     return Model(model.name, order, without.parameters, model.base_bodies, model.source)

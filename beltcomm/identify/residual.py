@@ -26,7 +26,7 @@ from beltcomm.compiled import compiled
 from beltcomm.errors import DataError
 from beltcomm.model import Model
 from beltcomm.recording import Recording
-from beltcomm.simulate.inverse import FineMotion, fine_load, load_torque, reconstruct, torque_residual
+from beltcomm.simulate.inverse import FineMotion, fine_load, reconstruct, torque_residual
 
 Array = NDArray[np.float64]
 
@@ -143,10 +143,8 @@ def torque_noise(recordings: Sequence[Recording], quiet_nm: float = 1e-3) -> flo
 
 
 def evaluate(stretch: Stretch, model: Model, vector: Array, offset_m: float = 0.0) -> Array:
-    """Residual e[n], N m at the motor shaft, (n,): all samples, also those not kept.   offset_m : see ``load_torque``."""
-    load, _ = load_torque(model, stretch.motion, vector, offset_m)
-    inertia = vector[model.index("motor.inertia")]
-    return torque_residual(stretch.position, stretch.torque, load, stretch.motion.sample_s, inertia)
+    """Residual e[n], N m at the motor shaft, (n,): all samples, also those not kept.   offset_m : see ``fine_load``."""
+    return torque_residual(model, stretch.motion, stretch.torque, vector, offset_m)
 
 
 def whitened(stretch: Stretch, model: Model, vector: Array, offset_m: float = 0.0) -> Array:

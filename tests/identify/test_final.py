@@ -66,11 +66,11 @@ def test_constant_stiffness_is_kept(constant: tuple[list[Recording], FinalModel]
 def test_law_by_position_is_chosen_and_found(varying: tuple[list[Recording], FinalModel]) -> None:
     _, final = varying
     model = final.fit.model
-    assert "stiffness_position" in model.effects
+    assert "belt_spans" in model.effects
     assert "belt_stiffness" not in model.effects
-    assert model["stiffness_position.specific_stiffness"] == pytest.approx(EA_N, rel=0.02)
-    assert model["stiffness_position.offset"] == pytest.approx(OFFSET_M, abs=0.002)
-    assert model["stiffness_position.pulley_distance"] == L3_M
+    assert model["belt_spans.specific_stiffness"] == pytest.approx(EA_N, rel=0.02)
+    assert model["belt_spans.offset"] == pytest.approx(OFFSET_M, abs=0.002)
+    assert model["belt_spans.pulley_distance"] == L3_M
     assert model["cart.mass"] == pytest.approx(1.1, rel=0.01)
     assert final.rejected is not None
     assert "belt_stiffness" in final.rejected.model.effects

@@ -11,11 +11,12 @@ from scipy.integrate import solve_ivp
 from beltcomm.errors import Refused, UsageError
 from beltcomm.linear import equilibrium
 from beltcomm.model import Model, build_model
-from beltcomm.simulate.compose import kernel_for
+from beltcomm.simulate.compose import inverse_kernel
+from beltcomm.simulate.inverse import switchboard
 from beltcomm.simulate.forward import State, simulate_torque
 
 IT, INERTIA, MASS, C, D = 0.01242, 71.73e-6, 13.44, 203740.0, 20.0
-RIG = ("end_pulley", "coupling", "belt_damping", "viscous", "viscous_cart", "viscous_end_pulley",
+RIG = ("belt_sections", "coupling", "belt_damping", "viscous", "viscous_cart", "viscous_end_pulley",
        "coulomb", "cart_friction", "coulomb_end_pulley", "tilt")  # fmt: skip
 NO_FRICTION = {"coulomb.level": 0.0, "cart_friction.level": 0.0, "coulomb_end_pulley.level": 0.0}
 
@@ -127,8 +128,8 @@ def test_torque_work_is_motion_heat_and_nothing_else() -> None:
 def test_second_order_against_an_independent_integrator() -> None:
     """Full rig, sliding all the time: the error falls fourfold when the step is halved."""
     p = {"motor.inertia": 46.5e-6, "driving_pulley.inertia": 25.23e-6, "cart.mass": 11.57, "end_pulley.mass": 0.153,
-         "transmission.ratio": IT, "end_pulley.specific_stiffness": 106250.0, "end_pulley.specific_damping": 7.17,
-         "end_pulley.pulley_distance": 0.79, "end_pulley.offset": 0.05, "coupling.stiffness": 168.75,
+         "transmission.ratio": IT, "belt_sections.specific_stiffness": 106250.0, "belt_sections.specific_damping": 7.17,
+         "belt_sections.pulley_distance": 0.79, "belt_sections.offset": 0.05, "coupling.stiffness": 168.75,
          "coupling.damping": 1e-3, "viscous.damping": 2.5e-3, "viscous_cart.damping": 9.0,
          "coulomb.level": 0.0875, "cart_friction.level": 3.0, "coulomb_end_pulley.level": 0.8,
          "viscous_end_pulley.damping": 1.3, "belt_damping.damping": 4.0, "tilt.angle": 0.2}  # fmt: skip
@@ -243,8 +244,9 @@ def test_inverse_of_the_simulated_motion_is_its_torque(friction: float) -> None:
         torque = np.repeat(held, substeps)
         out = simulate_torque(model, torque, h, substeps=1)
         load, cart = np.empty_like(torque), np.empty_like(torque)
-        bristle = 1e-9 / IT
-        kernel_for(model).inverse(out.position_rad, out.velocity_rad_s, model.vector(), 0.0, h, bristle, 0.0, load, cart)
+        board = switchboard(model.base_bodies, model.effects)
+        p = board.spread(model.vector())
+        inverse_kernel().load(out.position_rad, out.velocity_rad_s, p, board.on, 0.0, h, 1e-9, 0.0, load, cart)
         speed = np.append(out.velocity_rad_s, out.end.speeds[0])
         expected = torque - INERTIA * np.diff(speed) / h
         moving = np.minimum(np.abs(speed[:-1]), np.abs(speed[1:])) > 0.2

@@ -105,7 +105,7 @@ def test_impossible_plants_are_refused() -> None:
 
 
 def test_leaving_the_model_is_said() -> None:
-    model = build_model("by position", ("stiffness_position", "belt_damping", "viscous_cart"), {})
+    model = build_model("by position", ("belt_spans", "belt_damping", "viscous_cart"), {})
     plant = SimulatedPlant(model, 0.1)
 
     def run_away() -> None:
