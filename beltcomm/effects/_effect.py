@@ -141,7 +141,8 @@ class Effect:
     group : effects of one group exclude each other.     seen, causes, check : for the technician.     source : origin of the law.
     trials : how a diagnosis switches it on, from what is known of the axis; None: it is not put on trial (base effects and laws
     that need data of their own).    twins : effects that no motion of this axis can tell from it, or hardly.    separate : the
-    experiment that tells the twins apart.    causes : usual causes.
+    experiment that tells the twins apart.    causes : usual causes.    harmonic : a sine and a cosine of the motor angle times the
+    first parameter, added to the load or to the gain of the torque (so that all orders can be searched in one pass).
     """
 
     name: str
@@ -159,6 +160,7 @@ class Effect:
     bodies: tuple[Body, ...] = ()
     group: str = ""
     trials: Callable[[Ground], list[Trial]] | None = None
+    harmonic: Literal["", "load", "gain"] = ""
     twins: tuple[str, ...] = ()
     separate: str = ""
     causes: str = ""

@@ -42,6 +42,7 @@ def numbered(index: int) -> Effect:
         slope=slope,
         body="motor",
         trials=trials,
+        harmonic="load",
         twins=("tooth_ripple",),
         separate="take the belt off and turn the motor slowly: cogging stays, the ripple of the teeth goes",
         seen="slow strokes ripple with the motor angle, by the same torque at any load",

@@ -6,8 +6,8 @@ import math
 
 from beltcomm.effects._effect import Effect, Ground, Parameter, Trial
 
-#: m: distance of the places tried, and the widths.
-_SPACING_M, _WIDTHS_M = 0.04, (0.03, 0.07)
+#: m: distance of the places tried, and the width.
+_SPACING_M, _WIDTHS_M = 0.04, (0.045,)
 
 
 def level(speed: float, position: float, t: float, amount: float, place: float, width: float) -> float:
@@ -21,7 +21,7 @@ def slope(speed: float, position: float, t: float, amount: float, place: float, 
 
 
 def trials(ground: Ground) -> list[Trial]:
-    """A tight spot at every 4 cm of the way covered, narrow and wide."""
+    """A tight spot at every 4 cm of the way covered."""
     count = max(2, math.ceil((ground.high_m - ground.low_m) / _SPACING_M) + 1)
     step = (ground.high_m - ground.low_m) / (count - 1)
     return [

@@ -28,6 +28,7 @@ EFFECT = Effect(
     slope=slope,
     body="motor",
     trials=trials,
+    harmonic="load",
     twins=("cogging",),
     separate="take the belt off and turn the motor slowly: the ripple of the teeth goes, cogging stays",
     seen="torque ripples with the pitch of the belt",

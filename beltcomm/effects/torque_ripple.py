@@ -32,6 +32,7 @@ EFFECT = Effect(
     ),
     law=torque_path,
     trials=trials,
+    harmonic="gain",
     seen="ripple with the motor angle that grows with torque",
     causes="gain of one current sensor, commutation angle",
     check="calibration of the current sensors, commutation offset",

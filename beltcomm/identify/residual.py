@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from beltcomm.compiled import compiled
 from beltcomm.errors import DataError
+from beltcomm.identify.whitening import Whitener
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 from beltcomm.simulate.inverse import FineMotion, fine_load, reconstruct, torque_residual
@@ -49,6 +50,7 @@ class Stretch:
 
     position, torque : ndarray (n,), rad and N m at the motor shaft.   motion : the same on a fine grid.
     keep : ndarray (n,) bool, samples that count.     noise_nm : torque noise, N m rms.    step_rad : encoder step, rad.
+    whitener : exact noise of a model near the right one; without it the rounding is taken at the motor alone.
     """
 
     record: str
@@ -59,12 +61,15 @@ class Stretch:
     keep: NDArray[np.bool_]
     noise_nm: float
     step_rad: float
+    whitener: Whitener | None = None
 
 
-def stretches(recording: Recording, model: Model, step_rad: float, noise_nm: float, *, fitted: bool = False) -> list[Stretch]:
+def stretches(
+    recording: Recording, model: Model, step_rad: float, noise_nm: float, *, fitted: bool = False, substeps: int = SUBSTEPS
+) -> list[Stretch]:
     """The gapless pieces of a recording that hold at least 50 samples; ``model`` gives inertia and transmission.
 
-    fitted : the model's load is good enough to say how the motor moves between the samples.
+    fitted : the model's load is good enough to say how the motor moves between the samples.   substeps : fine steps then.
     """
     sample = recording.sample_period_s
     cuts = [0, *(int(i) + 1 for i in recording.gaps()), len(recording.t_s)]
@@ -80,11 +85,11 @@ def stretches(recording: Recording, model: Model, step_rad: float, noise_nm: flo
         time = (recording.sidecar.session_time_s or 0.0) + recording.t_s[first] - recording.t_s[0]
         inertia = model["motor.inertia"]
         motion = reconstruct(
-            position, torque, sample, inertia, start_rad=place, substeps=SUBSTEPS if fitted else COARSE_SUBSTEPS, time_s=time
+            position, torque, sample, inertia, start_rad=place, substeps=substeps if fitted else COARSE_SUBSTEPS, time_s=time
         )
         if fitted:
             load, _ = fine_load(model, motion)
-            motion = reconstruct(position, torque, sample, inertia, start_rad=place, substeps=SUBSTEPS, time_s=time, load=load)
+            motion = reconstruct(position, torque, sample, inertia, start_rad=place, substeps=substeps, time_s=time, load=load)
         keep = ~resting(motion) & ran_in(motion, ratio)
         pieces.append(
             Stretch(
@@ -149,16 +154,17 @@ def evaluate(stretch: Stretch, model: Model, vector: Array, offset_m: float = 0.
 
 def whitened(stretch: Stretch, model: Model, vector: Array, offset_m: float = 0.0) -> Array:
     """Residual of the kept samples in units of its own noise: independent, variance 1 where the model is right."""
+    return in_noise(stretch, model, vector, evaluate(stretch, model, vector, offset_m))
+
+
+def in_noise(stretch: Stretch, model: Model, vector: Array, torque: Array) -> Array:
+    """A torque, N m, (n,), of the kept samples in units of the residual's noise; linear in the torque."""
+    if stretch.whitener is not None:
+        return stretch.whitener(torque, stretch.keep)
     inertia = vector[model.index("motor.inertia")]
     step = inertia * stretch.step_rad / np.sqrt(12.0) / stretch.motion.sample_s**2
     noise = stretch.noise_nm
-    return banded_whitening(
-        evaluate(stretch, model, vector, offset_m),
-        stretch.keep,
-        0.5 * noise**2 + 6.0 * step**2,
-        0.25 * noise**2 - 4.0 * step**2,
-        step**2,
-    )
+    return banded_whitening(torque, stretch.keep, 0.5 * noise**2 + 6.0 * step**2, 0.25 * noise**2 - 4.0 * step**2, step**2)
 
 
 @compiled

@@ -80,7 +80,7 @@ def kernel_source(base_bodies: tuple[str, ...], effects: tuple[str, ...]) -> str
         assert effect.law is not None
         path.append(f"push = {writer.law(effect.law)}(push, q0, t{writer.arguments(effect)})")
     half = [f"q{i} += 0.5 * h * v{i}" for i in everyone]
-    substep = [*half, *path, *writer.kick(everyone, "push"), *half, "t += h"]
+    substep = [*half, *path, *writer.kick("push"), *half, "t += h"]
     if onset is not None:
         assert onset.law is not None
         length = f"{'ratio * ' if writer.bodies[0][1].rotary else ''}h * v0"
@@ -141,9 +141,9 @@ def inverse_source() -> str:
     others = range(1, len(writer.bodies))
     onset = writer.onset()
     assert onset is not None and onset.law is not None
-    zeros = [f"{name}{i} = 0.0" for i in range(len(writer.bodies)) for name in ("q", "v", "w", "g")]
+    zeros = [f"{name}{i} = 0.0" for i in range(len(writer.bodies)) for name in ("q", "v", "w", "o")]
     begin = [f"q{i} = {writer.start(i)}{' + offset' if i == writer.cart else ''}" for i in others]
-    begin += [f"v{i} = {writer.follow(i)}" for i in others]
+    begin += [f"v{i} = o{i} = {writer.follow(i)}" for i in others]
     turn = f"z = min(1.0, max(-1.0, z + step / bristle))"
     load = [
         "@compiled",
@@ -157,9 +157,9 @@ def inverse_source() -> str:
         *indented([*writer.driving_end("v"), *begin, "for k in range(theta.shape[0]):"], 1),
         *indented([
             "step = ratio * (theta[k] - q0)", "q0 = theta[k]", "v0 = omega[k]",
-            f"if on[{writer.switch[onset.name]}]:", f"    z = {writer.law(onset.law)}(step, z{writer.arguments(onset)})",
+            f"if s{writer.switch[onset.name]}:", f"    z = {writer.law(onset.law)}(step, z{writer.arguments(onset)})",
             "else:", "    " + turn,
-            "if belt:", *indented(writer.kick(others, ""), 1),
+            "if belt:", *indented(writer.follow_up(), 1),
             "else:", *indented(["w0 = v0", *writer.forces("v"), *writer.levels("v", range(1))], 1),
             "load[k] = l0 * z - f0",
             "cart[k] = u" if writer.masked else "",
@@ -177,6 +177,7 @@ def inverse_source() -> str:
     torque = [
         "@compiled",
         "def torque(cells, theta, p, on, t, h, out):",
+        *indented(writer.constants(), 1),
         "    for k in range(cells.shape[0]):",
         *indented(["push = cells[k]", *path, "out[k] = push", "t += h"], 2),
     ]
@@ -188,7 +189,7 @@ def inverse_source() -> str:
             effect,
             [f"omega[k] *= 1.0 + {slope}(theta[k]{writer.arguments(effect)})", f"theta[k] += {law}(theta[k]{writer.arguments(effect)})"],
         )
-    angle = ["@compiled", "def angle(theta, omega, p, on):", "    for k in range(theta.shape[0]):", *indented(fix, 2)]
+    angle = ["@compiled", "def angle(theta, omega, p, on):", *indented(writer.constants(), 1), "    for k in range(theta.shape[0]):", *indented(fix, 2)]
     return writer.assemble([load, torque, angle])
 
 

@@ -19,14 +19,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import cast
+from typing import Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from beltcomm.compiled import compiled
-from beltcomm.effects import EFFECTS, effect_named
+from beltcomm.effects import EFFECTS, Effect, effect_named
 from beltcomm.model import Model, expected_parameters
 from beltcomm.simulate.compose import inverse_kernel
 from beltcomm.simulate.writer import catalogue_parameters
@@ -98,13 +98,16 @@ def reconstruct(
 class Switchboard:
     """Where the parameters of a model stand in the vector of the masked kernel, and which effects are on.
 
-    places : (k,), place of each entry of ``Model.vector()``.    on : (effects of the catalogue,) bool.
+    places : (k,), place of each entry of ``Model.vector()``.    on : (effects of the catalogue,) bool.   motor, belt : the same for
+    those that act on the motor alone, and for the others: the load is the sum of both.
     delays : effects between reported and acting torque, with their places in the model's vector.     bent : whether the torque
     path, corrected : whether the angle is touched by an effect.
     """
 
     places: NDArray[np.intp]
     on: NDArray[np.bool_]
+    motor: NDArray[np.bool_]
+    belt: NDArray[np.bool_]
     delays: tuple[tuple[Callable[..., Array], tuple[int, ...]], ...]
     bent: bool
     corrected: bool
@@ -114,6 +117,11 @@ class Switchboard:
         p = np.zeros(_CATALOGUE_SIZE)
         p[self.places] = vector
         return p
+
+
+def acts_on_motor(effect: Effect) -> bool:
+    """Whether an effect adds to the load of the motor whatever the carriage does."""
+    return effect.slot in ("force", "friction_level", "friction_onset") and effect.body == "motor"
 
 
 @lru_cache(maxsize=256)
@@ -128,6 +136,8 @@ def switchboard(base_bodies: tuple[str, ...], effects: tuple[str, ...]) -> Switc
     return Switchboard(
         np.array([catalogue[name] for name in own], dtype=np.intp),
         np.array([effect.name in effects for effect in EFFECTS]),
+        np.array([effect.name in effects and acts_on_motor(effect) for effect in EFFECTS]),
+        np.array([effect.name in effects and not acts_on_motor(effect) for effect in EFFECTS]),
         delays,
         any(e.slot == "torque_path" for e in chosen),
         any(e.slot == "sensor" for e in chosen),
@@ -157,6 +167,29 @@ def fine_load(model: Model, motion: FineMotion, vector: Array | None = None, off
     h = motion.sample_s / motion.substeps
     inverse_kernel().load(motion.theta, motion.omega, p, board.on, motion.time_s, h, BRISTLE_M, offset_m, load, cart)
     return load, cart
+
+
+def part_of_load(model: Model, motion: FineMotion, vector: Array, offset_m: float, part: Literal["motor", "belt"]) -> Array:
+    """What the motor's own effects, or everything beyond the motor, adds to the load; triangular mean, (n,), N m, ends 0."""
+    board = switchboard(model.base_bodies, model.effects)
+    on = board.motor if part == "motor" else board.belt
+    if not on.any():
+        return np.zeros(motion.samples)
+    load, cart = np.empty_like(motion.theta), np.empty_like(motion.theta)
+    h = motion.sample_s / motion.substeps
+    inverse_kernel().load(motion.theta, motion.omega, board.spread(vector), on, motion.time_s, h, BRISTLE_M, offset_m, load, cart)
+    return triangular_mean(load, motion.substeps)
+
+
+def load_of(model: Model, motion: FineMotion, vector: Array, effect: str) -> Array:
+    """What one effect that acts on the motor adds to its load; triangular mean, (n,), N m, ends 0."""
+    board = switchboard(model.base_bodies, model.effects)
+    on = np.zeros_like(board.on)
+    on[[e.name for e in EFFECTS].index(effect)] = True
+    load, cart = np.empty_like(motion.theta), np.empty_like(motion.theta)
+    h = motion.sample_s / motion.substeps
+    inverse_kernel().load(motion.theta, motion.omega, board.spread(vector), on, motion.time_s, h, BRISTLE_M, 0.0, load, cart)
+    return triangular_mean(load, motion.substeps)
 
 
 def acting_torque(model: Model, motion: FineMotion, torque: Array, vector: Array | None = None) -> Array:

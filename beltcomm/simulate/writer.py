@@ -74,7 +74,7 @@ class Writer:
         """Lines that count only when the effect is on."""
         if not self.masked or not lines:
             return lines
-        return [f"if on[{self.switch[effect.name]}]:", *("    " + line for line in lines)]
+        return [f"if s{self.switch[effect.name]}:", *("    " + line for line in lines)]
 
     def with_body(self, i: int, lines: list[str]) -> list[str]:
         """Lines that count only when body i is there."""
@@ -82,7 +82,7 @@ class Writer:
         if not self.masked or i == 0:
             return lines
         owners = self.carries[name]
-        test = " or ".join(f"on[{self.switch[e.name]}]" for e in owners) if owners else "belt"
+        test = " or ".join(f"s{self.switch[e.name]}" for e in owners) if owners else "belt"
         return [f"if {test}:", *("    " + line for line in lines)]
 
     def chosen(self, slot: str) -> list[Effect]:
@@ -111,7 +111,9 @@ class Writer:
         lines += [f"m{i} = p[{self.place[name]}]" for i, (name, _) in enumerate(self.bodies)]
         if self.masked:
             springs = [e for e in self.effects if e.group == BELT_SPRING]
-            lines.append("belt = " + " or ".join(f"on[{self.switch[e.name]}]" for e in springs))
+            # Local switches: the compiler cannot know that writing the results leaves ``on`` alone.
+            lines += [f"s{self.switch[e.name]} = on[{self.switch[e.name]}]" for e in self.effects]
+            lines.append("belt = " + " or ".join(f"s{self.switch[e.name]}" for e in springs))
         return lines
 
     # -- forces -----------------------------------------------------------------------------------------------------------------
@@ -143,11 +145,8 @@ class Writer:
             return [*lines, "lever = gain", f"u = {angle} + ahead", f"du = lever * {rate}"]
         return [*lines, "lever = ratio * gain", f"u = ratio * ({angle} + ahead)", f"du = lever * {rate}"]
 
-    def forces(self, speed: str, *, driven: bool = True) -> list[str]:
-        """f_i from positions q_i and speeds ``speed``_i; ``strand`` is the belt force between driven end and carriage.
-
-        driven : False where the forces on the first body are not asked for.
-        """
+    def forces(self, speed: str) -> list[str]:
+        """f_i from positions q_i and speeds ``speed``_i; ``strand`` is the belt force between driven end and carriage."""
         count = range(len(self.bodies))
         lines = [f"f{i} = 0.0" for i in count] + ["strand = 0.0", "pull = 0.0", f"x = {self.carriage()}"]
         lines += self.driving_end(speed)
@@ -157,8 +156,6 @@ class Writer:
         for effect in self.effects:
             if effect.slot == "force" and effect.law is not None:
                 i = self.number[effect.body]
-                if i == 0 and not driven:
-                    continue
                 lines += self.when(effect, [f"f{i} += {self.law(effect.law)}(q{i}, {speed}{i}, t{self.arguments(effect)})"])
             for element in effect.elements:
                 ends = (*element.ends, element.angular)
@@ -214,7 +211,7 @@ class Writer:
         if not self.masked:
             return [f"f{self.driven} -= lever * pull"]
         (owner,) = self.carries[DRIVING_BODY]
-        return [f"if on[{self.switch[owner.name]}]:", f"    f{self.driven} -= lever * pull", "else:", "    f0 -= lever * pull"]
+        return [f"if s{self.switch[owner.name]}:", f"    f{self.driven} -= lever * pull", "else:", "    f0 -= lever * pull"]
 
     # -- friction ---------------------------------------------------------------------------------------------------------------
 
@@ -241,28 +238,40 @@ class Writer:
         found = self.chosen("friction_onset")
         return found[0] if found else None
 
-    def kick(self, moving: range, torque: str) -> list[str]:
-        """New velocities of the ``moving`` bodies; leaves f_i, strand and l_i of the second pass."""
+    def kick(self, torque: str) -> list[str]:
+        """New velocities of all bodies of a forward kernel; leaves f_i, strand and l_i of the second pass."""
+        everyone = range(len(self.bodies))
         lines = []
-        elastic = self.onset() is not None and not self.masked and 0 in moving
+        elastic = self.onset() is not None
         for guess, result in (("v", "g"), ("w", "v")):
             if guess == "w":
-                for i in moving:
-                    lines += self.with_body(i, [f"w{i} = 0.5 * (v{i} + g{i})"])
-                if 0 not in moving:
-                    lines.append("w0 = v0")
-            last = guess == "w"
-            lines += self.forces(guess, driven=0 in moving or last)
-            lines += self.levels(guess, range(len(self.bodies)) if 0 in moving or last else moving)
-            for i in moving:
-                push = f" + {torque}" if i == 0 else ""
-                free = f"(f{i}{push}) / m{i}"
+                lines += [f"w{i} = 0.5 * (v{i} + g{i})" for i in everyone]
+            lines += self.forces(guess) + self.levels(guess, everyone)
+            for i in everyone:
+                free = f"(f{i}{f' + {torque}' if i == 0 else ''}) / m{i}"
                 if i == 0 and elastic:
-                    lines.append(f"{result}0 = v0 + h * (f0{push} - l0 * z) / m0")
+                    lines.append(f"{result}0 = v0 + h * (f0 + {torque} - l0 * z) / m0")
                 elif self.has_level(i):
-                    lines += self.with_body(i, [f"{result}{i} = {self.law(stick_or_slide)}(v{i}, {free}, l{i} / m{i}, h)"])
+                    lines.append(f"{result}{i} = {self.law(stick_or_slide)}(v{i}, {free}, l{i} / m{i}, h)")
                 else:
-                    lines += self.with_body(i, [f"{result}{i} = v{i} + h * {free}"])
+                    lines.append(f"{result}{i} = v{i} + h * {free}")
+        return lines
+
+    def follow_up(self) -> list[str]:
+        """New velocities of all bodies but the first, whose motion is given; leaves f_0, l_0 and strand.
+
+        Speeds stand half a step before the positions; at the positions' instant they are taken as v + (v - o)/2, o one step before.
+        """
+        others = range(1, len(self.bodies))
+        lines = ["w0 = v0"]
+        for i in others:
+            lines += self.with_body(i, [f"w{i} = 1.5 * v{i} - 0.5 * o{i}", f"o{i} = v{i}"])
+        lines += self.forces("w") + self.levels("w", range(len(self.bodies)))
+        for i in others:
+            if self.has_level(i):
+                lines += self.with_body(i, [f"v{i} = {self.law(stick_or_slide)}(v{i}, f{i} / m{i}, l{i} / m{i}, h)"])
+            else:
+                lines += self.with_body(i, [f"v{i} += h * f{i} / m{i}"])
         return lines
 
     # -- how a stretch begins ---------------------------------------------------------------------------------------------------
