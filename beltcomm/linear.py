@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import expm
 
-from beltcomm.effects import BELT_SPRING, BELT_STIFFNESS, DRIVING_BODY, DRIVING_END, Effect, Element, Point
+from beltcomm.effects import BELT_DAMPING, BELT_STIFFNESS, DRIVING_BODY, DRIVING_END, Effect, Element, Point, is_plain_belt
 from beltcomm.errors import Refused, UsageError
 from beltcomm.model import Model
 
@@ -344,14 +344,20 @@ def equilibrium(model: Model, position_m: float, time_s: float = 0.0) -> Equilib
 
 def _values(model: Model, effect: Effect, position_m: float) -> list[float]:
     """Values of an effect's own parameters and of those it uses, as its law wants them."""
-    names = (*effect.full_names(), *effect.uses)
-    return [_belt_stiffness(model, position_m) if name == BELT_STIFFNESS else model[name] for name in names]
+    values = []
+    for name in (*effect.full_names(), *effect.uses):
+        if name in (BELT_STIFFNESS, BELT_DAMPING):
+            values.append(_belt(model, position_m)[0 if name == BELT_STIFFNESS else 1])
+        else:
+            values.append(model[name])
+    return values
 
 
-def _belt_stiffness(model: Model, position_m: float) -> float:
-    """Stiffness of the belt as a spring with the carriage there, N/m, before other effects change it."""
-    spring = next(effect for effect in model.effect_list() if effect.group == BELT_SPRING)
-    return spring.elements[0].slope(position_m, *_values(model, spring, position_m))[0]
+def _belt(model: Model, position_m: float) -> tuple[float, float]:
+    """Stiffness N/m and damping N s/m of the belt with the carriage there, before other effects change them."""
+    plain = [effect for effect in model.effect_list() if is_plain_belt(effect)]
+    slopes = [effect.elements[0].slope(position_m, *_values(model, effect, position_m)) for effect in plain]
+    return sum(k for k, _ in slopes), sum(d for _, d in slopes)
 
 
 def _carriage(names: Sequence[str]) -> int:

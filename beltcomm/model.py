@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.configfiles import find_config, read_yaml
-from beltcomm.effects import BELT_SPRING, BELT_STIFFNESS, DRIVING_END, Body, Effect, Parameter, effect_named
+from beltcomm.effects import BELT_DAMPING, BELT_SPRING, BELT_STIFFNESS, DRIVING_END, Body, Effect, Parameter, effect_named
 from beltcomm.errors import UsageError
 
 #: Bodies that need no effect.  The first body of a model is the driven one.
@@ -175,7 +175,7 @@ def expected_parameters(effects: Iterable[str], base_bodies: Iterable[str]) -> d
             lacking = ", ".join(sorted(touched - bodies))
             raise UsageError(f"{effect.name} acts on {lacking}, which this model does not have; it has {', '.join(sorted(bodies))}")
         for used in effect.uses:
-            if used not in expected and not (used == BELT_STIFFNESS and BELT_SPRING in taken):
+            if used not in expected and used != BELT_DAMPING and not (used == BELT_STIFFNESS and BELT_SPRING in taken):
                 raise UsageError(f"{effect.name} needs {used}, which this model does not have; add {used.split('.')[0]} first")
     return expected
 

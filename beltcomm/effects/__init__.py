@@ -35,6 +35,7 @@ from beltcomm.effects import (
     warmup,
 )
 from beltcomm.effects._effect import (
+    BELT_DAMPING,
     BELT_SPRING,
     BELT_STIFFNESS,
     DRIVING_BODY,
@@ -46,10 +47,12 @@ from beltcomm.effects._effect import (
     Parameter,
     Point,
     Trial,
+    is_plain_belt,
 )
 from beltcomm.errors import UsageError
 
 __all__ = [
+    "BELT_DAMPING",
     "BELT_SPRING",
     "BELT_STIFFNESS",
     "DRIVING_BODY",
@@ -63,6 +66,7 @@ __all__ = [
     "Point",
     "Trial",
     "effect_named",
+    "is_plain_belt",
 ]
 
 EFFECTS: tuple[Effect, ...] = (

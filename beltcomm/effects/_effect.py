@@ -26,6 +26,8 @@ DRIVING_END = "driving_end"
 DRIVING_BODY = "driving_pulley"
 #: Name that an effect writes among its ``uses`` for the stiffness of the belt at the carriage's place, N/m, whatever law gives it.
 BELT_STIFFNESS = "belt.stiffness"
+#: The same for the damping of the belt, N s/m; 0 in a model without any.
+BELT_DAMPING = "belt.damping"
 #: Group of the laws of the belt as a spring: a model has one of them at most.
 BELT_SPRING = "belt spring"
 
@@ -173,3 +175,8 @@ class Effect:
 def body_units(body: str) -> tuple[str, str, Side]:
     """Units of force and of viscous friction on a body, and its side: N m, N m s/rad at the motor; N, N s/m elsewhere."""
     return ("N m", "N m s/rad", "motor") if body == "motor" else ("N", "N s/m", "cart" if body == "cart" else "belt")
+
+
+def is_plain_belt(effect: Effect) -> bool:
+    """Whether an effect is nothing but a spring or damper between driving end and carriage, which others may share."""
+    return len(effect.elements) == 1 and effect.elements[0].ends == (DRIVING_END, "cart") and BELT_STIFFNESS not in effect.uses

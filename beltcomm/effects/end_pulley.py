@@ -2,32 +2,32 @@
 
 from __future__ import annotations
 
-from beltcomm.effects._effect import BELT_STIFFNESS, DRIVING_END, Body, Effect, Element, Ground, Parameter, Trial
+from beltcomm.effects._effect import BELT_DAMPING, BELT_STIFFNESS, DRIVING_END, Body, Effect, Element, Ground, Parameter, Trial
 
 
-def span(stretch: float, rate: float, x: float, share: float, stiffness: float) -> float:
-    """Half of the returning span:  2 share stiffness stretch, N.   Two in series carry ``share`` of the belt's stiffness."""
-    return 2.0 * share * stiffness * stretch
+def span(stretch: float, rate: float, x: float, share: float, stiffness: float, damping: float) -> float:
+    """Half of the returning span:  2 share (stiffness stretch + damping rate), N.   Two in series carry ``share`` of the belt."""
+    return 2.0 * share * (stiffness * stretch + damping * rate)
 
 
-def span_slope(x: float, share: float, stiffness: float) -> tuple[float, float]:
+def span_slope(x: float, share: float, stiffness: float, damping: float) -> tuple[float, float]:
     """(stiffness N/m, damping N s/m)."""
-    return 2.0 * share * stiffness, 0.0
+    return 2.0 * share * stiffness, 2.0 * share * damping
 
 
-def direct(stretch: float, rate: float, x: float, share: float, stiffness: float) -> float:
-    """What the direct span does not carry any more:  -share stiffness stretch, N."""
-    return -share * stiffness * stretch
+def direct(stretch: float, rate: float, x: float, share: float, stiffness: float, damping: float) -> float:
+    """What the direct span does not carry any more:  -share (stiffness stretch + damping rate), N."""
+    return -share * (stiffness * stretch + damping * rate)
 
 
-def direct_slope(x: float, share: float, stiffness: float) -> tuple[float, float]:
+def direct_slope(x: float, share: float, stiffness: float, damping: float) -> tuple[float, float]:
     """(stiffness N/m, damping N s/m)."""
-    return -share * stiffness, 0.0
+    return -share * stiffness, -share * damping
 
 
 def trials(ground: Ground) -> list[Trial]:
-    """Two masses, three shares."""
-    return [Trial({"end_pulley.mass": mass, "share": share}) for mass in (0.15, 0.6) for share in (0.15, 0.27, 0.45)]
+    """Three masses, three shares."""
+    return [Trial({"end_pulley.mass": mass, "share": share}) for mass in (0.1, 0.3, 0.7) for share in (0.15, 0.27, 0.45)]
 
 
 EFFECT = Effect(
@@ -41,7 +41,7 @@ EFFECT = Effect(
         Element(("end_pulley", "cart"), span, span_slope),
         Element((DRIVING_END, "cart"), direct, direct_slope),
     ),
-    uses=(BELT_STIFFNESS,),
+    uses=(BELT_STIFFNESS, BELT_DAMPING),
     trials=trials,
     twins=("dead_time",),
     separate="record an excitation up to 250 Hz at another place of the carriage",

@@ -26,7 +26,7 @@ EVIDENCE = 150.0
 #: as a share of the evidence.
 EXPLAINED, HELD_OUT_LOSS = 0.10, 0.1
 #: How many effects are refitted, and how many ways of each.
-REFITTED, WAYS = 5, 2
+REFITTED, WAYS = 5, 3
 #: An effect whose score promises less than this share of the best, or less than this many nats, is not refitted.
 PROMISE_SHARE, PROMISE = 0.02, 20.0
 #: Iterations of a refit.

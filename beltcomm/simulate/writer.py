@@ -11,7 +11,18 @@ import inspect
 import sys
 from collections.abc import Callable
 
-from beltcomm.effects import BELT_SPRING, BELT_STIFFNESS, DRIVING_BODY, DRIVING_END, EFFECTS, Body, Effect, effect_named
+from beltcomm.effects import (
+    BELT_DAMPING,
+    BELT_SPRING,
+    BELT_STIFFNESS,
+    DRIVING_BODY,
+    DRIVING_END,
+    EFFECTS,
+    Body,
+    Effect,
+    effect_named,
+    is_plain_belt,
+)
 from beltcomm.model import BASE_BODIES, body_list, effect_parameters, expected_parameters
 from beltcomm.simulate.stick import stick_or_slide
 
@@ -97,7 +108,8 @@ class Writer:
 
     def arguments(self, effect: Effect) -> str:
         names = [*effect.full_names(), *effect.uses]
-        return "".join(", k_belt" if name == BELT_STIFFNESS else f", p[{self.place[name]}]" for name in names)
+        local = {BELT_STIFFNESS: ", k_belt", BELT_DAMPING: ", d_belt"}
+        return "".join(local.get(name) or f", p[{self.place[name]}]" for name in names)
 
     def coordinate(self, i: int, variable: str, angular: bool) -> str:
         rotary = self.bodies[i][1].rotary
@@ -175,11 +187,11 @@ class Writer:
                 ],
             )
         if any(BELT_STIFFNESS in e.uses for e in self.effects):
-            lines.append("k_belt = 0.0")
+            lines += ["k_belt = 0.0", "d_belt = 0.0"]
             for effect in self.effects:
-                if effect.group == BELT_SPRING and len(effect.elements) == 1:
-                    slope = self.law(effect.elements[0].slope)
-                    lines += self.when(effect, [f"k_belt = {slope}(x{self.arguments(effect)})[0]"])
+                if is_plain_belt(effect):
+                    slope = f"{self.law(effect.elements[0].slope)}(x{self.arguments(effect)})"
+                    lines += self.when(effect, [f"k_belt += {slope}[0]", f"d_belt += {slope}[1]"])
         return lines
 
     def element(self, ends: tuple[str, str, bool], speed: str, law: str, arguments: str) -> list[str]:
