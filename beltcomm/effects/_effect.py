@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 Slot = Literal[
     "torque_delay",
@@ -154,7 +154,7 @@ class Effect:
     seen: str
     check: str
     source: str
-    law: Law | None = None
+    law: Callable[..., Any] | None = None
     slope: Callable[..., object] | None = None
     body: str = ""
     uses: tuple[str, ...] = ()

@@ -81,9 +81,7 @@ def whitener(noise: NoiseModel, keep: NDArray[np.bool_]) -> Whitener:
 
 
 @compiled
-def _gains(
-    keep: NDArray[np.bool_], step: Array, output: Array, rounding: float, torque: float, gains: Array, deviations: Array
-) -> None:
+def _gains(keep: NDArray[np.bool_], step: Array, output: Array, rounding: float, torque: float, gains: Array, deviations: Array) -> None:
     """Kalman recursion with exact states: prediction P = A P A' + Q, gain P c/(c' P c)."""
     n = step.shape[0]
     cov = np.zeros((n, n))

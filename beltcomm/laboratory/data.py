@@ -58,8 +58,7 @@ def made(recordings: Sequence[Recording], model: Model, noise_nm: float, step_ra
     for recording in recordings:
         noise = noise_model(model, recording.sample_period_s, step_rad, noise_nm, shares.get(recording.name, 1.0))
         for piece in stretches(recording, model, step_rad, noise_nm, fitted=True, substeps=SUBSTEPS):
-            if piece.keep.any():
-                pieces.append(replace(piece, whitener=whitener(noise, piece.keep)))
+            pieces.append(replace(piece, whitener=whitener(noise, piece.keep)))
     return Data(
         tuple(recordings),
         tuple(p for p in pieces if not p.held_out),
@@ -79,9 +78,7 @@ def remade(data: Data, model: Model, offsets_m: Array) -> Data:
     for piece, offset in zip((*data.fitted, *data.held_out), starts, strict=True):
         left.setdefault(piece.record, []).append((evaluate(piece, model, model.vector(), float(offset)), piece.keep))
     periods = {r.name: r.sample_period_s for r in data.recordings}
-    shares = {
-        name: rounding_share(parts, noise_model(model, periods[name], data.step_rad, data.noise_nm)) for name, parts in left.items()
-    }
+    shares = {name: rounding_share(parts, noise_model(model, periods[name], data.step_rad, data.noise_nm)) for name, parts in left.items()}
     return made(data.recordings, model, data.noise_nm, data.step_rad, shares)
 
 

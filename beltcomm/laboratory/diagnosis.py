@@ -83,7 +83,11 @@ def diagnose(
     twins: tuple[str, ...] = ()
     for number in range(most + 1):
         ground = ground_of(
-            current, data.fitted, int(axis.get("pulley.teeth") or 0), axis.travel.driven_side_offset_m, float(axis.get("belt.pulley_distance_m") or 0.0)
+            current,
+            data.fitted,
+            int(axis.get("pulley.teeth") or 0),
+            axis.travel.driven_side_offset_m,
+            float(axis.get("belt.pulley_distance_m") or 0.0),
         )
         candidates = search(data, current, ground, progress=lambda f, n=number: progress((n + f) / (most + 1)))  # type: ignore[misc]
         best = candidates[0] if candidates else None

@@ -169,6 +169,7 @@ def ground_of(fitted: Fitted, pieces: Sequence[Stretch], teeth: int, offset_m: f
     ratio = model["transmission.ratio"]
     places = np.concatenate([piece.motion.theta * ratio for piece in pieces])
     stiffness, mass = model.get("belt_stiffness.stiffness", 1e6), model.get("cart.mass", 1.0)
+    pieces = [piece for piece in pieces if piece.motion.samples > 2]
     acceleration = max(float(np.percentile(np.abs(np.diff(p.position, 2)), 99.5)) / p.motion.sample_s**2 for p in pieces)
     return Ground(
         inertia=model["motor.inertia"],

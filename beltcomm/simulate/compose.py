@@ -140,11 +140,12 @@ def inverse_source() -> str:
     writer = Writer.of_catalogue()
     others = range(1, len(writer.bodies))
     onset = writer.onset()
-    assert onset is not None and onset.law is not None
+    assert onset is not None
+    assert onset.law is not None
     zeros = [f"{name}{i} = 0.0" for i in range(len(writer.bodies)) for name in ("q", "v", "w", "o")]
     begin = [f"q{i} = {writer.start(i)}{' + offset' if i == writer.cart else ''}" for i in others]
     begin += [f"v{i} = o{i} = {writer.follow(i)}" for i in others]
-    turn = f"z = min(1.0, max(-1.0, z + step / bristle))"
+    turn = "z = min(1.0, max(-1.0, z + step / bristle))"
     load = [
         "@compiled",
         "def load(theta, omega, p, on, t, h, bristle, offset, load, cart):",
@@ -183,13 +184,20 @@ def inverse_source() -> str:
     ]
     fix = []
     for effect in writer.chosen("sensor"):
-        assert effect.law is not None and effect.slope is not None
+        assert effect.law is not None
+        assert effect.slope is not None
         slope, law = writer.law(effect.slope), writer.law(effect.law)
         fix += writer.when(
             effect,
             [f"omega[k] *= 1.0 + {slope}(theta[k]{writer.arguments(effect)})", f"theta[k] += {law}(theta[k]{writer.arguments(effect)})"],
         )
-    angle = ["@compiled", "def angle(theta, omega, p, on):", *indented(writer.constants(), 1), "    for k in range(theta.shape[0]):", *indented(fix, 2)]
+    angle = [
+        "@compiled",
+        "def angle(theta, omega, p, on):",
+        *indented(writer.constants(), 1),
+        "    for k in range(theta.shape[0]):",
+        *indented(fix, 2),
+    ]
     return writer.assemble([load, torque, angle])
 
 

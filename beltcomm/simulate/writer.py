@@ -97,28 +97,34 @@ class Writer:
         return [f"if {test}:", *("    " + line for line in lines)]
 
     def chosen(self, slot: str) -> list[Effect]:
+        """Effects of a slot that have a law."""
         return [e for e in self.effects if e.slot == slot and e.law is not None]
 
     # -- names ------------------------------------------------------------------------------------------------------------------
 
     def law(self, function: Callable[..., object]) -> str:
+        """Name of a law in the module."""
         name = f"{function.__module__.rsplit('.', 1)[1]}__{function.__name__}"
         self.laws[name] = function
         return name
 
     def arguments(self, effect: Effect) -> str:
+        """Arguments of a law behind those of its slot."""
         names = [*effect.full_names(), *effect.uses]
         local = {BELT_STIFFNESS: ", k_belt", BELT_DAMPING: ", d_belt"}
         return "".join(local.get(name) or f", p[{self.place[name]}]" for name in names)
 
     def coordinate(self, i: int, variable: str, angular: bool) -> str:
+        """Coordinate or speed of body i, in m along the belt unless ``angular``."""
         rotary = self.bodies[i][1].rotary
         return f"ratio * {variable}{i}" if rotary and not angular else f"{variable}{i}"
 
     def carriage(self) -> str:
+        """Position of the carriage, m."""
         return self.coordinate(self.cart, "q", False)
 
     def constants(self) -> list[str]:
+        """Lines that read what does not change within a call."""
         lines = [f"ratio = p[{self.place['transmission.ratio']}]"]
         lines += [f"m{i} = p[{self.place[name]}]" for i, (name, _) in enumerate(self.bodies)]
         if self.masked:
@@ -145,7 +151,8 @@ class Writer:
             angle, rate = "qd", "vd"
         lines += ["gain = 1.0", "ahead = 0.0"]
         for effect in self.chosen("kinematics"):
-            assert effect.slope is not None and effect.law is not None
+            assert effect.slope is not None
+            assert effect.law is not None
             lines += self.when(
                 effect,
                 [
@@ -178,7 +185,8 @@ class Writer:
         """Gap and slack act on the stretch of everything between driving end and carriage; then the stiffness others ask for."""
         lines = []
         for effect in self.chosen("belt_law"):
-            assert effect.slope is not None and effect.law is not None
+            assert effect.slope is not None
+            assert effect.law is not None
             lines += self.when(
                 effect,
                 [
@@ -195,6 +203,7 @@ class Writer:
         return lines
 
     def element(self, ends: tuple[str, str, bool], speed: str, law: str, arguments: str) -> list[str]:
+        """Force of one element on its two ends."""
         a, b, angular = ends
         if (a, b) == (DRIVING_END, "cart"):
             return [
@@ -243,6 +252,7 @@ class Writer:
         return lines
 
     def has_level(self, i: int) -> bool:
+        """Whether body i has set-valued friction."""
         return any(e.slot == "friction_level" and self.number.get(e.body) == i for e in self.effects)
 
     def onset(self) -> Effect | None:

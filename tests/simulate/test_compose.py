@@ -19,8 +19,8 @@ from beltcomm.simulate.forward import simulate_torque
 
 FULL = ("belt_sections", "coupling", "belt_damping", "viscous", "viscous_cart", "viscous_end_pulley",
         "coulomb", "cart_friction", "coulomb_end_pulley", "tilt")  # fmt: skip
-HIDDEN = ("belt_stiffness", "stiffness_position", "end_pulley", "payload_mode", "belt_damping", "backlash", "belt_slack", "viscous", "warmup",
-          "quadratic_drag", "coulomb", "stribeck", "friction_position", "presliding", "constant_offset", "cable_chain", "cogging",
+HIDDEN = ("belt_stiffness", "stiffness_position", "end_pulley", "payload_mode", "belt_damping", "backlash", "belt_slack", "viscous",
+          "warmup", "quadratic_drag", "coulomb", "stribeck", "friction_position", "presliding", "constant_offset", "cable_chain", "cogging",
           *(f"cogging_{n}" for n in range(2, 7)), "tooth_ripple", "torque_ripple", "torque_saturation", "dead_time", "current_lag",
           "pulley_eccentricity", "encoder_eccentricity")  # fmt: skip
 COMBINATIONS = (FULL, HIDDEN, ("belt_spans", "belt_damping", "viscous_cart"), ("belt_stiffness", "cart_friction"))

@@ -12,8 +12,8 @@ from beltcomm.errors import Refused, UsageError
 from beltcomm.linear import equilibrium
 from beltcomm.model import Model, build_model
 from beltcomm.simulate.compose import inverse_kernel
-from beltcomm.simulate.inverse import switchboard
 from beltcomm.simulate.forward import State, simulate_torque
+from beltcomm.simulate.inverse import switchboard
 
 IT, INERTIA, MASS, C, D = 0.01242, 71.73e-6, 13.44, 203740.0, 20.0
 RIG = ("belt_sections", "coupling", "belt_damping", "viscous", "viscous_cart", "viscous_end_pulley",

@@ -13,8 +13,8 @@ from beltcomm.simulate.inverse import fine_load, reconstruct, torque_residual
 
 T, RATIO = 1e-3, 0.0125
 BASE = ("belt_stiffness", "belt_damping", "viscous", "viscous_cart", "coulomb")
-VALUES = {"motor.inertia": 7e-5, "cart.mass": 4.0, "transmission.ratio": RATIO, "belt_stiffness.stiffness": 2e5, "belt_damping.damping": 25.0,
-          "viscous.damping": 2e-3, "viscous_cart.damping": 4.0, "coulomb.level": 0.1}  # fmt: skip
+VALUES = {"motor.inertia": 7e-5, "cart.mass": 4.0, "transmission.ratio": RATIO, "belt_stiffness.stiffness": 2e5, 
+          "belt_damping.damping": 25.0, "viscous.damping": 2e-3, "viscous_cart.damping": 4.0, "coulomb.level": 0.1}  # fmt: skip
 GROUND = Ground(7e-5, 4.0, 2e5, 25.0, 0.1, RATIO, 0.2, 0.7, 35.6, 26, 2.0, 150.0, 0.05, 1.1)
 TRIED = [effect for effect in EFFECTS if effect.trials is not None and "_" + effect.name[-1] not in ("_2", "_3", "_4", "_5", "_6")]
 
@@ -61,5 +61,4 @@ def test_inverse_of_the_simulation_is_the_torque(effect: Effect) -> None:
     slow = effect.name in SLOW
     without, with_it = left_over(model, base, slow), left_over(model, model, slow)
     assert without > 1e-3
-    print(effect.name, without, with_it)
     assert with_it < 0.05 * without

@@ -1,0 +1,42 @@
+"""What a command gives back, for people and for programs."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Result:
+    """What a command did.   data : everything, for programs.   text : the same for people.   exit_code : 0, or 1 for a missed target."""
+
+    data: Mapping[str, Any]
+    text: Sequence[str]
+    exit_code: int = 0
+
+    def to_json(self) -> Mapping[str, Any]:
+        """Everything as a mapping of plain values."""
+        return dict(plain(self.data))
+
+    def lines(self) -> Iterable[str]:
+        """The result for people."""
+        return self.text
+
+
+def plain(value: Any) -> Any:
+    """The value in the types that YAML and JSON have: dataclasses and mappings as mappings, arrays as lists."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {f.name: plain(getattr(value, f.name)) for f in dataclasses.fields(value) if not f.name.startswith("_")}
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray):
+        return [plain(item) for item in value.tolist()]
+    if isinstance(value, (list, tuple, set, frozenset)):
+        return [plain(item) for item in value]
+    if isinstance(value, np.generic):
+        return value.item()
+    return value
