@@ -159,14 +159,14 @@ def matrices(model: Model, point: Point, standstill: Standstill = "refuse") -> M
             damping += d * np.outer(stretch, stretch)
         if effect.slot not in ("force", "friction_level") or effect.slope is None or effect.law is None:
             continue
-        i = names.index(effect.body)
-        rotary = bodies[i][1].rotary
+        i, lever = _acts_on(model, effect)
+        rotary = bodies[i][1].rotary and lever == 1.0
         speed = point.speed(rotary)
         if effect.slot == "force":
             position = point.position_m / ratio if rotary else point.position_m
             by_position, by_speed = cast(tuple[float, float], effect.slope(position, speed, point.time_s, *values))
-            stiffness[i, i] -= by_position
-            damping[i, i] -= by_speed
+            stiffness[i, i] -= lever**2 * by_position
+            damping[i, i] -= lever**2 * by_speed
         elif speed != 0.0:
             by_speed = cast(float, effect.slope(speed, point.position_m, point.time_s, *values))
             damping[i, i] += by_speed if speed > 0.0 else -by_speed
@@ -269,8 +269,8 @@ def smooth_forces(model: Model, positions: ArrayLike, speeds: ArrayLike, time_s:
     for effect in model.effect_list():
         values = _values(model, effect, x)
         if effect.slot == "force" and effect.law is not None:
-            j = names.index(effect.body)
-            total[j] += effect.law(float(q[j]), float(v[j]), time_s, *values)
+            j, lever = _acts_on(model, effect)
+            total[j] += lever * effect.law(lever * float(q[j]), lever * float(v[j]), time_s, *values)
         for element in effect.elements:
             shape = end.shape(element)
             stretch, rate = end.seen(element, float(_stretch(model, element) @ q), float(shape @ v))
@@ -340,6 +340,15 @@ def equilibrium(model: Model, position_m: float, time_s: float = 0.0) -> Equilib
         q[free] += step[:-1]
         torque += float(step[-1])
     return Equilibrium(q, torque)
+
+
+def _acts_on(model: Model, effect: Effect) -> tuple[int, float]:
+    """Body that an effect acts on, and the lever of its law there: without a belt the carriage is the driven body itself."""
+    bodies = [body for _, body in model.bodies()]
+    names = [body.name for body in bodies]
+    if effect.body in names:
+        return names.index(effect.body), 1.0
+    return 0, model["transmission.ratio"] if bodies[0].rotary else 1.0
 
 
 def _values(model: Model, effect: Effect, position_m: float) -> list[float]:

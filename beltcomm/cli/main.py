@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import importlib
+import os
 import sys
 from collections.abc import Sequence
 from typing import Any
@@ -12,6 +13,9 @@ import click
 
 from beltcomm import __version__
 from beltcomm.cli.frame import Frame
+
+# The matrices here are tall and narrow: more threads cost more than they bring, and results must not depend on the number of cores.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 #: Verb -> its line in ``--help``, in the order of the work.  The verb's own file is imported only when it is called.
 VERBS = {

@@ -63,7 +63,7 @@ class Problem:
         self.places = [model.index(name) for name in free]
         values = [model.parameters[name] for name in free]
         # A start value of nearly nothing (no damping found at first) must not become the unit of its parameter.
-        usual = expected_parameters(model.effects, model.base_bodies)
+        usual = expected_parameters(model.effects, model.base_bodies, model.side)
         own = np.array([max(abs(v.value), 0.1 * abs(usual[n].start), 1e-9) for n, v in zip(free, values, strict=True)])
         self.movable = "cart" in model.base_bodies
         offsets = np.full(len(self.pieces) if self.movable else 0, OFFSET_M)
@@ -85,7 +85,7 @@ class Problem:
         """The unknowns at the model's values."""
         x = np.zeros(len(self.scale))
         x[: len(self.free)] = self.vector[self.places] / self.scale[: len(self.free)]
-        if offsets is not None:
+        if offsets is not None and self.movable:
             x[len(self.free) :] = offsets
         return np.asarray(np.clip(x, self.low, self.high))
 

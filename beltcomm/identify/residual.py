@@ -34,6 +34,8 @@ Array = NDArray[np.float64]
 #: rad/s at the motor: below this speed anywhere within a sample the motor may be sticking.  Three encoder steps of a 65536-count
 #: encoder per millisecond; on simulated axes 0.1 still lets sticking samples through and 0.2 to 0.8 give equal residuals.
 STICK_SPEED_RAD_S = 0.3
+#: m/s, the same for an axis known at its load side.
+STICK_SPEED_M_S = 4e-3
 #: m the carriage must have travelled before a stretch counts: until then its belt stretch at the start is unknown.
 RUN_IN_TRAVEL_M = 1e-4
 #: s after that travel, for the free oscillation of the carriage to die out.
@@ -90,7 +92,9 @@ def stretches(
         if fitted:
             load, _ = fine_load(model, motion)
             motion = reconstruct(position, torque, sample, inertia, start_rad=place, substeps=substeps, time_s=time, load=load)
-        keep = ~resting(motion) & ran_in(motion, ratio)
+        keep = ~resting(motion, STICK_SPEED_M_S if recording.side == "load" else STICK_SPEED_RAD_S)
+        if "cart" in model.base_bodies:
+            keep &= ran_in(motion, ratio)
         pieces.append(
             Stretch(
                 recording.name,
@@ -106,12 +110,12 @@ def stretches(
     return pieces
 
 
-def resting(motion: FineMotion) -> NDArray[np.bool_]:
+def resting(motion: FineMotion, stick_speed: float) -> NDArray[np.bool_]:
     """Samples whose triangular weight (one period before and after) touches a reversal or a speed below the stick speed."""
     n, m = motion.samples, motion.substeps
     inside = np.lib.stride_tricks.sliding_window_view(motion.omega, m + 1)[::m]
     low, high = inside.min(axis=1), inside.max(axis=1)
-    slow = (np.minimum(np.abs(low), np.abs(high)) < STICK_SPEED_RAD_S) | ((low < 0.0) & (high > 0.0))
+    slow = (np.minimum(np.abs(low), np.abs(high)) < stick_speed) | ((low < 0.0) & (high > 0.0))
     touched = np.ones(n, dtype=bool)
     touched[1:-1] = slow[:-1] | slow[1:]
     return touched

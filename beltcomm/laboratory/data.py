@@ -20,6 +20,8 @@ Array = NDArray[np.float64]
 #: Fine steps per sample while effects are searched: the carriage's antiresonance is off by (2 pi f h)²/24, 8e-4 at 90 Hz, which the
 #: fit takes up in the stiffness.
 SUBSTEPS = 4
+#: Noise below this share of the torque itself is not believed.
+QUIETEST_SHARE = 1e-4
 #: Shares of the rounding's variance that are tried.
 SHARES = (1.0, 0.7, 0.5, 0.35, 0.25, 0.15, 0.08, 0.03)
 
@@ -48,7 +50,7 @@ def prepare(recordings: Sequence[Recording], axis: Axis, model: Model) -> Data:
     if not to_fit:
         raise DataError("all recordings are held out or static maps; nothing is left to fit: set held_out: false in one sidecar")
     step = encoder_step(axis, timed)
-    noise = torque_noise(to_fit)
+    noise = torque_noise(to_fit) if any(r.torque_setpoint is not None for r in to_fit) else unexplained_changes(to_fit)
     return made(timed, model, noise, step, {})
 
 
@@ -96,6 +98,17 @@ def rounding_share(parts: Sequence[tuple[Array, NDArray[np.bool_]]], noise: Nois
             total += float(np.sum(trial(torque, keep) ** 2) + 2.0 * np.sum(np.log(trial.deviations[keep])))
         cost.append(total)
     return SHARES[int(np.argmin(cost))]
+
+
+def unexplained_changes(recordings: Sequence[Recording]) -> float:
+    """Noise of the torque where no setpoint tells it, N m rms: its fastest changes, which an axis can neither cause nor follow.
+
+    Fourth differences of white noise have 70 times its variance.  An excitation that changes at every sample is taken for noise here:
+    then the number is an upper bound, and the ratios to the noise come out too small.
+    """
+    changes = np.concatenate([np.diff(r.torque, 4) for r in recordings])
+    spread = 1.4826 * float(np.median(np.abs(changes))) / float(np.sqrt(70.0))
+    return max(spread, QUIETEST_SHARE * float(np.std(recordings[0].torque)))
 
 
 def encoder_step(axis: Axis, recordings: Sequence[Recording]) -> float:

@@ -48,8 +48,8 @@ class Fitted:
 
     @property
     def offsets(self) -> Array:
-        """Scaled start offsets."""
-        return self.problem.offsets(self.x)
+        """Scaled start offsets; zeros where no carriage can be off."""
+        return self.problem.offsets(self.x) if self.problem.movable else np.zeros(len(self.problem.pieces))
 
 
 def fit(

@@ -8,7 +8,7 @@ objective is (c⊥ᵀ r)²/(c⊥ᵀ c⊥), several columns together as usual.  F
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ from beltcomm.identify.problem import OFFSET_M, Parts, Problem
 from beltcomm.identify.residual import Stretch, in_noise
 from beltcomm.laboratory.fitting import Fitted
 from beltcomm.laboratory.harmonics import gain_means, load_means
-from beltcomm.model import Model
+from beltcomm.model import Model, on_side
 from beltcomm.simulate.inverse import acting_torque, acts_on_motor, load_of, part_of_load, true_motion
 
 Array = NDArray[np.float64]
@@ -62,12 +62,21 @@ class Scorer:
         """All trials of an effect that the model can take, best first."""
         if effect.trials is None:
             return []
-        trials = effect.trials(ground)
+        trials = [self.bounded(effect, trial) for trial in effect.trials(ground)]
         if effect.harmonic and len(trials) > 3:
             scored = self.harmonics(effect, trials)
         else:
             scored = [self.judged(effect, trial, [self.column(effect, v) for v in switched_on(effect, trial)]) for trial in trials]
         return sorted((s for s in scored if s.drop > 0.0), key=lambda s: -s.drop)
+
+    def bounded(self, effect: Effect, trial: Trial) -> Trial:
+        """The trial with its values inside the bounds of this model's side."""
+        limits = self.model.parameters_of(effect)
+        values = {}
+        for name, value in trial.values.items():
+            limit = limits.get(f"{effect.name}.{name}") or limits[name]
+            values[name] = float(np.clip(value, limit.low, limit.high))
+        return replace(trial, values=values)
 
     def harmonics(self, effect: Effect, trials: Sequence[Trial]) -> list[Scored]:
         """All orders of an effect that repeats with the motor angle."""
@@ -118,7 +127,7 @@ class Scorer:
     def start_values(self, effect: Effect, trial: Trial, amounts: Array) -> dict[str, float]:
         """Values of the effect with its amplitudes as the score test wants them, inside the bounds."""
         values = dict(trial.values)
-        limits = {p.name: p for p in effect.parameters}
+        limits = {p.name: on_side(p, self.model.side) for p in effect.parameters}
         if trial.amplitudes:
             for name, amount in zip(trial.amplitudes, amounts, strict=True):
                 values[name] = float(np.clip(values[name] * amount, limits[name].low, limits[name].high))

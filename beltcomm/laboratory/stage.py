@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from beltcomm.effects import EFFECTS, Effect, Ground
+from beltcomm.errors import UsageError
 from beltcomm.identify.problem import free_parameters
 from beltcomm.laboratory.data import Data
 from beltcomm.laboratory.fitting import Fitted, fit
@@ -80,6 +81,8 @@ def may_add(base: Fitted, effect: Effect) -> bool:
     present = base.model.effects
     if effect.name in present:
         return False
+    if base.model.side == "load" and (effect.harmonic or effect.slot in ("kinematics", "sensor")):
+        return False  # at the load side no angle is known
     family, _, number = effect.name.rpartition("_")
     if number.isdigit():
         before = family if number == "2" else f"{family}_{int(number) - 1}"
@@ -87,7 +90,7 @@ def may_add(base: Fitted, effect: Effect) -> bool:
             return False
     try:
         base.model.with_effect(effect.name)
-    except ValueError:
+    except UsageError:
         return False
     return True
 

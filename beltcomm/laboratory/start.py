@@ -53,6 +53,8 @@ def is_belt_axis(axis: Axis, recordings: Sequence[Recording]) -> bool:
 
 def rigid_start(axis: Axis, recordings: Sequence[Recording]) -> Model:
     """Inertia, viscous and Coulomb friction by least squares over all records; N m and rad, or N and m, or A and rad."""
+    if len({record.side for record in recordings}) > 1:
+        raise DataError("the recordings of this run are taken on different sides (motor, load, ampere); put them into runs of their own")
     left, right = [], []
     for record in recordings:
         omega = np.gradient(record.position, record.t_s)
@@ -63,11 +65,11 @@ def rigid_start(axis: Axis, recordings: Sequence[Recording]) -> Model:
         left.append(np.stack([acceleration, smooth, np.sign(smooth)], axis=1)[moving])
         right.append(record.torque[moving])
     inertia, viscous, coulomb = np.linalg.lstsq(np.concatenate(left), np.concatenate(right), rcond=None)[0]
-    sheet = axis.get("motor.inertia_kg_m2")
+    sheet = axis.get("motor.inertia_kg_m2") if recordings[0].side == "motor" else None
     values = {
         "motor.inertia": float(inertia) if inertia > 0.0 else float(sheet or USUAL["motor.inertia"]),
         "viscous.damping": max(float(viscous), 0.0),
         "coulomb.level": max(float(coulomb), 0.0),
         "transmission.ratio": 1.0,
     }
-    return build_model(axis.name, RIGID_BASE, values, base_bodies=("motor",), origin="data sheet")
+    return build_model(axis.name, RIGID_BASE, values, base_bodies=("motor",), origin="data sheet", side=recordings[0].side)

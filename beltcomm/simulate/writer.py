@@ -174,12 +174,25 @@ class Writer:
         lines += self.belt_laws()
         for effect in self.effects:
             if effect.slot == "force" and effect.law is not None:
-                i = self.number[effect.body]
-                lines += self.when(effect, [f"f{i} += {self.law(effect.law)}(q{i}, {speed}{i}, t{self.arguments(effect)})"])
+                lines += self.when(effect, self.force(effect, speed))
             for element in effect.elements:
                 ends = (*element.ends, element.angular)
                 lines += self.when(effect, self.element(ends, speed, self.law(element.law), self.arguments(effect)))
         return [*lines, *self.to_driving_end()]
+
+    def force(self, effect: Effect, speed: str) -> list[str]:
+        """Force of one effect on its body; what acts on the carriage acts on the driven body of an axis without a belt."""
+        assert effect.law is not None
+        law, rest = self.law(effect.law), f"t{self.arguments(effect)}"
+        lever, angle, rate = ("ratio * ", "ratio * q0", f"ratio * {speed}0") if self.bodies[0][1].rotary else ("", "q0", f"{speed}0")
+        rigid = [f"f0 += {lever}{law}({angle}, {rate}, {rest})"]
+        if effect.body not in self.number:
+            return rigid
+        i = self.number[effect.body]
+        own = [f"f{i} += {law}(q{i}, {speed}{i}, {rest})"]
+        if self.masked and effect.body == "cart":
+            return ["if belt:", "    " + own[0], "else:", "    " + rigid[0]]
+        return own
 
     def belt_laws(self) -> list[str]:
         """Gap and slack act on the stretch of everything between driving end and carriage; then the stiffness others ask for."""
