@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import expm
 
-from beltcomm.effects import DRIVING_BODY, DRIVING_END, Effect, Element, Point
+from beltcomm.effects import BELT_DAMPING, BELT_STIFFNESS, DRIVING_BODY, DRIVING_END, Effect, Element, Point, is_plain_belt
 from beltcomm.errors import Refused, UsageError
 from beltcomm.model import Model
 
@@ -151,7 +151,7 @@ def matrices(model: Model, point: Point, standstill: Standstill = "refuse") -> M
     damping, stiffness = np.zeros_like(mass), np.zeros_like(mass)
     stuck: list[str] = []
     for effect in model.effect_list():
-        values = _values(model, effect)
+        values = _values(model, effect, point.position_m)
         for element in effect.elements:
             stretch = _stretch(model, element)
             k, d = element.slope(point.position_m, *values)
@@ -159,14 +159,14 @@ def matrices(model: Model, point: Point, standstill: Standstill = "refuse") -> M
             damping += d * np.outer(stretch, stretch)
         if effect.slot not in ("force", "friction_level") or effect.slope is None or effect.law is None:
             continue
-        i = names.index(effect.body)
-        rotary = bodies[i][1].rotary
+        i, lever = _acts_on(model, effect)
+        rotary = bodies[i][1].rotary and lever == 1.0
         speed = point.speed(rotary)
         if effect.slot == "force":
             position = point.position_m / ratio if rotary else point.position_m
             by_position, by_speed = cast(tuple[float, float], effect.slope(position, speed, point.time_s, *values))
-            stiffness[i, i] -= by_position
-            damping[i, i] -= by_speed
+            stiffness[i, i] -= lever**2 * by_position
+            damping[i, i] -= lever**2 * by_speed
         elif speed != 0.0:
             by_speed = cast(float, effect.slope(speed, point.position_m, point.time_s, *values))
             damping[i, i] += by_speed if speed > 0.0 else -by_speed
@@ -250,8 +250,12 @@ def describes(model: Model, position_m: float) -> bool:
     """Whether the model means anything with the carriage there: beyond the pulleys a belt section has negative length."""
     if not math.isfinite(position_m):
         return False
-    effects = model.effect_list()
-    return all(e.slope(position_m, *_values(model, effect))[0] >= 0.0 for effect in effects for e in effect.elements)
+    total: dict[tuple[str, str], float] = {}
+    for effect in model.effect_list():
+        for element in effect.elements:
+            stiffness = element.slope(position_m, *_values(model, effect, position_m))[0]
+            total[element.ends] = total.get(element.ends, 0.0) + stiffness
+    return all(stiffness >= 0.0 for stiffness in total.values())
 
 
 def smooth_forces(model: Model, positions: ArrayLike, speeds: ArrayLike, time_s: float = 0.0) -> Array:
@@ -261,15 +265,54 @@ def smooth_forces(model: Model, positions: ArrayLike, speeds: ArrayLike, time_s:
     i = _carriage(names)
     x = float(q[i]) * (model["transmission.ratio"] if model.bodies()[i][1].rotary else 1.0)
     total = np.zeros(len(names))
+    end = _DrivingEnd(model, q, v)
     for effect in model.effect_list():
-        values = _values(model, effect)
+        values = _values(model, effect, x)
         if effect.slot == "force" and effect.law is not None:
-            i = names.index(effect.body)
-            total[i] += effect.law(float(q[i]), float(v[i]), time_s, *values)
+            j, lever = _acts_on(model, effect)
+            total[j] += lever * effect.law(lever * float(q[j]), lever * float(v[j]), time_s, *values)
         for element in effect.elements:
-            stretch = _stretch(model, element)
-            total -= stretch * element.law(float(stretch @ q), float(stretch @ v), x, *values)
+            shape = end.shape(element)
+            stretch, rate = end.seen(element, float(_stretch(model, element) @ q), float(shape @ v))
+            total -= shape * element.law(stretch, rate, x, *values)
     return total
+
+
+class _DrivingEnd:
+    """How run-out of the pulley, gap and slack change what an element sees."""
+
+    def __init__(self, model: Model, q: Array, v: Array) -> None:
+        self.model = model
+        names = [body.name for _, body in model.bodies()]
+        self.place = names.index(DRIVING_BODY) if DRIVING_BODY in names else 0
+        self.gain, self.ahead = 1.0, 0.0
+        for effect in model.effect_list():
+            if effect.slot == "kinematics" and effect.law is not None and effect.slope is not None:
+                values = _values(model, effect, 0.0)
+                self.gain += cast(float, effect.slope(float(q[self.place]), *values))
+                self.ahead += model["transmission.ratio"] * effect.law(float(q[self.place]), *values)
+
+    def shape(self, element: Element) -> Array:
+        """g of :func:`_stretch` with the lever arm at this angle."""
+        shape = _stretch(self.model, element)
+        if DRIVING_END in element.ends:
+            shape[self.place] *= self.gain
+        return shape
+
+    def seen(self, element: Element, stretch: float, rate: float) -> tuple[float, float]:
+        """Stretch and rate that load the element."""
+        if DRIVING_END not in element.ends:
+            return stretch, rate
+        sign = 1.0 if element.ends[0] == DRIVING_END else -1.0
+        stretch += sign * self.ahead
+        if element.ends != (DRIVING_END, "cart"):
+            return stretch, rate
+        for effect in self.model.effect_list():
+            if effect.slot == "belt_law" and effect.law is not None and effect.slope is not None:
+                values = _values(self.model, effect, 0.0)
+                rate *= cast(float, effect.slope(stretch, *values))
+                stretch = effect.law(stretch, *values)
+        return stretch, rate
 
 
 def equilibrium(model: Model, position_m: float, time_s: float = 0.0) -> Equilibrium:
@@ -299,9 +342,31 @@ def equilibrium(model: Model, position_m: float, time_s: float = 0.0) -> Equilib
     return Equilibrium(q, torque)
 
 
-def _values(model: Model, effect: Effect) -> list[float]:
+def _acts_on(model: Model, effect: Effect) -> tuple[int, float]:
+    """Body that an effect acts on, and the lever of its law there: without a belt the carriage is the driven body itself."""
+    bodies = [body for _, body in model.bodies()]
+    names = [body.name for body in bodies]
+    if effect.body in names:
+        return names.index(effect.body), 1.0
+    return 0, model["transmission.ratio"] if bodies[0].rotary else 1.0
+
+
+def _values(model: Model, effect: Effect, position_m: float) -> list[float]:
     """Values of an effect's own parameters and of those it uses, as its law wants them."""
-    return [model[name] for name in (*effect.full_names(), *effect.uses)]
+    values = []
+    for name in (*effect.full_names(), *effect.uses):
+        if name in (BELT_STIFFNESS, BELT_DAMPING):
+            values.append(_belt(model, position_m)[0 if name == BELT_STIFFNESS else 1])
+        else:
+            values.append(model[name])
+    return values
+
+
+def _belt(model: Model, position_m: float) -> tuple[float, float]:
+    """Stiffness N/m and damping N s/m of the belt with the carriage there, before other effects change them."""
+    plain = [effect for effect in model.effect_list() if is_plain_belt(effect)]
+    slopes = [effect.elements[0].slope(position_m, *_values(model, effect, position_m)) for effect in plain]
+    return sum(k for k, _ in slopes), sum(d for _, d in slopes)
 
 
 def _carriage(names: Sequence[str]) -> int:

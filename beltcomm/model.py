@@ -8,13 +8,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.configfiles import find_config, read_yaml
-from beltcomm.effects import DRIVING_END, Body, Effect, Parameter, effect_named
+from beltcomm.effects import BELT_DAMPING, BELT_SPRING, BELT_STIFFNESS, DRIVING_END, Body, Effect, Parameter, effect_named
 from beltcomm.errors import UsageError
 
 #: Bodies that need no effect.  The first body of a model is the driven one.
@@ -27,6 +27,26 @@ BASE_BODIES = {
     "cart": Body("cart", Parameter("mass", "kg", "cart", 1.0, 1e-3, 1e4, "carriage with payload")),
 }
 TRANSMISSION = Parameter("ratio", "m/rad", "motor", 0.0125, 1e-5, 10.0, "i_t = r/i_g: travel per radian of the motor (2.16)")
+
+Side = Literal["motor", "load", "ampere"]
+#: N m/A and m/rad, usual values: they only carry bounds and start values over to another side.
+_USUAL_CONSTANT, _USUAL_RATIO = 0.1, 0.0125
+#: Unit on the motor side -> (unit, factor of usual numbers) on another one.
+_OTHER_SIDE: Mapping[str, Mapping[str, tuple[str, float]]] = {
+    "load": {
+        "N m": ("N", 1.0 / _USUAL_RATIO),
+        "N m s/rad": ("N s/m", 1.0 / _USUAL_RATIO**2),
+        "kg m2": ("kg", 1.0 / _USUAL_RATIO**2),
+        "rad": ("m", _USUAL_RATIO),
+        "rad/s": ("m/s", _USUAL_RATIO),
+        "m/rad": ("1", 1.0 / _USUAL_RATIO),
+    },
+    "ampere": {
+        "N m": ("A", 1.0 / _USUAL_CONSTANT),
+        "N m s/rad": ("A s/rad", 1.0 / _USUAL_CONSTANT),
+        "kg m2": ("A s2/rad", 1.0 / _USUAL_CONSTANT),
+    },
+}
 
 
 @dataclass(frozen=True)
@@ -54,10 +74,11 @@ class Model:
     parameters: Mapping[str, Value]
     base_bodies: tuple[str, ...] = ("motor", "cart")
     source: str = ""
+    side: Side = "motor"
     _index: Mapping[str, int] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        expected = expected_parameters(self.effects, self.base_bodies)
+        expected = expected_parameters(self.effects, self.base_bodies, self.side)
         missing = [name for name in expected if name not in self.parameters]
         unknown = [name for name in self.parameters if name not in expected]
         if missing or unknown:
@@ -115,8 +136,13 @@ class Model:
     def with_effect(self, name: str, values: Mapping[str, float] | None = None, origin: str = "start value") -> Model:
         """The model with one more effect, at its start values or the given ones (own parameter names)."""
         effect = effect_named(name)
-        added = default_values(effect_parameters(effect), values or {}, origin)
+        parameters = self.parameters_of(effect)
+        added = default_values(parameters, values or {}, origin)
         return replace(self, effects=(*self.effects, name), parameters={**self.parameters, **added})
+
+    def parameters_of(self, effect: Effect) -> dict[str, Parameter]:
+        """Parameters that an effect brings or has brought, by full name, in the units of this model's side."""
+        return {key: on_side(item, self.side) for key, item in effect_parameters(effect).items()}
 
     def without_effect(self, name: str) -> Model:
         """The model without that effect."""
@@ -129,6 +155,7 @@ class Model:
         return {
             "name": self.name,
             "source": self.source,
+            **({} if self.side == "motor" else {"side": self.side}),
             "bodies": list(self.base_bodies),
             "effects": list(self.effects),
             "parameters": {
@@ -161,8 +188,24 @@ def effect_parameters(effect: Effect) -> dict[str, Parameter]:
     return own
 
 
-def expected_parameters(effects: Iterable[str], base_bodies: Iterable[str]) -> dict[str, Parameter]:
+def on_side(parameter: Parameter, side: Side) -> Parameter:
+    """The parameter of a motor-side law in the units of another side: the laws only know coordinates and forces.
+
+    Start and bounds are carried over with a usual transmission, for ampere with a usual torque constant.
+    """
+    if side == "motor" or parameter.unit not in _OTHER_SIDE[side]:
+        return parameter
+    unit, scale = _OTHER_SIDE[side][parameter.unit]
+    return replace(parameter, unit=unit, start=parameter.start * scale, low=parameter.low * scale, high=parameter.high * scale)
+
+
+def expected_parameters(effects: Iterable[str], base_bodies: Iterable[str], side: Side = "motor") -> dict[str, Parameter]:
     """All parameters of a combination, by full name in their fixed order.  Raises UsageError on a clash."""
+    return {name: on_side(parameter, side) for name, parameter in _motor_parameters(effects, base_bodies).items()}
+
+
+def _motor_parameters(effects: Iterable[str], base_bodies: Iterable[str]) -> dict[str, Parameter]:
+    effects = tuple(effects)
     expected = {f"{name}.{BASE_BODIES[name].inertia.name}": BASE_BODIES[name].inertia for name in base_bodies}
     expected["transmission.ratio"] = TRANSMISSION
     taken: dict[str, str] = {}
@@ -176,10 +219,17 @@ def expected_parameters(effects: Iterable[str], base_bodies: Iterable[str]) -> d
             expected[name] = parameter
     bodies = {body.name for _, body in body_list(effects, base_bodies)}
     for effect in map(effect_named, effects):
-        touched = {effect.body, *(end for element in effect.elements for end in element.ends)} - {"", DRIVING_END}
+        # Without a belt the carriage is the driven body itself.
+        body = "" if effect.slot == "force" and effect.body == "cart" and "cart" not in bodies else effect.body
+        touched = {body, *(end for element in effect.elements for end in element.ends)} - {"", DRIVING_END}
         if not touched <= bodies:
             lacking = ", ".join(sorted(touched - bodies))
             raise UsageError(f"{effect.name} acts on {lacking}, which this model does not have; it has {', '.join(sorted(bodies))}")
+        if effect.slot in ("belt_law", "kinematics") and BELT_SPRING not in taken:
+            raise UsageError(f"{effect.name} needs a belt, which this model does not have; add belt_stiffness first")
+        for used in effect.uses:
+            if used not in expected and used != BELT_DAMPING and not (used == BELT_STIFFNESS and BELT_SPRING in taken):
+                raise UsageError(f"{effect.name} needs {used}, which this model does not have; add {used.split('.')[0]} first")
     return expected
 
 
@@ -199,14 +249,15 @@ def build_model(
     base_bodies: tuple[str, ...] = ("motor", "cart"),
     origin: str = "",
     source: str = "",
+    side: Side = "motor",
 ) -> Model:
     """A model from plain numbers by full parameter name; the others stand at their start value."""
     effects = tuple(effects)
-    expected = expected_parameters(effects, base_bodies)
+    expected = expected_parameters(effects, base_bodies, side)
     unknown = [key for key in values if key not in expected]
     if unknown:
         raise UsageError(f"model {name!r} has no parameter {', '.join(unknown)}; it has {', '.join(expected)}")
-    return Model(name, effects, default_values(expected, values, origin), base_bodies, source)
+    return Model(name, effects, default_values(expected, values, origin), base_bodies, source, side)
 
 
 def model_from_dict(data: Mapping[str, Any]) -> Model:
@@ -214,7 +265,10 @@ def model_from_dict(data: Mapping[str, Any]) -> Model:
     try:
         effects = tuple(data["effects"])
         base_bodies = tuple(data.get("bodies", ("motor", "cart")))
-        expected = expected_parameters(effects, base_bodies)
+        side = data.get("side", "motor")
+        if side != "motor" and side not in _OTHER_SIDE:
+            raise UsageError(f"side is {side!r}; it is one of motor, {', '.join(_OTHER_SIDE)}")
+        expected = expected_parameters(effects, base_bodies, side)
         parameters: dict[str, Value] = {}
         for name, item in data["parameters"].items():
             if name not in expected:
@@ -232,7 +286,7 @@ def model_from_dict(data: Mapping[str, Any]) -> Model:
             )
             if parameters[name].unit != known.unit:
                 raise UsageError(f"{name} is given in {parameters[name].unit!r}; it must be in {known.unit!r}")
-        return Model(str(data["name"]), effects, parameters, base_bodies, str(data.get("source", "")))
+        return Model(str(data["name"]), effects, parameters, base_bodies, str(data.get("source", "")), side)
     except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise UsageError(f"not a model file ({type(error).__name__}: {error}); it holds name, effects and parameters") from error
 

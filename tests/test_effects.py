@@ -6,12 +6,13 @@ import itertools
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from beltcomm.effects import EFFECTS, Effect, Parameter, effect_named
 from beltcomm.errors import UsageError
 
-UNITS = {"kg", "kg m2", "N", "N m", "N/m", "N s/m", "N s", "N m/rad", "N m s/rad", "m", "rad"}
+UNITS = {"1", "s", "rad/s", "N s2/m2", "kg", "kg m2", "N", "N m", "N/m", "N s/m", "N s", "N m/rad", "N m s/rad", "m", "rad"}
 POSITIONS_M = (0.02, 0.31, 0.57)
 each_effect = pytest.mark.parametrize("effect", EFFECTS, ids=lambda effect: effect.name)
 
@@ -22,12 +23,38 @@ def parameters_of(effect: Effect) -> list[Parameter]:
 
 def typical_values(effect: Effect) -> list[float]:
     """Values of a law's arguments away from zero, so that no slope hides behind a zero parameter."""
-    own = [p.start or 0.3 * p.high for p in effect.parameters]
+    own = [p.start or 0.05 * min(p.high, 1.0) for p in effect.parameters]
     return [*own, *(7.0 for _ in effect.uses)]
 
 
 def difference(function, at: float, step: float) -> float:
     return (function(at + step) - function(at - step)) / (2.0 * step)
+
+
+def delays_as_its_response(effect: Effect) -> int:
+    """The law on a sine, averaged over cells, against the frequency response that the effect states."""
+    h, freq_hz, value = 5e-5, 70.0, 4.3e-4
+    edges = 2.0 * np.pi * freq_hz * h * np.arange(20001)
+    cells = np.diff(-np.cos(edges)) / np.diff(edges)
+    out = effect.law(cells, h, value)
+    steady = slice(6000, 20000)  # 49 whole periods
+    phase = np.exp(-1j * 0.5 * (edges[1:] + edges[:-1]))[steady]
+    ratio = (out[steady] @ phase) / (cells[steady] @ phase)
+    assert ratio == pytest.approx(complex(effect.slope(np.array([2.0 * np.pi * freq_hz]), value)[0]), rel=2e-4)
+    return 1
+
+
+def dissipates_in_every_cycle(effect: Effect) -> int:
+    """Friction that builds up over a distance takes energy in every closed cycle, small or large, and never exceeds its level."""
+    for amplitude in (1e-6, 3e-5, 1e-3):
+        x = amplitude * np.sin(np.linspace(0.0, 4.0 * np.pi, 2001))
+        z, shares = 0.0, []
+        for step in np.diff(x):
+            z = effect.law(float(step), z, effect.parameters[0].start)
+            shares.append(z)
+        assert max(map(abs, shares)) <= 1.0
+        assert np.sum(np.array(shares)[1000:] * np.diff(x)[1000:]) > 0.0
+    return 1
 
 
 def test_names_are_unique() -> None:
@@ -40,7 +67,7 @@ def test_is_complete(effect: Effect) -> None:
     assert effect.title
     assert effect.seen
     assert effect.check
-    assert re.search(r"\(2\.\d+\)|table A\.\d|data sheet", effect.source), "the source names an equation, a table or a sheet"
+    assert re.search(r"\([23]\.\d+\)|table A\.\d|data sheet", effect.source), "the source names an equation, a table or a sheet"
     for parameter in parameters_of(effect):
         assert parameter.unit in UNITS
         assert parameter.side in ("motor", "cart", "belt", "drive")
@@ -60,9 +87,10 @@ def test_stands_in_the_documented_slot(effect: Effect) -> None:
 @each_effect
 def test_motor_side_units_belong_to_rotary_bodies(effect: Effect) -> None:
     angular = {"N m", "N m s/rad", "N m/rad", "kg m2"}
+    neutral = {"1", "s", "m", "rad", "rad/s"}
     for parameter in parameters_of(effect):
         if parameter.side == "motor":
-            assert parameter.unit in angular
+            assert parameter.unit in angular | neutral
         elif parameter.side in ("cart", "belt"):
             assert parameter.unit not in angular
 
@@ -81,7 +109,8 @@ def test_law_agrees_with_its_slope(effect: Effect) -> None:
     for speed, position in itertools.product((-1.3, 0.4), POSITIONS_M):
         if effect.slot == "force":
             by_position, by_speed = effect.slope(position, speed, 2.0, *values)
-            assert difference(lambda q: effect.law(q, speed, 2.0, *values), position, 1e-4) == pytest.approx(by_position)  # noqa: B023
+            near = pytest.approx(difference(lambda q: effect.law(q, speed, 2.0, *values), position, 1e-5), rel=1e-5, abs=1e-9)  # noqa: B023
+            assert by_position == near
             assert difference(lambda v: effect.law(position, v, 2.0, *values), speed, 1e-4) == pytest.approx(by_speed)  # noqa: B023
             checked += 1
         elif effect.slot == "friction_level":
@@ -89,6 +118,21 @@ def test_law_agrees_with_its_slope(effect: Effect) -> None:
             assert difference(lambda v: effect.law(v, position, 2.0, *values), speed, 1e-4) == pytest.approx(by_speed)  # noqa: B023
             assert effect.law(speed, position, 2.0, *values) >= 0.0
             checked += 1
+    for at in (-0.03, -1e-5, 2e-6, 0.02, 1.3):
+        if effect.slot in ("belt_law", "kinematics", "sensor"):
+            step = 1e-7
+            assert difference(lambda q: effect.law(q, *values), at, step) == pytest.approx(effect.slope(at, *values), rel=1e-4, abs=1e-9)
+            checked += 1
+    if effect.slot == "torque_delay":
+        checked += delays_as_its_response(effect)
+    if effect.slot == "torque_path":
+        for theta in (0.0, 0.3, 2.0):
+            share = effect.law(0.1, theta, 0.0, *values) / 0.1
+            assert 0.5 < share < 1.5
+            assert effect.law(0.0, theta, 0.0, *values) == 0.0
+        checked += 1
+    if effect.slot == "friction_onset":
+        checked += dissipates_in_every_cycle(effect)
     assert checked, "an effect without any law does nothing"
 
 
@@ -102,6 +146,6 @@ def test_belt_stiffness_is_that_of_the_data_sheet() -> None:
 
 def test_unknown_effect_names_the_nearest() -> None:
     with pytest.raises(UsageError, match="did you mean cart_friction"):
-        effect_named("coulomb_cort")
+        effect_named("cart_frction")
     with pytest.raises(UsageError, match="beltcomm effects"):
         effect_named("qqq")

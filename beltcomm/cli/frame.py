@@ -30,9 +30,12 @@ VIRTUAL_AXIS = "egc-70-600"
 
 
 class Result(Protocol):
-    """What a function of :mod:`beltcomm.api` returns.   exit_code : 0, or 1 when the target was missed."""
+    """What a function of :mod:`beltcomm.api` returns."""
 
-    exit_code: int
+    @property
+    def exit_code(self) -> int:
+        """0, or 1 when the target was missed."""
+        ...
 
     def to_json(self) -> Mapping[str, Any]:
         """Everything, for programs."""
@@ -94,6 +97,10 @@ class Frame:
             return
         for line in lines:
             click.echo(line)
+
+    def line(self) -> str:
+        """The command as it was typed."""
+        return " ".join(["beltcomm", *self.words])
 
     def talk(self) -> Talk:
         """Where progress and questions go: stderr."""
@@ -181,3 +188,10 @@ def _jsonable(value: Any) -> Any:
 def options_of(**values: Any) -> Any:
     """``api.Options`` from what was given on the command line; its defaults hold for the rest."""
     return api().Options(**{name: value for name, value in values.items() if value is not None})
+
+
+def today() -> str:
+    """Date and time as ISO 8601, to the second."""
+    from datetime import datetime
+
+    return datetime.now().isoformat(timespec="seconds")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import importlib
 import keyword
+import os
 import sys
 from collections.abc import Sequence
 from typing import Any
@@ -13,6 +14,9 @@ import click
 
 from beltcomm import __version__
 from beltcomm.cli.frame import Frame
+
+# The matrices here are tall and narrow: more threads cost more than they bring, and results must not depend on the number of cores.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 #: Verb -> its line in ``--help``, in the order of the work.  The verb's own file is imported only when it is called.
 VERBS = {
@@ -26,6 +30,11 @@ VERBS = {
     "apply": "Write the designed gains to the drive.",
     "rollback": "Write the gains back that the drive had before.",
     "move": "A small, safe move.",
+    "compare": "Model against measurement: where does it fail?",
+    "diagnose": "Which physical effect is missing in the model.",
+    "add": "One more effect in the model: error before and after.",
+    "remove": "One effect less.",
+    "ladder": "All revisions of a model, down to the noise.",
     "simulate": "A virtual experiment from a model or plant into a run folder.",
     "import": "Foreign measurements into a run folder.",
     "drives": "Drive adapters found, or why one is broken.",

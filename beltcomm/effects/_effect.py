@@ -3,16 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from typing import Literal
+from dataclasses import dataclass
+from typing import Any, Literal
 
-Slot = Literal["torque_path", "friction_level", "force", "element", "kinematics", "sensor", "body"]
+Slot = Literal[
+    "torque_delay",
+    "torque_path",
+    "friction_level",
+    "friction_onset",
+    "force",
+    "belt_law",
+    "element",
+    "kinematics",
+    "sensor",
+    "body",
+]
 Side = Literal["motor", "cart", "belt", "drive"]
 Law = Callable[..., float]
 
 #: Body that the belt's driven end is fixed to: ``DRIVING_BODY`` where a coupling splits it off, else the first body.
 DRIVING_END = "driving_end"
 DRIVING_BODY = "driving_pulley"
+#: Name that an effect writes among its ``uses`` for the stiffness of the belt at the carriage's place, N/m, whatever law gives it.
+BELT_STIFFNESS = "belt.stiffness"
+#: The same for the damping of the belt, N s/m; 0 in a model without any.
+BELT_DAMPING = "belt.damping"
+#: Group of the laws of the belt as a spring: a model has one of them at most.
+BELT_SPRING = "belt spring"
 
 
 @dataclass(frozen=True)
@@ -21,6 +38,7 @@ class Parameter:
 
     unit : SI.     side : where it is meant: "motor" (motor shaft), "cart" (carriage), "belt" (at the belt line), "drive".
     start : value used when an effect is added without knowledge.     low, high : physical bounds.
+    fitted : False for what is known beforehand or chosen from a list (a number of teeth, an order): a fit leaves it alone.
     """
 
     name: str
@@ -30,6 +48,46 @@ class Parameter:
     low: float
     high: float
     meaning: str
+    fitted: bool = True
+
+
+@dataclass(frozen=True)
+class Ground:
+    """What is known of an axis when an effect is put on trial: the base model around a record and the data sheets.
+
+    inertia kg m², motor side; mass kg; stiffness N/m; damping N s/m; coulomb N m, motor side; ratio m/rad; low_m, high_m : m, where
+    the records went; antiresonance_hz : Hz; teeth : of the driving pulley, 0 when not known; peak_nm : N m, largest torque in the
+    records; peak_force_n : N, largest belt force in them; offset_m, pulley_distance_m : m, geometry of the belt, 0 when not known.
+    """
+
+    inertia: float
+    mass: float
+    stiffness: float
+    damping: float
+    coulomb: float
+    ratio: float
+    low_m: float
+    high_m: float
+    antiresonance_hz: float
+    teeth: int
+    peak_nm: float
+    peak_force_n: float
+    offset_m: float = 0.0
+    pulley_distance_m: float = 0.0
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One way to switch an effect on, at a size typical of machines.
+
+    values : own parameters by bare name (those of bodies as ``body.name``); the rest stands at its start.
+    amplitudes : parameters that scale the effect each on its own (sine and cosine): every one is a column of its own in a score
+    test; () makes one column of the whole.    signed : the effect may as well act the other way round.
+    """
+
+    values: Mapping[str, float]
+    amplitudes: tuple[str, ...] = ()
+    signed: bool = False
 
 
 @dataclass(frozen=True)
@@ -82,7 +140,11 @@ class Effect:
     body : the body a force or a friction level acts on.     elements, bodies : what an element or body effect brings.
     slope : linearisation; for ``force``: (position, speed, t, *p) -> (d force/d position, d force/d speed); for
     ``friction_level``: (speed, position, t, *p) -> d level/d speed.
-    group : effects of one group exclude each other.     seen, check : for the technician.     source : origin of the law.
+    group : effects of one group exclude each other.     seen, causes, check : for the technician.     source : origin of the law.
+    trials : how a diagnosis switches it on, from what is known of the axis; None: it is not put on trial (base effects and laws
+    that need data of their own).    twins : effects that no motion of this axis can tell from it, or hardly.    separate : the
+    experiment that tells the twins apart.    causes : usual causes.    harmonic : a sine and a cosine of the motor angle times the
+    first parameter, added to the load or to the gain of the torque (so that all orders can be searched in one pass).
     """
 
     name: str
@@ -92,14 +154,18 @@ class Effect:
     seen: str
     check: str
     source: str
-    law: Law | None = None
+    law: Callable[..., Any] | None = None
     slope: Callable[..., object] | None = None
     body: str = ""
     uses: tuple[str, ...] = ()
     elements: tuple[Element, ...] = ()
     bodies: tuple[Body, ...] = ()
     group: str = ""
-    needs: Mapping[str, str] = field(default_factory=dict)
+    trials: Callable[[Ground], list[Trial]] | None = None
+    harmonic: Literal["", "load", "gain"] = ""
+    twins: tuple[str, ...] = ()
+    separate: str = ""
+    causes: str = ""
 
     def full_names(self) -> tuple[str, ...]:
         """Names of its own parameters as they stand in a model: ``effect.parameter``."""
@@ -109,3 +175,8 @@ class Effect:
 def body_units(body: str) -> tuple[str, str, Side]:
     """Units of force and of viscous friction on a body, and its side: N m, N m s/rad at the motor; N, N s/m elsewhere."""
     return ("N m", "N m s/rad", "motor") if body == "motor" else ("N", "N s/m", "cart" if body == "cart" else "belt")
+
+
+def is_plain_belt(effect: Effect) -> bool:
+    """Whether an effect is nothing but a spring or damper between driving end and carriage, which others may share."""
+    return len(effect.elements) == 1 and effect.elements[0].ends == (DRIVING_END, "cart") and BELT_STIFFNESS not in effect.uses

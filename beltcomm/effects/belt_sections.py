@@ -1,8 +1,8 @@
-"""The end pulley as a third mass between three belt sections."""
+"""The belt as three sections by its geometry, with the end pulley as a third mass between them."""
 
 from __future__ import annotations
 
-from beltcomm.effects._effect import DRIVING_END, Body, Effect, Element, Parameter
+from beltcomm.effects._effect import BELT_SPRING, DRIVING_END, Body, Effect, Element, Parameter
 from beltcomm.effects.belt_spans import BELT_PARAMETERS
 
 
@@ -37,9 +37,9 @@ def span_slope(x: float, ea: float, l3: float, offset: float, da: float) -> tupl
 
 
 EFFECT = Effect(
-    name="end_pulley",
+    name="belt_sections",
     slot="body",
-    title="end pulley as a mass",
+    title="three belt sections and the end pulley",
     parameters=(
         *BELT_PARAMETERS,
         Parameter("specific_damping", "N s", "belt", 8.0, 0.0, 1000.0, "damping of a belt section times its length"),
@@ -50,7 +50,7 @@ EFFECT = Effect(
         Element(("end_pulley", "cart"), back, back_slope),
         Element((DRIVING_END, "end_pulley"), span, span_slope),
     ),
-    group="belt spring",
+    group=BELT_SPRING,
     seen="a second resonance above the first one, the same at all amplitudes",
     check="mass and bearing of the idler",
     source="(2.11)-(2.20)",

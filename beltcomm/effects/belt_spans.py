@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from beltcomm.effects._effect import DRIVING_END, Effect, Element, Parameter
+from beltcomm.compiled import compiled
+from beltcomm.effects._effect import BELT_SPRING, DRIVING_END, Effect, Element, Parameter
 
 BELT_PARAMETERS = (
     Parameter("specific_stiffness", "N", "belt", 1e5, 1e3, 1e7, "tensile stiffness EA of the belt"),
@@ -11,6 +12,7 @@ BELT_PARAMETERS = (
 )
 
 
+@compiled
 def stiffness(x: float, specific_stiffness: float, pulley_distance: float, offset: float) -> float:
     """Stiffness seen by the carriage, N/m.
 
@@ -36,10 +38,10 @@ def slope(x: float, specific_stiffness: float, pulley_distance: float, offset: f
 EFFECT = Effect(
     name="belt_spans",
     slot="element",
-    title="belt stiffness by position",
+    title="belt as two spans of known geometry",
     parameters=BELT_PARAMETERS,
     elements=(Element((DRIVING_END, "cart"), force, slope),),
-    group="belt spring",
+    group=BELT_SPRING,
     seen="antiresonance and resonance move with the carriage position",
     check="belt path, position of the clamp",
     source="(2.26)",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from beltcomm.effects._effect import DRIVING_END, Effect, Element, Parameter
+from beltcomm.effects._effect import BELT_SPRING, DRIVING_END, Effect, Element, Parameter
 
 
 def force(stretch: float, rate: float, x: float, stiffness: float) -> float:
@@ -21,7 +21,7 @@ EFFECT = Effect(
     title="belt stiffness",
     parameters=(Parameter("stiffness", "N/m", "belt", 2e5, 1e3, 1e8, "stiffness between driving pulley and carriage"),),
     elements=(Element((DRIVING_END, "cart"), force, slope),),
-    group="belt spring",
+    group=BELT_SPRING,
     seen="antiresonance and resonance in the frequency response",
     check="belt tension, clamp at the carriage; compare with the data sheet",
     source="(2.25)",

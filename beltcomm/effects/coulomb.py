@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from beltcomm.effects._effect import Effect, Parameter, body_units
+from beltcomm.effects._effect import Effect, Ground, Parameter, Trial, body_units
 
 _HIGH = {"motor": 5.0, "cart": 400.0, "end_pulley": 100.0}
 _START = {"motor": 0.05, "cart": 3.0, "end_pulley": 1.0}
@@ -33,8 +33,16 @@ def slope(speed: float, position: float, t: float, level_: float) -> float:
     return 0.0
 
 
+def trials(ground: Ground) -> list[Trial]:
+    """For the carriage: half of the motor's friction acts there instead."""
+    return [Trial({"level": 0.5 * ground.coulomb / ground.ratio})]
+
+
+_NAME = {"motor": "coulomb", "cart": "cart_friction", "end_pulley": "coulomb_end_pulley"}
+
+
 def on(body: str) -> Effect:
-    """The effect on one body: ``coulomb``, ``cart_friction``, ``coulomb_end_pulley``."""
+    """The effect on one body: ``coulomb`` (motor), ``cart_friction``, ``coulomb_end_pulley``."""
     unit, _, side = body_units(body)
     parameter = Parameter("level", unit, side, _START[body], 0.0, _HIGH[body], "friction that does not depend on speed")
     return Effect(
@@ -47,6 +55,8 @@ def on(body: str) -> Effect:
         body=body,
         seen="the torque steps when the direction changes; small torques do not move the axis",
         check=_CHECK[body],
+        trials=trials if body == "cart" else None,
+        causes="guide and its seals" if body == "cart" else "bearings, seals",
         source="(2.21), (2.23); measured by (3.36)",
     )
 

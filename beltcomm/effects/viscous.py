@@ -28,11 +28,11 @@ def slope(position: float, speed: float, t: float, damping: float) -> tuple[floa
 
 
 def on(body: str) -> Effect:
-    """The effect on one body: ``viscous``, ``viscous_cart``, ``viscous_end_pulley``."""
+    """The effect on one body: ``viscous`` (motor), ``viscous_cart``, ``viscous_end_pulley``."""
     _, unit, side = body_units(body)
     parameter = Parameter("damping", unit, side, _START[body], 0.0, _HIGH[body], "friction in proportion to speed")
     return Effect(
-        name=f"viscous_{body}",
+        name="viscous" if body == "motor" else f"viscous_{body}",
         slot="force",
         title=_TITLE[body],
         parameters=(parameter,),

@@ -180,11 +180,7 @@ def _first(prediction: Prediction, limits: MotionLimits) -> str:
 
 
 def _stiffness_names(model: Model) -> list[str]:
-    return [
-        n
-        for n in model.parameters
-        if n.startswith(("belt_stiffness.stiffness", "belt_spans.specific", "belt_sections.specific_s"))
-    ]
+    return [n for n in model.parameters if n.startswith(("belt_stiffness.stiffness", "belt_spans.specific", "belt_sections.specific_s"))]
 
 
 def _scaled(model: Model, names: Sequence[str], factor: float) -> dict[str, float]:

@@ -77,10 +77,11 @@ def first_estimate(recordings: Sequence[Recording], start: Model, counts_per_rev
     # How the friction is split between motor and carriage is only a guess so far; a wrong split puts mass and stiffness 15 % off.
     # (Where the carriage stuck before is neglected: 1 % of the mass at usual friction, 6 % where friction is all at the carriage.)
     starts = [np.log([m, c, friction]) for _, m, c in sorted(grid)[:REFINED]]
-    refined = [
-        minimize(lambda y: search.rest(np.exp(y)), y, method="Nelder-Mead", options={"xatol": 1e-3, "maxfev": LONGEST_REFINEMENT})
-        for y in starts
-    ]
+
+    def cost(logarithms: Array) -> float:
+        return search.rest(np.exp(logarithms))
+
+    refined = [minimize(cost, y, method="Nelder-Mead", options={"xatol": 1e-3, "maxfev": LONGEST_REFINEMENT}) for y in starts]
     return search.model(np.exp(min(refined, key=lambda found: float(found.fun)).x))
 
 

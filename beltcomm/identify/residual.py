@@ -16,17 +16,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beltcomm.identify.whitening import noise_path, whiten
+from beltcomm.identify.whitening import NoisePath, Whitener, noise_path, whiten
 from beltcomm.linear import matrices, operating_point
 from beltcomm.model import Model
 from beltcomm.recording import Recording
-from beltcomm.simulate.inverse import FineMotion, begins_in_motion, fine_load, load_torque, reconstruct, torque_residual
+from beltcomm.simulate.inverse import FineMotion, begins_in_motion, fine_load, reconstruct, torque_residual
 
 Array = NDArray[np.float64]
 
 #: rad/s at the motor: below this speed anywhere within a sample the motor may be sticking.  Three encoder steps of a 65536-count
 #: encoder per millisecond; on simulated axes 0.1 still lets sticking samples through and 0.2 to 0.8 give equal residuals.
 STICK_SPEED_RAD_S = 0.3
+#: m/s, the same for an axis known at its load side.
+STICK_SPEED_M_S = 4e-3
 #: m the carriage must have travelled before a stretch counts: until then its belt stretch at the start is unknown.
 RUN_IN_TRAVEL_M = 1e-4
 #: s after that travel, for the free oscillation of the carriage to die out.
@@ -47,7 +49,8 @@ class Stretch:
 
     position, torque : ndarray (n,), rad and N m at the motor shaft.   motion : the same on a fine grid.
     keep : ndarray (n,) bool, samples that count.     noise_nm : torque noise, N m rms.    step_rad : encoder step, rad.
-    offset_m : m, the belt may be stretched by up to this at the start.
+    offset_m : m, the belt may be stretched by up to this at the start.   whitener : gains worked out beforehand for a model near the
+    right one; without it every evaluation works out its own.
     """
 
     record: str
@@ -59,12 +62,15 @@ class Stretch:
     noise_nm: float
     step_rad: float
     offset_m: float
+    whitener: Whitener | None = None
 
 
-def stretches(recording: Recording, model: Model, step_rad: float, noise_nm: float, *, fitted: bool = False) -> list[Stretch]:
+def stretches(
+    recording: Recording, model: Model, step_rad: float, noise_nm: float, *, fitted: bool = False, substeps: int = SUBSTEPS
+) -> list[Stretch]:
     """The gapless pieces of a recording that hold at least 50 samples; ``model`` gives inertia and transmission.
 
-    fitted : the model's load is good enough to say how the motor moves between the samples.
+    fitted : the model's load is good enough to say how the motor moves between the samples.   substeps : fine steps then.
     """
     sample = recording.sample_period_s
     cuts = [0, *(int(i) + 1 for i in recording.gaps()), len(recording.t_s)]
@@ -80,12 +86,14 @@ def stretches(recording: Recording, model: Model, step_rad: float, noise_nm: flo
         time = (recording.sidecar.session_time_s or 0.0) + recording.t_s[first] - recording.t_s[0]
         inertia = model["motor.inertia"]
         motion = reconstruct(
-            position, torque, sample, inertia, start_rad=place, substeps=SUBSTEPS if fitted else COARSE_SUBSTEPS, time_s=time
+            position, torque, sample, inertia, start_rad=place, substeps=substeps if fitted else COARSE_SUBSTEPS, time_s=time
         )
         if fitted:
             load, _ = fine_load(model, motion)
-            motion = reconstruct(position, torque, sample, inertia, start_rad=place, substeps=SUBSTEPS, time_s=time, load=load)
-        keep = ~resting(motion) & ran_in(motion, ratio)
+            motion = reconstruct(position, torque, sample, inertia, start_rad=place, substeps=substeps, time_s=time, load=load)
+        keep = ~resting(motion, STICK_SPEED_M_S if recording.side == "load" else STICK_SPEED_RAD_S)
+        if "cart" in model.base_bodies:
+            keep &= ran_in(motion, ratio)
         pieces.append(
             Stretch(
                 recording.name,
@@ -107,6 +115,8 @@ def start_offset(model: Model, motion: FineMotion) -> float:
 
     Without this bound a stretch of half a millimetre lets the carriage ring before anything counts, and where it then sticks is chance.
     """
+    if "cart" not in model.base_bodies:
+        return 0.0
     if begins_in_motion(motion):
         return MOVING_STRETCH_M
     at = operating_point(model, float(motion.theta[0]) * model["transmission.ratio"], 1.0)
@@ -115,12 +125,12 @@ def start_offset(model: Model, motion: FineMotion) -> float:
     return min(HELD_SPREAD * model.get("cart_friction.level") * compliance, MOVING_STRETCH_M)
 
 
-def resting(motion: FineMotion) -> NDArray[np.bool_]:
+def resting(motion: FineMotion, stick_speed: float) -> NDArray[np.bool_]:
     """Samples whose triangular weight (one period before and after) touches a reversal or a speed below the stick speed."""
     n, m = motion.samples, motion.substeps
     inside = np.lib.stride_tricks.sliding_window_view(motion.omega, m + 1)[::m]
     low, high = inside.min(axis=1), inside.max(axis=1)
-    slow = (np.minimum(np.abs(low), np.abs(high)) < STICK_SPEED_RAD_S) | ((low < 0.0) & (high > 0.0))
+    slow = (np.minimum(np.abs(low), np.abs(high)) < stick_speed) | ((low < 0.0) & (high > 0.0))
     touched = np.ones(n, dtype=bool)
     touched[1:-1] = slow[:-1] | slow[1:]
     return touched
@@ -171,15 +181,24 @@ def _rough_noise(recording: Recording) -> float:
 
 
 def evaluate(stretch: Stretch, model: Model, vector: Array, offset_m: float = 0.0) -> Array:
-    """Residual e[n], N m at the motor shaft, (n,): all samples, also those not kept.   offset_m : see ``load_torque``."""
-    load, _ = load_torque(model, stretch.motion, vector, offset_m)
-    inertia = vector[model.index("motor.inertia")]
-    return torque_residual(stretch.position, stretch.torque, load, stretch.motion.sample_s, inertia)
+    """Residual e[n], N m at the motor shaft, (n,): all samples, also those not kept.   offset_m : see ``fine_load``."""
+    return torque_residual(model, stretch.motion, stretch.torque, vector, offset_m)
 
 
 def whitened(stretch: Stretch, model: Model, vector: Array, offset_m: float = 0.0) -> Array:
     """Residual of the kept samples in units of its own noise: independent, variance 1 where the model is right."""
+    return in_noise(stretch, model, vector, evaluate(stretch, model, vector, offset_m))
+
+
+def in_noise(stretch: Stretch, model: Model, vector: Array, torque: Array) -> Array:
+    """A torque, N m, (n,), of the kept samples in units of the residual's noise; linear in the torque."""
+    if stretch.whitener is not None:
+        return stretch.whitener(torque, stretch.keep)
+    return whiten(torque, stretch.keep, path_of(stretch, model.with_vector(vector)), stretch.step_rad, stretch.noise_nm)
+
+
+def path_of(stretch: Stretch, model: Model) -> NoisePath:
+    """How torque noise and rounding reach the residual of a stretch, linearised in the middle of its way."""
     theta = stretch.motion.theta
-    middle = 0.5 * float(theta.min() + theta.max()) * vector[model.index("transmission.ratio")]
-    path = noise_path(model.with_vector(vector), middle, stretch.motion.sample_s)
-    return whiten(evaluate(stretch, model, vector, offset_m), stretch.keep, path, stretch.step_rad, stretch.noise_nm)
+    middle = 0.5 * float(theta.min() + theta.max()) * model["transmission.ratio"]
+    return noise_path(model, middle, stretch.motion.sample_s)

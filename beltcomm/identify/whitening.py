@@ -104,21 +104,36 @@ def exponential(a: Array) -> Array:
 
 def whiten(residual: Array, keep: NDArray[np.bool_], path: NoisePath, step_rad: float, noise_nm: float) -> Array:
     """Innovations of the kept samples over their deviation; (n,) N m -> (kept,).   step_rad : rad.   noise_nm : N m rms."""
-    return _innovations(residual, keep, path.F, path.G, path.H, path.D, step_rad**2 / 12.0, noise_nm**2)
+    return whitener(keep, path, step_rad, noise_nm)(residual, keep)
+
+
+@dataclass(frozen=True)
+class Whitener:
+    """The filter of one stretch with its gains worked out: they depend on the noises and on what is kept, not on the residual.
+
+    gains : (n, k).   deviations : (n,), N m, of the innovations.
+    """
+
+    path: NoisePath
+    gains: Array
+    deviations: Array
+
+    def __call__(self, residual: Array, keep: NDArray[np.bool_]) -> Array:
+        """Innovations of the kept samples over their deviation; (n,) N m -> (kept,).   ``keep`` : as for :func:`whitener`."""
+        return _filtered(residual, keep, self.path.F, self.path.H, self.gains, self.deviations)
+
+
+def whitener(keep: NDArray[np.bool_], path: NoisePath, step_rad: float, noise_nm: float) -> Whitener:
+    """Gains for the kept samples of a stretch.   step_rad : rad.   noise_nm : N m rms."""
+    gains, deviations = np.zeros((len(keep), len(path.H))), np.ones(len(keep))
+    _gains(keep, path.F, path.G, path.H, path.D, step_rad**2 / 12.0, noise_nm**2, gains, deviations)
+    return Whitener(path, gains, deviations)
 
 
 @compiled
-def _innovations(e: Array, keep: NDArray[np.bool_], f: Array, g: Array, h: Array, d: Array, q: float, w: float) -> Array:
-    size, own = h.shape[0], h.shape[0] - 2  # the last two columns of f are zero
-    p = np.zeros((size, size))
-    p[own - 1, own - 1], p[size - 1, size - 1] = q, w
-    s, ahead, ph, k = np.zeros(size), np.zeros(size), np.zeros(size), np.zeros(size)
-    fp, noise, cross = np.zeros((size, own)), np.zeros((size, size)), np.zeros(size)
-    for i in range(size):
-        cross[i] = g[i, 0] * q * d[0] + g[i, 1] * w * d[1]
-        for j in range(size):
-            noise[i, j] = g[i, 0] * q * g[j, 0] + g[i, 1] * w * g[j, 1]
-    direct = d[0] * d[0] * q + d[1] * d[1] * w
+def _filtered(e: Array, keep: NDArray[np.bool_], f: Array, h: Array, gains: Array, deviations: Array) -> Array:
+    size, own = h.shape[0], h.shape[0] - 2
+    s, ahead = np.zeros(size), np.zeros(size)
     out = np.empty(keep.sum())
     number = 0
     for n in range(e.shape[0]):
@@ -127,37 +142,60 @@ def _innovations(e: Array, keep: NDArray[np.bool_], f: Array, g: Array, h: Array
             for j in range(own):
                 total += f[i, j] * s[j]
             ahead[i] = total
+        if keep[n]:
+            innovation = e[n]
+            for i in range(size):
+                innovation -= h[i] * s[i]
+            out[number] = innovation / deviations[n]
+            number += 1
+            for i in range(size):
+                ahead[i] += gains[n, i] * innovation
+        for i in range(size):
+            s[i] = ahead[i]
+    return out
+
+
+@compiled
+def _gains(keep: NDArray[np.bool_], f: Array, g: Array, h: Array, d: Array, q: float, w: float, gains: Array, deviations: Array) -> None:
+    """The covariance half of the filter."""
+    size, own = h.shape[0], h.shape[0] - 2
+    p = np.zeros((size, size))
+    p[own - 1, own - 1], p[size - 1, size - 1] = q, w
+    ph, k = np.zeros(size), np.zeros(size)
+    fp, noise, cross = np.zeros((size, own)), np.zeros((size, size)), np.zeros(size)
+    for i in range(size):
+        cross[i] = g[i, 0] * q * d[0] + g[i, 1] * w * d[1]
+        for j in range(size):
+            noise[i, j] = g[i, 0] * q * g[j, 0] + g[i, 1] * w * g[j, 1]
+    direct = d[0] * d[0] * q + d[1] * d[1] * w
+    for n in range(keep.shape[0]):
+        for i in range(size):
             for j in range(own):
                 total = 0.0
                 for m in range(own):
                     total += f[i, m] * p[m, j]
                 fp[i, j] = total
-        kept, variance = keep[n], direct
-        if kept:
-            innovation = e[n]
+        variance = direct
+        if keep[n]:
             for i in range(size):
                 total = 0.0
                 for j in range(size):
                     total += p[i, j] * h[j]
                 ph[i] = total
                 variance += h[i] * total
-                innovation -= h[i] * s[i]
-            out[number] = innovation / np.sqrt(variance)
-            number += 1
             for i in range(size):
                 total = cross[i]
                 for j in range(own):
                     total += f[i, j] * ph[j]
                 k[i] = total
-                ahead[i] += total * innovation / variance
+                gains[n, i] = total / variance
+            deviations[n] = np.sqrt(variance)
         for i in range(size):
-            s[i] = ahead[i]
             for j in range(i + 1):
                 total = noise[i, j]
                 for m in range(own):
                     total += fp[i, m] * f[j, m]
-                if kept:
+                if keep[n]:
                     total -= k[i] * k[j] / variance
                 p[i, j] = total
                 p[j, i] = total
-    return out

@@ -12,6 +12,7 @@ from beltcomm.errors import Refused, UsageError
 from beltcomm.linear import describes, equilibrium, fastest_rate, operating_point
 from beltcomm.model import Model
 from beltcomm.simulate.compose import kernel_for
+from beltcomm.simulate.imperfect import is_late, late_torque
 
 Array = NDArray[np.float64]
 
@@ -22,7 +23,10 @@ _LARGEST_STEP = 0.5
 
 @dataclass(frozen=True)
 class State:
-    """Positions and speeds of all bodies in the order of ``Model.bodies()``, (n,), rad or m, rad/s or m/s; absolute."""
+    """Positions and speeds of all bodies in the order of ``Model.bodies()``, (n,), rad or m, rad/s or m/s; absolute.
+
+    Behind the positions stands the state of elastic friction where the model has it.  Torque under way in a dead time is not kept.
+    """
 
     positions: Array
     speeds: Array
@@ -32,7 +36,7 @@ class State:
 class Simulated:
     """A simulated record of n samples; every entry is the state at the start of its sampling interval.
 
-    t_s : (n,), s, session clock.     position_rad, velocity_rad_s : (n,), motor shaft; the position is absolute, its zero is
+    t_s : (n,), s, session clock.     position_rad, velocity_rad_s : (n,), motor shaft, true; the position is absolute, its zero is
     where an unstretched belt puts the carriage to position 0.     cart_position_m : (n,), m, carriage on the axis.
     belt_force_n : (n,), N, largest force between driven end and carriage within the interval.     end : state after the last.
     """
@@ -68,8 +72,16 @@ def simulate_torque(
     check_step(model, position_m, sample_period_s, substeps)
     start = state or at_rest(model, position_m)
     q, v = start.positions.copy(), start.speeds.copy()
-    theta, omega, cart, belt = np.empty((4, torque.size))
-    kernel_for(model).run(q, v, model.vector(), torque, time_s, sample_period_s, substeps, theta, omega, cart, belt)
+    if is_late(model):  # the acting torque changes within a sampling period: every sub-step becomes a period of its own
+        h = sample_period_s / substeps
+        fine = np.empty((4, torque.size * substeps))
+        acting = late_torque(model, np.repeat(torque, substeps), h)
+        kernel_for(model).run(q, v, model.vector(), acting, time_s, h, 1, *fine)
+        theta, omega, cart = fine[:3, ::substeps].copy()
+        belt = fine[3].reshape(-1, substeps).max(axis=1)
+    else:
+        theta, omega, cart, belt = np.empty((4, torque.size))
+        kernel_for(model).run(q, v, model.vector(), torque, time_s, sample_period_s, substeps, theta, omega, cart, belt)
     for reached in (np.min(cart, initial=position_m), np.max(cart, initial=position_m)):
         if not describes(model, float(reached)):
             raise Refused(f"the carriage ran to {reached:g} m, where model {model.name!r} has no belt; use less torque or time")
@@ -80,7 +92,8 @@ def simulate_torque(
 def at_rest(model: Model, position_m: float) -> State:
     """Static equilibrium with the carriage at ``position_m``."""
     positions = equilibrium(model, position_m).positions
-    return State(positions, np.zeros_like(positions))
+    unloaded = np.zeros(kernel_for(model).states - len(positions))
+    return State(np.concatenate([positions, unloaded]), np.zeros_like(positions))
 
 
 def check_step(model: Model, position_m: float, duration_s: float, substeps: int) -> None:

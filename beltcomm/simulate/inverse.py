@@ -16,15 +16,20 @@ differentiation with a sinc would leave a bias of 0.3 to 0.5 % in J.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from beltcomm.compiled import compiled
-from beltcomm.model import Model
-from beltcomm.simulate.compose import LOOK_AHEAD, MOVING_RAD_S, kernel_for
+from beltcomm.effects import EFFECTS, Effect, effect_named
+from beltcomm.model import Model, expected_parameters
+from beltcomm.simulate.compose import inverse_kernel
+from beltcomm.simulate.writer import LOOK_AHEAD, MOVING_RAD_S, catalogue_parameters
 
 Array = NDArray[np.float64]
 
@@ -32,6 +37,7 @@ Array = NDArray[np.float64]
 #: in a fine step; samples in which it rests or reverses are left out by the caller, so chatter there does no harm.  (1.3 um would
 #: reach into the samples after a reversal: 1 % of the viscous and 0.3 % of the Coulomb friction of rig g_b.)
 BRISTLE_M = 2e-8
+_CATALOGUE_SIZE = len(catalogue_parameters())
 
 
 @dataclass(frozen=True)
@@ -95,18 +101,128 @@ def begins_in_motion(motion: FineMotion) -> bool:
     return abs(4.0 * middle - last - 3.0 * first) * motion.substeps >= 2.0 * half * motion.sample_s * MOVING_RAD_S
 
 
+@dataclass(frozen=True)
+class Switchboard:
+    """Where the parameters of a model stand in the vector of the masked kernel, and which effects are on.
+
+    places : (k,), place of each entry of ``Model.vector()``.    on : (effects of the catalogue,) bool.   motor, belt : the same for
+    those that act on the motor alone, and for the others: the load is the sum of both.
+    delays : effects between reported and acting torque, with their places in the model's vector.     bent : whether the torque
+    path, corrected : whether the angle is touched by an effect.
+    """
+
+    places: NDArray[np.intp]
+    on: NDArray[np.bool_]
+    motor: NDArray[np.bool_]
+    belt: NDArray[np.bool_]
+    delays: tuple[tuple[Callable[..., Array], tuple[int, ...]], ...]
+    bent: bool
+    corrected: bool
+
+    def spread(self, vector: Array) -> Array:
+        """The vector of the masked kernel."""
+        p = np.zeros(_CATALOGUE_SIZE)
+        p[self.places] = vector
+        return p
+
+
+def acts_on_motor(effect: Effect) -> bool:
+    """Whether an effect adds to the load of the motor whatever the carriage does."""
+    return effect.slot in ("force", "friction_level", "friction_onset") and effect.body == "motor"
+
+
+@lru_cache(maxsize=256)
+def switchboard(base_bodies: tuple[str, ...], effects: tuple[str, ...]) -> Switchboard:
+    """The switchboard of one combination of effects."""
+    catalogue = catalogue_parameters()
+    own = list(expected_parameters(effects, base_bodies))
+    chosen = [effect_named(name) for name in effects]
+    delays = tuple(
+        (cast("Callable[..., Array]", e.law), tuple(own.index(name) for name in e.full_names())) for e in chosen if e.slot == "torque_delay"
+    )
+    return Switchboard(
+        np.array([catalogue[name] for name in own], dtype=np.intp),
+        np.array([effect.name in effects for effect in EFFECTS]),
+        np.array([effect.name in effects and acts_on_motor(effect) for effect in EFFECTS]),
+        np.array([effect.name in effects and not acts_on_motor(effect) for effect in EFFECTS]),
+        delays,
+        any(e.slot == "torque_path" for e in chosen),
+        any(e.slot == "sensor" for e in chosen),
+    )
+
+
+def true_motion(model: Model, motion: FineMotion, vector: Array | None = None) -> FineMotion:
+    """The motion with the errors of the angle sensor taken out; the same object where the model knows of none."""
+    board = switchboard(model.base_bodies, model.effects)
+    if not board.corrected:
+        return motion
+    p = board.spread(model.vector() if vector is None else vector)
+    theta, omega = motion.theta.copy(), motion.omega.copy()
+    inverse_kernel().angle(theta, omega, p, board.on)
+    return replace(motion, theta=theta, omega=omega)
+
+
 def fine_load(model: Model, motion: FineMotion, vector: Array | None = None, offset_m: float = 0.0) -> tuple[Array, Array]:
-    """Load at the motor shaft, N m, and carriage position, m, on the fine grid; (fine,), (fine,).
+    """Load at the motor shaft, N m, and carriage position, m, on the fine grid of a true motion; (fine,), (fine,).
 
     vector : replaces ``model.vector()``.   offset_m : m, a resting carriage is held by its friction up to level/stiffness away
     from where the belt is unstretched.
     """
-    p = model.vector() if vector is None else vector
+    board = switchboard(model.base_bodies, model.effects)
+    p = board.spread(model.vector() if vector is None else vector)
     load, cart = np.empty_like(motion.theta), np.empty_like(motion.theta)
-    bristle = BRISTLE_M / p[model.index("transmission.ratio")]
     h = motion.sample_s / motion.substeps
-    kernel_for(model).inverse(motion.theta, motion.omega, p, motion.time_s, h, bristle, offset_m, load, cart)
+    inverse_kernel().load(motion.theta, motion.omega, p, board.on, motion.time_s, h, BRISTLE_M, offset_m, load, cart)
     return load, cart
+
+
+def part_of_load(model: Model, motion: FineMotion, vector: Array, offset_m: float, part: Literal["motor", "belt"]) -> Array:
+    """What the motor's own effects, or everything beyond the motor, adds to the load; triangular mean, (n,), N m, ends 0."""
+    board = switchboard(model.base_bodies, model.effects)
+    on = board.motor if part == "motor" else board.belt
+    if not on.any():
+        return np.zeros(motion.samples)
+    load, cart = np.empty_like(motion.theta), np.empty_like(motion.theta)
+    h = motion.sample_s / motion.substeps
+    inverse_kernel().load(motion.theta, motion.omega, board.spread(vector), on, motion.time_s, h, BRISTLE_M, offset_m, load, cart)
+    return triangular_mean(load, motion.substeps)
+
+
+def load_of(model: Model, motion: FineMotion, vector: Array, effect: str) -> Array:
+    """What one effect that acts on the motor adds to its load; triangular mean, (n,), N m, ends 0."""
+    board = switchboard(model.base_bodies, model.effects)
+    on = np.zeros_like(board.on)
+    on[[e.name for e in EFFECTS].index(effect)] = True
+    load, cart = np.empty_like(motion.theta), np.empty_like(motion.theta)
+    h = motion.sample_s / motion.substeps
+    inverse_kernel().load(motion.theta, motion.omega, board.spread(vector), on, motion.time_s, h, BRISTLE_M, 0.0, load, cart)
+    return triangular_mean(load, motion.substeps)
+
+
+def acting_torque(model: Model, motion: FineMotion, torque: Array, vector: Array | None = None) -> Array:
+    """Torque that acts on the motor, averaged with the triangular weight, (n,), N m, ends 0.
+
+    torque : ndarray (n,), N m, as reported, held from sample n to n+1.   vector : replaces ``model.vector()``.
+    """
+    mean = np.zeros(motion.samples)
+    board = switchboard(model.base_bodies, model.effects)
+    if not (board.delays or board.bent):
+        mean[1:-1] = 0.5 * (torque[:-2] + torque[1:-1])
+        return mean
+    values = model.vector() if vector is None else vector
+    h = motion.sample_s / motion.substeps
+    cells = np.repeat(torque[: motion.samples - 1], motion.substeps)
+    for law, places in board.delays:
+        cells = law(cells, h, *(float(values[i]) for i in places))
+    if board.bent:
+        out = np.empty_like(cells)
+        inverse_kernel().torque(cells, motion.theta, board.spread(values), board.on, motion.time_s, h, out)
+        cells = out
+    m = motion.substeps
+    ramp = (np.arange(m) + 0.5) / m**2  # the middle of a cell weighs it exactly: the weight is linear within it
+    rows = cells.reshape(-1, m)
+    mean[1:-1] = rows[:-1] @ ramp + rows[1:] @ ramp[::-1]
+    return mean
 
 
 def load_torque(model: Model, motion: FineMotion, vector: Array | None = None, offset_m: float = 0.0) -> tuple[Array, Array]:
@@ -136,8 +252,12 @@ def triangular_mean(fine: Array, substeps: int) -> Array:
     return mean
 
 
-def torque_residual(position: Array, torque: Array, load: Array, sample_s: float, inertia: float) -> Array:
-    """e[n] of the module's equation, N m at the motor shaft; (n,), ends 0."""
-    residual = np.zeros(len(position))
-    residual[1:-1] = inertia * np.diff(position, 2) / sample_s**2 + load[1:-1] - 0.5 * (torque[:-2] + torque[1:-1])
+def torque_residual(model: Model, motion: FineMotion, torque: Array, vector: Array | None = None, offset_m: float = 0.0) -> Array:
+    """e[n] of the module's equation, N m at the motor shaft; (n,), ends 0.   torque : ndarray (n,), N m, as reported."""
+    p = model.vector() if vector is None else vector
+    motion = true_motion(model, motion, p)
+    load, _ = load_torque(model, motion, p, offset_m)
+    residual = load - acting_torque(model, motion, torque, p)
+    inertia = p[model.index("motor.inertia")]
+    residual[1:-1] += inertia * np.diff(motion.theta[:: motion.substeps], 2) / motion.sample_s**2
     return residual

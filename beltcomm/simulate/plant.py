@@ -11,6 +11,7 @@ from beltcomm.linear import describes
 from beltcomm.model import Model
 from beltcomm.simulate.compose import kernel_for
 from beltcomm.simulate.forward import at_rest, check_step
+from beltcomm.simulate.imperfect import is_late, late_torque, measured_angle, memory_s
 
 #: N/m and 1: rubber buffers at both ends; 3 N m on the rig (250 N) press them by 1.3 mm.  They belong to this plant and not to
 #: the model: they only keep a virtual axis from leaving the travel its model describes, and nothing identifies them.
@@ -64,9 +65,11 @@ class SimulatedPlant:
         self._inertia = model[name]
         self._low, self._high = end_stops_m or (-math.inf, math.inf)
         self._substeps_per_s = 1e3 * substeps_per_ms
-        self._start_rad = float(self._q[0])
+        self._start_rad = measured_angle(model, float(self._q[0]))
         self._start_m = position_m
         self._duration_s, self._count, self._h = 0.0, 1, 0.0
+        self._late, self._memory_s = is_late(model), memory_s(model)
+        self._reported = np.zeros(0)
         self.time_s = 0.0
         self.position_rad = 0.0
         self.velocity_rad_s = float(self._v[0])
@@ -85,12 +88,14 @@ class SimulatedPlant:
         q, v, i = self._q, self._v, self._carriage
         x = q.item(i) * self._lever
         reach = 2.0 * abs(v.item(i)) * self._lever * duration_s + 1e-3  # it can hardly double its speed within one step
-        if self._low < x - reach and x + reach < self._high:
+        if self._late:
+            self._step_late(torque_nm)
+        elif self._low < x - reach and x + reach < self._high:
             self.belt_force_n = self._advance(q, v, self._p, torque_nm, self.time_s, self._h, self._count)
         else:
             self._step_near_stop(torque_nm)
         self.time_s += duration_s
-        self.position_rad = q.item(0) - self._start_rad
+        self.position_rad = measured_angle(self._model, q.item(0)) - self._start_rad
         self.velocity_rad_s = v.item(0)
         self.cart_position_m = q.item(i) * self._lever - self._start_m
         if abs(self.cart_position_m - self._known_m) > _LOOK_EVERY_M:
@@ -102,6 +107,19 @@ class SimulatedPlant:
         reached = self._start_m + self.cart_position_m
         if not describes(self._model, reached):
             raise Refused(f"the carriage ran to {reached:g} m, where model {self._model.name!r} has no belt; give it end stops")
+
+    def _step_late(self, torque_nm: float) -> None:
+        """The same step with the torque that comes out of the torque path, which remembers what went in."""
+        keep = math.ceil(self._memory_s / self._h)
+        self._reported = np.concatenate([self._reported[-keep:], np.full(self._count, torque_nm)])
+        acting = late_torque(self._model, self._reported, self._h)[-self._count :]
+        count, start_s, strand = self._count, self.time_s, 0.0
+        for n, torque in enumerate(acting.tolist()):
+            self._count = 1
+            self.time_s = start_s + n * self._h
+            self._step_near_stop(torque)
+            strand = max(strand, abs(self.belt_force_n))
+        self._count, self.time_s, self.belt_force_n = count, start_s, strand
 
     def _step_near_stop(self, torque_nm: float) -> None:
         """The same step with the buffers' force added to the carriage after each sub-step (operator splitting).

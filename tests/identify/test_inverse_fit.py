@@ -210,7 +210,7 @@ def test_a_record_in_which_nothing_moves_is_refused(g_b: Case) -> None:
 
 def test_a_record_that_hardly_moves_is_refused_not_broken(g_b: Case) -> None:
     """0.3 mm, barely above breakaway: after the first pass hardly a sample is left, and that is a sentence, not a crash."""
-    barely = Recorder(7).shaken(draw("g_b", np.random.default_rng(22)), 0.12, 4, "barely")
+    barely = Recorder(7).shaken(draw("g_b", np.random.default_rng(22)), 0.115, 4, "barely")
     with pytest.raises(DataError, match="moving samples"):
         fit_inverse([barely], g_b.start, counts_per_rev=COUNTS)
 

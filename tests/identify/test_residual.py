@@ -202,7 +202,7 @@ def test_samples_near_a_reversal_or_standstill_are_left_out(motion: FineMotion) 
     for n in range(1, motion.samples - 1):
         part = motion.omega[(n - 1) * m : (n + 1) * m + 1]
         expected[n] = not (np.all(part >= STICK_SPEED_RAD_S) or np.all(part <= -STICK_SPEED_RAD_S))
-    found = resting(motion)
+    found = resting(motion, STICK_SPEED_RAD_S)
     np.testing.assert_array_equal(found, expected)
     assert found[0]
     assert found[-1]

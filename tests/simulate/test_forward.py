@@ -11,8 +11,9 @@ from scipy.integrate import solve_ivp
 from beltcomm.errors import Refused, UsageError
 from beltcomm.linear import equilibrium
 from beltcomm.model import Model, build_model
-from beltcomm.simulate.compose import kernel_for
+from beltcomm.simulate.compose import inverse_kernel
 from beltcomm.simulate.forward import State, simulate_torque
+from beltcomm.simulate.inverse import switchboard
 
 IT, INERTIA, MASS, C, D = 0.01242, 71.73e-6, 13.44, 203740.0, 20.0
 RIG = ("belt_sections", "coupling", "belt_damping", "viscous", "viscous_cart", "viscous_end_pulley",
@@ -243,8 +244,9 @@ def test_inverse_of_the_simulated_motion_is_its_torque(friction: float) -> None:
         torque = np.repeat(held, substeps)
         out = simulate_torque(model, torque, h, substeps=1)
         load, cart = np.empty_like(torque), np.empty_like(torque)
-        bristle = 1e-9 / IT
-        kernel_for(model).inverse(out.position_rad, out.velocity_rad_s, model.vector(), 0.0, h, bristle, 0.0, load, cart)
+        board = switchboard(model.base_bodies, model.effects)
+        p = board.spread(model.vector())
+        inverse_kernel().load(out.position_rad, out.velocity_rad_s, p, board.on, 0.0, h, 1e-9, 0.0, load, cart)
         speed = np.append(out.velocity_rad_s, out.end.speeds[0])
         expected = torque - INERTIA * np.diff(speed) / h
         moving = np.minimum(np.abs(speed[:-1]), np.abs(speed[1:])) > 0.2

@@ -116,11 +116,12 @@ def test_known_load_keeps_a_reversal_out_of_its_neighbours() -> None:
 def test_a_free_inertia_leaves_no_torque_over() -> None:
     torque = np.random.default_rng(4).normal(0.0, 0.5, 500)
     angle, _ = held_motion(torque, INERTIA, substeps=1)
-    zero = np.zeros(501)
-    left = torque_residual(angle, np.append(torque, 0.0), zero, T, INERTIA)
+    motion = reconstruct(angle, np.append(torque, 0.0), T, INERTIA, start_rad=float(angle[0]), substeps=SUB)
+    free = build_model("free", (), {"motor.inertia": INERTIA}, base_bodies=("motor",))
+    left = torque_residual(free, motion, np.append(torque, 0.0))
     rounding = INERTIA * 4.0 * np.finfo(float).eps * np.max(np.abs(angle)) / T**2
     np.testing.assert_allclose(left, 0.0, atol=4.0 * rounding)
-    wrong = torque_residual(angle, np.append(torque, 0.0), zero, T, 1.01 * INERTIA)
+    wrong = torque_residual(free.with_values({"motor.inertia": 1.01 * INERTIA}), motion, np.append(torque, 0.0))
     np.testing.assert_allclose(wrong[1:-1], 0.01 * 0.5 * (torque[:-1] + torque[1:]), atol=1e-6)
 
 
@@ -157,7 +158,7 @@ def test_vector_replaces_the_model() -> None:
 @pytest.mark.parametrize(("bristles", "share"), [(0.5, 0.5), (1.0, 0.0), (3.0, -1.0)])
 def test_motor_friction_turns_round_within_two_bristles(bristles: float, share: float) -> None:
     """After a reversal the friction falls from +level to -level in proportion to the way back, and stays where the motor rests."""
-    level, bristle = 0.08, BRISTLE_M / LEVER
+    level, bristle = 0.08, BRISTLE_M / LEVER  # rad
     vector = axis(coulomb__level=level, belt_damping__damping=0.0).vector()
     model = axis(coulomb__level=level)
     vector[model.index("belt_stiffness.stiffness")] = 0.0  # friction alone

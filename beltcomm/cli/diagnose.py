@@ -1,0 +1,23 @@
+"""``beltcomm diagnose``: which physical effect is missing."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from beltcomm.cli import options as shared
+from beltcomm.cli.frame import Frame, today
+
+
+@click.command("diagnose")
+@shared.run_argument
+@click.option("--auto", is_flag=True, help="Add what is found and confirmed, step by step, until nothing is left.")
+@shared.output_options
+@click.pass_obj
+def command(frame: Frame, /, run: Path, auto: bool) -> int:
+    """Say which physical effect the model of RUN lacks, with evidence; changes nothing without --auto."""
+    from beltcomm.session.laboratory import diagnose_run
+
+    frame.run = run
+    return frame.show(diagnose_run(run, auto=auto, command=frame.line(), when=today(), talk=frame.talk()))

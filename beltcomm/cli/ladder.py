@@ -1,0 +1,22 @@
+"""``beltcomm ladder``: all revisions of a run's model."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from beltcomm.cli import options as shared
+from beltcomm.cli.frame import Frame
+
+
+@click.command("ladder")
+@shared.run_argument
+@shared.output_options
+@click.pass_obj
+def command(frame: Frame, /, run: Path) -> int:
+    """Show the revisions of RUN's model as a staircase down to the noise."""
+    from beltcomm.session.laboratory import ladder_of_run
+
+    frame.run = run
+    return frame.show(ladder_of_run(run))

@@ -1,0 +1,23 @@
+"""``beltcomm remove``: a model revision without an effect."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from beltcomm.cli import options as shared
+from beltcomm.cli.frame import Frame, today
+
+
+@click.command("remove")
+@click.argument("effect")
+@shared.run_argument
+@shared.output_options
+@click.pass_obj
+def command(frame: Frame, /, effect: str, run: Path) -> int:
+    """Take EFFECT out of the model of RUN, fit everything again and show the error before and after."""
+    from beltcomm.session.laboratory import remove_from_run
+
+    frame.run = run
+    return frame.show(remove_from_run(effect, run, command=frame.line(), when=today(), talk=frame.talk()))

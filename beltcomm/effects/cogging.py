@@ -1,0 +1,55 @@
+"""Torque that repeats with the motor angle: cogging.  One order each; ``cogging_2`` and so on take further orders."""
+
+from __future__ import annotations
+
+import math
+
+from beltcomm.effects._effect import Effect, Ground, Parameter, Trial
+
+#: Orders tried, per turn of the motor; a model may hold this many orders at once.
+HIGHEST_ORDER, COUNT = 100, 6
+
+
+def force(position: float, speed: float, t: float, order: float, sine: float, cosine: float) -> float:
+    """Torque on the motor:  -(sine sin(order θ) + cosine cos(order θ)), N m.   θ : rad, absolute motor angle."""
+    return -(sine * math.sin(order * position) + cosine * math.cos(order * position))
+
+
+def slope(position: float, speed: float, t: float, order: float, sine: float, cosine: float) -> tuple[float, float]:
+    """(d force/d position, d force/d speed)."""
+    return -order * (sine * math.cos(order * position) - cosine * math.sin(order * position)), 0.0
+
+
+def trials(ground: Ground) -> list[Trial]:
+    """Every order but that of the pulley's teeth, sine and cosine as two columns."""
+    size = {"sine": 0.02, "cosine": 0.02}
+    orders = [n for n in range(2, HIGHEST_ORDER + 1) if n != ground.teeth]
+    return [Trial({"order": float(n), **size}, amplitudes=("sine", "cosine"), signed=True) for n in orders]
+
+
+def numbered(index: int) -> Effect:
+    """``cogging``, ``cogging_2``, ...: the same law for one more order."""
+    return Effect(
+        name="cogging" if index == 1 else f"cogging_{index}",
+        slot="force",
+        title="cogging of the motor" + (f", order {index}" if index > 1 else ""),
+        parameters=(
+            Parameter("order", "1", "motor", 12.0, 1.0, 1000.0, "periods per turn of the motor", fitted=False),
+            Parameter("sine", "N m", "motor", 0.0, -5.0, 5.0, "amplitude of the sine"),
+            Parameter("cosine", "N m", "motor", 0.0, -5.0, 5.0, "amplitude of the cosine"),
+        ),
+        law=force,
+        slope=slope,
+        body="motor",
+        trials=trials,
+        harmonic="load",
+        twins=("tooth_ripple",),
+        separate="take the belt off and turn the motor slowly: cogging stays, the ripple of the teeth goes",
+        seen="slow strokes ripple with the motor angle, by the same torque at any load",
+        causes="slots and poles of the motor",
+        check="number of poles and slots in the motor's data sheet; compare with the order",
+        source="data sheet of the motor",
+    )
+
+
+EFFECTS = tuple(numbered(index) for index in range(1, COUNT + 1))

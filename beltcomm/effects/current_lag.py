@@ -1,0 +1,57 @@
+"""Torque that follows the reported one with a first-order lag."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltcomm.compiled import compiled
+from beltcomm.effects._effect import Effect, Ground, Parameter, Trial
+
+Array = NDArray[np.float64]
+
+
+@compiled
+def lagged(cells: Array, h: float, time: float) -> Array:
+    """Torque averaged over cells of ``h`` seconds, behind a lag 1/(1 + time s); cells : ndarray (n,), N m, constant in each cell.
+
+    y' = (u - y)/time;   mean of y over a cell = u + (y_0 - u) (1 - e^{-h/time}) time/h
+    """
+    out = np.empty_like(cells)
+    if time < 1e-9:
+        out[:] = cells
+        return out
+    decay = np.exp(-h / time)
+    share = (1.0 - decay) * time / h
+    y = cells[0]
+    for k in range(cells.shape[0]):
+        out[k] = cells[k] + (y - cells[k]) * share
+        y = cells[k] + (y - cells[k]) * decay
+    return out
+
+
+def response(omega: Array, time: float) -> NDArray[np.complex128]:
+    """1/(1 + j ω time)."""
+    return np.asarray(1.0 / (1.0 + 1j * omega * time))
+
+
+def trials(ground: Ground) -> list[Trial]:
+    """A quarter of a millisecond."""
+    return [Trial({"time": 2.5e-4})]
+
+
+EFFECT = Effect(
+    name="current_lag",
+    slot="torque_delay",
+    title="lag of the current loop",
+    parameters=(Parameter("time", "s", "drive", 0.0, 0.0, 2e-2, "time constant from reported to acting torque"),),
+    law=lagged,
+    slope=response,
+    trials=trials,
+    twins=("dead_time",),
+    separate="record an excitation up to 250 Hz with more torque: the lag lowers the magnitude, a dead time does not",
+    seen="phase of the frequency response falls, and its magnitude with the square of frequency",
+    causes="slow current loop, torque filter",
+    check="gains of the current loop, torque filter of the drive",
+    source="data sheet of the drive",
+)

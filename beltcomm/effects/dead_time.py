@@ -1,0 +1,50 @@
+"""Torque that acts later than it is reported: a dead time."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltcomm.effects._effect import Effect, Ground, Parameter, Trial
+
+Array = NDArray[np.float64]
+
+
+def delayed(cells: Array, h: float, time: float) -> Array:
+    """Torque averaged over cells of ``h`` seconds, ``time`` seconds later (earlier when negative).
+
+    cells : ndarray (n,), N m, mean over each cell.   Before the first cell the torque is taken as that of the first.
+    """
+    shift = time / h
+    whole = int(np.floor(shift))
+    part = shift - whole
+    place = np.arange(len(cells)) - whole
+    last = len(cells) - 1
+    return np.asarray((1.0 - part) * cells[np.clip(place, 0, last)] + part * cells[np.clip(place - 1, 0, last)])
+
+
+def response(omega: Array, time: float) -> NDArray[np.complex128]:
+    """exp(-j ω time)."""
+    return np.asarray(np.exp(-1j * omega * time))
+
+
+def trials(ground: Ground) -> list[Trial]:
+    """A quarter of a millisecond."""
+    return [Trial({"time": 2.5e-4}, signed=True)]
+
+
+EFFECT = Effect(
+    name="dead_time",
+    slot="torque_delay",
+    title="dead time between reported and acting torque",
+    parameters=(Parameter("time", "s", "drive", 0.0, -5e-3, 2e-2, "time by which torque acts later than it is reported"),),
+    law=delayed,
+    slope=response,
+    trials=trials,
+    twins=("current_lag",),
+    separate="record an excitation up to 250 Hz with more torque: the dead time leaves the magnitude alone, the lag lowers it",
+    seen="phase of the frequency response falls in proportion to frequency, at all amplitudes",
+    causes="bus cycle, time stamps, filters; a recording whose torque is a sample off",
+    check="PDO mapping, synchronous mode, time stamps",
+    source="(3.27)",
+)

@@ -1,0 +1,52 @@
+"""The end pulley as a third mass in the returning span, without the geometry of the belt."""
+
+from __future__ import annotations
+
+from beltcomm.effects._effect import BELT_DAMPING, BELT_STIFFNESS, DRIVING_END, Body, Effect, Element, Ground, Parameter, Trial
+
+
+def span(stretch: float, rate: float, x: float, share: float, stiffness: float, damping: float) -> float:
+    """Half of the returning span:  2 share (stiffness stretch + damping rate), N.   Two in series carry ``share`` of the belt."""
+    return 2.0 * share * (stiffness * stretch + damping * rate)
+
+
+def span_slope(x: float, share: float, stiffness: float, damping: float) -> tuple[float, float]:
+    """(stiffness N/m, damping N s/m)."""
+    return 2.0 * share * stiffness, 2.0 * share * damping
+
+
+def direct(stretch: float, rate: float, x: float, share: float, stiffness: float, damping: float) -> float:
+    """What the direct span does not carry any more:  -share (stiffness stretch + damping rate), N."""
+    return -share * (stiffness * stretch + damping * rate)
+
+
+def direct_slope(x: float, share: float, stiffness: float, damping: float) -> tuple[float, float]:
+    """(stiffness N/m, damping N s/m)."""
+    return -share * stiffness, -share * damping
+
+
+def trials(ground: Ground) -> list[Trial]:
+    """Three masses, three shares."""
+    return [Trial({"end_pulley.mass": mass, "share": share}) for mass in (0.1, 0.3, 0.7) for share in (0.15, 0.27, 0.45)]
+
+
+EFFECT = Effect(
+    name="end_pulley",
+    slot="body",
+    title="mass of the end pulley",
+    parameters=(Parameter("share", "1", "belt", 0.27, 0.02, 0.9, "share of the belt's stiffness in the span over the end pulley"),),
+    bodies=(Body("end_pulley", Parameter("mass", "kg", "belt", 0.2, 1e-3, 100.0, "inertia of the end pulley over r²")),),
+    elements=(
+        Element((DRIVING_END, "end_pulley"), span, span_slope),
+        Element(("end_pulley", "cart"), span, span_slope),
+        Element((DRIVING_END, "cart"), direct, direct_slope),
+    ),
+    uses=(BELT_STIFFNESS, BELT_DAMPING),
+    trials=trials,
+    twins=("dead_time",),
+    separate="record an excitation up to 250 Hz at another place of the carriage",
+    seen="a second resonance above the first one, the same at all amplitudes",
+    causes="inertia of the idler and the returning span",
+    check="mass and bearing of the idler",
+    source="(2.11)-(2.20)",
+)

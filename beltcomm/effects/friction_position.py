@@ -1,0 +1,51 @@
+"""A place on the rail where the carriage runs tight."""
+
+from __future__ import annotations
+
+import math
+
+from beltcomm.effects._effect import Effect, Ground, Parameter, Trial
+
+#: m: distance of the places tried, and the width.
+_SPACING_M, _WIDTHS_M = 0.04, (0.045,)
+
+
+def level(speed: float, position: float, t: float, amount: float, place: float, width: float) -> float:
+    """Additional level of friction:  amount exp(-((position - place)/width)²), N m at the motor.   position, place, width : m."""
+    return amount * math.exp(-(((position - place) / width) ** 2))
+
+
+def slope(speed: float, position: float, t: float, amount: float, place: float, width: float) -> float:
+    """d level/d speed: none."""
+    return 0.0
+
+
+def trials(ground: Ground) -> list[Trial]:
+    """A tight spot at every 4 cm of the way covered."""
+    count = max(2, math.ceil((ground.high_m - ground.low_m) / _SPACING_M) + 1)
+    step = (ground.high_m - ground.low_m) / (count - 1)
+    return [
+        Trial({"amount": 0.4 * ground.coulomb, "place": ground.low_m + i * step, "width": width}, signed=True)
+        for width in _WIDTHS_M
+        for i in range(count)
+    ]
+
+
+EFFECT = Effect(
+    name="friction_position",
+    slot="friction_level",
+    title="tight spot on the rail",
+    parameters=(
+        Parameter("amount", "N m", "motor", 0.02, -5.0, 5.0, "friction at the spot above that elsewhere"),
+        Parameter("place", "m", "cart", 0.3, -50.0, 50.0, "carriage position of the spot"),
+        Parameter("width", "m", "cart", 0.05, 0.005, 1.0, "distance at which 1/e of it is left"),
+    ),
+    law=level,
+    slope=slope,
+    body="motor",
+    trials=trials,
+    seen="torque of slow strokes rises at one place, in both directions",
+    causes="bent rail, dirt, tight carriage",
+    check="rail around the place: wipe it, look at its straightness and at the joints",
+    source="data sheet",
+)

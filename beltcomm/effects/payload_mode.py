@@ -1,0 +1,46 @@
+"""A payload that swings on the carriage."""
+
+from __future__ import annotations
+
+import math
+
+from beltcomm.effects._effect import Body, Effect, Element, Ground, Parameter, Trial
+
+
+def force(stretch: float, rate: float, x: float, stiffness: float, damping: float) -> float:
+    """Force between carriage and payload:  stiffness stretch + damping rate, N."""
+    return stiffness * stretch + damping * rate
+
+
+def slope(x: float, stiffness: float, damping: float) -> tuple[float, float]:
+    """(stiffness N/m, damping N s/m)."""
+    return stiffness, damping
+
+
+def trials(ground: Ground) -> list[Trial]:
+    """A third of the carriage on springs from 5 Hz to three quarters of the antiresonance and beyond, lightly damped."""
+    low, high = 4.0, 1.5 * max(ground.antiresonance_hz, 12.0)
+    mass = 0.35 * ground.mass
+    found = []
+    for i in range(18):
+        omega = 2.0 * math.pi * low * (high / low) ** (i / 17.0)
+        found.append(Trial({"payload.mass": mass, "stiffness": mass * omega**2, "damping": 0.08 * mass * omega}))
+    return found
+
+
+EFFECT = Effect(
+    name="payload_mode",
+    slot="body",
+    title="payload that swings",
+    parameters=(
+        Parameter("stiffness", "N/m", "cart", 2e4, 1.0, 1e8, "spring between carriage and payload"),
+        Parameter("damping", "N s/m", "cart", 10.0, 0.0, 1e5, "damper between carriage and payload"),
+    ),
+    bodies=(Body("payload", Parameter("mass", "kg", "cart", 0.5, 1e-3, 1e3, "mass that swings; the carriage keeps the rest")),),
+    elements=(Element(("cart", "payload"), force, slope),),
+    trials=trials,
+    seen="a second notch and peak in the frequency response; ringing after moves at low frequency",
+    causes="soft gripper, mast, liquid",
+    check="mounting screws; knock on the payload and listen",
+    source="(2.25) with one more mass",
+)

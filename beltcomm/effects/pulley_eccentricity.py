@@ -1,0 +1,45 @@
+"""A driving pulley that runs out: its lever arm changes once per turn."""
+
+from __future__ import annotations
+
+import math
+
+from beltcomm.effects._effect import Effect, Ground, Parameter, Trial
+
+
+def travel(theta: float, sine: float, cosine: float) -> float:
+    """Angle by which the belt runs ahead:  sine sin θ + cosine cos θ, rad, so that u = i_t (θ + this).   θ : rad, absolute.
+
+    sine, cosine : run-out over radius.   With a gearbox the pulley turns slower than the motor: only ratio 1 is described.
+    """
+    return sine * math.sin(theta) + cosine * math.cos(theta)
+
+
+def slope(theta: float, sine: float, cosine: float) -> float:
+    """d/dθ; the lever arm is i_t (1 + this)."""
+    return sine * math.cos(theta) - cosine * math.sin(theta)
+
+
+def trials(ground: Ground) -> list[Trial]:
+    """Sine and cosine as two columns."""
+    return [Trial({"sine": 0.01, "cosine": 0.01}, amplitudes=("sine", "cosine"), signed=True)]
+
+
+EFFECT = Effect(
+    name="pulley_eccentricity",
+    slot="kinematics",
+    title="run-out of the driving pulley",
+    parameters=(
+        Parameter("sine", "1", "belt", 0.0, -0.2, 0.2, "run-out over radius, part in phase with the angle"),
+        Parameter("cosine", "1", "belt", 0.0, -0.2, 0.2, "run-out over radius, part in quadrature"),
+    ),
+    law=travel,
+    slope=slope,
+    trials=trials,
+    twins=("encoder_eccentricity",),
+    separate="take the belt off and spin the motor: the encoder's part stays, that of the pulley goes; or turn the pulley by 180°",
+    seen="torque varies once per turn, more with load and acceleration",
+    causes="pulley run-out, bent shaft",
+    check="dial gauge on the pulley",
+    source="data sheet of the pulley",
+)

@@ -1,0 +1,36 @@
+"""Drag of the carriage with the square of speed."""
+
+from __future__ import annotations
+
+from beltcomm.effects._effect import Effect, Ground, Parameter, Trial
+
+
+def force(position: float, speed: float, t: float, factor: float) -> float:
+    """Force on the carriage:  -factor speed |speed|, N.   factor : N s²/m².   Source: data sheet of covers; air drag."""
+    return -factor * speed * abs(speed)
+
+
+def slope(position: float, speed: float, t: float, factor: float) -> tuple[float, float]:
+    """(d force/d position, d force/d speed)."""
+    return 0.0, -2.0 * factor * abs(speed)
+
+
+def trials(ground: Ground) -> list[Trial]:
+    """One: the column is linear in the factor."""
+    return [Trial({"factor": 2.0})]
+
+
+EFFECT = Effect(
+    name="quadratic_drag",
+    slot="force",
+    title="drag with the square of speed",
+    parameters=(Parameter("factor", "N s2/m2", "cart", 1.0, 0.0, 200.0, "force over speed squared"),),
+    law=force,
+    slope=slope,
+    body="cart",
+    trials=trials,
+    seen="fast strokes need more torque than viscous friction says",
+    causes="air drag, large covers, bellows, seals",
+    check="take covers or bellows off and repeat the fast strokes",
+    source="data sheet",
+)

@@ -1,0 +1,42 @@
+"""Friction that falls as the motor gets faster: boundary lubrication at low speed."""
+
+from __future__ import annotations
+
+import math
+
+from beltcomm.effects._effect import Effect, Ground, Parameter, Trial
+
+
+def level(speed: float, position: float, t: float, amount: float, speed_scale: float) -> float:
+    """Additional level of friction:  amount exp(-(speed/speed_scale)²), N m at the motor.   Source: thesis (2.21) with Stribeck's term."""
+    return amount * math.exp(-((speed / speed_scale) ** 2))
+
+
+def slope(speed: float, position: float, t: float, amount: float, speed_scale: float) -> float:
+    """d level/d speed."""
+    return -2.0 * speed / speed_scale**2 * level(speed, position, t, amount, speed_scale)
+
+
+def trials(ground: Ground) -> list[Trial]:
+    """Half the Coulomb friction more at standstill, at three speed scales."""
+    return [Trial({"amount": 0.4 * ground.coulomb, "speed_scale": v / ground.ratio}) for v in (0.012, 0.03, 0.07)]
+
+
+EFFECT = Effect(
+    name="stribeck",
+    slot="friction_level",
+    title="Stribeck friction",
+    parameters=(
+        Parameter("amount", "N m", "motor", 0.02, 0.0, 5.0, "friction at standstill above that in motion"),
+        # A larger scale would imitate viscous friction or drag.
+        Parameter("speed_scale", "rad/s", "motor", 2.5, 0.2, 10.0, "speed at which 1/e of it is left"),
+    ),
+    law=level,
+    slope=slope,
+    body="motor",
+    trials=trials,
+    seen="slow strokes need more torque than the friction of faster ones says; stick-slip at creeping speed",
+    causes="boundary lubrication, new seals, carriage preload",
+    check="grease, seals, preload of the carriage",
+    source="(2.21)",
+)

@@ -1,0 +1,38 @@
+"""Ripple of the belt's teeth running into the pulley."""
+
+from __future__ import annotations
+
+from beltcomm.effects._effect import Effect, Ground, Parameter, Trial
+from beltcomm.effects.cogging import force, slope
+
+
+def trials(ground: Ground) -> list[Trial]:
+    """The order is the number of teeth; none without it."""
+    if ground.teeth <= 0:
+        return []
+    return [Trial({"teeth": float(ground.teeth), "sine": 0.02, "cosine": 0.02}, amplitudes=("sine", "cosine"), signed=True)]
+
+
+EFFECT = Effect(
+    name="tooth_ripple",
+    slot="force",
+    title="ripple of the belt teeth",
+    parameters=(
+        Parameter(
+            "teeth", "1", "motor", 26.0, 1.0, 500.0, "periods per turn of the motor: teeth of the pulley over the gear ratio", fitted=False
+        ),
+        Parameter("sine", "N m", "motor", 0.0, -5.0, 5.0, "amplitude of the sine"),
+        Parameter("cosine", "N m", "motor", 0.0, -5.0, 5.0, "amplitude of the cosine"),
+    ),
+    law=force,
+    slope=slope,
+    body="motor",
+    trials=trials,
+    harmonic="load",
+    twins=("cogging",),
+    separate="take the belt off and turn the motor slowly: the ripple of the teeth goes, cogging stays",
+    seen="torque ripples with the pitch of the belt",
+    causes="mesh of belt and pulley",
+    check="belt tension, wear of the pulley, dirt in its grooves",
+    source="data sheet of the belt",
+)

@@ -1,0 +1,32 @@
+"""Torque that falls behind the current at large currents."""
+
+from __future__ import annotations
+
+from beltcomm.effects._effect import Effect, Ground, Parameter, Trial
+
+
+def torque_path(torque: float, theta: float, t: float, loss: float, peak: float) -> float:
+    """Acting torque:  torque (1 - loss (torque/peak)²), N m.   loss : share lost at the torque ``peak``."""
+    return torque * (1.0 - loss * (torque / peak) ** 2)
+
+
+def trials(ground: Ground) -> list[Trial]:
+    """One, measured at the largest torque recorded."""
+    return [Trial({"loss": 0.1, "peak": ground.peak_nm}, signed=True)]
+
+
+EFFECT = Effect(
+    name="torque_saturation",
+    slot="torque_path",
+    title="saturation of the torque",
+    parameters=(
+        Parameter("loss", "1", "drive", 0.05, -0.3, 0.6, "share of the torque that is missing at the stated torque"),
+        Parameter("peak", "N m", "drive", 3.0, 0.01, 1000.0, "torque at which the loss is stated: the largest recorded", fitted=False),
+    ),
+    law=torque_path,
+    trials=trials,
+    seen="large torques accelerate less than small ones",
+    causes="saturation of the iron, field weakening, hot magnets",
+    check="torque constant against current at standstill, at rated and at peak current",
+    source="data sheet of the motor",
+)

@@ -1,0 +1,42 @@
+"""Viscous friction that falls while the axis warms up."""
+
+from __future__ import annotations
+
+import math
+
+from beltcomm.effects._effect import Effect, Ground, Parameter, Trial
+
+
+def force(position: float, speed: float, t: float, amount: float, time: float, damping: float) -> float:
+    """Torque on the motor:  -damping amount exp(-t/time) speed, N m.   t, time : s, session clock.   damping : N m s/rad, when warm."""
+    return -damping * amount * math.exp(-t / time) * speed
+
+
+def slope(position: float, speed: float, t: float, amount: float, time: float, damping: float) -> tuple[float, float]:
+    """(d force/d position, d force/d speed)."""
+    return 0.0, -damping * amount * math.exp(-t / time)
+
+
+def trials(ground: Ground) -> list[Trial]:
+    """Three time constants."""
+    return [Trial({"amount": 0.5, "time": time}) for time in (20.0, 50.0, 120.0)]
+
+
+EFFECT = Effect(
+    name="warmup",
+    slot="force",
+    title="warming up",
+    parameters=(
+        Parameter("amount", "1", "motor", 0.2, 0.0, 20.0, "viscous friction at the start of the session above that when warm, as a share"),
+        Parameter("time", "s", "motor", 50.0, 3.0, 2000.0, "time constant on the session's clock"),
+    ),
+    law=force,
+    slope=slope,
+    body="motor",
+    uses=("viscous.damping",),
+    trials=trials,
+    seen="fast strokes at the end of the session need less torque than at its start",
+    causes="cold grease",
+    check="repeat after ten minutes of running",
+    source="data sheet of the grease",
+)

@@ -1,0 +1,244 @@
+"""The inverse fit as a problem: whitened residual as a function of scaled unknowns, its block-robust objective and its minimum.
+
+    O = Σ_b n_b φ(c_b),   φ(c) = c for c < 1,  1 + ln c above,   c_b : mean square of the whitened residual in block b
+
+It is the likelihood with unknown scale in bad blocks: a disturbed stretch costs what its length is worth and no more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltcomm.effects import effect_named
+from beltcomm.identify.residual import Stretch, in_noise
+from beltcomm.model import Model, expected_parameters
+from beltcomm.simulate.inverse import acting_torque, acts_on_motor, part_of_load, true_motion
+
+Array = NDArray[np.float64]
+
+#: m; largest stretch of the belt at the start of a record: friction holds up to 0.1 mm (10 N on 100 kN/m) at rest, acceleration
+#: more where the record begins in motion.
+OFFSET_M = 5e-4
+
+
+#: What a parameter touches: the inertia's torque and the noise, the motor's own load, everything beyond the motor, the torque path,
+#: or all of them.
+Touch = Literal["inertia", "motor", "belt", "path", "all"]
+
+
+@dataclass(frozen=True)
+class Parts:
+    """The torque balance of one stretch, N m, (n,) each:  residual = inertia + motor + belt - acting."""
+
+    inertia: Array
+    motor: Array
+    belt: Array
+    acting: Array
+
+    def whitened(self, piece: Stretch, model: Model, vector: Array) -> Array:
+        """Residual of the kept samples in units of the noise."""
+        return in_noise(piece, model, vector, self.inertia + self.motor + self.belt - self.acting)
+
+
+@dataclass(frozen=True)
+class Minimum:
+    """Where a search ended.   x : scaled unknowns.   residual : whitened, (n,).   objective : O."""
+
+    x: Array
+    residual: Array
+    objective: float
+
+
+class Problem:
+    """Unknowns are the free parameters, then one start offset of the carriage per stretch."""
+
+    def __init__(self, pieces: Sequence[Stretch], model: Model, free: Sequence[str], block_s: float) -> None:
+        self.pieces, self.model, self.free = list(pieces), model, tuple(free)
+        self.vector = model.vector()
+        self.places = [model.index(name) for name in free]
+        values = [model.parameters[name] for name in free]
+        # A start value of nearly nothing (no damping found at first) must not become the unit of its parameter.
+        usual = expected_parameters(model.effects, model.base_bodies, model.side)
+        own = np.array([max(abs(v.value), 0.1 * abs(usual[n].start), 1e-9) for n, v in zip(free, values, strict=True)])
+        self.movable = "cart" in model.base_bodies
+        offsets = np.full(len(self.pieces) if self.movable else 0, OFFSET_M)
+        self.scale = np.concatenate([own, offsets])
+        self.low = np.concatenate([np.array([v.low for v in values]) / own, -np.ones(len(offsets))])
+        self.high = np.concatenate([np.array([v.high for v in values]) / own, np.ones(len(offsets))])
+        self.inertia = model.index("motor.inertia")
+        self.touches = [touched_by(model, name) for name in self.free]
+        self.ends = np.cumsum([0, *(int(piece.keep.sum()) for piece in self.pieces)])
+        self.blocks = time_blocks(self.pieces, block_s)
+        self.count = np.bincount(self.blocks).astype(np.float64)
+
+    @property
+    def samples(self) -> int:
+        """Number of residuals."""
+        return int(self.ends[-1])
+
+    def start(self, offsets: Array | None = None) -> Array:
+        """The unknowns at the model's values."""
+        x = np.zeros(len(self.scale))
+        x[: len(self.free)] = self.vector[self.places] / self.scale[: len(self.free)]
+        if offsets is not None and self.movable:
+            x[len(self.free) :] = offsets
+        return np.asarray(np.clip(x, self.low, self.high))
+
+    def offsets(self, x: Array) -> Array:
+        """The scaled start offsets among the unknowns."""
+        return x[len(self.free) :]
+
+    def full(self, x: Array) -> Array:
+        """The parameter vector of the model."""
+        vector = self.vector.copy()
+        vector[self.places] = (x * self.scale)[: len(self.free)]
+        return vector
+
+    def model_at(self, x: Array, origin: str) -> Model:
+        """The model with the free parameters at x."""
+        return self.model.with_values(dict(zip(self.free, (x * self.scale)[: len(self.free)], strict=True)), origin)
+
+    def one(self, i: int, x: Array) -> Array:
+        """Whitened residual of piece i."""
+        offset = OFFSET_M * float(x[len(self.free) + i]) if self.movable else 0.0
+        return self.balance(i, x, offset).whitened(self.pieces[i], self.model, self.full(x))
+
+    def balance(self, i: int, x: Array, offset_m: float, old: Parts | None = None, touch: Touch = "all") -> Parts:
+        """The torque balance of piece i; parts that are not touched are taken from ``old``."""
+        piece, vector = self.pieces[i], self.full(x)
+        motion = true_motion(self.model, piece.motion, vector)
+        if old is None or touch == "all":
+            inertia = np.zeros(motion.samples)
+            inertia[1:-1] = vector[self.inertia] * np.diff(motion.theta[:: motion.substeps], 2) / motion.sample_s**2
+            motor = part_of_load(self.model, motion, vector, offset_m, "motor")
+            belt = part_of_load(self.model, motion, vector, offset_m, "belt")
+            return Parts(inertia, motor, belt, acting_torque(self.model, motion, piece.torque, vector))
+        if touch == "inertia":
+            inertia = np.zeros(motion.samples)
+            inertia[1:-1] = vector[self.inertia] * np.diff(motion.theta[:: motion.substeps], 2) / motion.sample_s**2
+            return replace(old, inertia=inertia)
+        if touch == "motor":
+            return replace(old, motor=part_of_load(self.model, motion, vector, offset_m, "motor"))
+        if touch == "belt":
+            return replace(old, belt=part_of_load(self.model, motion, vector, offset_m, "belt"))
+        return replace(old, acting=acting_torque(self.model, motion, piece.torque, vector))
+
+    def residual(self, x: Array) -> Array:
+        """Whitened residual of all pieces, (n,)."""
+        return np.concatenate([self.one(i, x) for i in range(len(self.pieces))])
+
+    def jacobian(self, x: Array, here: Array, only: Sequence[int] | None = None) -> Array:
+        """One-sided differences, (n, unknowns); ``only`` : columns that are asked for, the others stay 0."""
+        columns = np.zeros((self.samples, len(x)))
+        own = len(self.free)
+        offsets = OFFSET_M * x[own:] if self.movable else np.zeros(len(self.pieces))
+        asked = range(len(x)) if only is None else only
+        for i, piece in enumerate(self.pieces):
+            rows = slice(self.ends[i], self.ends[i + 1])
+            old = self.balance(i, x, float(offsets[i]))
+            for j in asked:
+                if j >= own and j - own != i:
+                    continue
+                step = 1e-3 * max(abs(x[j]), 0.1)
+                if x[j] + step > self.high[j]:
+                    step = -step
+                ahead = x.copy()
+                ahead[j] = x[j] + step
+                touch: Touch = self.touches[j] if j < own else "belt"
+                offset = OFFSET_M * float(ahead[own + i]) if self.movable else 0.0
+                trial = self.balance(i, ahead, offset, old, touch)
+                columns[rows, j] = (trial.whitened(piece, self.model, self.full(ahead)) - here[rows]) / step
+        return columns
+
+    def block_means(self, residual: Array) -> Array:
+        """Mean square of every block, (blocks,)."""
+        return np.asarray(np.bincount(self.blocks, residual**2) / np.maximum(self.count, 1.0))
+
+    def objective(self, residual: Array) -> float:
+        """O of the module."""
+        means = self.block_means(residual)
+        return float(np.sum(self.count * np.where(means < 1.0, means, 1.0 + np.log(np.maximum(means, 1.0)))))
+
+    def weights(self, residual: Array) -> Array:
+        """Square root of φ'(c) of every sample's block, (n,)."""
+        return np.asarray((1.0 / np.sqrt(np.maximum(1.0, self.block_means(residual))))[self.blocks])
+
+    def minimise(self, x: Array, iterations: int, held: Sequence[int] = (), finest: float = 1e-7) -> Minimum:
+        """Levenberg-Marquardt on O with the weights of each place; unknowns that push against a bound stay there.
+
+        held : unknowns that do not move.   finest : a step that gains less than this share of O ends the search.
+        """
+        residual = self.residual(x)
+        value, damping = self.objective(residual), 1e-3
+        asked = [j for j in range(len(x)) if j not in set(held)]
+        for _ in range(iterations):
+            weights = self.weights(residual)
+            jacobian = self.jacobian(x, residual, asked) * weights[:, None]
+            gradient, information = jacobian.T @ (residual * weights), jacobian.T @ jacobian
+            outward = ((x <= self.low) & (gradient > 0.0)) | ((x >= self.high) & (gradient < 0.0))
+            move = np.array([j for j in asked if not outward[j] and information[j, j] > 0.0], dtype=np.intp)
+            if not len(move):
+                break
+            gain = 0.0
+            while damping < 1e7:
+                system = information[np.ix_(move, move)] + damping * np.diag(np.diag(information)[move])
+                trial = x.copy()
+                trial[move] = np.clip(x[move] - np.linalg.solve(system, gradient[move]), self.low[move], self.high[move])
+                ahead = self.residual(trial)
+                better = self.objective(ahead) if np.all(np.isfinite(ahead)) else np.inf
+                gain = value - better
+                if gain > 0.0:
+                    break
+                damping *= 10.0
+            if not gain > 0.0:
+                break
+            step = float(np.max(np.abs(trial - x)))
+            x, residual, value, damping = trial, ahead, better, max(damping / 10.0, 1e-9)
+            if gain < finest * max(value, 1.0) or step < 1e-6:
+                break
+        return Minimum(x, residual, value)
+
+
+def touched_by(model: Model, name: str) -> Touch:
+    """What a parameter touches."""
+    if name == "motor.inertia":
+        return "inertia"
+    kinds: set[Touch] = set()
+    for effect in model.effect_list():
+        if name not in (*effect.full_names(), *effect.uses):
+            continue
+        if effect.slot in ("sensor", "kinematics"):
+            kinds.add("all" if effect.slot == "sensor" else "belt")
+        elif effect.slot in ("torque_path", "torque_delay"):
+            kinds.add("path")
+        else:
+            kinds.add("motor" if acts_on_motor(effect) else "belt")
+    if name.split(".")[0] in {body.name for _, body in model.bodies()}:
+        kinds.add("belt")
+    return kinds.pop() if len(kinds) == 1 else "all"
+
+
+def free_parameters(model: Model, fixed: Sequence[str] = ("transmission.ratio",)) -> tuple[str, ...]:
+    """Names of the parameters that a fit moves: not those fixed, known beforehand or without room between their bounds."""
+    known = set(fixed)
+    for name in model.effects:
+        effect = effect_named(name)
+        known |= {f"{name}.{parameter.name}" for parameter in effect.parameters if not parameter.fitted}
+    return tuple(name for name, item in model.parameters.items() if name not in known and item.low < item.high)
+
+
+def time_blocks(pieces: Sequence[Stretch], seconds: float) -> NDArray[np.int64]:
+    """Running number of the time block of every kept sample, blocks never crossing a stretch."""
+    labels, first = [], 0
+    for piece in pieces:
+        block = np.flatnonzero(piece.keep) // max(int(seconds / piece.motion.sample_s), 1)
+        labels.append(block + first)
+        first += piece.motion.samples
+    if not labels:
+        return np.zeros(0, dtype=np.int64)
+    return np.unique(np.concatenate(labels), return_inverse=True)[1].astype(np.int64)

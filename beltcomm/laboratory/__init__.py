@@ -1,0 +1,1 @@
+"""Compares a model with measurements, finds the effect that is missing, and adds it."""

@@ -1,0 +1,119 @@
+"""The recordings of a run made ready for comparison: gapless stretches with their noise."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltcomm.axis import Axis
+from beltcomm.errors import DataError
+from beltcomm.identify.residual import Stretch, evaluate, path_of, stretches, torque_noise
+from beltcomm.identify.whitening import NoisePath, whitener
+from beltcomm.model import Model
+from beltcomm.recording import Recording
+
+Array = NDArray[np.float64]
+
+#: Fine steps per sample while effects are searched: the carriage's antiresonance is off by (2 pi f h)²/24, 8e-4 at 90 Hz, which the
+#: fit takes up in the stiffness.
+SUBSTEPS = 4
+#: Noise below this share of the torque itself is not believed.
+QUIETEST_SHARE = 1e-4
+#: Shares of the rounding's variance that are tried.
+SHARES = (1.0, 0.7, 0.5, 0.35, 0.25, 0.15, 0.08, 0.03)
+
+
+@dataclass(frozen=True)
+class Data:
+    """Stretches of the records to fit and of those held out.
+
+    recordings : all of them.   noise_nm : rms of the torque's noise, N m.   step_rad : step of the encoder, rad.
+    """
+
+    recordings: tuple[Recording, ...]
+    fitted: tuple[Stretch, ...]
+    held_out: tuple[Stretch, ...]
+    noise_nm: float
+    step_rad: float
+
+
+def prepare(recordings: Sequence[Recording], axis: Axis, model: Model) -> Data:
+    """Stretches of all records for a model that is near enough to say how the motor moves between the samples.
+
+    Raises DataError when nothing is left to fit.
+    """
+    timed = tuple(r for r in recordings if not r.is_static_map)
+    to_fit = [r for r in timed if not r.sidecar.held_out]
+    if not to_fit:
+        raise DataError("all recordings are held out or static maps; nothing is left to fit: set held_out: false in one sidecar")
+    step = encoder_step(axis, timed)
+    noise = torque_noise(to_fit, QUIETEST_SHARE * float(np.std(to_fit[0].torque)))
+    return made(timed, model, noise, step, {})
+
+
+def made(recordings: Sequence[Recording], model: Model, noise_nm: float, step_rad: float, shares: Mapping[str, float]) -> Data:
+    """The same with known noise and step.   shares : by record, of the rounding's variance that acts there; 1 where it is missing."""
+    pieces = []
+    for recording in recordings:
+        step = step_rad * float(np.sqrt(shares.get(recording.name, 1.0)))
+        for piece in stretches(recording, model, step_rad, noise_nm, fitted=True, substeps=SUBSTEPS):
+            pieces.append(replace(piece, whitener=whitener(piece.keep, path_of(piece, model), step, noise_nm)))
+    return Data(
+        tuple(recordings),
+        tuple(p for p in pieces if not p.held_out),
+        tuple(p for p in pieces if p.held_out),
+        noise_nm,
+        step_rad,
+    )
+
+
+def remade(data: Data, model: Model, offsets_m: Array) -> Data:
+    """The same records with the motion between the samples rebuilt, and the noise calibrated, by a better model.
+
+    offsets_m : start offsets of the fitted stretches, m.
+    """
+    left: dict[str, list[tuple[Stretch, Array]]] = {}
+    starts = [*offsets_m, *np.zeros(len(data.held_out))]
+    for piece, offset in zip((*data.fitted, *data.held_out), starts, strict=True):
+        left.setdefault(piece.record, []).append((piece, evaluate(piece, model, model.vector(), float(offset))))
+    shares = {name: rounding_share(parts, path_of(parts[0][0], model), data.step_rad, data.noise_nm) for name, parts in left.items()}
+    return made(data.recordings, model, data.noise_nm, data.step_rad, shares)
+
+
+def rounding_share(parts: Sequence[tuple[Stretch, Array]], path: NoisePath, step_rad: float, noise_nm: float) -> float:
+    """Share of the rounding's variance that a record shows: the likeliest of :data:`SHARES`.
+
+    An axis that moves slowly and steadily rounds in step with its motion: then the error is less, and no white noise.  What a model
+    cannot explain raises the share up to 1, never beyond: an effect is not taken for rounding.
+    """
+    cost = []
+    for share in SHARES:
+        total = 0.0
+        for piece, torque in parts:
+            trial = whitener(piece.keep, path, step_rad * float(np.sqrt(share)), noise_nm)
+            total += float(np.sum(trial(torque, piece.keep) ** 2) + 2.0 * np.sum(np.log(trial.deviations[piece.keep])))
+        cost.append(total)
+    return SHARES[int(np.argmin(cost))]
+
+
+def encoder_step(axis: Axis, recordings: Sequence[Recording]) -> float:
+    """Step of the encoder, rad: from the axis file, else the smallest step that the angles show."""
+    counts = axis.get("motor.encoder_counts_per_rev")
+    shown = min(smallest_step(r.position) for r in recordings)
+    if counts:
+        # An angle may be recorded coarser than the encoder is; never finer.
+        return max(2.0 * np.pi / float(counts), shown) if shown < 0.1 else 2.0 * np.pi / float(counts)
+    return shown
+
+
+def smallest_step(position: Array) -> float:
+    """Smallest difference between two neighbouring values of an angle, rounding of the file left aside; rad."""
+    levels = np.unique(position)
+    if len(levels) < 2:
+        return np.inf
+    gaps = np.diff(levels)
+    real = gaps[gaps > 1e-9 * max(1.0, float(np.abs(levels).max()))]
+    return float(np.percentile(real, 2)) if len(real) else np.inf

@@ -1,0 +1,142 @@
+"""Which effects are missing: stage after stage until nothing is left above the noise, or nothing known explains it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from beltcomm.axis import Axis
+from beltcomm.identify.problem import OFFSET_M
+from beltcomm.laboratory.data import Data, prepare, remade
+from beltcomm.laboratory.fitting import Fitted, fit
+from beltcomm.laboratory.score import ground_of
+from beltcomm.laboratory.stage import EVIDENCE, MISSING, Candidate, search
+from beltcomm.model import Model
+from beltcomm.recording import Recording
+
+Verdict = Literal["nothing missing", "explained", "partly explained", "none of the known effects explains this", "cannot tell"]
+
+#: Iterations of the first fit from start values, and of one that goes on from a neighbouring model.
+FIRST_ITERATIONS, NEXT_ITERATIONS = 25, 12
+#: O per sample up to which a model with added effects counts as complete.
+EXPLAINED_UP_TO = 1.06
+#: Effects that a diagnosis adds at most.
+MOST_EFFECTS = 4
+#: Two effects whose evidence differs by less than this, or by less than this share, are not told apart when they are twins.
+TWIN_GAP, TWIN_SHARE = 50.0, 0.002
+
+
+@dataclass(frozen=True)
+class Step:
+    """One stage.   before : the model it began with.   candidates : ranked.   added : the effect taken on trial, "" for none.
+    removed : effects that became superfluous.   after : the model it ended with."""
+
+    before: Fitted
+    candidates: tuple[Candidate, ...]
+    added: str
+    removed: tuple[str, ...]
+    after: Fitted
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """What was found.   data : as the last model sees it.   twins : names between which the data cannot tell."""
+
+    base: Fitted
+    data: Data
+    steps: tuple[Step, ...]
+    verdict: Verdict
+    twins: tuple[str, ...]
+
+    @property
+    def after(self) -> Fitted:
+        """The model with all effects on trial."""
+        return self.steps[-1].after if self.steps else self.base
+
+
+def fitted_base(recordings: Sequence[Recording], axis: Axis, start: Model) -> tuple[Data, Fitted]:
+    """The start model fitted to the records, and the records as it sees them."""
+    data = prepare(recordings, axis, start)
+    first = fit(data, start, FIRST_ITERATIONS)
+    return again(data, first, NEXT_ITERATIONS)
+
+
+def again(data: Data, fitted: Fitted, iterations: int) -> tuple[Data, Fitted]:
+    """Motion and noise rebuilt by a fitted model, and the model fitted to them."""
+    data = remade(data, fitted.model, OFFSET_M * fitted.offsets)
+    return data, fit(data, fitted.model, iterations, offsets=fitted.offsets)
+
+
+def diagnose(
+    recordings: Sequence[Recording],
+    axis: Axis,
+    start: Model,
+    *,
+    most: int = MOST_EFFECTS,
+    progress: Callable[[float], None] = lambda _fraction: None,
+) -> Diagnosis:
+    """The whole search from a start model.   Raises DataError when the records cannot be used."""
+    data, base = fitted_base(recordings, axis, start)
+    steps: list[Step] = []
+    current = base
+    twins: tuple[str, ...] = ()
+    for number in range(most + 1):
+        ground = ground_of(
+            current,
+            data.fitted,
+            int(axis.get("pulley.teeth") or 0),
+            axis.travel.driven_side_offset_m,
+            float(axis.get("belt.pulley_distance_m") or 0.0),
+        )
+        candidates = search(data, current, ground, progress=lambda f, n=number: progress((n + f) / (most + 1)))  # type: ignore[misc]
+        best = candidates[0] if candidates else None
+        if best is None or not best.accepted or best.fitted is None or number == most:
+            steps.append(Step(current, tuple(candidates), "", (), current))
+            break
+        twins = twins or twins_of(candidates)
+        data, grown = again(data, best.fitted, NEXT_ITERATIONS)
+        data, kept, removed = superfluous(data, grown, base.model, best.effect.name)
+        steps.append(Step(current, tuple(candidates), best.effect.name, removed, kept))
+        current = kept
+    progress(1.0)
+    return Diagnosis(base, data, tuple(steps), verdict_of(base, steps, twins), twins)
+
+
+def superfluous(data: Data, fitted: Fitted, base: Model, newest: str) -> tuple[Data, Fitted, tuple[str, ...]]:
+    """Throw out earlier additions without which the model is as good."""
+    removed = []
+    for name in [e for e in fitted.model.effects if e not in base.effects and e != newest]:
+        trial = fit(data, fitted.model.without_effect(name), NEXT_ITERATIONS, offsets=fitted.offsets)
+        if trial.objective - fitted.objective < EVIDENCE:
+            removed.append(name)
+            fitted = trial
+    return data, fitted, tuple(removed)
+
+
+def twins_of(candidates: Sequence[Candidate]) -> tuple[str, ...]:
+    """The best candidate and the one the data cannot tell it from."""
+    if len(candidates) < 2:
+        return ()
+    first, second = candidates[:2]
+    close = first.evidence - second.evidence < max(TWIN_GAP, TWIN_SHARE * first.evidence)
+    if second.accepted and close and second.effect.name in first.effect.twins:
+        return (first.effect.name, second.effect.name)
+    return ()
+
+
+def verdict_of(base: Fitted, steps: Sequence[Step], twins: tuple[str, ...]) -> Verdict:
+    """The verdict about the state after adding the best effects on trial."""
+    after = steps[-1].after if steps else base
+    level = after.objective / after.problem.samples
+    added = [step.added for step in steps if step.added]
+    if not added:
+        return "nothing missing" if level < MISSING else "none of the known effects explains this"
+    if twins:
+        return "cannot tell"
+    return "explained" if level < EXPLAINED_UP_TO else "partly explained"
+
+
+def with_start_values(model: Model) -> Model:
+    """A copy without intervals, to begin a new fit from."""
+    return replace(model, parameters={name: replace(item, interval=None) for name, item in model.parameters.items()})

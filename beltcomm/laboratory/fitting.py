@@ -1,0 +1,99 @@
+"""A model fitted to the records of a run, and judged on those held out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltcomm.identify.problem import OFFSET_M, Problem, free_parameters, time_blocks
+from beltcomm.identify.residual import Stretch, whitened
+from beltcomm.laboratory.data import Data
+from beltcomm.model import Model
+
+Array = NDArray[np.float64]
+
+#: s; blocks with one weight: longer than the resonance rings, short enough to keep what is wrong apart from what is right.
+BLOCK_S = 0.2
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A model at its minimum.
+
+    problem, x : unknowns.   residual : whitened, (n,), of the fitted records.   objective : O.   held_residual : of those held out,
+    piece by piece.   held_objective : O there, 0 without any.
+    """
+
+    model: Model
+    problem: Problem
+    x: Array
+    residual: Array
+    objective: float
+    held_residual: tuple[Array, ...]
+    held_objective: float
+
+    @property
+    def ratio(self) -> float:
+        """rms of the residual over rms of the noise, fitted records."""
+        return float(np.sqrt(np.mean(self.residual**2)))
+
+    @property
+    def held_ratio(self) -> float | None:
+        """The same on the held-out records; None without any."""
+        joined = np.concatenate(self.held_residual) if self.held_residual else np.zeros(0)
+        return float(np.sqrt(np.mean(joined**2))) if len(joined) else None
+
+    @property
+    def offsets(self) -> Array:
+        """Scaled start offsets; zeros where no carriage can be off."""
+        return self.problem.offsets(self.x) if self.problem.movable else np.zeros(len(self.problem.pieces))
+
+
+def fit(
+    data: Data, model: Model, iterations: int, *, offsets: Array | None = None, settled: Sequence[str] = (), fixed: Sequence[str] = ()
+) -> Fitted:
+    """All free parameters of the model fitted to the records.
+
+    offsets : scaled start offsets to begin with.   settled : these parameters wait for five iterations until the others have
+    found their places beside them.
+    """
+    problem = Problem(data.fitted, model, free_parameters(model, ("transmission.ratio", *fixed)), BLOCK_S)
+    x = problem.start(offsets)
+    if settled:
+        held = [i for i, name in enumerate(problem.free) if name in settled]
+        x = problem.minimise(x, 5, held).x
+    found = problem.minimise(x, iterations)
+    best = problem.model_at(found.x, "laboratory")
+    held_residual = tuple(judged(piece, best) for piece in data.held_out)
+    return Fitted(best, problem, found.x, found.residual, found.objective, held_residual, held_objective(data, held_residual))
+
+
+def judged(piece: Stretch, model: Model) -> Array:
+    """Whitened residual of a held-out stretch; only where its carriage stuck at the start is fitted to it."""
+    vector = model.vector()
+    here = whitened(piece, model, vector)
+    if "cart" not in model.base_bodies:
+        return here
+    probe = 0.2 * OFFSET_M
+    slope = (whitened(piece, model, vector, probe) - here) / probe
+    weight = 1.0 / np.maximum(1.0, here**2 / 9.0)
+    information = float(np.sum(weight * slope**2))
+    if information <= 0.0:
+        return here
+    offset = float(np.clip(-np.sum(weight * slope * here) / information, -OFFSET_M, OFFSET_M))
+    there = whitened(piece, model, vector, offset)
+    return there if np.sum(np.minimum(there**2, 25.0)) < np.sum(np.minimum(here**2, 25.0)) else here
+
+
+def held_objective(data: Data, residuals: Sequence[Array]) -> float:
+    """O of the held-out records."""
+    if not residuals:
+        return 0.0
+    blocks = time_blocks(data.held_out, BLOCK_S)
+    squares = np.concatenate(residuals) ** 2
+    count = np.bincount(blocks).astype(np.float64)
+    means = np.bincount(blocks, squares) / np.maximum(count, 1.0)
+    return float(np.sum(count * np.where(means < 1.0, means, 1.0 + np.log(np.maximum(means, 1.0)))))

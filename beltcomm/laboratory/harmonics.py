@@ -1,0 +1,72 @@
+"""Score-test columns of effects that repeat with the motor angle, all orders in one pass.
+
+A torque A sin(N θ) adds its triangular mean to the load; e^{jNθ} follows from e^{j(N-1)θ} by one multiplication per fine step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltcomm.compiled import compiled
+from beltcomm.identify.residual import Stretch
+
+Array = NDArray[np.float64]
+
+
+def load_means(piece: Stretch, highest: int) -> Iterator[tuple[Array, Array]]:
+    """Triangular means of sin(N θ) and cos(N θ) for N = 1, 2, ..., ``highest``; (n,) each, ends 0."""
+    theta, m = piece.motion.theta, piece.motion.substeps
+    sine, cosine = np.sin(theta), np.cos(theta)
+    power_sine, power_cosine = np.zeros_like(theta), np.ones_like(theta)
+    for _ in range(highest):
+        means = np.zeros((2, piece.motion.samples))
+        _next_load(sine, cosine, power_sine, power_cosine, m, means)
+        yield means[0], means[1]
+
+
+def gain_means(piece: Stretch, torque: Array, highest: int) -> Iterator[tuple[Array, Array]]:
+    """Triangular means of torque sin(N θ) and torque cos(N θ).   torque : ndarray (n,), N m, held from sample n to n+1."""
+    theta, m = piece.motion.theta, piece.motion.substeps
+    middle = 0.5 * (theta[:-1] + theta[1:])
+    sine, cosine = np.sin(middle), np.cos(middle)
+    power_sine, power_cosine = np.zeros_like(middle), np.ones_like(middle)
+    for _ in range(highest):
+        means = np.zeros((2, piece.motion.samples))
+        _next_gain(sine, cosine, power_sine, power_cosine, torque, m, means)
+        yield means[0], means[1]
+
+
+@compiled
+def _next_load(sine: Array, cosine: Array, power_sine: Array, power_cosine: Array, m: int, means: Array) -> None:
+    """Raise the powers by one order; their triangular means by Simpson's rule (see ``triangular_mean``)."""
+    for k in range(sine.shape[0]):
+        s, c = power_sine[k], power_cosine[k]
+        power_sine[k] = s * cosine[k] + c * sine[k]
+        power_cosine[k] = c * cosine[k] - s * sine[k]
+    for n in range(1, means.shape[1] - 1):
+        middle = n * m
+        total_s, total_c = 2.0 * m * power_sine[middle], 2.0 * m * power_cosine[middle]
+        for j in range(1, m):
+            weight = (4.0 if j % 2 else 2.0) * (m - j)
+            total_s += weight * (power_sine[middle - j] + power_sine[middle + j])
+            total_c += weight * (power_cosine[middle - j] + power_cosine[middle + j])
+        means[0, n] = total_s / (3.0 * m * m)
+        means[1, n] = total_c / (3.0 * m * m)
+
+
+@compiled
+def _next_gain(sine: Array, cosine: Array, power_sine: Array, power_cosine: Array, torque: Array, m: int, means: Array) -> None:
+    """The same for cells of held torque; the middle of a cell weighs it."""
+    for k in range(sine.shape[0]):
+        s, c = power_sine[k], power_cosine[k]
+        power_sine[k] = s * cosine[k] + c * sine[k]
+        power_cosine[k] = c * cosine[k] - s * sine[k]
+    for n in range(1, means.shape[1] - 1):
+        for j in range(m):
+            rising, falling = (n - 1) * m + j, n * m + j
+            up, down = torque[n - 1] * (j + 0.5), torque[n] * (m - j - 0.5)
+            means[0, n] += (up * power_sine[rising] + down * power_sine[falling]) / (m * m)
+            means[1, n] += (up * power_cosine[rising] + down * power_cosine[falling]) / (m * m)

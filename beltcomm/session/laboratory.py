@@ -1,0 +1,275 @@
+"""The laboratory's commands on a run folder: compare, diagnose, add, remove, ladder.  No machine needed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from beltcomm.effects import effect_named
+from beltcomm.errors import UsageError
+from beltcomm.laboratory.compare import Comparison, compare, worst
+from beltcomm.laboratory.data import Data
+from beltcomm.laboratory.diagnosis import NEXT_ITERATIONS, Diagnosis, again, diagnose, fitted_base
+from beltcomm.laboratory.fitting import Fitted, fit
+from beltcomm.laboratory.intervals import with_intervals
+from beltcomm.laboratory.places import in_words
+from beltcomm.laboratory.score import Scorer, ground_of
+from beltcomm.laboratory.stage import Candidate
+from beltcomm.laboratory.start import start_model
+from beltcomm.model import Model
+from beltcomm.result import Result, plain
+from beltcomm.runfolder import RunFolder
+from beltcomm.session import ladder_words as words
+from beltcomm.session.revisions import Revision, as_mapping, changed_recordings, current_model, current_revision, new_revision, revisions
+from beltcomm.talk import Silence, Talk
+
+#: A held-out error must fall by more than this share of itself to confirm an effect.
+CONFIRMED_SHARE = 0.0
+#: Names of one family that no motion of the axis can tell apart, and the effect that stands for it.
+FAMILY = {"tilt": "constant_offset", "coulomb_asymmetry": "constant_offset", "current_offset": "constant_offset"}
+
+
+@dataclass(frozen=True)
+class Opened:
+    """A run folder with its model fitted to its records."""
+
+    folder: RunFolder
+    data: Data
+    fitted: Fitted
+
+
+def opened(run: Path, talk: Talk) -> Opened:
+    """The current model of a run, or the base model where there is none yet, fitted to all records."""
+    folder = RunFolder.open(run)
+    recordings = folder.recordings()
+    talk.phase(1, 1, "fit of the present model")
+    model = current_model(folder)
+    start = model if model is not None else start_model(folder.axis, recordings)
+    data, fitted = fitted_base(recordings, folder.axis, start)
+    return Opened(folder, data, fitted)
+
+
+def compare_run(run: Path, *, talk: Talk | None = None) -> Result:
+    """Model against measurement: ratios to the noise per record, and where it fails."""
+    here = opened(run, talk or Silence())
+    comparison = compare(here.data, here.fitted)
+    chosen = worst(comparison.places)
+    data = {
+        "run": str(run),
+        "model": {"effects": list(here.fitted.model.effects), "parameters": values_of(here.fitted.model)},
+        **ratios(comparison),
+        "records": [plain(r) for r in comparison.records],
+        "worst": [
+            {
+                "dimension": p.dimension,
+                "low": p.low,
+                "high": p.high,
+                "unit": p.unit,
+                "ratio": p.ratio,
+                "share": p.share,
+                "text": in_words(p),
+            }
+            for p in chosen
+        ],
+    }
+    return Result(data, words.comparison_lines(comparison, chosen, here.fitted.model, run))
+
+
+def diagnose_run(run: Path, *, auto: bool = False, command: str = "", when: str = "", talk: Talk | None = None) -> Result:
+    """Which effect is missing; ``auto`` adds what is found and confirmed, step by step."""
+    talk = talk or Silence()
+    folder = RunFolder.open(run)
+    recordings = folder.recordings()
+    model = current_model(folder)
+    talk.phase(1, 1, "search for missing effects")
+    start = model if model is not None else start_model(folder.axis, recordings)
+    found = diagnose(recordings, folder.axis, start, progress=lambda fraction: talk.progress(fraction, None))
+    data: dict[str, Any] = {"run": str(run), **diagnosis_data(found)}
+    text = words.diagnosis_lines(found, run)
+    folder.save_result("diagnosis", plain(data))
+    if auto:
+        added = climb(folder, found, model is not None, command, when)
+        data["revisions"] = [as_mapping(r) for r in added]
+        text += words.climb_lines(added)
+    return Result(data, text)
+
+
+def climb(folder: RunFolder, found: Diagnosis, known: bool, command: str, when: str) -> list[Revision]:
+    """Save every confirmed step of a diagnosis as a revision; the first one that is not confirmed ends it."""
+    made = []
+    if not (known and current_revision(folder)):
+        made.append(base_revision(folder, found.base, command, when))
+    before = found.base
+    for step in found.steps:
+        if not step.added:
+            break
+        if confirmed(before, step.after) is False:
+            break
+        change = f"+{step.added}" + "".join(f" -{name}" for name in step.removed)
+        made.append(revision_of(folder, found.data, step.after, before, change, command, when))
+        before = step.after
+    return made
+
+
+def add_to_run(effect: str, run: Path, *, command: str = "", when: str = "", talk: Talk | None = None) -> Result:
+    """Everything refitted with one more effect, saved as a new revision."""
+    asked, effect = effect, FAMILY.get(effect, effect)
+    if asked != "tilt":
+        effect_named(effect)
+    here = opened(run, talk or Silence())
+    if effect in here.fitted.model.effects:
+        raise UsageError(f"the model of {run} has {effect} already; take it out with `beltcomm remove {effect} {run}`")
+    grown = grown_by(here, effect)
+    data, after = again(here.data, grown, NEXT_ITERATIONS)
+    if current_revision(here.folder) is None:
+        base_revision(here.folder, here.fitted, command, when)
+    rung = revision_of(here.folder, data, after, here.fitted, f"+{effect}", command, when)
+    note = (
+        f"{asked}, friction by direction and an offset of the current look alike on this axis: added as {effect}" if asked != effect else ""
+    )
+    return change_result(here, after, rung, note, run)
+
+
+def remove_from_run(effect: str, run: Path, *, command: str = "", when: str = "", talk: Talk | None = None) -> Result:
+    """Everything refitted without an effect, saved as a new revision."""
+    effect = FAMILY.get(effect, effect)
+    here = opened(run, talk or Silence())
+    if effect not in here.fitted.model.effects:
+        raise UsageError(f"the model of {run} has no {effect}; it has {', '.join(here.fitted.model.effects)}")
+    if current_revision(here.folder) is None:
+        base_revision(here.folder, here.fitted, command, when)
+    smaller = fit(here.data, here.fitted.model.without_effect(effect), NEXT_ITERATIONS, offsets=here.fitted.offsets)
+    data, after = again(here.data, smaller, NEXT_ITERATIONS)
+    rung = revision_of(here.folder, data, after, here.fitted, f"-{effect}", command, when)
+    return change_result(here, after, rung, "", run)
+
+
+def ladder_of_run(run: Path) -> Result:
+    """All revisions as a staircase."""
+    folder = RunFolder.open(run)
+    rungs = revisions(folder)
+    if not rungs:
+        raise UsageError(f"{run} has no revisions yet; begin with `beltcomm diagnose {run}` or `beltcomm add EFFECT {run}`")
+    changed = changed_recordings(folder, rungs[-1])
+    return Result(
+        {"run": str(run), "revisions": [as_mapping(r) for r in rungs], "changed_recordings": changed}, words.ladder_lines(rungs, changed)
+    )
+
+
+def grown_by(here: Opened, effect: str) -> Fitted:
+    """The model with the effect, from the best start that the score test finds."""
+    axis = here.folder.axis
+    ground = ground_of(
+        here.fitted,
+        here.data.fitted,
+        int(axis.get("pulley.teeth") or 0),
+        axis.travel.driven_side_offset_m,
+        float(axis.get("belt.pulley_distance_m") or 0.0),
+    )
+    ways = Scorer(here.fitted).score(effect_named(effect), ground)[:3]
+    starts: list[Mapping[str, float]] = [way.values for way in ways] or [{}]
+    tried = []
+    for values in starts:
+        model = here.fitted.model.with_effect(effect, values)
+        own = [name for name in model.parameters if name not in here.fitted.model.parameters]
+        tried.append(fit(here.data, model, NEXT_ITERATIONS, offsets=here.fitted.offsets, settled=own))
+    return min(tried, key=lambda fitted: fitted.objective)
+
+
+def confirmed(before: Fitted, after: Fitted) -> bool | None:
+    """Whether the error on the held-out records fell; None without any."""
+    if after.held_ratio is None or before.held_ratio is None:
+        return None
+    return after.held_objective < before.held_objective * (1.0 - CONFIRMED_SHARE)
+
+
+def base_revision(folder: RunFolder, fitted: Fitted, command: str, when: str) -> Revision:
+    """The first rung."""
+    model = with_intervals(fitted)
+    return new_revision(folder, model, "base", ratio=fitted.ratio, held_out=fitted.held_ratio, confirmed=None, command=command, when=when)
+
+
+def revision_of(folder: RunFolder, data: Data, after: Fitted, before: Fitted, change: str, command: str, when: str) -> Revision:
+    """A rung for a refitted model."""
+    del data
+    return new_revision(
+        folder,
+        with_intervals(after),
+        change,
+        ratio=after.ratio,
+        held_out=after.held_ratio,
+        confirmed=confirmed(before, after),
+        command=command,
+        when=when,
+    )
+
+
+def change_result(here: Opened, after: Fitted, rung: Revision, note: str, run: Path) -> Result:
+    """What ``add`` and ``remove`` say."""
+    data = {
+        "run": str(run),
+        "revision": rung.name,
+        "change": rung.change,
+        "confirmed": rung.confirmed,
+        "before": {"ratio": here.fitted.ratio, "held_out": here.fitted.held_ratio},
+        "after": {"ratio": after.ratio, "held_out": after.held_ratio},
+        "parameters": values_of(with_intervals(after)),
+    }
+    return Result(data, words.change_lines(here.fitted, with_intervals(after), after, rung, note, run))
+
+
+def ratios(comparison: Comparison) -> dict[str, Any]:
+    """``ratio`` : overall and held out."""
+    return {"ratio": {"overall": comparison.ratio, "held_out": comparison.held_out}}
+
+
+def diagnosis_data(found: Diagnosis) -> dict[str, Any]:
+    """Everything of a diagnosis for ``--json``."""
+    first = found.steps[0].candidates if found.steps else ()
+    return {
+        "verdict": found.verdict,
+        "base": {
+            "effects": list(found.base.model.effects),
+            "ratio": found.base.ratio,
+            "held_out": found.base.held_ratio,
+            "parameters": values_of(with_intervals(found.base)),
+        },
+        "ranking": [ranked(c) for c in first],
+        "twins": list(found.twins),
+        "steps": [
+            {
+                "added": step.added,
+                "removed": list(step.removed),
+                "ratio": step.after.ratio,
+                "held_out": step.after.held_ratio,
+                "ranking": [ranked(c) for c in step.candidates],
+            }
+            for step in found.steps
+        ],
+        "after": {
+            "effects": list(found.after.model.effects),
+            "ratio": found.after.ratio,
+            "held_out": found.after.held_ratio,
+            "parameters": values_of(with_intervals(found.after)),
+        },
+    }
+
+
+def ranked(candidate: Candidate) -> dict[str, Any]:
+    """One line of the ranking."""
+    return {
+        "effect": candidate.effect.name,
+        "evidence": candidate.evidence,
+        "explained": max(0.0, candidate.explained),
+        "held_out_gain": candidate.held_gain,
+        "accepted": candidate.accepted,
+        "refitted": candidate.fitted is not None,
+        "twin_of": list(candidate.effect.twins),
+    }
+
+
+def values_of(model: Model) -> dict[str, Any]:
+    """Parameters with unit and interval."""
+    return {name: {"value": v.value, "unit": v.unit, "interval": v.interval} for name, v in model.parameters.items()}

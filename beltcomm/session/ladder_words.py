@@ -1,0 +1,124 @@
+"""The laboratory's results as sentences."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from beltcomm.effects import Effect, effect_named
+from beltcomm.laboratory.compare import Comparison
+from beltcomm.laboratory.diagnosis import Diagnosis
+from beltcomm.laboratory.fitting import Fitted
+from beltcomm.laboratory.intervals import with_intervals
+from beltcomm.laboratory.places import Place, in_words
+from beltcomm.model import Model, effect_parameters
+from beltcomm.session.revisions import Revision
+
+#: Characters of the longest bar of a staircase.
+BAR = 40
+
+
+def comparison_lines(comparison: Comparison, chosen: Sequence[Place], model: Model, run: Path) -> list[str]:
+    """``beltcomm compare``."""
+    held = "" if comparison.held_out is None else f", on records that were not fitted {comparison.held_out:.2f}"
+    lines = [
+        f"Model: {', '.join(model.effects)}.",
+        f"The error is {comparison.ratio:.2f} times the noise{held}; 1.00 means that nothing is missing.",
+        "",
+        f"{'record':28} {'error/noise':>11}  samples",
+    ]
+    lines += [f"{r.name:28} {r.ratio:11.2f}  {r.samples}{'  held out' if r.held_out else ''}" for r in comparison.records]
+    lines.append("")
+    if chosen:
+        lines += ["Where it fails most:", *(f"  {in_words(place)}" for place in chosen), f"Next: beltcomm diagnose {run}"]
+    else:
+        lines.append("No place stands out.")
+    return lines
+
+
+def diagnosis_lines(found: Diagnosis, run: Path) -> list[str]:
+    """``beltcomm diagnose``."""
+    lines = [f"Error before: {found.base.ratio:.2f} times the noise{held_words(found.base)}."]
+    first = found.steps[0].candidates if found.steps else ()
+    shown = [c for c in first if c.fitted is not None][:5]
+    if shown:
+        lines += ["", f"{'effect':24} {'evidence':>9} {'explains':>9} {'held out':>9}"]
+        for c in shown:
+            mark = "" if c.accepted else "  not accepted"
+            lines.append(f"{c.effect.name:24} {c.evidence:9.0f} {100.0 * max(0.0, c.explained):8.0f}% {c.held_gain:9.0f}{mark}")
+    added = [step.added for step in found.steps if step.added]
+    model = with_intervals(found.after)
+    for name in added:
+        if name in model.effects:
+            lines += ["", *effect_lines(effect_named(name), model)]
+    lines += ["", f"Verdict: {found.verdict}."]
+    if added:
+        lines.append(f"With {', '.join(added)} the error is {found.after.ratio:.2f} times the noise{held_words(found.after)}.")
+    if found.twins:
+        effect = effect_named(found.twins[0])
+        lines.append(f"These data cannot tell {' from '.join(found.twins)}: {effect.separate}.")
+    if added:
+        lines.append(f"Next: beltcomm add {added[0]} {run}")
+    elif found.verdict != "nothing missing":
+        lines.append(f"Next: beltcomm compare {run} shows where the error sits; look there on the machine.")
+    return lines
+
+
+def effect_lines(effect: Effect, model: Model) -> list[str]:
+    """What an effect is, its numbers, causes and what to check."""
+    lines = [f"{effect.name}: {effect.title}."]
+    for name in effect_parameters(effect):
+        item = model.parameters[name]
+        width = "" if item.interval is None else f" ± {item.interval:.2g}"
+        lines.append(f"  {name} = {item.value:.4g}{width} {item.unit}")
+    if effect.causes:
+        lines.append(f"  Usual causes: {effect.causes}.")
+    lines.append(f"  Check: {effect.check}.")
+    if effect.twins:
+        lines.append(
+            f"  Looks alike: {', '.join(effect.twins)}" + (f"; to tell them apart: {effect.separate}." if effect.separate else ".")
+        )
+    return lines
+
+
+def change_lines(before: Fitted, model: Model, after: Fitted, rung: Revision, note: str, run: Path) -> list[str]:
+    """``beltcomm add`` and ``beltcomm remove``."""
+    lines = [note] if note else []
+    lines.append(f"{rung.change}: error {before.ratio:.2f} → {after.ratio:.2f} times the noise")
+    if before.held_ratio is not None and after.held_ratio is not None:
+        lines.append(f"  on records that were not fitted {before.held_ratio:.2f} → {after.held_ratio:.2f}")
+    if rung.change.startswith("+"):
+        lines += effect_lines(effect_named(rung.change[1:].split()[0]), model)
+        if rung.confirmed is False:
+            lines.append("Warning: not confirmed. The error on records that were not fitted did not fall; this may not be the cause.")
+        elif rung.confirmed is None:
+            lines.append("Not confirmed: no record is held out, so nothing could contradict it.")
+    lines += [f"Saved as {rung.name}.", f"Next: beltcomm compare {run}, or beltcomm ladder {run}"]
+    return lines
+
+
+def ladder_lines(rungs: Sequence[Revision], changed: Sequence[str]) -> list[str]:
+    """``beltcomm ladder``: a falling staircase down to the noise."""
+    highest = max(max(r.ratio, r.held_out or 0.0) for r in rungs)
+    lines = [f"{'revision':14} {'change':28} {'error':>7} {'held out':>9}"]
+    for rung in rungs:
+        bar = "█" * max(1, round(BAR * rung.ratio / highest))
+        held = "" if rung.held_out is None else f"{rung.held_out:9.2f}"
+        mark = "  not confirmed" if rung.confirmed is False else ""
+        lines.append(f"{rung.name:14} {rung.change:28} {rung.ratio:7.2f} {held:>9}  {bar}{mark}")
+    lines.append(f"{'noise':14} {'':28} {1.0:7.2f} {'':>9}  {'█' * max(1, round(BAR / highest))}")
+    if changed:
+        lines.append(f"Since the last revision these recordings changed: {', '.join(changed)}.")
+    return lines
+
+
+def climb_lines(made: Sequence[Revision]) -> list[str]:
+    """Steps that ``diagnose --auto`` saved."""
+    if len(made) <= 1:
+        return ["Nothing was added."]
+    return ["", *ladder_lines(made, ())]
+
+
+def held_words(fitted: Fitted) -> str:
+    """ ", held out 1.23" where there are such records."""
+    return "" if fitted.held_ratio is None else f", on records that were not fitted {fitted.held_ratio:.2f}"

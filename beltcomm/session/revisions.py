@@ -1,0 +1,96 @@
+"""Revisions of a run's model: each one a file in ``models/``, all of them in ``results/ladder.yaml`` with where they came from."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from beltcomm.errors import DataError
+from beltcomm.model import Model, model_from_dict
+from beltcomm.result import plain
+from beltcomm.runfolder import RunFolder
+
+#: Name under which every command finds the model that counts.
+CURRENT = "final"
+LADDER = "ladder"
+
+
+@dataclass(frozen=True)
+class Revision:
+    """One rung.   name : of the file in ``models/``.   change : "base", "+effect" or "-effect".   ratio, held_out : error over noise.
+
+    confirmed : the error on held-out records fell (None: there are none).   command : that made it.   data : SHA-256 of every recording.
+    """
+
+    name: str
+    parent: str
+    change: str
+    effects: tuple[str, ...]
+    ratio: float
+    held_out: float | None
+    confirmed: bool | None
+    command: str
+    when: str
+    data: Mapping[str, str]
+
+
+def revisions(folder: RunFolder) -> list[Revision]:
+    """All rungs in the order they were made.   Raises DataError when the file is damaged."""
+    saved = folder.load_result(LADDER)
+    if saved is None:
+        return []
+    try:
+        return [Revision(**{**rung, "effects": tuple(rung["effects"])}) for rung in saved["revisions"]]
+    except (KeyError, TypeError) as error:
+        raise DataError(f"results/{LADDER}.yaml in {folder.path} is damaged ({error}); delete it, the models themselves stay") from error
+
+
+def current_model(folder: RunFolder) -> Model | None:
+    """The model that counts; None when nothing was fitted yet."""
+    if CURRENT not in folder.names("models"):
+        return None
+    return model_from_dict(folder.load("models", CURRENT))
+
+
+def current_revision(folder: RunFolder) -> Revision | None:
+    """The rung that the current model stands on; None where it was made by another command since."""
+    model = current_model(folder)
+    rungs = revisions(folder)
+    for rung in reversed(rungs):
+        if model is not None and folder.load("models", rung.name) == folder.load("models", CURRENT):
+            return rung
+    return None
+
+
+def new_revision(
+    folder: RunFolder, model: Model, change: str, *, ratio: float, held_out: float | None, confirmed: bool | None, command: str, when: str
+) -> Revision:
+    """Save a model as a new rung and make it the one that counts."""
+    rungs = revisions(folder)
+    parent = current_revision(folder)
+    name = f"revision_{len(rungs) + 1}"
+    rung = Revision(
+        name, parent.name if parent else "", change, model.effects, ratio, held_out, confirmed, command, when, recording_hashes(folder)
+    )
+    folder.save_model(name, model.to_dict())
+    folder.save_model(CURRENT, model.to_dict())
+    folder.save_result(LADDER, {"revisions": [plain(r) for r in [*rungs, rung]]})
+    return rung
+
+
+def recording_hashes(folder: RunFolder) -> dict[str, str]:
+    """SHA-256 of every complete recording."""
+    return {name: hashlib.sha256((folder.recordings_folder / f"{name}.csv").read_bytes()).hexdigest() for name in folder.finished_names()}
+
+
+def changed_recordings(folder: RunFolder, rung: Revision) -> list[str]:
+    """Recordings that were added, removed or changed since a rung was made."""
+    now = recording_hashes(folder)
+    return sorted(name for name in now.keys() | rung.data.keys() if now.get(name) != rung.data.get(name))
+
+
+def as_mapping(rung: Revision) -> dict[str, Any]:
+    """A rung for ``--json``."""
+    return dict(plain(rung))

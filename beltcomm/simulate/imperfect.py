@@ -1,0 +1,64 @@
+"""What stands between a drive's numbers and the axis: torque that acts late, an angle that errs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltcomm.effects import Effect
+from beltcomm.model import Model
+
+Array = NDArray[np.float64]
+
+#: A lag is forgotten after this many time constants: e⁻¹⁵ = 3e-7.
+_FORGOTTEN = 15.0
+
+
+def late_torque(model: Model, cells: Array, h: float) -> Array:
+    """Torque that acts, averaged over cells of ``h`` seconds, from the reported one in the same cells; (n,) -> (n,), N m."""
+    for law, values in _delays(model):
+        cells = law(cells, h, *values)
+    return cells
+
+
+def is_late(model: Model) -> bool:
+    """Whether any effect of the model stands between reported and acting torque."""
+    return bool(_delays(model))
+
+
+def memory_s(model: Model) -> float:
+    """How long the torque path remembers, s."""
+    return sum(_FORGOTTEN * abs(value) for _, values in _delays(model) for value in values)
+
+
+def measured_angle(model: Model, theta: float) -> float:
+    """The angle a sensor shows for the true one, rad; the laws give the error at the measured angle, so it is found by iteration."""
+    laws = [(effect.law, _values(model, effect)) for effect in model.effect_list() if effect.slot == "sensor" and effect.law is not None]
+    if not laws:
+        return theta
+    shown = theta
+    for _ in range(6):  # the error is some milliradians and changes by as much per radian: each round gains two to three digits
+        shown = theta - sum(law(shown, *values) for law, values in laws)
+    return shown
+
+
+def path_response(model: Model, freq_hz: Array) -> NDArray[np.complex128]:
+    """Factor that the torque path puts before the axis, (m,)."""
+    factor = np.ones(len(freq_hz), dtype=np.complex128)
+    for effect in model.effect_list():
+        if effect.slot == "torque_delay" and effect.slope is not None:
+            factor = factor * np.asarray(effect.slope(2.0 * math.pi * freq_hz, *_values(model, effect)))
+    return factor
+
+
+def _delays(model: Model) -> list[tuple[Callable[..., Array], list[float]]]:
+    chosen = [effect for effect in model.effect_list() if effect.slot == "torque_delay"]
+    return [(cast("Callable[..., Array]", effect.law), _values(model, effect)) for effect in chosen]
+
+
+def _values(model: Model, effect: Effect) -> list[float]:
+    return [model[name] for name in effect.full_names()]

@@ -1,0 +1,346 @@
+"""Writes the Python source of a kernel: the laws of a combination of effects on constant places of one parameter vector.
+
+Every body has scalar variables q_i, v_i; ``u``, ``du`` are the belt travel and speed of the driving end.  A *masked* kernel holds the
+whole catalogue and reads from a row of switches which effects are on: one compilation serves every combination.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+import sys
+from collections.abc import Callable
+
+from beltcomm.effects import (
+    BELT_DAMPING,
+    BELT_SPRING,
+    BELT_STIFFNESS,
+    DRIVING_BODY,
+    DRIVING_END,
+    EFFECTS,
+    Body,
+    Effect,
+    effect_named,
+    is_plain_belt,
+)
+from beltcomm.model import BASE_BODIES, body_list, effect_parameters, expected_parameters
+from beltcomm.simulate.stick import stick_or_slide
+
+#: rad/s: a stretch that begins faster than this begins in motion, all bodies with the motor (a gap in the middle of a stroke);
+#: more than the first milliseconds of an excitation from rest.
+MOVING_RAD_S = 3.0
+#: Fine steps over which that first speed is taken, free of a constant acceleration: single ones carry the encoder's rounding and
+#: the end of the interpolation.
+LOOK_AHEAD = 32
+
+
+def catalogue_parameters() -> dict[str, int]:
+    """Place of every parameter of the whole catalogue in the vector of the masked kernel."""
+    names = [f"{name}.{body.inertia.name}" for name, body in BASE_BODIES.items()] + ["transmission.ratio"]
+    for effect in EFFECTS:
+        names += effect_parameters(effect)
+    return {name: i for i, name in enumerate(dict.fromkeys(names))}
+
+
+def catalogue_bodies() -> tuple[tuple[str, Body], ...]:
+    """All bodies of the catalogue, the base bodies first."""
+    found = {f"{name}.{body.inertia.name}": body for name, body in BASE_BODIES.items()}
+    for effect in EFFECTS:
+        found |= {f"{body.name}.{body.inertia.name}": body for body in effect.bodies}
+    return tuple(found.items())
+
+
+class Writer:
+    """The parts of a kernel as lines of source."""
+
+    def __init__(self, base_bodies: tuple[str, ...], effects: tuple[str, ...]) -> None:
+        self.masked = False
+        self.effects = [effect_named(name) for name in effects]
+        self.place = {name: i for i, name in enumerate(expected_parameters(effects, base_bodies))}
+        self.bodies = body_list(effects, base_bodies)
+        self._prepare()
+
+    @classmethod
+    def of_catalogue(cls) -> Writer:
+        """The masked kernel of everything."""
+        writer = cls.__new__(cls)
+        writer.masked = True
+        writer.effects = list(EFFECTS)
+        writer.place = catalogue_parameters()
+        writer.bodies = catalogue_bodies()
+        writer._prepare()
+        return writer
+
+    def _prepare(self) -> None:
+        self.number = {body.name: i for i, (_, body) in enumerate(self.bodies)}
+        self.switch = {effect.name: i for i, effect in enumerate(EFFECTS)}
+        self.laws: dict[str, Callable[..., object]] = {}
+        self.cart = self.number.get("cart", 0)
+        self.driven = self.number.get(DRIVING_BODY)
+        self.carries = {body.name: [e for e in self.effects if body in e.bodies] for _, body in self.bodies}
+
+    # -- switches ---------------------------------------------------------------------------------------------------------------
+
+    def when(self, effect: Effect, lines: list[str]) -> list[str]:
+        """Lines that count only when the effect is on."""
+        if not self.masked or not lines:
+            return lines
+        return [f"if s{self.switch[effect.name]}:", *("    " + line for line in lines)]
+
+    def with_body(self, i: int, lines: list[str]) -> list[str]:
+        """Lines that count only when body i is there."""
+        name = self.bodies[i][1].name
+        if not self.masked or i == 0:
+            return lines
+        owners = self.carries[name]
+        test = " or ".join(f"s{self.switch[e.name]}" for e in owners) if owners else "belt"
+        return [f"if {test}:", *("    " + line for line in lines)]
+
+    def chosen(self, slot: str) -> list[Effect]:
+        """Effects of a slot that have a law."""
+        return [e for e in self.effects if e.slot == slot and e.law is not None]
+
+    # -- names ------------------------------------------------------------------------------------------------------------------
+
+    def law(self, function: Callable[..., object]) -> str:
+        """Name of a law in the module."""
+        name = f"{function.__module__.rsplit('.', 1)[1]}__{function.__name__}"
+        self.laws[name] = function
+        return name
+
+    def arguments(self, effect: Effect) -> str:
+        """Arguments of a law behind those of its slot."""
+        names = [*effect.full_names(), *effect.uses]
+        local = {BELT_STIFFNESS: ", k_belt", BELT_DAMPING: ", d_belt"}
+        return "".join(local.get(name) or f", p[{self.place[name]}]" for name in names)
+
+    def coordinate(self, i: int, variable: str, angular: bool) -> str:
+        """Coordinate or speed of body i, in m along the belt unless ``angular``."""
+        rotary = self.bodies[i][1].rotary
+        return f"ratio * {variable}{i}" if rotary and not angular else f"{variable}{i}"
+
+    def carriage(self) -> str:
+        """Position of the carriage, m."""
+        return self.coordinate(self.cart, "q", False)
+
+    def constants(self) -> list[str]:
+        """Lines that read what does not change within a call."""
+        lines = [f"ratio = p[{self.place['transmission.ratio']}]"]
+        lines += [f"m{i} = p[{self.place[name]}]" for i, (name, _) in enumerate(self.bodies)]
+        if self.masked:
+            springs = [e for e in self.effects if e.group == BELT_SPRING]
+            # Local switches: the compiler cannot know that writing the results leaves ``on`` alone.
+            lines += [f"s{self.switch[e.name]} = on[{self.switch[e.name]}]" for e in self.effects]
+            lines.append("belt = " + " or ".join(f"s{self.switch[e.name]}" for e in springs))
+        return lines
+
+    # -- forces -----------------------------------------------------------------------------------------------------------------
+
+    def driving_end(self, speed: str) -> list[str]:
+        """u, du and the lever of the end that drives the belt."""
+        angle, rate = "q0", f"{speed}0"
+        lines = []
+        if self.driven is not None and not self.masked:
+            angle, rate = f"q{self.driven}", f"{speed}{self.driven}"
+        elif self.driven is not None:
+            (owner,) = self.carries[DRIVING_BODY]
+            lines = [
+                "qd = q0", f"vd = {speed}0",
+                *self.when(owner, [f"qd = q{self.driven}", f"vd = {speed}{self.driven}"]),
+            ]  # fmt: skip
+            angle, rate = "qd", "vd"
+        lines += ["gain = 1.0", "ahead = 0.0"]
+        for effect in self.chosen("kinematics"):
+            assert effect.slope is not None
+            assert effect.law is not None
+            lines += self.when(
+                effect,
+                [
+                    f"gain += {self.law(effect.slope)}({angle}{self.arguments(effect)})",
+                    f"ahead += {self.law(effect.law)}({angle}{self.arguments(effect)})",
+                ],
+            )
+        if not self.bodies[0][1].rotary:
+            return [*lines, "lever = gain", f"u = {angle} + ahead", f"du = lever * {rate}"]
+        return [*lines, "lever = ratio * gain", f"u = ratio * ({angle} + ahead)", f"du = lever * {rate}"]
+
+    def forces(self, speed: str) -> list[str]:
+        """f_i from positions q_i and speeds ``speed``_i; ``strand`` is the belt force between driven end and carriage."""
+        count = range(len(self.bodies))
+        lines = [f"f{i} = 0.0" for i in count] + ["strand = 0.0", "pull = 0.0", f"x = {self.carriage()}"]
+        lines += self.driving_end(speed)
+        if any(DRIVING_END in element.ends for e in self.effects for element in e.elements):
+            lines += [f"stretch = u - {self.coordinate(self.cart, 'q', False)}", f"rate = du - {self.coordinate(self.cart, speed, False)}"]
+        lines += self.belt_laws()
+        for effect in self.effects:
+            if effect.slot == "force" and effect.law is not None:
+                lines += self.when(effect, self.force(effect, speed))
+            for element in effect.elements:
+                ends = (*element.ends, element.angular)
+                lines += self.when(effect, self.element(ends, speed, self.law(element.law), self.arguments(effect)))
+        return [*lines, *self.to_driving_end()]
+
+    def force(self, effect: Effect, speed: str) -> list[str]:
+        """Force of one effect on its body; what acts on the carriage acts on the driven body of an axis without a belt."""
+        assert effect.law is not None
+        law, rest = self.law(effect.law), f"t{self.arguments(effect)}"
+        lever, angle, rate = ("ratio * ", "ratio * q0", f"ratio * {speed}0") if self.bodies[0][1].rotary else ("", "q0", f"{speed}0")
+        rigid = [f"f0 += {lever}{law}({angle}, {rate}, {rest})"]
+        if effect.body not in self.number:
+            return rigid
+        i = self.number[effect.body]
+        own = [f"f{i} += {law}(q{i}, {speed}{i}, {rest})"]
+        if self.masked and effect.body == "cart":
+            return ["if belt:", "    " + own[0], "else:", "    " + rigid[0]]
+        return own
+
+    def belt_laws(self) -> list[str]:
+        """Gap and slack act on the stretch of everything between driving end and carriage; then the stiffness others ask for."""
+        lines = []
+        for effect in self.chosen("belt_law"):
+            assert effect.slope is not None
+            assert effect.law is not None
+            lines += self.when(
+                effect,
+                [
+                    f"rate *= {self.law(effect.slope)}(stretch{self.arguments(effect)})",
+                    f"stretch = {self.law(effect.law)}(stretch{self.arguments(effect)})",
+                ],
+            )
+        if any(BELT_STIFFNESS in e.uses for e in self.effects):
+            lines += ["k_belt = 0.0", "d_belt = 0.0"]
+            for effect in self.effects:
+                if is_plain_belt(effect):
+                    slope = f"{self.law(effect.elements[0].slope)}(x{self.arguments(effect)})"
+                    lines += self.when(effect, [f"k_belt += {slope}[0]", f"d_belt += {slope}[1]"])
+        return lines
+
+    def element(self, ends: tuple[str, str, bool], speed: str, law: str, arguments: str) -> list[str]:
+        """Force of one element on its two ends."""
+        a, b, angular = ends
+        if (a, b) == (DRIVING_END, "cart"):
+            return [
+                f"force = {law}(stretch, rate, x{arguments})",
+                "pull += force", "strand += force", f"f{self.cart} += {'ratio * ' if self.bodies[self.cart][1].rotary else ''}force",
+            ]  # fmt: skip
+
+        def at(end: str, variable: str) -> str:
+            if end == DRIVING_END:
+                return "u" if variable == "q" else "du"
+            return self.coordinate(self.number[end], variable, angular)
+
+        lines = [f"force = {law}({at(a, 'q')} - ({at(b, 'q')}), {at(a, speed)} - ({at(b, speed)}), x{arguments})"]
+        for end, sign in ((a, "-"), (b, "+")):
+            if end == DRIVING_END:
+                lines.append(f"pull {'+' if sign == '-' else '-'}= force")
+            else:
+                i = self.number[end]
+                lines.append(f"f{i} {sign}= {'ratio * ' if self.bodies[i][1].rotary and not angular else ''}force")
+        return lines
+
+    def to_driving_end(self) -> list[str]:
+        """The belt's pull on the body that drives it."""
+        if self.driven is None:
+            return ["f0 -= lever * pull"]
+        if not self.masked:
+            return [f"f{self.driven} -= lever * pull"]
+        (owner,) = self.carries[DRIVING_BODY]
+        return [f"if s{self.switch[owner.name]}:", f"    f{self.driven} -= lever * pull", "else:", "    f0 -= lever * pull"]
+
+    # -- friction ---------------------------------------------------------------------------------------------------------------
+
+    def levels(self, speed: str, wanted: range) -> list[str]:
+        """l_i for every wanted body that has set-valued friction."""
+        lines = []
+        for i in wanted:
+            terms = [e for e in self.chosen("friction_level") if self.number.get(e.body) == i]
+            if not terms:
+                continue
+            lines.append(f"l{i} = 0.0")
+            place = self.coordinate(i, "q", False)
+            for effect in terms:
+                assert effect.law is not None
+                lines += self.when(effect, [f"l{i} += {self.law(effect.law)}({speed}{i}, {place}, t{self.arguments(effect)})"])
+            lines.append(f"l{i} = max(l{i}, 0.0)")
+        return lines
+
+    def has_level(self, i: int) -> bool:
+        """Whether body i has set-valued friction."""
+        return any(e.slot == "friction_level" and self.number.get(e.body) == i for e in self.effects)
+
+    def onset(self) -> Effect | None:
+        """The law by which friction of the driven body turns round, where there is one besides the jump."""
+        found = self.chosen("friction_onset")
+        return found[0] if found else None
+
+    def kick(self, torque: str) -> list[str]:
+        """New velocities of all bodies of a forward kernel; leaves f_i, strand and l_i of the second pass."""
+        everyone = range(len(self.bodies))
+        lines = []
+        elastic = self.onset() is not None
+        for guess, result in (("v", "g"), ("w", "v")):
+            if guess == "w":
+                lines += [f"w{i} = 0.5 * (v{i} + g{i})" for i in everyone]
+            lines += self.forces(guess) + self.levels(guess, everyone)
+            for i in everyone:
+                free = f"(f{i}{f' + {torque}' if i == 0 else ''}) / m{i}"
+                if i == 0 and elastic:
+                    lines.append(f"{result}0 = v0 + h * (f0 + {torque} - l0 * z) / m0")
+                elif self.has_level(i):
+                    lines.append(f"{result}{i} = {self.law(stick_or_slide)}(v{i}, {free}, l{i} / m{i}, h)")
+                else:
+                    lines.append(f"{result}{i} = v{i} + h * {free}")
+        return lines
+
+    def follow_up(self) -> list[str]:
+        """New velocities of all bodies but the first, whose motion is given; leaves f_0, l_0 and strand.
+
+        Speeds stand half a step before the positions; at the positions' instant they are taken as v + (v - o)/2, o one step before.
+        """
+        others = range(1, len(self.bodies))
+        lines = ["w0 = v0"]
+        for i in others:
+            lines += self.with_body(i, [f"w{i} = 1.5 * v{i} - 0.5 * o{i}", f"o{i} = v{i}"])
+        lines += self.forces("w") + self.levels("w", range(len(self.bodies)))
+        for i in others:
+            if self.has_level(i):
+                lines += self.with_body(i, [f"v{i} = {self.law(stick_or_slide)}(v{i}, f{i} / m{i}, l{i} / m{i}, h)"])
+            else:
+                lines += self.with_body(i, [f"v{i} += h * f{i} / m{i}"])
+        return lines
+
+    # -- how a stretch begins ---------------------------------------------------------------------------------------------------
+
+    def start(self, i: int) -> str:
+        """Where body i stands when the belt is not stretched and the motor is at ``q0``."""
+        rotary = self.bodies[i][1].rotary
+        return "q0" if rotary == self.bodies[0][1].rotary else "u"
+
+    def follow(self, i: int) -> str:
+        """Speed of body i when it goes with the motor."""
+        return "first" if self.bodies[i][1].rotary == self.bodies[0][1].rotary else "lever * first"
+
+    def assemble(self, functions: list[list[str]]) -> str:
+        """The module: imports, compiled laws, functions, and a hash of all laws (a changed law must not meet old machine code)."""
+        body = "\n\n\n".join("\n".join(part) for part in functions)
+        imports = [f"from {law.__module__} import {law.__name__} as _{name}" for name, law in sorted(self.laws.items())]
+        laws = [f"{name} = njit(getattr(_{name}, 'py_func', _{name}))" for name in sorted(self.laws)]
+        head = [
+            "import math",
+            "",
+            "import numpy as np",
+            "from numba import njit",
+            "",
+            "from beltcomm.compiled import compiled",
+            *imports,
+            "",
+            *laws,
+        ]
+        modules = sorted({law.__module__ for law in self.laws.values()})
+        text = "".join(inspect.getsource(sys.modules[module]) for module in modules)
+        return "\n".join(head) + "\n\n\n" + body + "\n# " + hashlib.sha256(text.encode()).hexdigest() + "\n"
+
+
+def indented(lines: list[str], depth: int) -> list[str]:
+    """Lines moved in by so many steps."""
+    return ["    " * depth + line for line in lines]
