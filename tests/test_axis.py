@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from beltcomm.axis import Axis, Belt, Coupling, Gearbox, Motor, Pulley, Travel, load_axis, save_axis
+from beltcomm.axis import Axis, AxisLimits, Belt, Coupling, Gearbox, Motor, Pulley, Travel, load_axis, save_axis
 from beltcomm.configfiles import config_names
 from beltcomm.errors import UsageError
 
@@ -165,3 +165,9 @@ def test_unknown_axes_and_trajectories_are_named_with_the_nearest() -> None:
         load_axis("nowhere/axis.yaml")
     with pytest.raises(UsageError, match=r"no trajectory 'T_C'.*known are T_A, T_B"):
         RIG.trajectory("T_C")
+
+
+def test_an_axis_without_belt_is_limited_by_its_force() -> None:
+    linear = Axis(name="linear motor", limits=AxisLimits(feed_force_n=300.0))
+    assert not linear.has_belt
+    assert linear.torque_limit() == (300.0, "the axis limit of 300 N feed force")

@@ -53,8 +53,8 @@ def final_model(
         excited = [r for r in recordings if r.sidecar.experiment == "frf" and not r.sidecar.held_out]
         if not excited:
             raise DataError(
-                "no recording with an excitation; record one with `beltcomm identify`, or if one of the recordings is excited, say "
-                "so in its sidecar (experiment: frf)"
+                "no recording with an excitation (experiment: frf); record one with `beltcomm identify`, or if one of the recordings "
+                "is excited, say so in its sidecar"
             )
         longest = max(excited, key=lambda r: len(r.t_s))
         place = longest.sidecar.start_position_m or 0.0

@@ -57,7 +57,7 @@ def test_current_and_angle_are_enough(copy_of_complete: Copy, tmp_path: Path) ->
     ("scales", "notes", "error", "sentence"),
     [
         (MOTOR | {"torque_nm": ("torque_nm", -1.0)}, True, DataError, r"move_1\.csv: positive torque_nm drives to negative position_rad"),
-        (MOTOR, False, DataError, r"no recording with an excitation; .*say so in its sidecar \(experiment: frf\)"),
+        (MOTOR, False, DataError, r"no recording with an excitation \(experiment: frf\); .*say so in its sidecar"),
         ({"torque_nm": ("force_n", 50.0), "position_rad": ("position_m", 0.01242)}, True, DataError, "hold force and carriage position"),
         (MOTOR | {"position_rad": ("position_rad", 57.2958)}, True, DataError, "more than the 0.58 m of axis"),
         (MOTOR | {"torque_nm": ("torque_nm", 1e3)}, True, DataError, "look at the column's unit .*motor.peak_torque_nm"),
