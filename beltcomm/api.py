@@ -23,7 +23,7 @@ from beltcomm.runfolder import RunFolder
 from beltcomm.session import analyse, gains, offline, outcome, stops, verification, words
 from beltcomm.session import commission as sequence
 from beltcomm.session.commission import Apply, Findings, Settings
-from beltcomm.session.creep import BREAKAWAY_SHARE, CREEP_SPEED_M_S, RAMP_S, small_move
+from beltcomm.session.creep import BREAKAWAY_SHARE, CREEP_SPEED_M_S, MARGIN_M, RAMP_S, small_move
 from beltcomm.session.experiment import run_experiment
 from beltcomm.session.machine import Machine, backed_up
 from beltcomm.session.plan import Plan, commission_plan, friction_plan, identify_plan, move_plan, verification_plan
@@ -35,7 +35,6 @@ from beltcomm.session.store import (
     verdict_to_dict,
 )
 from beltcomm.talk import Silence, Talk
-from beltcomm.trajectory import Trajectory, load_move, plan_trajectory
 
 #: m: the longest way of ``beltcomm move``.
 LONGEST_MOVE_M = 0.1
@@ -237,9 +236,9 @@ def verify(
         folder.claim_drive(connected.capabilities.identity)
         with Machine(connected, folder.axis, folder, talk) as machine:
             sequence.reference(machine, _settings(options))
-            stops.count_on_loop(machine, [model], cascade, delay_from_dict(saved))
-            path, remark = _verification_path(machine, model, move, trajectory)
-            plan = verification_plan(machine.axis, model, path)
+            braking = stops.count_on_loop(machine, [model], cascade, delay_from_dict(saved))
+            path, remark = verification.chosen_move(machine, model, move, trajectory)
+            plan = verification_plan(machine.axis, model, path, braking)
             if options.dry_run:
                 return _planned(plan)
             _agree(plan, options, talk)
@@ -274,6 +273,7 @@ def move(drive: str, axis: Axis | str, by_m: float, *, options: Options | None =
     plan = move_plan(
         axis,
         abs(by_m),
+        abs(by_m) + MARGIN_M,
         CREEP_SPEED_M_S,
         BREAKAWAY_SHARE * axis.torque_limit_nm,
         float(axis.limits.feed_force_n or 0.0),
@@ -352,17 +352,6 @@ def _saved_model(folder: RunFolder) -> Model:
         return load_model(path)
     except UsageError as error:
         raise DataError(f"the run's model is damaged: {error}; make it again with `beltcomm fit {folder.path}`") from error
-
-
-def _verification_path(machine: Machine, model: Model, move: Path | None, name: str | None) -> tuple[Trajectory, str]:
-    if move is not None:
-        return load_move(move, machine.drive.capabilities.sample_period_s, machine.axis), ""
-    if name is None:
-        return verification.standard_move(machine, model)
-    limits = machine.axis.trajectory(name)
-    low, high = machine.full_room().window_m
-    start = max(0.0, low)
-    return plan_trajectory(start, min(start + verification.MOVE_M, high), limits, machine.drive.capabilities.sample_period_s), ""
 
 
 def _written(drive: str, folder: RunFolder, wanted: Mapping[str, float], options: Options, talk: Talk, verb: str) -> Result:

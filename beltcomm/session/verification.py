@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from beltcomm.model import Model
 from beltcomm.session import phases
 from beltcomm.session.machine import Machine
 from beltcomm.sidecar import Sidecar
-from beltcomm.trajectory import Trajectory, plan_trajectory
+from beltcomm.trajectory import Trajectory, load_move, plan_trajectory
 from beltcomm.verify import DYNAMIC_TARGET_M, Demand, Verdict, demand, judge, predict_move, tracking_error
 
 #: m and s of the verification move: the thesis's 0 to 0.5 m, and the rest in which the static error is read.
@@ -36,6 +37,18 @@ def standard_move(machine: Machine, model: Model) -> tuple[Trajectory, str]:
     limits = machine.axis.trajectories.get("T_A") or phases.gentle_limits(machine, model, machine.axis.limits.speed_m_s or 1.0)
     allowed, remark = admissible(machine, model, start, end, limits)
     return plan_trajectory(start, end, allowed, machine.drive.capabilities.sample_period_s), remark
+
+
+def chosen_move(machine: Machine, model: Model, move: Path | None, name: str | None) -> tuple[Trajectory, str]:
+    """The user's own move from a file, the 0 to 0.5 m move with limits of that name, or the standard one and in words why."""
+    period = machine.drive.capabilities.sample_period_s
+    if move is not None:
+        return load_move(move, period, machine.axis), ""
+    if name is None:
+        return standard_move(machine, model)
+    low, high = machine.full_room().window_m
+    start = max(0.0, low)
+    return plan_trajectory(start, min(start + MOVE_M, high), machine.axis.trajectory(name), period), ""
 
 
 def admissible(machine: Machine, model: Model, start: float, end: float, limits: TrajectoryLimits) -> tuple[TrajectoryLimits, str]:
