@@ -27,7 +27,7 @@ from beltcomm.runfolder import RunFolder
 from beltcomm.session import analyse, gains, offline, outcome, stops, verification, words
 from beltcomm.session import commission as sequence
 from beltcomm.session.commission import Apply, Findings, Settings
-from beltcomm.session.creep import BREAKAWAY_SHARE, CREEP_SPEED_M_S, RAMP_S, small_move
+from beltcomm.session.creep import BREAKAWAY_SHARE, CREEP_SPEED_M_S, MARGIN_M, RAMP_S, small_move
 from beltcomm.session.experiment import run_experiment
 from beltcomm.session.machine import Machine, backed_up
 from beltcomm.session.plan import Plan, commission_plan, friction_plan, identify_plan, move_plan, verification_plan
@@ -225,9 +225,9 @@ def verify(
         cascade, delay_s = offline.cascade_of(saved, model, structure, options.feedforward)
         with Machine(connected, folder.axis, folder, talk) as machine:
             sequence.reference(machine, _settings(options))
-            stops.count_on_loop(machine, [model], cascade, delay_s)
+            braking = stops.count_on_loop(machine, [model], cascade, delay_s)
             path, remark = verification.move_asked_for(machine, model, move, trajectory)
-            plan = verification_plan(machine.axis, model, path)
+            plan = verification_plan(machine.axis, model, path, braking)
             if options.dry_run:
                 return _planned(plan)
             _agree(plan, options, talk)
@@ -262,6 +262,7 @@ def move(drive: str, axis: Axis | str, by_m: float, *, options: Options | None =
     plan = move_plan(
         axis,
         abs(by_m),
+        abs(by_m) + MARGIN_M,
         CREEP_SPEED_M_S,
         BREAKAWAY_SHARE * axis.torque_limit_nm,
         min(axis.belt_force_limit_n, BREAKAWAY_SHARE * axis.torque_limit_nm / axis.transmission_m_rad),

@@ -30,6 +30,8 @@ HEAVIEST_KG = 30.0
 REACTION_PERIODS = 5
 #: s: constant speed before a simulated stop, and rest after its ramp.
 SETTLE_S, REST_S = 0.15, 0.4
+#: Parts of the speed from which a stop is simulated.
+SPEED_PARTS = (0.03, 0.1, 0.3, 1.0)
 #: Shares of the rigid deceleration that are tried, largest first.
 SHARES = tuple(float(share) for share in np.geomspace(1.0, 0.2, 25))
 
@@ -43,21 +45,23 @@ class Deceleration(NamedTuple):
 
 @dataclass(frozen=True)
 class Braking:
-    """What a stop can be counted with:  way = v lag + v²/2a,  with v the speed until which an acceleration goes on during the lag.
+    """What a stop can be counted with:  way = v lag + v²/2a.
 
-    deceleration_m_s2 : a.   lag_s : s, until the stop is asked for, and until the axis follows its ramp.
+    deceleration_m_s2 : a.   lag_s : s, until the stop is asked for, and until the axis follows its ramp.   reaction_s : the first part of
+    it.   An acceleration goes on for the lag; a drive that is slowing down begins its ramp at the higher speed of a reaction ago.
     besides : what else brakes; the shorter way counts.
     """
 
     deceleration_m_s2: float
     lag_s: float
+    reaction_s: float = 0.0
     besides: Braking | None = None
 
     def way_m(self, speed_m_s: float, acceleration_m_s2: float = 0.0) -> float:
         """Way to rest from a speed, m; infinite when nothing brakes."""
         if speed_m_s == 0.0:
             return 0.0
-        speed = abs(speed_m_s) + max(0.0, math.copysign(acceleration_m_s2, acceleration_m_s2 * speed_m_s)) * self.lag_s
+        speed = abs(speed_m_s) + abs(acceleration_m_s2) * (self.lag_s if acceleration_m_s2 * speed_m_s > 0.0 else self.reaction_s)
         way = speed * self.lag_s + speed**2 / (2.0 * self.deceleration_m_s2) if self.deceleration_m_s2 > 0.0 else math.inf
         return min(way, self.besides.way_m(speed_m_s, acceleration_m_s2)) if self.besides else way
 
@@ -110,7 +114,7 @@ def total_friction(model: Model) -> float:
 
 def braked_by_friction(model: Model, friction_nm: float, reaction_s: float) -> Braking:
     """What Coulomb friction alone does to a rigid axis without torque:  a = i_t τ_C/J."""
-    return Braking(model["transmission.ratio"] * friction_nm / total_inertia(model), reaction_s)
+    return Braking(model["transmission.ratio"] * friction_nm / total_inertia(model), reaction_s, reaction_s)
 
 
 def braked_by_unknown_gains(model: Model, kp_nm_s_rad: float, ki_nm_rad: float, deceleration_m_s2: float, reaction_s: float) -> Braking:
@@ -123,7 +127,7 @@ def braked_by_unknown_gains(model: Model, kp_nm_s_rad: float, ki_nm_rad: float, 
         inertia / kp_nm_s_rad if kp_nm_s_rad > 0.0 else math.inf,
         math.sqrt(inertia / ki_nm_rad) if ki_nm_rad > 0.0 else math.inf,
     )
-    return Braking(deceleration_m_s2, lag + reaction_s)
+    return Braking(deceleration_m_s2, lag + reaction_s, reaction_s)
 
 
 def predict_stop(
@@ -188,18 +192,19 @@ def braked_by_loop(
 ) -> tuple[Braking, Stop]:
     """The hardest quick stop of a loop that loads the belt of no model in the family beyond the axis' feed force, and its way.
 
-    speed_m_s : from which it is simulated.   reaction_s : until it is asked for.   The way over v²/2a becomes the lag, which holds
-    for lower speeds too.   When even the softest stop tried loads the belt more, that one is returned with its force.
+    speed_m_s : from which it is simulated, and from parts of it: the step at the end of a short ramp comes while the belt still swings
+    from the one at its beginning, and along a long ramp a loop has time to catch up.   reaction_s : until the stop is asked for.
+    When even the softest stop tried loads the belt more, that one is returned with its force.
     """
     limit = axis.limits.feed_force_n or math.inf
     rigid = rigid_deceleration(axis, max(model["cart.mass"] for model in family), torque_limit_nm).value_m_s2
-    for share in SHARES:
-        deceleration = share * rigid
+
+    def worst(speed: float, deceleration: float) -> Stop:
         stops = [
             predict_stop(
                 model,
                 cascade,
-                speed_m_s,
+                speed,
                 deceleration,
                 position_m=position_m,
                 period_s=period_s,
@@ -209,8 +214,18 @@ def braked_by_loop(
             )
             for model in family
         ]
-        worst = Stop(max(stop.way_m for stop in stops), max(stop.belt_force_n for stop in stops))
-        if worst.belt_force_n <= limit:
-            break
-    lag = worst.way_m / speed_m_s - speed_m_s / (2.0 * deceleration)
-    return Braking(deceleration, max(lag, 0.0) + reaction_s), worst
+        return Stop(max(stop.way_m for stop in stops), max(stop.belt_force_n for stop in stops))
+
+    speeds = [part * speed_m_s for part in SPEED_PARTS]
+    for share in SHARES:
+        deceleration = share * rigid
+        found = worst(speed_m_s, deceleration)
+        if found.belt_force_n <= limit:
+            stops = {speed: worst(speed, deceleration) for speed in speeds}
+            found = Stop(found.way_m, max(stop.belt_force_n for stop in stops.values()))
+            if found.belt_force_n <= limit:
+                break
+    else:
+        stops = {speed: worst(speed, deceleration) for speed in speeds}
+    lag = max(stop.way_m / speed - speed / (2.0 * deceleration) for speed, stop in stops.items())
+    return Braking(deceleration, max(lag, 0.0) + reaction_s, reaction_s), found

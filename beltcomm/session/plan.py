@@ -11,16 +11,21 @@ from beltcomm.axis import Axis
 from beltcomm.drive import Capabilities
 from beltcomm.model import Model
 from beltcomm.session import creep, phases
+from beltcomm.stopping import Braking, first_deceleration
 from beltcomm.trajectory import Trajectory
 from beltcomm.verify import demand
 
 
 @dataclass(frozen=True)
 class Experiment:
-    """One line of the plan; every number is an upper bound.   travel_m : either way.   torque_nm : motor shaft."""
+    """One line of the plan; every number is an upper bound.   travel_m : either way.   torque_nm : motor shaft.
+
+    reach_m : travel either way with the way of a stop at any moment.
+    """
 
     title: str
     travel_m: float
+    reach_m: float
     speed_m_s: float
     torque_nm: float
     belt_force_n: float
@@ -41,20 +46,21 @@ class Plan:
 
     def lines(self) -> list[str]:
         """The plan as a table in plain text."""
-        head = f"{'experiment':34} {'travel':>9} {'speed':>10} {'torque':>9} {'belt':>7} {'time':>6}"
+        head = f"{'experiment':34} {'travel':>9} {'with stop':>9} {'speed':>10} {'torque':>9} {'belt':>7} {'time':>6}"
         rows = [
-            f"{e.title:34} {1e3 * e.travel_m:6.0f} mm {e.speed_m_s:6.2f} m/s {e.torque_nm:5.2f} N m "
+            f"{e.title:34} {1e3 * e.travel_m:6.0f} mm {1e3 * e.reach_m:6.0f} mm {e.speed_m_s:6.2f} m/s {e.torque_nm:5.2f} N m "
             f"{e.belt_force_n:5.0f} N {e.seconds:4.0f} s"
             for e in self.experiments
         ]
-        return [self.text, "", head, *rows, f"{'on the machine, at most':34} {self.seconds:47.0f} s"]
+        return [self.text, "", head, *rows, f"{'on the machine, at most':34} {self.seconds:57.0f} s"]
 
 
 def identify_plan(axis: Axis, capabilities: Capabilities) -> Plan:
     """Sign check, rising excitation and one frequency response at the present place."""
     return Plan(
         f"The carriage of {axis.name or 'the axis'} will creep some millimetres both ways, then shake around where it stands with rising "
-        "torque. No loop is closed by beltcomm. Keep people and tools out of its travel; Ctrl-C stops it at any time.",
+        f"torque. No loop is closed but to stop it. Keep people and tools out of its travel; Ctrl-C stops it at any time. "
+        f"{_stop_words(axis, capabilities)}",
         _here(axis, capabilities),
     )
 
@@ -73,19 +79,20 @@ def commission_plan(axis: Axis, capabilities: Capabilities, quick: bool = False)
         Experiment(
             f"frequency response, {places} places" if places else "positioning",
             whole,
+            whole,
             0.5,
             torque,
             shaking,
             places * (RESPONSE_SECONDS + MOVE_SECONDS),
         ),
-        Experiment("constant-speed sweep", whole, 0.8 * speed, torque, gentle, SWEEP_SECONDS),
-        Experiment("move that verifies the result", min(whole, 0.5), speed, torque, force, 3.0 + MOVE_SECONDS),
+        Experiment("constant-speed sweep", whole, whole, 0.8 * speed, torque, gentle, SWEEP_SECONDS),
+        Experiment("move that verifies the result", min(whole, 0.5), whole, speed, torque, force, 3.0 + MOVE_SECONDS),
     ]
     return Plan(
         f"The carriage of {axis.name or 'the axis'} will creep some millimetres both ways, shake around where it stands with rising "
         f"torque, then travel between {travel.min_m:g} m and {travel.max_m:g} m in closed loop: slow and fast strokes, and one fast "
         "move. Keep people, tools and cables out of its travel; Ctrl-C stops it at any time, and at the end the drive is left as it "
-        "was found unless you keep the new gains.",
+        f"was found unless you keep the new gains. {_stop_words(axis, capabilities)}",
         tuple(e for e in experiments if e.seconds > 0.0),
     )
 
@@ -98,25 +105,35 @@ def friction_plan(axis: Axis, capabilities: Capabilities) -> Plan:
     return Plan(
         f"The carriage of {axis.name or 'the axis'} will travel its whole length in closed loop at seven speeds, both ways, with a loop "
         "designed from the run's model. Ctrl-C stops it at any time.",
-        (Experiment("constant-speed sweep", whole, 0.8 * _top_speed_m_s(axis, capabilities), torque, force, SWEEP_SECONDS + MOVE_SECONDS),),
+        (
+            Experiment(
+                "constant-speed sweep", whole, whole, 0.8 * _top_speed_m_s(axis, capabilities), torque, force, SWEEP_SECONDS + MOVE_SECONDS
+            ),
+        ),
     )
 
 
-def move_plan(axis: Axis, travel_m: float, speed_m_s: float, torque_nm: float, force_n: float, seconds: float, what: str) -> Plan:
+def move_plan(
+    axis: Axis, travel_m: float, reach_m: float, speed_m_s: float, torque_nm: float, force_n: float, seconds: float, what: str
+) -> Plan:
     """One move."""
     return Plan(
         f"The carriage of {axis.name or 'the axis'} will {what}. Ctrl-C stops it at any time.",
-        (Experiment("move", travel_m, speed_m_s, torque_nm, force_n, seconds),),
+        (Experiment("move", travel_m, reach_m, speed_m_s, torque_nm, force_n, seconds),),
     )
 
 
-def verification_plan(axis: Axis, model: Model, path: Trajectory) -> Plan:
-    """The move that verifies a design, with the positioning before it and the rest after it."""
+def verification_plan(axis: Axis, model: Model, path: Trajectory, braking: Braking) -> Plan:
+    """The move that verifies a design, with the positioning before it and the rest after it.   braking : of its loop."""
     asked = demand(path, model)
     travel = float(np.ptp(path.position_m))
+    lowest, highest = braking.span_m(path.position_m, path.velocity_m_s, path.sample_period_s)
     seconds = path.duration_s + REST_SECONDS + MOVE_SECONDS
-    what = f"go to {path.position_m[0]:.3f} m and from there to {path.position_m[-1]:.3f} m in {path.duration_s:.2f} s with the new gains"
-    return move_plan(axis, travel, asked.speed_m_s, asked.torque_nm, asked.feed_force_n, seconds, what)
+    what = (
+        f"go to {path.position_m[0]:.3f} m and from there to {path.position_m[-1]:.3f} m in {path.duration_s:.2f} s with the new gains; "
+        f"a stop at its top speed takes {1e3 * braking.way_m(asked.speed_m_s):.0f} mm with {braking.deceleration_m_s2:.3g} m/s²"
+    )
+    return move_plan(axis, travel, highest - lowest, asked.speed_m_s, asked.torque_nm, asked.feed_force_n, seconds, what)
 
 
 def _top_speed_m_s(axis: Axis, capabilities: Capabilities) -> float:
@@ -133,14 +150,34 @@ SWEEP_SECONDS = 28.0
 REST_SECONDS = 2.0
 
 
+def _stop_words(axis: Axis, capabilities: Capabilities) -> str:
+    """What a stop is counted with."""
+    first = first_deceleration(axis, capabilities.peak_torque_nm)
+    return (
+        "A stop at any moment ends within the way 'with stop' (in closed loop: within the travel). Until the carriage is weighed, "
+        f"friction and the velocity loop found in the drive stop it, with {first.value_m_s2:.2g} m/s² at most ({first.binds}, the belt's "
+        "swing counted twice); then a loop designed for it, with as much as loads the belt by its feed force, on top of what it carries "
+        "just then."
+    )
+
+
 def _here(axis: Axis, capabilities: Capabilities) -> tuple[Experiment, ...]:
     torque = min(axis.torque_limit_nm, capabilities.peak_torque_nm)
     force = axis.belt_force_limit_n
     shaking = phases.BELT_SHARE * force
     ratio = axis.transmission_m_rad
     rising = creep.BREAKAWAY_SHARE * torque
+    travel, reach = phases.EXCITATION_TRAVEL_M, phases.EXCITATION_TRAVEL_M + phases.END_MARGIN_M
     return (
-        Experiment("sign and breakaway", phases.SIGN_TRAVEL_M, creep.CREEP_SPEED_M_S, rising, min(rising / ratio, force), CREEP_SECONDS),
-        Experiment("excitation, rising in steps", phases.EXCITATION_TRAVEL_M, 0.5, torque, shaking, 3 * STEP_SECONDS),
-        Experiment("frequency response here", phases.EXCITATION_TRAVEL_M, 0.5, torque, shaking, RESPONSE_SECONDS),
+        Experiment(
+            "sign and breakaway",
+            phases.SIGN_TRAVEL_M,
+            phases.SIGN_REACH_M,
+            creep.CREEP_SPEED_M_S,
+            rising,
+            min(rising / ratio, force),
+            CREEP_SECONDS,
+        ),
+        Experiment("excitation, rising in steps", travel, reach, 0.5, torque, shaking, 3 * STEP_SECONDS),
+        Experiment("frequency response here", travel, reach, 0.5, torque, shaking, RESPONSE_SECONDS),
     )

@@ -15,7 +15,6 @@ from beltcomm.session.machine import Machine
 from beltcomm.stopping import (
     REACTION_PERIODS,
     Braking,
-    Stop,
     braked_by_friction,
     braked_by_loop,
     braked_by_unknown_gains,
@@ -72,8 +71,8 @@ def braking_of(machine: Machine, sliding_nm: Callable[[float, float], float] | N
     return Found(kp, ki, machine.deceleration_m_s2, REACTION_PERIODS * machine.drive.capabilities.sample_period_s, sliding_nm)
 
 
-def count_on_loop(machine: Machine, family: Sequence[Model], cascade: Cascade, delay_s: float) -> Stop:
-    """Set the quick stop to the hardest one that a loop makes without loading the belt too much; returns what was simulated."""
+def count_on_loop(machine: Machine, family: Sequence[Model], cascade: Cascade, delay_s: float) -> Braking:
+    """Set the quick stop to the hardest one that a loop makes without loading the belt too much; returns what is counted with."""
     capabilities, room = machine.drive.capabilities, machine.full_room()
     low, high = room.window_m
     rigid = rigid_deceleration(machine.axis, family[0]["cart.mass"], room.torque_nm).value_m_s2
@@ -92,10 +91,10 @@ def count_on_loop(machine: Machine, family: Sequence[Model], cascade: Cascade, d
     )
     machine.brake_with(braking)
     machine.folder.journal(
-        f"a stop brakes with {braking.deceleration_m_s2:.3g} m/s² after {1e3 * braking.lag_s:.0f} ms: {1e3 * braking.way_m(speed):.0f} mm "
-        f"from {speed:.2g} m/s, {stop.belt_force_n:.0f} N in the belt"
+        f"a stop brakes with {braking.deceleration_m_s2:.4g} m/s² after {1e3 * braking.lag_s:.1f} ms: {1e3 * braking.way_m(speed):.0f} mm "
+        f"from {speed:.3g} m/s, {stop.belt_force_n:.0f} N in the belt"
     )
-    return stop
+    return braking
 
 
 def lend_brake(machine: Machine, model: Model, position_m: float) -> None:

@@ -34,11 +34,11 @@ STOP_S = 1.0
 
 def way_counted_with(run: Path, speed_m_s: float, acceleration_m_s2: float) -> float:
     """Way of a stop, m, by the last word of a run's journal on it; before a loop was designed, what the creeping is planned with."""
-    said = re.findall(r"a stop brakes with ([\d.e+-]+) m/s² after (\d+) ms", (run / "journal.txt").read_text(encoding="utf-8"))
+    said = re.findall(r"a stop brakes with ([\d.e+-]+) m/s² after ([\d.]+) ms", (run / "journal.txt").read_text(encoding="utf-8"))
     if not said:
         return SIGN_REACH_M - SIGN_TRAVEL_M
-    # the journal's digits are rounded
-    return Braking(0.995 * float(said[-1][0]), 1e-3 * (float(said[-1][1]) + 0.5)).way_m(speed_m_s, acceleration_m_s2)
+    # the journal's digits are rounded; five periods of reaction
+    return Braking(0.999 * float(said[-1][0]), 1e-3 * (float(said[-1][1]) + 0.05), 5e-3).way_m(speed_m_s, acceleration_m_s2)
 
 
 class LoggedPlant:

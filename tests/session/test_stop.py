@@ -1,0 +1,149 @@
+"""Quick stops on the truth: the way that was counted with, and the force in the belt."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from beltcomm import api
+from beltcomm.axis import load_axis
+from beltcomm.control import CascadeStructure
+from beltcomm.errors import BeltcommError, Refused
+from beltcomm.model import Model
+from beltcomm.runfolder import RunFolder
+from beltcomm.session import analyse
+from beltcomm.session.machine import Machine
+from beltcomm.session.store import design_to_dict, structure_from_dict
+from identify.records import true_model
+from session.bench import Bench, Listener, way_counted_with
+from truth.rigs import RIGS, nominal
+
+MakeBench = Callable[..., Bench]
+Copy = Callable[..., Path]
+YES = api.Options(yes=True, seed=1)
+LIMIT_N = load_axis("egc-70-600").limits.feed_force_n or 0.0
+#: m, m/s²: where the standard move of either rig is fastest, speeds up and slows down hardest, and how hard that is.
+MOMENTS = {"fastest": (0.25, 0.0), "speeding up": (0.02, 7.4), "slowing down": (0.45, -7.4)}
+
+
+def run_of(rig: str, complete: Path) -> Path:
+    """The complete run of rig g_a, or the same as if it had been made on g_b: with its true model and a design for that."""
+    if rig == "g_b":
+        folder, model = RunFolder.open(complete), true_model(nominal(rig))
+        folder.save_model("final", model.to_dict())
+        folder.save_design("final", designed(model, structure_from_dict(folder.load("results", "drive"))))
+    return complete
+
+
+def designed(model: Model, structure: CascadeStructure, known: dict[str, dict[str, Any]] = {}) -> dict[str, Any]:  # noqa: B006
+    """A design for a model known exactly; calculated once."""
+    if model.name not in known:
+        apparent, masses = 0.03, (model["cart.mass"],)
+        result, cascade = analyse.design(
+            model, structure, positions_m=(0.25,), masses_kg=masses, dead_time_s=1e-3, apparent_damping_nm_s_rad=apparent
+        )
+        known[model.name] = design_to_dict(result, cascade, 1e-3, apparent)
+    return known[model.name]
+
+
+def stopped_in_the_move(bench: Bench, run: Path, at_m: float) -> tuple[int, float]:
+    """Ctrl-C in the verification move at a place; returns the tick and the speed there."""
+    bench.interrupt_when(lambda _frame: bench.carriage_m > at_m)
+    with pytest.raises(KeyboardInterrupt):
+        api.verify(bench.name, run, options=YES)
+    assert bench.signals == 1
+    assert bench.stands_disabled()
+    assert bench.parameters() == bench.initial
+    places = bench.plant.cart_m(0, len(bench.plant.torque_nm))
+    return bench.signal_tick, float(places[bench.signal_tick] - places[bench.signal_tick - 1]) / 1e-3
+
+
+@pytest.mark.parametrize("moment", MOMENTS)
+@pytest.mark.parametrize("rig", RIGS)
+def test_a_stop_out_of_the_fastest_move_keeps_to_the_belts_limit(
+    make_bench: MakeBench, copy_of_complete: Copy, rig: str, moment: str
+) -> None:
+    """The stop alone loads the belt by its limit at most; what the belt carries when it begins swings back by no more than itself."""
+    run, bench = run_of(rig, copy_of_complete()), make_bench(rig, start_m=0.0)
+    at_m, acceleration = MOMENTS[moment]
+    tick, speed = stopped_in_the_move(bench, run, at_m)
+    force = bench.plant.belt_force_n
+    assert np.abs(force[tick:]).max() <= LIMIT_N + abs(force[tick])
+    if moment == "fastest":
+        assert speed == pytest.approx(1.36, abs=0.01)
+        assert abs(force[tick]) < 5.0
+        # told beforehand: what the belt will carry at most, whatever the speed
+        (told,) = re.findall(r"a stop brakes .* (\d+) N in the belt", (run / "journal.txt").read_text(encoding="utf-8"))[-1:]
+        assert 0.8 * float(told) < np.abs(force[tick:]).max() < 1.05 * float(told)
+    places = bench.start_m + bench.plant.cart_m(0, len(bench.plant.torque_nm))
+    assert places.max() <= 0.57
+    assert places.max() - places[tick] <= way_counted_with(run, speed, acceleration)
+
+
+def test_the_drives_own_quick_stop_would_be_too_hard(
+    make_bench: MakeBench, copy_of_complete: Copy, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What the test above would show if nothing were lent: 200 rev/s², 15.6 m/s², are 210 N on 13.4 kg before the belt swings."""
+    monkeypatch.setattr(Machine, "brake_with", lambda machine, braking: vars(machine).update(braking=braking, deceleration_m_s2=np.inf))
+    run, bench = copy_of_complete(), make_bench("g_a", start_m=0.0)
+    tick, _ = stopped_in_the_move(bench, run, MOMENTS["fastest"][0])
+    assert np.abs(bench.plant.belt_force_n[tick:]).max() > 2.0 * LIMIT_N
+
+
+def test_a_move_that_cannot_be_stopped_within_the_travel_is_refused(make_bench: MakeBench, copy_of_complete: Copy, tmp_path: Path) -> None:
+    """It ends 5 mm before the end of the travel and brakes as hard as the axis may: harder than a stop."""
+    run, bench = copy_of_complete(), make_bench(start_m=0.265)
+    t = np.linspace(0.0, 0.62, 621)
+    x = 0.265 + 0.3 * (t / 0.62 - np.sin(2.0 * np.pi * t / 0.62) / (2.0 * np.pi))  # up to 4.9 m/s²
+    own = tmp_path / "own.csv"
+    own.write_text("t_s,position_m\n" + "\n".join(f"{a:.6f},{b:.9f}" for a, b in zip(t, x, strict=True)), encoding="utf-8")
+    with pytest.raises(Refused, match=r"a stop with [\d.]+ m/s², which the belt bears, would end at 0.\d+ m, the travel is -0.01..0.57 m"):
+        api.verify(bench.name, run, move=own, options=YES)
+    assert bench.plant.cart_position_m == 0.0
+
+
+def smooth(rig: str, share: float) -> Bench:
+    """A rig with little of its Coulomb friction."""
+    return Bench(rig, plant=replace(RIGS[rig], coulomb_total_nm=share * RIGS[rig].coulomb_total_nm).plant())
+
+
+def test_an_open_loop_record_is_stopped_on_the_way_that_was_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """A tenth of the friction: coasting would take several times as long; the lent loop brakes within what was told for the record."""
+    rig, speed = "g_b", 0.05
+    bench = smooth(rig, 0.1)
+    monkeypatch.setattr(api, "open_drive", bench.open)
+    run = tmp_path / "run"
+    part, talk = run / "recordings" / "amplitude_2.csv.part", Listener()
+    # the carriage's speed, not that of the motor, which rings
+    bench.interrupt_when(lambda _frame: part.exists() and abs(bench.plant.speeds[1]) > speed)
+    with pytest.raises(KeyboardInterrupt):
+        api.identify(bench.name, "egc-70-600", run, options=YES, talk=talk)
+    assert bench.signals == 1
+    assert bench.stands_disabled()
+    assert bench.parameters() == bench.initial
+    places = bench.plant.cart_m(0, len(bench.plant.torque_nm))
+    tick = bench.signal_tick
+    way = float(np.abs(places[tick:] - places[tick]).max())
+    told = re.findall(r"a stop takes up to ([\d.]+) mm", "\n".join(talk.said))
+    assert way <= 1e-3 * float(told[-1])
+    truth = RIGS[rig].truth()
+    inertia = truth["inertia_kg_m2"] + 0.01242**2 * truth["mass_kg"]
+    coasting = speed**2 * inertia / (2.0 * 0.01242 * 0.1 * truth["coulomb_total_nm"])
+    assert way < 0.5 * coasting
+    bench.close()
+
+
+def test_a_carriage_that_coasts_is_noticed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Next to no friction and the factory's gains: the first creep does not come to rest where it was counted to."""
+    bench = smooth("g_a", 0.003)
+    monkeypatch.setattr(api, "open_drive", bench.open)
+    with pytest.raises(BeltcommError, match=r"does not stand still|hardly brake it"):
+        api.identify(bench.name, "egc-70-600", tmp_path / "run", options=YES)
+    assert bench.parameters() == bench.initial
+    bench.close()
