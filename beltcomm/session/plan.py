@@ -61,7 +61,7 @@ def identify_plan(axis: Axis, capabilities: Capabilities) -> Plan:
 
 def commission_plan(axis: Axis, capabilities: Capabilities, quick: bool = False) -> Plan:
     """The whole job."""
-    limits, travel = axis.limits, axis.travel
+    travel = axis.travel
     whole = float(travel.max_m or 0.0) - float(travel.min_m or 0.0)
     speed, force = _top_speed_m_s(axis, capabilities), axis.belt_force_limit_n
     torque = min(axis.motor.peak_torque_nm or math.inf, capabilities.peak_torque_nm)

@@ -67,8 +67,9 @@ def examine(rig: str, ratio: float, folder: Path) -> None:
     seen = tracking_error(move.t_s, plant.ratio * move.reference_position, cart)
     force, torque = np.abs(plant.belt_force_n), np.abs(plant.torque_nm)
     print(
-        f"  belt at most {force[:first].max():.1f} N before the move, {force[first:].max():.1f} N in it, limit {axis.belt_force_limit_n:.1f} "
-        f"N beside {truth['coulomb_cart_n']:.1f} N of friction; motor at most {torque.max():.3f} N m of {axis.motor.peak_torque_nm:g} N m"
+        f"  belt at most {force[:first].max():.1f} N before the move, {force[first:].max():.1f} N in it, "
+        f"limit {axis.belt_force_limit_n:.1f} N beside {truth['coulomb_cart_n']:.1f} N of friction; "
+        f"motor at most {torque.max():.3f} N m of {axis.motor.peak_torque_nm:g} N m"
     )
     gains = record.load("designs", "final")["parameters"]
     print(
