@@ -116,6 +116,16 @@ def test_at_one_kilohertz_the_choice_is_clock_2_and_order_9_to_11(lowest: float,
     assert f"order {choice.order}, clock 2" in choice.reason
 
 
+def test_a_clock_whose_period_is_too_long_gives_way_to_a_smaller_one() -> None:
+    """A geared rig, 19.6 and 43.9 Hz: clock 7 with order 8 takes 1.79 s a period, too long for three of them in 7 s."""
+    long, short = (choose_prbs(T_S, 19.6, 43.9, duration_s=seconds) for seconds in (8.0, 7.0))
+    assert (long.clock, long.order) == (7, 8)
+    assert short.clock < 7
+    assert short.repeats >= 3
+    assert 1.0 / ((2**short.order - 1) * short.clock * T_S) <= 1.0
+    assert prbs(short.order, short.clock, 0.3, T_S, short.repeats).duration_s <= 7.0
+
+
 def test_at_the_thesis_sampling_the_clock_grows() -> None:
     choice = choose_prbs(62.5e-6, 19.59, 107.11, duration_s=10.0)
     half_power_hz = 0.443 / (choice.clock * 62.5e-6)

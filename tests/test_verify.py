@@ -17,7 +17,7 @@ from beltcomm.model import Model, build_model
 from beltcomm.recording import Recording
 from beltcomm.sidecar import Sidecar
 from beltcomm.trajectory import Trajectory, at_rest, join, plan_trajectory
-from beltcomm.verify import PredictedMove, demand, judge, predict_move, tracking_error
+from beltcomm.verify import PredictedMove, TrackingError, demand, judge, predict_move, predict_range, tracking_error
 from identify.records import COUNTS, PERIOD_S, true_model
 from truth import TruthPlant, nominal
 
@@ -221,6 +221,57 @@ def test_a_prediction_runs_into_the_bounds_of_the_drive_and_names_them() -> None
         model, cascade_for("g_b", model), move(), structure=STRUCTURE, delay_s=1e-3, torque_limit_nm=0.3, counts_per_rev=COUNTS
     )
     assert clamped.saturated == ("the torque limit of 0.3 N m",)
+
+
+def test_the_range_of_a_prediction_holds_what_friction_may_have_left_in_the_belt() -> None:
+    """The truth begins with its belt stretched as far as friction holds it, either way, unseen by the motor's encoder."""
+    trajectory = move()
+    model = true_model(nominal("g_b"))
+    cascade = cascade_for("g_b", model)
+    held = 2.777778 / 222.39e3  # the carriage's friction over the stiffness; the motor's would hold 6.5 N
+
+    def path(other: Model, stretch_m: float) -> PredictedMove:
+        return predict_move(
+            other, cascade, trajectory, structure=STRUCTURE, delay_s=1e-3, torque_limit_nm=3.1, counts_per_rev=COUNTS,
+            belt_stretch_m=stretch_m,
+        )  # fmt: skip
+
+    def error(other: Model, stretch_m: float) -> TrackingError:
+        return tracking_error(trajectory.t_s, trajectory.position_m, path(other, stretch_m).motor_m)
+
+    low, high = predict_range(model, error)
+    assert predict_range(model, error) == (low, high)  # the draws are always the same
+    for share in (-0.99, 0.99):
+        plant = nominal("g_b")
+        plant.place((0.0, -share * held, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0))
+        motor, cart, *_ = own_loop(plant, cascade, trajectory, 1e-3)
+        np.testing.assert_allclose(path(model, share * held).motor_m, motor, atol=0.4e-6)
+        assert np.max(np.abs(path(model, 0.0).motor_m - motor)) > 3e-6
+        seen = tracking_error(trajectory.t_s, trajectory.position_m, motor)
+        assert 0.99 * low.dynamic_m < seen.dynamic_m < 1.01 * high.dynamic_m
+        assert cart[0] == pytest.approx(-share * held)
+
+
+def test_the_range_of_a_prediction_follows_the_intervals_of_the_model() -> None:
+    """Without belt and intervals there is nothing unknown; with an interval the drawn values fill it and keep to the bounds."""
+    rigid = build_model("rigid", ("viscous_motor",), {"motor.inertia": 1e-3, "viscous_motor.damping": 2e-3}, base_bodies=("motor",))
+    seen: list[float] = []
+
+    def error(other: Model, stretch_m: float) -> TrackingError:
+        assert stretch_m == 0.0
+        seen.append(other["viscous_motor.damping"])
+        return TrackingError(other["viscous_motor.damping"], 0.0)
+
+    low, high = predict_range(rigid, error)
+    assert low.dynamic_m == high.dynamic_m == 2e-3
+    item = replace(rigid.parameters["viscous_motor.damping"], interval=1e-3)
+    seen.clear()
+    unsure = replace(rigid, parameters={**rigid.parameters, "viscous_motor.damping": item})
+    low, high = predict_range(unsure, error)
+    assert 1.96 * np.std(seen) == pytest.approx(1e-3, rel=0.5)
+    assert low.dynamic_m < 1.7e-3
+    assert high.dynamic_m > 2.3e-3
+    assert min(seen) >= 0.0
 
 
 # ---- verdict

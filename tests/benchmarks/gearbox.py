@@ -27,9 +27,9 @@ COMPARED = (
     ("mass", "cart.mass", "mass_kg"),
     ("stiffness", "belt_stiffness.stiffness", "stiffness_n_m"),
     ("belt damping", "belt_damping.damping", "belt_damping_n_s_m"),
-    ("viscous", "viscous.damping", "viscous_nm_s_rad"),
-    ("Coulomb motor", "coulomb.level", "coulomb_motor_nm"),
-    ("Coulomb cart", "cart_friction.level", "coulomb_cart_n"),
+    ("viscous", "viscous_motor.damping", "viscous_nm_s_rad"),
+    ("Coulomb motor", "coulomb_motor.level", "coulomb_motor_nm"),
+    ("Coulomb cart", "coulomb_cart.level", "coulomb_cart_n"),
 )
 DERIVED = (
     ("resonance", "resonance", "resonance_hz"),
@@ -68,7 +68,8 @@ def examine(rig: str, ratio: float, folder: Path) -> None:
     force, torque = np.abs(plant.belt_force_n), np.abs(plant.torque_nm)
     print(
         f"  belt at most {force[:first].max():.1f} N before the move, {force[first:].max():.1f} N in it, "
-        f"limit {axis.belt_force_limit_n:.1f} N beside {truth['coulomb_cart_n']:.1f} N of friction; motor at most {torque.max():.3f} N m of {axis.motor.peak_torque_nm:g} N m"
+        f"limit {axis.belt_force_limit_n:.1f} N beside {truth['coulomb_cart_n']:.1f} N of friction; "
+        f"motor at most {torque.max():.3f} N m of {axis.motor.peak_torque_nm:g} N m"
     )
     gains = record.load("designs", "final")["parameters"]
     print(

@@ -8,13 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from beltcomm.axis import load_axis
+from beltcomm.axis import Gearbox, load_axis
 from beltcomm.errors import DataError
 from beltcomm.identify.final import FinalModel, final_model, stiffness_by_record
 from beltcomm.recording import Recording
 from identify.records import COUNTS, Recorder, true_model
 from truth import Axis, TruthPlant, TwoStrandBelt
-from truth.rigs import draw
+from truth.rigs import GEARBOX_KG_M2, draw, geared
 
 AXIS = load_axis("egc-70-600")
 PLACES_M = (0.1, 0.3, 0.5)
@@ -44,6 +44,17 @@ def two_strand(place_m: float) -> TruthPlant:
 def varying() -> tuple[list[Recording], FinalModel]:
     records = at_places([two_strand(place) for place in PLACES_M])
     return records, final_model(records, AXIS, COUNTS)
+
+
+def test_start_values_take_the_level_of_friction_from_the_record() -> None:
+    """Behind 5:1 the friction is a quarter of the rig's; started from the rig's, the search ends far off."""
+    axis = replace(AXIS, gearbox=Gearbox(5.0, GEARBOX_KG_M2))
+    record = Recorder(3).shaken(geared("g_b", 5.0), 0.1, 3, at_m=0.25)
+    fit = final_model([record], axis, COUNTS).fit
+    truth = geared("g_b", 5.0).truth
+    assert fit.misfit < 1.2  # 0.93; from the rig's friction the search ends at 12
+    assert fit.model["cart.mass"] == pytest.approx(truth["mass_kg"], rel=0.05)
+    assert fit.model["belt_stiffness.stiffness"] == pytest.approx(truth["stiffness_n_m"], rel=0.05)
 
 
 @pytest.fixture(scope="module")

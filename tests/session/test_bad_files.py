@@ -206,14 +206,14 @@ def test_a_move_that_leaves_the_travel_is_refused(make_bench: MakeBench, copy_of
 def test_a_move_that_is_too_fast_is_refused_with_the_fastest_admissible_one(
     make_bench: MakeBench, copy_of_complete: Copy, tmp_path: Path
 ) -> None:
-    """0.4 m in 0.3 s, half a cosine: a = x π²/(2 T²) = 21.9 m/s², with 13.44 kg 295 N where 100 N are allowed.
+    """0.4 m in 0.3 s, half a cosine: a = x π²/(2 T²) = 21.9 m/s², with 13.44 kg 295 N where the pulley allows 1.24 N m or 99.84 N.
 
-    The force falls with the square of the time: T √(295/100) = 0.515 s is the fastest.
+    The force falls with the square of the time: T √(295/99.84) = 0.515 s is the fastest.
     """
     run, bench = copy_of_complete(), make_bench()
     path = move_file(tmp_path / "fast.csv", 0.3, 0.1, 0.5)
     outcome = call("verify", *DRIVE, "--run", run, "--move", path)
-    refuses(outcome, 1, "the feed force would be", "limit 100 N", "the same move stretched from 0.300 s to 0.51", "is admissible")
+    refuses(outcome, 1, "the feed force would be", "limit 99.84 N", "the same move stretched from 0.300 s to 0.51", "is admissible")
     assert bench.plant.cart_position_m == 0.0
     assert bench.parameters() == bench.initial
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from truth import Axis, ConstantBelt, ThreeSectionBelt, TruthPlant, TwoStrandBelt, draw, nominal
+from truth import Axis, ConstantBelt, ThreeSectionBelt, TruthPlant, TwoStrandBelt, draw, geared, nominal
 
 DRAWN = ("inertia_kg_m2", "mass_kg", "stiffness_n_m", "belt_damping_n_s_m", "viscous_nm_s_rad", "coulomb_total_nm")
 SENSIBLE = Axis(71.73e-6, 0.96, 0.01242, ConstantBelt(222e3, 20.0))
@@ -38,6 +38,23 @@ def test_nominal_rig_has_the_friction_of_table_a10() -> None:
     assert truth["coulomb_motor_nm"] + 0.01242 * truth["coulomb_cart_n"] == pytest.approx(0.125)
     assert truth["coulomb_total_nm"] == 0.125
     assert truth["viscous_nm_s_rad"] == 2.53e-3
+
+
+def test_a_gearbox_shifts_inertia_and_friction_by_its_ratio() -> None:
+    """Seen from the pulley the whole machine is the rig, a little heavier by the gearbox and slower to start by its seals."""
+    rig, ratio = nominal("g_a").truth, 3.0
+    plant = geared("g_a", ratio)
+    truth = plant.truth
+    assert plant.axis.transmission_m_rad == pytest.approx(0.01242 / ratio)
+    # motor and coupling at the motor, 48.10 kg mm², pulley 23.63 and gearbox 60 kg mm² behind it
+    assert truth["inertia_kg_m2"] == pytest.approx(48.10e-6 + 83.63e-6 / 9.0)
+    assert truth["coulomb_cart_n"] == pytest.approx(rig["coulomb_cart_n"])
+    assert (truth["coulomb_motor_nm"] - 0.010) * ratio == pytest.approx(rig["coulomb_motor_nm"])
+    assert (truth["viscous_nm_s_rad"] - 0.1e-3) * ratio**2 == pytest.approx(rig["viscous_nm_s_rad"])
+    assert truth["antiresonance_hz"] == pytest.approx(rig["antiresonance_hz"])
+    # (2.44): below the rig's, because the motor is heavier against the belt
+    mobility = (0.01242 / ratio) ** 2 / truth["inertia_kg_m2"]
+    assert truth["resonance_hz"] == pytest.approx(math.sqrt(203.74e3 * (mobility + 1.0 / 13.44)) / math.tau)
 
 
 def test_draws_are_uniform_independent_and_repeatable() -> None:
