@@ -71,7 +71,7 @@ def notch_at(freq_hz: float) -> Array:
 def gains_for(machine: Machine, integral: bool) -> Array:
     """Vector of gains for the recorder: the fastest cascade whose sensitivity stays below 2 at three places."""
     base, p = machine.base, machine.p
-    freq = np.concatenate((np.geomspace(0.05, 20.0, 300), np.arange(20.25, 480.0, 0.25)))
+    freq = np.concatenate((np.geomspace(0.05, 20.0, 1500), np.arange(20.1, 480.0, 0.1)))  # far finer than any mode is wide
     s = 2j * math.pi * freq
     z = np.exp(s * recorder.PERIOD_S)
     peak = np.abs(1.0 / dynamic_stiffness(freq, 0.5 * base.stroke_m, p)[0]) * freq**2
@@ -86,7 +86,7 @@ def gains_for(machine: Machine, integral: bool) -> Array:
         plants.append(1.0 / (p[at.J] * s**2 + p[at.VISCOUS] * s))  # the motor alone, inside the gap
 
     def cascade(kd: float) -> tuple[float, float, float]:
-        position_rate = kd / (2.5 * base.rigid_inertia_kg_m2)
+        position_rate = kd / (2.5 * machine.rigid_inertia_kg_m2)
         return kd * position_rate, kd, kd * position_rate * 0.35 * position_rate if integral else 0.0
 
     best = cascade(1e-3 * p[at.J] * math.tau * FASTEST_HZ)
@@ -108,8 +108,8 @@ def centring_for(machine: Machine) -> Array:
     """Weak centring of 0.6 Hz for records with an open-loop excitation."""
     gains = np.zeros(recorder.GAINS)
     w = math.tau * 0.6
-    gains[recorder.KP] = machine.base.rigid_inertia_kg_m2 * w**2
-    gains[recorder.KD] = 1.4 * machine.base.rigid_inertia_kg_m2 * w
+    gains[recorder.KP] = machine.rigid_inertia_kg_m2 * w**2
+    gains[recorder.KD] = 1.4 * machine.rigid_inertia_kg_m2 * w
     gains[recorder.SPEED_FILTER], gains[recorder.LIMIT] = 1.0 - math.exp(-math.tau * 10.0 * recorder.PERIOD_S), PEAK_TORQUE_NM
     gains[recorder.B0], gains[recorder.QUANTUM] = 1.0, machine.base.quantum_rad
     return gains

@@ -178,6 +178,16 @@ class Machine:
     sheet: Mapping[str, Any]
     bursts: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
+    @property
+    def moved_mass_kg(self) -> float:
+        """Everything that the belt moves, kg: known to whoever commissions the axis from its first move."""
+        return float(self.p[at.M] + self.p[at.M2] + self.p[at.ME])
+
+    @property
+    def rigid_inertia_kg_m2(self) -> float:
+        """Inertia of everything at the motor shaft."""
+        return self.base.inertia_kg_m2 + self.moved_mass_kg * self.base.radius_m**2
+
     def rng(self, purpose: int) -> np.random.Generator:
         """Random numbers of their own for every purpose; equal for equal seeds, whatever effects are drawn."""
         return np.random.default_rng((self.seed, purpose))

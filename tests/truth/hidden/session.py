@@ -65,9 +65,8 @@ class Abilities:
 def abilities(machine: Machine) -> Abilities:
     """From torque (1.2 and 2.3 N m for acceleration) and belt force (40 and 80 % of the limit)."""
     base = machine.base
-    per_torque = base.radius_m / base.rigid_inertia_kg_m2
-    gentle = min(1.2 * per_torque, 0.4 * base.belt_force_limit_n / base.mass_kg, 20.0)
-    full = min(2.3 * per_torque, 0.8 * base.belt_force_limit_n / base.mass_kg, 50.0)
+    per_torque, per_force = base.radius_m / machine.rigid_inertia_kg_m2, base.belt_force_limit_n / machine.moved_mass_kg
+    gentle, full = min(1.2 * per_torque, 0.4 * per_force, 20.0), min(2.3 * per_torque, 0.8 * per_force, 50.0)
     return Abilities(gentle, full, 1.5, 2.0)
 
 
@@ -146,9 +145,9 @@ def plan(machine: Machine, name: str) -> Iterator[Task]:
     level = amplitudes(machine)
     steps = [(a, i) for i in range(3) for a in (1, 2)] + [(0, 1)] if thorough else [(2, 0), (2, 1), (2, 2), (1, 1)]
     for a, i in steps:
-        periods = 3 if thorough else 2 if i == 1 else 1
+        periods = 3 if thorough else 2 if (a, i) == (2, 1) else 1
         yield frf(machine, rng, f"frf_p{i}_a{a}", places[i], (level.steps_nm[a], level.weights), periods)
-    yield swept("sweep_slow", (0.25, 0.1) if thorough else (0.4,))
+    yield swept("sweep_slow", (0.25, 0.11) if thorough else (0.5,))
     for i, place in enumerate(places):
         strokes = ((0.05, 0.06), (0.036, 0.03), (0.022, 0.01)) if thorough else ((0.024, 0.04), (0.010, 0.01))
         path = Path(place * stroke).rest(0.25)
@@ -163,7 +162,7 @@ def plan(machine: Machine, name: str) -> Iterator[Task]:
     for target in (0.9, 0.3, 0.7, 0.1) if thorough else (0.9, 0.1):
         path.move(target * stroke, able.full_m_s, able.full_m_s2).rest(0.15)
     yield Task("fast", "trajectory", low, path.rest(0.30).reference(), integral=False)
-    yield random_moves(machine, rng, able, 13.0 if thorough else 4.5)
+    yield random_moves(machine, rng, able, 11.0 if thorough else 4.0)
     yield frf(machine, rng, "holdout_frf", 0.65, (level.held_out_nm, level.weights), 2 if thorough else 1)
     yield swept("sweep_fast_2", (1.5, 0.8, 0.4) if thorough else (1.5,))
 
@@ -218,7 +217,7 @@ class Session:
         base = self.machine.base
         scale = 1.0 / base.radius_m
         speed = reference.speed_m_s * scale
-        forward = base.rigid_inertia_kg_m2 * scale * reference.acceleration_m_s2
+        forward = self.machine.rigid_inertia_kg_m2 * scale * reference.acceleration_m_s2
         forward += (base.viscous_nm_s_rad + base.drag_n_s_m * base.radius_m**2) * speed
         forward += base.coulomb_nm * np.tanh(reference.speed_m_s / 1e-3)
         target = np.column_stack((reference.position_m * scale, speed))
@@ -242,8 +241,11 @@ class Session:
         """Go to the start of a record (not recorded), then make it."""
         here = self.state[at.ANGLE] * self.machine.base.radius_m
         able = abilities(self.machine)
-        there = Path(float(here)).move(task.start_m, 0.8, able.gentle_m_s2).rest(0.25)
+        there = Path(float(here)).move(task.start_m, 0.8, min(able.gentle_m_s2, 4.0)).rest(0.2)
         self.follow(there.reference(), self._tracking)
+        for _ in range(10):  # as an operator would, wait for a payload that swings
+            if np.ptp(self.follow(Path(task.start_m).rest(0.1).reference(), self._tracking)[0]) < 5.0 * self.machine.base.quantum_rad:
+                break
         began, bristle = self.time_s, float(self.state[at.Z_MOTOR])
         if task.reference is not None:
             gains = self._tracking if task.integral else self._fast
