@@ -59,9 +59,8 @@ def remark_on(name: str, item: Value, wanted: float, deviation: float) -> str:
         beyond = abs(wanted - item.value) / deviation if (wanted < item.value) == (side == "lower") else 0.0
         if item.low < item.value < item.high or beyond <= BEYOND:
             return _none_seen(name, item, wanted, deviation)
-        return (
-            f"{name} sits at its {side} bound {item.value:g} {item.unit}, and the data pull it {beyond:.0f} deviations beyond: "
-            + ("something else takes its place, or the model lacks an effect" if item.low == 0.0 else "look at the bound")
+        return f"{name} sits at its {side} bound {item.value:g} {item.unit}, and the data pull it {beyond:.0f} deviations beyond: " + (
+            "something else takes its place, or the model lacks an effect" if item.low == 0.0 else "look at the bound"
         )
     if item.low == 0.0 and item.value < item.interval:
         return _none_seen(name, item, item.value, deviation)
