@@ -254,19 +254,19 @@ def test_the_range_of_a_prediction_holds_what_friction_may_have_left_in_the_belt
 
 def test_the_range_of_a_prediction_follows_the_intervals_of_the_model() -> None:
     """Without belt and intervals there is nothing unknown; with an interval the drawn values fill it and keep to the bounds."""
-    rigid = build_model("rigid", ("viscous_motor",), {"motor.inertia": 1e-3, "viscous_motor.damping": 2e-3}, base_bodies=("motor",))
+    rigid = build_model("rigid", ("viscous",), {"motor.inertia": 1e-3, "viscous.damping": 2e-3}, base_bodies=("motor",))
     seen: list[float] = []
 
     def error(other: Model, stretch_m: float) -> TrackingError:
         assert stretch_m == 0.0
-        seen.append(other["viscous_motor.damping"])
-        return TrackingError(other["viscous_motor.damping"], 0.0)
+        seen.append(other["viscous.damping"])
+        return TrackingError(other["viscous.damping"], 0.0)
 
     low, high = predict_range(rigid, error)
     assert low.dynamic_m == high.dynamic_m == 2e-3
-    item = replace(rigid.parameters["viscous_motor.damping"], interval=1e-3)
+    item = replace(rigid.parameters["viscous.damping"], interval=1e-3)
     seen.clear()
-    unsure = replace(rigid, parameters={**rigid.parameters, "viscous_motor.damping": item})
+    unsure = replace(rigid, parameters={**rigid.parameters, "viscous.damping": item})
     low, high = predict_range(unsure, error)
     assert 1.96 * np.std(seen) == pytest.approx(1e-3, rel=0.5)
     assert low.dynamic_m < 1.7e-3

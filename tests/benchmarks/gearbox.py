@@ -27,9 +27,9 @@ COMPARED = (
     ("mass", "cart.mass", "mass_kg"),
     ("stiffness", "belt_stiffness.stiffness", "stiffness_n_m"),
     ("belt damping", "belt_damping.damping", "belt_damping_n_s_m"),
-    ("viscous", "viscous_motor.damping", "viscous_nm_s_rad"),
-    ("Coulomb motor", "coulomb_motor.level", "coulomb_motor_nm"),
-    ("Coulomb cart", "coulomb_cart.level", "coulomb_cart_n"),
+    ("viscous", "viscous.damping", "viscous_nm_s_rad"),
+    ("Coulomb motor", "coulomb.level", "coulomb_motor_nm"),
+    ("Coulomb cart", "cart_friction.level", "coulomb_cart_n"),
 )
 DERIVED = (
     ("resonance", "resonance", "resonance_hz"),
