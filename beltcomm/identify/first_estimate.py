@@ -10,6 +10,7 @@ from scipy.optimize import minimize, nnls
 
 from beltcomm.axis import Axis
 from beltcomm.errors import DataError
+from beltcomm.identify.jumps import CERTAIN, Jump, refuse, striking_step
 from beltcomm.identify.residual import Stretch, evaluate, stretches, torque_noise
 from beltcomm.model import Model, build_model
 from beltcomm.recording import Recording
@@ -64,10 +65,16 @@ def first_estimate(recordings: Sequence[Recording], start: Model, counts_per_rev
 
     For every mass and stiffness the torque equation is linear in the motor's inertia, Coulomb and viscous friction; the smallest
     rest wins, and is refined between the points of the grid.
-    Raises DataError when the axis hardly moved.
+    Raises DataError when the axis hardly moved, DamagedRecord when the motor angle jumps.
     """
+    step = 2.0 * np.pi / counts_per_rev
+    for recording in recordings:
+        striking = striking_step(recording, start["motor.inertia"], step, CERTAIN)
+        if striking is not None:
+            first, size = striking
+            refuse([Jump(recording.name, float(recording.t_s[first]), size)], step)
     noise = torque_noise(recordings)
-    pieces = [p for r in recordings for p in stretches(r, start, 2.0 * np.pi / counts_per_rev, noise)]
+    pieces = [p for r in recordings for p in stretches(r, start, step, noise)]
     kept, total = sum(int(p.keep.sum()) for p in pieces), sum(len(p.keep) for p in pieces)
     if kept < FEWEST_SAMPLES:
         raise DataError(f"the axis moved in only {kept} of {total} samples; raise the excitation or look for a brake")
@@ -77,10 +84,11 @@ def first_estimate(recordings: Sequence[Recording], start: Model, counts_per_rev
     # How the friction is split between motor and carriage is only a guess so far; a wrong split puts mass and stiffness 15 % off.
     # (Where the carriage stuck before is neglected: 1 % of the mass at usual friction, 6 % where friction is all at the carriage.)
     starts = [np.log([m, c, friction]) for _, m, c in sorted(grid)[:REFINED]]
-    refined = [
-        minimize(lambda y: search.rest(np.exp(y)), y, method="Nelder-Mead", options={"xatol": 1e-3, "maxfev": LONGEST_REFINEMENT})
-        for y in starts
-    ]
+
+    def cost(logarithms: Array) -> float:
+        return search.rest(np.exp(logarithms))
+
+    refined = [minimize(cost, y, method="Nelder-Mead", options={"xatol": 1e-3, "maxfev": LONGEST_REFINEMENT}) for y in starts]
     return search.model(np.exp(min(refined, key=lambda found: float(found.fun)).x))
 
 
