@@ -6,6 +6,7 @@
     ├── Refused      1  the target was missed, or the person at the machine said no
     ├── UsageError   2  wrong option, wrong axis file, impossible limits
     ├── DataError    3  a recording or run folder that the method cannot use
+    │   └── DamagedRecord   one recording spoils the rest (its name kept)
     ├── SafetyStop   4  a limit was reached; the axis was stopped
     └── DriveError   5  no answer, wrong answer, drive fault
         ├── BusError        nobody answers, frames lost, adapter gone
@@ -40,6 +41,14 @@ class DataError(BeltcommError):
     """A recording or a run folder cannot be used by the method that was asked for."""
 
     exit_code = 3
+
+
+class DamagedRecord(DataError):
+    """One recording holds what no axis does; without it, or made again, the job can go on.  ``record`` is its name."""
+
+    def __init__(self, message: str, record: str) -> None:
+        super().__init__(message)
+        self.record = record
 
 
 class SafetyStop(BeltcommError):

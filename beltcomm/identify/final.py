@@ -14,7 +14,8 @@ from beltcomm.effects import effect_named
 from beltcomm.effects.belt_spans import stiffness as stiffness_at
 from beltcomm.errors import DataError
 from beltcomm.identify.first_estimate import data_sheet_model, first_estimate
-from beltcomm.identify.inverse_fit import OUTLIER, InverseFit, fit_inverse
+from beltcomm.identify.inverse_fit import OUTLIER, SUSPECT_MISFIT, InverseFit, fit_inverse
+from beltcomm.identify.jumps import proven_jumps, refuse
 from beltcomm.identify.residual import Stretch, stretches, whitened
 from beltcomm.model import Model
 from beltcomm.recording import Recording
@@ -49,7 +50,7 @@ def final_model(
     """Fit all recordings with a constant belt stiffness, and by position where the places disagree; keep the better.
 
     ``start`` replaces the start values found from the excited records.
-    Raises DataError when there is no excited record to start from, or none is usable.
+    Raises DataError when there is no excited record to start from, or none is usable; DamagedRecord when the angle of one jumps.
     """
     if start is None:
         excited = [r for r in recordings if r.sidecar.experiment == "frf" and not r.sidecar.held_out]
@@ -65,6 +66,7 @@ def final_model(
         start = first_estimate([longest], data_sheet_model(axis, place, level), counts_per_rev)
     start = as_constant(start, float(np.median([r.sidecar.start_position_m or 0.0 for r in recordings])))
     constant = fit_inverse(recordings, start, counts_per_rev=counts_per_rev, progress=lambda f: progress(0.5 * f))
+    refuse_jumps(recordings, constant, counts_per_rev)
     places = stiffness_by_record(recordings, constant.model, counts_per_rev, constant.noise_nm)
     spread = clear_spread(places)
     at = [r.sidecar.start_position_m or 0.0 for r in recordings if r.name in places]
@@ -89,6 +91,14 @@ def final_model(
         f"stiffness differs by {100 * spread:.0f} % between places; taken as {law}: evidence {gain:+.3g} for a law by position, "
         f"misfit {varying.misfit:.3g} with it and {constant.misfit:.3g} without",
     )
+
+
+def refuse_jumps(recordings: Sequence[Recording], fit: InverseFit, counts_per_rev: int) -> None:
+    """Raise DamagedRecord when a record that the fit does not explain is explained without a jump of its angle."""
+    step = 2.0 * np.pi / counts_per_rev
+    for recording in recordings:
+        if fit.record_misfit.get(recording.name, 0.0) > SUSPECT_MISFIT:
+            refuse(proven_jumps(recording, fit.model, step, fit.noise_nm), step)
 
 
 def evidence(richer: InverseFit, plainer: InverseFit) -> float:

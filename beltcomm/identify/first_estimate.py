@@ -10,6 +10,7 @@ from scipy.optimize import minimize, nnls
 
 from beltcomm.axis import Axis
 from beltcomm.errors import DataError
+from beltcomm.identify.jumps import CERTAIN, Jump, refuse, striking_step
 from beltcomm.identify.residual import Stretch, evaluate, stretches, torque_noise
 from beltcomm.model import Model, build_model
 from beltcomm.recording import Recording
@@ -64,13 +65,19 @@ def first_estimate(recordings: Sequence[Recording], start: Model, counts_per_rev
 
     For every mass and stiffness the torque equation is linear in the motor's inertia, Coulomb and viscous friction; the smallest
     rest wins, and is refined between the points of the grid.
-    Raises DataError when the axis hardly moved.
+    Raises DataError when the axis hardly moved, DamagedRecord when the motor angle jumps.
     """
+    step = 2.0 * np.pi / counts_per_rev
+    for recording in recordings:
+        striking = striking_step(recording, start["motor.inertia"], step, CERTAIN)
+        if striking is not None:
+            first, size = striking
+            refuse([Jump(recording.name, float(recording.t_s[first]), size)], step)
     noise = torque_noise(recordings)
-    pieces = [p for r in recordings for p in stretches(r, start, 2.0 * np.pi / counts_per_rev, noise)]
-    kept, total = sum(int(p.keep.sum()) for p in pieces), sum(len(p.keep) for p in pieces)
-    if kept < FEWEST_SAMPLES:
-        raise DataError(f"the axis moved in only {kept} of {total} samples; raise the excitation or look for a brake")
+    pieces = [p for r in recordings for p in stretches(r, start, step, noise)]
+    if _moving(pieces) < FEWEST_SAMPLES:
+        total = sum(len(p.keep) for p in pieces)
+        raise DataError(f"the axis moved in only {_moving(pieces)} of {total} samples; raise the excitation or look for a brake")
     search = _Search(pieces, start)
     friction = max(start["cart_friction.level"], LEAST_FRICTION_N)
     grid = [(search.rest((m, c, friction)), m, c) for m in MASSES_KG for c in STIFFNESS_SHARES * start["belt_stiffness.stiffness"]]
@@ -83,6 +90,16 @@ def first_estimate(recordings: Sequence[Recording], start: Model, counts_per_rev
 
     refined = [minimize(cost, y, method="Nelder-Mead", options={"xatol": 1e-3, "maxfev": LONGEST_REFINEMENT}) for y in starts]
     return search.model(np.exp(min(refined, key=lambda found: float(found.fun)).x))
+
+
+def moved_enough(recording: Recording, model: Model, counts_per_rev: int) -> bool:
+    """Whether a record has enough moving samples for a first estimate."""
+    noise = torque_noise([recording])
+    return _moving(stretches(recording, model, 2.0 * np.pi / counts_per_rev, noise)) >= FEWEST_SAMPLES
+
+
+def _moving(pieces: Sequence[Stretch]) -> int:
+    return sum(int(piece.keep.sum()) for piece in pieces)
 
 
 class _Search:

@@ -105,7 +105,8 @@ def first_model(machine: Machine, findings: Findings) -> Model:
     recordings = [r for r in machine.folder.recordings() if r.sidecar.experiment == "frf"]
     counts = machine.drive.capabilities.counts_per_rev
     start = findings.excited.model if findings.excited else None
-    findings.final = final_model(recordings, machine.axis, counts, start=start)
+    with machine.withdrawing():
+        findings.final = final_model(recordings, machine.axis, counts, start=start)
     model = findings.final.fit.model
     measure_delay_and_damping(findings, recordings, model)
     return model
@@ -179,7 +180,8 @@ def fit_and_design(machine: Machine, findings: Findings, settings: Settings) -> 
     recordings = machine.folder.recordings()
     counts = machine.drive.capabilities.counts_per_rev
     first = findings.final.fit.model if findings.final else None
-    findings.final = final_model(recordings, machine.axis, counts, start=first, progress=lambda f: machine.talk.progress(f, None))
+    with machine.withdrawing():
+        findings.final = final_model(recordings, machine.axis, counts, start=first, progress=lambda f: machine.talk.progress(f, None))
     model = findings.final.fit.model
     measure_delay_and_damping(findings, [r for r in recordings if r.sidecar.experiment == "frf"], model)
     findings.characteristics = analyse.characteristics(findings.final.fit, sum(machine.full_room().window_m) / 2)

@@ -7,7 +7,8 @@ stopped axis and the parameters found at the start, unless new gains were to be 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from types import TracebackType
 from typing import Literal
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 from beltcomm.axis import Axis
 from beltcomm.control import Cascade
 from beltcomm.drive import COLUMNS, Drive, Limits, Motion, Row
-from beltcomm.errors import BeltcommError, DataError, Refused, SafetyStop, UsageError
+from beltcomm.errors import BeltcommError, DamagedRecord, DataError, Refused, SafetyStop, UsageError
 from beltcomm.parameters import GAIN_NAMES, cascade_to_parameters, parameters_to_cascade
 from beltcomm.recording import Recording
 from beltcomm.runfolder import RunFolder
@@ -236,6 +237,16 @@ class Machine:
             return self.folder.recording(name)
         except DataError:
             self.folder.withdraw(name)  # what cannot be used is no finished record: --resume makes it again
+            raise
+
+    @contextmanager
+    def withdrawing(self) -> Iterator[None]:
+        """A recording that an analysis calls damaged is no finished record: it is kept aside, and --resume makes it again."""
+        try:
+            yield
+        except DamagedRecord as damage:
+            self.folder.withdraw(damage.record)
+            self.folder.journal(f"{damage.record}: kept as unfinished, because {damage}")
             raise
 
     def run(self, motion: Motion, room: Room, watch: Callable[[Row], None] = lambda _row: None) -> None:

@@ -14,7 +14,7 @@ from beltcomm.axis_entries import TrajectoryLimits
 from beltcomm.errors import Refused, SafetyStop, UsageError
 from beltcomm.excitation import Excitation, choose_prbs, prbs
 from beltcomm.identify.amplitude import AmplitudeStep, MotionLimits, Prediction, around, largest_amplitude, unknown_payload
-from beltcomm.identify.first_estimate import data_sheet_model, first_estimate
+from beltcomm.identify.first_estimate import data_sheet_model, first_estimate, moved_enough
 from beltcomm.linear import modes, operating_point
 from beltcomm.model import Model
 from beltcomm.recording import Recording
@@ -37,6 +37,7 @@ BELT_SHARE = 0.9
 OVER_BREAKAWAY = 1.0
 #: Growth of the amplitude from one record to the next.
 GROWTH = 1.7
+MOST_STEPS = 5
 #: Shares of the travel kept free at both ends: for the overshoot of a first position loop, and for the drift of a velocity loop.
 OVERSHOOT_SHARE = 0.06
 DRIFT_SHARE = 0.15
@@ -176,7 +177,11 @@ def raise_amplitude(machine: Machine, breakaway: Breakaway) -> Excited:
         )
         excitation = prbs(9, 2, 2.0 * step.amplitude_nm, period, 1, torque_step_nm=machine.drive.capabilities.torque_step_nm)
         recordings.append(_excite(machine, f"amplitude_{len(recordings) + 1}", excitation, at, step.prediction))
-        model = first_estimate(recordings[-1:], sheet, counts)
+        if len(recordings) < MOST_STEPS and step.binds == "step" and not moved_enough(recordings[-1], sheet, counts):
+            at_most = GROWTH * step.amplitude_nm  # an axis without Coulomb friction breaks away long before it moves visibly
+            continue
+        with machine.withdrawing():
+            model = first_estimate(recordings[-1:], sheet, counts)
         machine.folder.journal(
             f"amplitude {step.amplitude_nm:.3f} N m ({step.binds}): mass {model['cart.mass']:.2f} kg, "
             f"stiffness {model['belt_stiffness.stiffness']:.4g} N/m"
@@ -185,7 +190,7 @@ def raise_amplitude(machine: Machine, breakaway: Breakaway) -> Excited:
         family = around(model)
         at_most = GROWTH * step.amplitude_nm
         following = largest_amplitude(family, unit, period, at, limits, min(at_most, limits.torque_nm), stops.braking_of(machine))
-        if following.amplitude_nm < 1.1 * step.amplitude_nm or len(recordings) >= 5:
+        if following.amplitude_nm < 1.1 * step.amplitude_nm or len(recordings) >= MOST_STEPS:
             return Excited(following, tuple(recordings), model)
 
 

@@ -21,7 +21,7 @@ _SHOWN = (
     ("belt_spans.specific_stiffness", "belt specific stiffness EA", "kN", 1e-3),
     ("belt_spans.offset", "free belt at position 0", "mm", 1e3),
     ("belt_damping.damping", "belt damping", "N s/m", 1.0),
-    ("viscous.damping", "viscous friction", "mN m s/rad", 1e3),
+    ("viscous.damping", "viscous friction, motor", "mN m s/rad", 1e3),
     ("viscous_cart.damping", "viscous friction, carriage", "N s/m", 1.0),
     ("coulomb.level", "Coulomb friction, motor", "mN m", 1e3),
     ("cart_friction.level", "Coulomb friction, carriage", "N", 1.0),
@@ -30,6 +30,7 @@ _DERIVED = (
     ("resonance", "resonance", "Hz", 1.0),
     ("antiresonance", "antiresonance", "Hz", 1.0),
     ("coulomb_total", "Coulomb friction, all, at the motor", "mN m", 1e3),
+    ("viscous_total", "viscous friction, all, at the motor", "mN m s/rad", 1e3),
 )
 
 

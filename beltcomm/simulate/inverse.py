@@ -240,6 +240,8 @@ def triangular_mean(fine: Array, substeps: int) -> Array:
 
     (n*substeps - substeps + 1,) -> (n,), ends 0.  The trapezoidal rule would take (2 pi f h)²/12 off, 0.02 % at 134 Hz and 16 kHz.
     """
+    if substeps % 2:
+        raise ValueError("Simpson's rule needs an even number of substeps")
     n = (fine.shape[0] - 1) // substeps + 1
     mean = np.zeros(n)
     for k in range(1, n - 1):
