@@ -29,6 +29,7 @@ from beltcomm.session import commission as sequence
 from beltcomm.session.commission import Apply, Findings, Settings
 from beltcomm.session.creep import BREAKAWAY_SHARE, CREEP_SPEED_M_S, MARGIN_M, RAMP_S, small_move
 from beltcomm.session.experiment import run_experiment
+from beltcomm.session.laboratory import add_to_run, compare_run, diagnose_run, ladder_of_run, remove_from_run
 from beltcomm.session.machine import Machine, backed_up
 from beltcomm.session.plan import Plan, commission_plan, friction_plan, identify_plan, move_plan, verification_plan
 from beltcomm.session.store import (
@@ -37,6 +38,9 @@ from beltcomm.session.store import (
     verdict_to_dict,
 )
 from beltcomm.talk import Silence, Talk
+
+#: The laboratory's commands on a run folder; see :mod:`beltcomm.session.laboratory`.
+compare, diagnose, add, remove, ladder = compare_run, diagnose_run, add_to_run, remove_from_run, ladder_of_run
 
 #: m: the longest way of ``beltcomm move``.
 LONGEST_MOVE_M = 0.1

@@ -122,14 +122,6 @@ class Mode:
     damping_ratio: float
 
 
-@dataclass(frozen=True)
-class Equilibrium:
-    """The axis at rest under its smooth forces.   positions : (n,), rad or m, all bodies.   torque_nm : holds it."""
-
-    positions: Array
-    torque_nm: float
-
-
 def operating_point(model: Model, position_m: float, motor_speed_rad_s: float = 0.0, time_s: float = 0.0) -> Point:
     """Point of a model.   position_m : m, carriage on the axis.   motor_speed_rad_s : 0 means standstill."""
     return Point(position_m, motor_speed_rad_s, model["transmission.ratio"], time_s)
@@ -151,15 +143,15 @@ def matrices(model: Model, point: Point, standstill: Standstill = "refuse") -> M
     damping, stiffness = np.zeros_like(mass), np.zeros_like(mass)
     stuck: list[str] = []
     for effect in model.effect_list():
-        values = _values(model, effect, point.position_m)
+        values = values_of(model, effect, point.position_m)
         for element in effect.elements:
-            stretch = _stretch(model, element)
+            stretch = stretch_of(model, element)
             k, d = element.slope(point.position_m, *values)
             stiffness += k * np.outer(stretch, stretch)
             damping += d * np.outer(stretch, stretch)
         if effect.slot not in ("force", "friction_level") or effect.slope is None or effect.law is None:
             continue
-        i, lever = _acts_on(model, effect)
+        i, lever = acts_on(model, effect)
         rotary = bodies[i][1].rotary and lever == 1.0
         speed = point.speed(rotary)
         if effect.slot == "force":
@@ -184,7 +176,7 @@ def matrices(model: Model, point: Point, standstill: Standstill = "refuse") -> M
     torque = np.zeros(len(names))
     torque[0] = 1.0
     carriage = np.zeros(len(names))
-    carriage[_carriage(names)] = ratio if bodies[_carriage(names)][1].rotary else 1.0
+    carriage[carriage_of(names)] = ratio if bodies[carriage_of(names)][1].rotary else 1.0
     return Matrices(names, mass, damping, stiffness, torque, np.vstack([torque, carriage])).hold(stuck)
 
 
@@ -253,96 +245,12 @@ def describes(model: Model, position_m: float) -> bool:
     total: dict[tuple[str, str], float] = {}
     for effect in model.effect_list():
         for element in effect.elements:
-            stiffness = element.slope(position_m, *_values(model, effect, position_m))[0]
+            stiffness = element.slope(position_m, *values_of(model, effect, position_m))[0]
             total[element.ends] = total.get(element.ends, 0.0) + stiffness
     return all(stiffness >= 0.0 for stiffness in total.values())
 
 
-def smooth_forces(model: Model, positions: ArrayLike, speeds: ArrayLike, time_s: float = 0.0) -> Array:
-    """Smooth forces on all bodies from the laws themselves, (n,), N m or N.   positions, speeds : (n,), rad or m; per s."""
-    q, v = np.asarray(positions, dtype=float), np.asarray(speeds, dtype=float)
-    names = tuple(body.name for _, body in model.bodies())
-    i = _carriage(names)
-    x = float(q[i]) * (model["transmission.ratio"] if model.bodies()[i][1].rotary else 1.0)
-    total = np.zeros(len(names))
-    end = _DrivingEnd(model, q, v)
-    for effect in model.effect_list():
-        values = _values(model, effect, x)
-        if effect.slot == "force" and effect.law is not None:
-            j, lever = _acts_on(model, effect)
-            total[j] += lever * effect.law(lever * float(q[j]), lever * float(v[j]), time_s, *values)
-        for element in effect.elements:
-            shape = end.shape(element)
-            stretch, rate = end.seen(element, float(_stretch(model, element) @ q), float(shape @ v))
-            total -= shape * element.law(stretch, rate, x, *values)
-    return total
-
-
-class _DrivingEnd:
-    """How run-out of the pulley, gap and slack change what an element sees."""
-
-    def __init__(self, model: Model, q: Array, v: Array) -> None:
-        self.model = model
-        names = [body.name for _, body in model.bodies()]
-        self.place = names.index(DRIVING_BODY) if DRIVING_BODY in names else 0
-        self.gain, self.ahead = 1.0, 0.0
-        for effect in model.effect_list():
-            if effect.slot == "kinematics" and effect.law is not None and effect.slope is not None:
-                values = _values(model, effect, 0.0)
-                self.gain += cast(float, effect.slope(float(q[self.place]), *values))
-                self.ahead += model["transmission.ratio"] * effect.law(float(q[self.place]), *values)
-
-    def shape(self, element: Element) -> Array:
-        """g of :func:`_stretch` with the lever arm at this angle."""
-        shape = _stretch(self.model, element)
-        if DRIVING_END in element.ends:
-            shape[self.place] *= self.gain
-        return shape
-
-    def seen(self, element: Element, stretch: float, rate: float) -> tuple[float, float]:
-        """Stretch and rate that load the element."""
-        if DRIVING_END not in element.ends:
-            return stretch, rate
-        sign = 1.0 if element.ends[0] == DRIVING_END else -1.0
-        stretch += sign * self.ahead
-        if element.ends != (DRIVING_END, "cart"):
-            return stretch, rate
-        for effect in self.model.effect_list():
-            if effect.slot == "belt_law" and effect.law is not None and effect.slope is not None:
-                values = _values(self.model, effect, 0.0)
-                rate *= cast(float, effect.slope(stretch, *values))
-                stretch = effect.law(stretch, *values)
-        return stretch, rate
-
-
-def equilibrium(model: Model, position_m: float, time_s: float = 0.0) -> Equilibrium:
-    """Positions of all bodies and the holding torque when the carriage rests at ``position_m`` under the smooth forces.
-
-    0 = f(q) + input · torque,   carriage at position_m   (friction is left out: it can only make holding easier)
-
-    Raises Refused when some body is not held by anything.
-    """
-    point = operating_point(model, position_m, time_s=time_s)
-    linear = matrices(model, Point(position_m, 1.0, point.transmission_m_rad, time_s))
-    bodies = model.bodies()
-    fixed = _carriage(linear.bodies)
-    free = [i for i in range(len(bodies)) if i != fixed]
-    q = np.array([position_m / point.transmission_m_rad if body.rotary else position_m for _, body in bodies])
-    rest = np.zeros_like(q)
-    jacobian = np.column_stack([-linear.K[:, free], linear.input])
-    torque = 0.0
-    for _ in range(3):  # elements are linear in their stretch: the first step solves, the others remove rounding
-        residual = smooth_forces(model, q, rest, time_s) + linear.input * torque
-        try:
-            step = np.linalg.solve(jacobian, -residual)
-        except np.linalg.LinAlgError as error:
-            raise Refused(f"model {model.name!r} cannot rest at {position_m:g} m: a body is connected to nothing") from error
-        q[free] += step[:-1]
-        torque += float(step[-1])
-    return Equilibrium(q, torque)
-
-
-def _acts_on(model: Model, effect: Effect) -> tuple[int, float]:
+def acts_on(model: Model, effect: Effect) -> tuple[int, float]:
     """Body that an effect acts on, and the lever of its law there: without a belt the carriage is the driven body itself."""
     bodies = [body for _, body in model.bodies()]
     names = [body.name for body in bodies]
@@ -351,7 +259,7 @@ def _acts_on(model: Model, effect: Effect) -> tuple[int, float]:
     return 0, model["transmission.ratio"] if bodies[0].rotary else 1.0
 
 
-def _values(model: Model, effect: Effect, position_m: float) -> list[float]:
+def values_of(model: Model, effect: Effect, position_m: float) -> list[float]:
     """Values of an effect's own parameters and of those it uses, as its law wants them."""
     values = []
     for name in (*effect.full_names(), *effect.uses):
@@ -365,16 +273,16 @@ def _values(model: Model, effect: Effect, position_m: float) -> list[float]:
 def _belt(model: Model, position_m: float) -> tuple[float, float]:
     """Stiffness N/m and damping N s/m of the belt with the carriage there, before other effects change them."""
     plain = [effect for effect in model.effect_list() if is_plain_belt(effect)]
-    slopes = [effect.elements[0].slope(position_m, *_values(model, effect, position_m)) for effect in plain]
+    slopes = [effect.elements[0].slope(position_m, *values_of(model, effect, position_m)) for effect in plain]
     return sum(k for k, _ in slopes), sum(d for _, d in slopes)
 
 
-def _carriage(names: Sequence[str]) -> int:
+def carriage_of(names: Sequence[str]) -> int:
     """Index of the body whose belt coordinate is the carriage position."""
     return names.index("cart") if "cart" in names else 0
 
 
-def _stretch(model: Model, element: Element) -> Array:
+def stretch_of(model: Model, element: Element) -> Array:
     """g with stretch = gᵀ q, (n,)."""
     bodies = [body for _, body in model.bodies()]
     names = [body.name for body in bodies]

@@ -13,17 +13,16 @@ from beltcomm.effects import Point, effect_named
 from beltcomm.errors import Refused, UsageError
 from beltcomm.linear import (
     Oscillation,
-    equilibrium,
     equivalent_damping,
     fastest_rate,
     matrices,
     modes,
     operating_point,
     sampled_response,
-    smooth_forces,
     state_space,
 )
 from beltcomm.model import Model, build_model
+from beltcomm.statics import equilibrium, smooth_forces
 from beltcomm.transfer import two_mass
 
 IT, INERTIA, MASS, C, D, DM, DC = 0.01242, 71.73e-6, 13.44, 203740.0, 20.0, 33.17, 226.42

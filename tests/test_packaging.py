@@ -105,7 +105,7 @@ RUN_KERNELS = """
 from pathlib import Path
 import numpy as np
 from beltcomm import cascade_kernel
-from beltcomm.identify.residual import banded_whitening
+from beltcomm.identify.whitening import noise_path, whiten
 from beltcomm.model import load_plant
 from beltcomm.simulate.compose import kernel_for
 from beltcomm.simulate.inverse import triangular_mean
@@ -121,17 +121,19 @@ out = np.zeros(len(kernel.bodies))
 kernel.forces(np.zeros_like(out), np.ones_like(out), model.vector(), 0.0, out)
 state = np.ones(7)
 cascade_kernel.reset_state(state, 0.5)
-print(out.any(), state[0], triangular_mean(np.full(7, 3.0), 2)[1], banded_whitening(np.ones(1), np.ones(1, bool), 4.0, 0.0, 0.0)[0])
+path = noise_path(model, 0.2, 1e-3)
+white = whiten(np.ones(3), np.ones(3, bool), path, 1e-4, 6e-3)
+print(out.any(), state[0], triangular_mean(np.full(7, 3.0), 2)[1], white.size)
 """
 
 
 def test_kernels_compile_into_the_users_cache(site: Path, tmp_path: Path) -> None:
-    assert run(site, tmp_path, "-c", RUN_KERNELS) == "read-only\nwritable\nTrue 0.5 3.0 0.5\n"
+    assert run(site, tmp_path, "-c", RUN_KERNELS) == "read-only\nwritable\nTrue 0.5 3.0 3\n"
     kept = {path.name.partition(".")[0].partition("_")[0] for path in (tmp_path / "home" / ".cache").rglob("*.nbi")}
-    assert kept == {"kernel", "cascade", "inverse", "residual"}  # composed from effects, and written in the package
+    assert kept == {"kernel", "cascade", "inverse", "whitening"}  # composed from effects, and written in the package
     assert not list(site.rglob("*.nbi"))
 
 
 def test_kernels_compile_where_nothing_can_be_kept(site: Path, tmp_path: Path) -> None:
-    assert run(site, tmp_path, "-c", RUN_KERNELS, home_is_writable=False) == "read-only\nread-only\nTrue 0.5 3.0 0.5\n"
+    assert run(site, tmp_path, "-c", RUN_KERNELS, home_is_writable=False) == "read-only\nread-only\nTrue 0.5 3.0 3\n"
     assert [path.name for path in tmp_path.rglob("*")] == ["home"]

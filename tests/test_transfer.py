@@ -116,7 +116,7 @@ def test_describing_function_shows_friction_as_damping() -> None:
     assert 0.01242**2 * got.motor_damping_n_s_m == pytest.approx(4 * 0.125 / (np.pi * 4.0), rel=1e-9)
 
 
-@pytest.mark.parametrize("effects", [("end_pulley",), ("belt_stiffness", "coupling"), ("belt_damping",)])
+@pytest.mark.parametrize("effects", [("belt_sections",), ("belt_stiffness", "coupling"), ("belt_damping",)])
 def test_other_structures_are_refused(effects: tuple[str, ...]) -> None:
     model = build_model("other", effects, {})
     with pytest.raises(UsageError, match="not a motor and a carriage on one belt spring"):

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from beltcomm.cli import options as shared
-from beltcomm.cli.frame import Frame, today
+from beltcomm.cli.frame import Frame, api, today
 
 
 @click.command("add")
@@ -17,7 +17,5 @@ from beltcomm.cli.frame import Frame, today
 @click.pass_obj
 def command(frame: Frame, /, effect: str, run: Path) -> int:
     """Add EFFECT to the model of RUN, fit everything again and show the error before and after."""
-    from beltcomm.session.laboratory import add_to_run
-
     frame.run = run
-    return frame.show(add_to_run(effect, run, command=frame.line(), when=today(), talk=frame.talk()))
+    return frame.show(api().add(effect, run, command=frame.line(), when=today(), talk=frame.talk()))

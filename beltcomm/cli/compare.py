@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from beltcomm.cli import options as shared
-from beltcomm.cli.frame import Frame
+from beltcomm.cli.frame import Frame, api
 
 
 @click.command("compare")
@@ -16,7 +16,5 @@ from beltcomm.cli.frame import Frame
 @click.pass_obj
 def command(frame: Frame, /, run: Path) -> int:
     """Compare the model of RUN with its recordings: error over noise, by record, and where it fails."""
-    from beltcomm.session.laboratory import compare_run
-
     frame.run = run
-    return frame.show(compare_run(run, talk=frame.talk()))
+    return frame.show(api().compare(run, talk=frame.talk()))

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from beltcomm.cli import options as shared
-from beltcomm.cli.frame import Frame, today
+from beltcomm.cli.frame import Frame, api, today
 
 
 @click.command("diagnose")
@@ -17,7 +17,5 @@ from beltcomm.cli.frame import Frame, today
 @click.pass_obj
 def command(frame: Frame, /, run: Path, auto: bool) -> int:
     """Say which physical effect the model of RUN lacks, with evidence; changes nothing without --auto."""
-    from beltcomm.session.laboratory import diagnose_run
-
     frame.run = run
-    return frame.show(diagnose_run(run, auto=auto, command=frame.line(), when=today(), talk=frame.talk()))
+    return frame.show(api().diagnose(run, auto=auto, command=frame.line(), when=today(), talk=frame.talk()))

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from beltcomm.cli import options as shared
-from beltcomm.cli.frame import Frame
+from beltcomm.cli.frame import Frame, api
 
 
 @click.command("ladder")
@@ -16,7 +16,5 @@ from beltcomm.cli.frame import Frame
 @click.pass_obj
 def command(frame: Frame, /, run: Path) -> int:
     """Show the revisions of RUN's model as a staircase down to the noise."""
-    from beltcomm.session.laboratory import ladder_of_run
-
     frame.run = run
-    return frame.show(ladder_of_run(run))
+    return frame.show(api().ladder(run))

@@ -140,7 +140,8 @@ def verdict_lines(verdict: Verdict, demand: Demand | None) -> list[str]:
         for what, name, unit, factor in (("dynamic", "dynamic_m", "mm", 1e3), ("static", "static_m", "um", 1e6)):
             seen = "not measured" if measured is None else f"{_short(factor * getattr(measured, name))} {unit}"
             between = f", {' to '.join(_short(factor * getattr(end, name)) for end in spread)}" if spread else ""
-            parts.append(f"{what} {seen} (predicted {_short(factor * getattr(expected, name))}{between})")
+            missing = f" {unit}" if measured is None else ""
+            parts.append(f"{what} {seen} (predicted {_short(factor * getattr(expected, name))}{missing}{between})")
         lines.append(f"  {words:16} {', '.join(parts)}")
     return lines + [f"  {reason}" for reason in verdict.reasons]
 

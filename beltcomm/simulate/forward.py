@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from beltcomm.errors import Refused, UsageError
-from beltcomm.linear import describes, equilibrium, fastest_rate, operating_point
+from beltcomm.linear import describes, fastest_rate, operating_point
 from beltcomm.model import Model
 from beltcomm.simulate.compose import kernel_for
 from beltcomm.simulate.imperfect import is_late, late_torque
+from beltcomm.statics import equilibrium
 
 Array = NDArray[np.float64]
 

@@ -13,17 +13,18 @@ from beltcomm.identify.residual import (
     RUN_IN_TRAVEL_M,
     STICK_SPEED_RAD_S,
     Stretch,
-    banded_whitening,
     evaluate,
+    path_of,
     ran_in,
     resting,
     stretches,
     torque_noise,
     whitened,
 )
-from beltcomm.model import Model
+from beltcomm.identify.whitening import NoisePath, noise_path, whiten, whitener
+from beltcomm.model import Model, build_model
 from beltcomm.recording import Recording
-from beltcomm.simulate.inverse import FineMotion
+from beltcomm.simulate.inverse import FineMotion, torque_residual
 from identify.records import COUNTS, NOISE_NM, PERIOD_S, STEP_RAD, Recorder, true_model
 from truth import TruthPlant
 from truth.rigs import draw
@@ -47,46 +48,70 @@ def masked_covariance(keep: NDArray[np.bool_], c0: float, c1: float, c2: float) 
     return np.asarray(full[np.ix_(keep, keep)])
 
 
+def free_inertia(inertia: float) -> NoisePath:
+    """Without a belt both noises are moving averages, whose covariance is written down in a line."""
+    return noise_path(build_model("free", (), {"motor.inertia": inertia}, base_bodies=("motor",)), 0.0, PERIOD_S)
+
+
+def bands(inertia: float) -> tuple[float, float, float]:
+    """Covariance of e = J (q[n+1] - 2 q[n] + q[n-1])/T² - (w[n-1] + w[n])/2 at lags 0, 1 and 2."""
+    g = inertia * STEP_RAD / np.sqrt(12.0) / PERIOD_S**2
+    return 0.5 * NOISE_NM**2 + 6.0 * g**2, 0.25 * NOISE_NM**2 - 4.0 * g**2, g**2
+
+
 @pytest.mark.parametrize("share", [1.0, 0.9, 0.5, 0.2])
 def test_whitening_is_the_dense_cholesky_of_the_kept_samples(share: float) -> None:
     rng = np.random.default_rng(1)
     residual, keep = rng.normal(size=300), rng.random(300) < share
-    keep[:40] = np.arange(40) % 2 == 0  # every second one: only the second band is left
-    s, g = 6e-3, 2e-3
-    c0, c1, c2 = 0.5 * s**2 + 6.0 * g**2, 0.25 * s**2 - 4.0 * g**2, g**2
-    factor = np.linalg.cholesky(masked_covariance(keep, c0, c1, c2))
+    keep[:40] = np.arange(40) % 2 == 1  # every second one: only the second band is left; the first is none, as in every stretch
+    keep[0] = False
+    factor = np.linalg.cholesky(masked_covariance(keep, *bands(7e-5)))
     expected = np.linalg.solve(factor, residual[keep])
-    np.testing.assert_allclose(banded_whitening(residual, keep, c0, c1, c2), expected, rtol=1e-9)
+    np.testing.assert_allclose(whiten(residual, keep, free_inertia(7e-5), STEP_RAD, NOISE_NM), expected, rtol=1e-7)
 
 
 def test_whitening_of_nothing_is_nothing() -> None:
-    assert banded_whitening(np.ones(20), np.zeros(20, dtype=bool), 1.0, 0.2, 0.1).shape == (0,)
+    assert whiten(np.ones(20), np.zeros(20, dtype=bool), free_inertia(7e-5), STEP_RAD, NOISE_NM).shape == (0,)
 
 
-def test_whitened_residual_has_the_covariance_of_its_two_noises() -> None:
-    """e = J D₂ q/T² - M w: second difference of the encoder's rounding q²/12 and mean of two neighbouring torques' noise, dense."""
+def test_gains_worked_out_beforehand_give_the_same() -> None:
     plant = draw("g_b", np.random.default_rng(10))
     model = true_model(plant)
     record = Recorder().shaken(plant, 0.3, 1)
     piece = stretches(without_rows(record, slice(1300, None)), model, STEP_RAD, NOISE_NM, fitted=True)[0]
-    n = len(piece.position)
-    rounding = (np.eye(n, k=1) - 2.0 * np.eye(n) + np.eye(n, k=-1)) * model["motor.inertia"] / PERIOD_S**2 * STEP_RAD / np.sqrt(12.0)
-    torque = 0.5 * (np.eye(n, k=-1) + np.eye(n)) * NOISE_NM
-    covariance = (rounding @ rounding.T + torque @ torque.T)[np.ix_(piece.keep, piece.keep)]
-    raw = evaluate(piece, model, model.vector())[piece.keep]
-    expected = np.linalg.solve(np.linalg.cholesky(covariance), raw)
-    np.testing.assert_allclose(whitened(piece, model, model.vector()), expected, rtol=1e-7, atol=1e-9)
+    fixed = replace(piece, whitener=whitener(piece.keep, path_of(piece, model), STEP_RAD, NOISE_NM))
+    np.testing.assert_array_equal(whitened(fixed, model, model.vector()), whitened(piece, model, model.vector()))
 
 
-def test_covariance_of_torque_noise_and_encoder_steps() -> None:
-    """Var and lags of J (q[n+1] - 2 q[n] + q[n-1])/T² - (w[n-1] + w[n])/2, uniform q and normal w, by their definition."""
+def test_rounding_reaches_the_residual_through_the_belt_as_well() -> None:
+    """The noise path against the model itself: a single count of rounding, driven backwards through the kernel."""
+    model = true_model(draw("g_b", np.random.default_rng(10))).with_values(
+        {"coulomb.level": 0.0, "cart_friction.level": 0.0, "viscous.damping": 0.0}
+    )
+    n, at = 120, 60
+    theta = np.full(n, 0.25 / model["transmission.ratio"])
+    counted = theta + STEP_RAD * (np.arange(n) == at)
+    fine = np.linspace(0.0, n - 1.0, 64 * (n - 1) + 1)
+    angle = np.interp(fine, np.arange(n), counted)
+    motion = FineMotion(angle, np.gradient(angle, PERIOD_S / 64), n, PERIOD_S, 64, 0.0)
+    seen = torque_residual(model, motion, np.zeros(n))
+    path = noise_path(model, 0.25, PERIOD_S)
+    state, expected = np.zeros(len(path.H)), np.zeros(n)
+    for k in range(n):
+        new = np.array([STEP_RAD if k + 1 == at else 0.0, 0.0])
+        expected[k] = path.H @ state + path.D @ new
+        state = path.F @ state + path.G @ new
+    # after the count the carriage rings at its antiresonance in both
+    np.testing.assert_allclose(seen[1:-1], expected[1:-1], atol=2e-2 * np.abs(expected[at + 5 :]).max())
+
+
+def test_whitened_noise_is_white() -> None:
+    """Uniform rounding and normal torque noise by their definition, on a free inertia."""
     rng = np.random.default_rng(2)
     n, inertia = 400_000, 7e-5
     q, w = STEP_RAD * (rng.random(n) - 0.5), rng.normal(0.0, NOISE_NM, n)
     e = inertia * (q[2:] - 2.0 * q[1:-1] + q[:-2]) / PERIOD_S**2 - 0.5 * (w[:-2] + w[1:-1])
-    g = inertia * STEP_RAD / np.sqrt(12.0) / PERIOD_S**2
-    stated = (0.5 * NOISE_NM**2 + 6.0 * g**2, 0.25 * NOISE_NM**2 - 4.0 * g**2, g**2)
-    white = banded_whitening(e, np.ones(n - 2, dtype=bool), *stated)
+    white = whiten(e, np.ones(n - 2, dtype=bool), free_inertia(inertia), STEP_RAD, NOISE_NM)
     for lag in range(4):
         product = white[lag:] * white[: len(white) - lag]
         assert np.mean(product) == pytest.approx(1.0 if lag == 0 else 0.0, abs=4.0 * np.sqrt(2.0 / n))

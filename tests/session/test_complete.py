@@ -22,7 +22,11 @@ PARAMETERS = (
     ("cart.mass", "mass_kg", 0.03),
     ("belt_stiffness.stiffness", "stiffness_n_m", 0.03),
     ("motor.inertia", "inertia_kg_m2", 0.03),
-    ("viscous.damping", "viscous_nm_s_rad", 0.05),
+    (
+        "viscous.damping",
+        "viscous_nm_s_rad",
+        0.1,
+    ),  # what is the motor's and what the carriage's is told apart only next to the antiresonance
 )
 CHARACTERISTICS = (
     ("resonance", "resonance_hz", 0.01),

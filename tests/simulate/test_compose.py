@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from beltcomm.effects import EFFECTS
-from beltcomm.linear import smooth_forces
 from beltcomm.model import Model, build_model
 from beltcomm.simulate import writer
 from beltcomm.simulate.compose import kernel_for, kernel_source
 from beltcomm.simulate.forward import simulate_torque
+from beltcomm.statics import smooth_forces
 
 FULL = ("belt_sections", "coupling", "belt_damping", "viscous", "viscous_cart", "viscous_end_pulley",
         "coulomb", "cart_friction", "coulomb_end_pulley", "tilt")  # fmt: skip

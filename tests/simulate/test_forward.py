@@ -9,11 +9,11 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from beltcomm.errors import Refused, UsageError
-from beltcomm.linear import equilibrium
 from beltcomm.model import Model, build_model
 from beltcomm.simulate.compose import inverse_kernel
 from beltcomm.simulate.forward import State, simulate_torque
 from beltcomm.simulate.inverse import switchboard
+from beltcomm.statics import equilibrium
 
 IT, INERTIA, MASS, C, D = 0.01242, 71.73e-6, 13.44, 203740.0, 20.0
 RIG = ("belt_sections", "coupling", "belt_damping", "viscous", "viscous_cart", "viscous_end_pulley",
