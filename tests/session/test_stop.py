@@ -114,9 +114,9 @@ def smooth(rig: str, share: float) -> Bench:
 
 
 def test_an_open_loop_record_is_stopped_on_the_way_that_was_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """A tenth of the friction: coasting would take several times as long; the lent loop brakes within what was told for the record."""
+    """3 % of the friction: coasting takes several times as long, with the factory's gains twice; the lent loop brakes as was told."""
     rig, speed = "g_b", 0.05
-    bench = smooth(rig, 0.1)
+    bench = smooth(rig, 0.03)
     monkeypatch.setattr(api, "open_drive", bench.open)
     run = tmp_path / "run"
     part, talk = run / "recordings" / "amplitude_2.csv.part", Listener()
@@ -134,8 +134,8 @@ def test_an_open_loop_record_is_stopped_on_the_way_that_was_told(monkeypatch: py
     assert way <= 1e-3 * float(told[-1])
     truth = RIGS[rig].truth()
     inertia = truth["inertia_kg_m2"] + 0.01242**2 * truth["mass_kg"]
-    coasting = speed**2 * inertia / (2.0 * 0.01242 * 0.1 * truth["coulomb_total_nm"])
-    assert way < 0.5 * coasting
+    coasting = speed**2 * inertia / (2.0 * 0.01242 * 0.03 * truth["coulomb_total_nm"])
+    assert way < 0.25 * coasting
     bench.close()
 
 
