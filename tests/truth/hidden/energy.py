@@ -17,6 +17,7 @@ class Energy:
         self.p = machine.p
         self._grid = np.linspace(-reach_m, reach_m, 24001)
         self._belt = _integral(self._grid, [laws.belt((y, 0.0), (0.0, 0.0), (0.0, 0.0), machine.p)[0] for y in self._grid])
+        self._clamp = _integral(self._grid, [y - laws.play(y, machine.p)[0] for y in self._grid])
         self._between = _integral(self._grid, [kernel.payload_force(y, 0.0, machine.p) for y in self._grid])
         self._travel = np.linspace(0.0, machine.base.stroke_m, 4001)
         force = [kernel.cart_forces(x, 0.0, 0.0, np.zeros(at.STATES), machine.p) for x in self._travel]
@@ -29,10 +30,11 @@ class Energy:
         total = sum(0.5 * mass * float(s[speed]) ** 2 for mass, speed in masses)
         u, x, e = laws.pulley(s[at.ANGLE], p)[0], s[at.CART], s[at.IDLER]
         if p[at.TOPOLOGY] == at.TWO_STRANDS:
-            total += np.interp(u - x, self._grid, self._belt)
+            total += np.interp(u - x, self._grid, self._belt) * self._stiffness(x) / self._stiffness(0.0)
         else:
             k1, k2, k3 = laws.spans(x, p)[:3]
-            total += 0.5 * (k1 * (u - x) ** 2 + k2 * (e - x) ** 2 + k3 * (u - e) ** 2)
+            balance = (k1 * u + k2 * e) / (k1 + k2)  # where the clamp would rest; what it is held off by is the belt's stretch
+            total += 0.5 * (k1 * k2 / (k1 + k2) + k3) * (u - e) ** 2 + (k1 + k2) * np.interp(balance - x, self._grid, self._clamp)
         total += 0.5 * s[at.Z_MOTOR] ** 2 / p[at.BRISTLE]
         if p[at.COULOMB_CART] > 0.0:
             total += 0.5 * s[at.Z_CART] ** 2 / p[at.BRISTLE_CART]
@@ -45,6 +47,10 @@ class Energy:
         if p[at.M2] > 0.0:
             total += np.interp(s[at.PAYLOAD] - x, self._grid, self._between) - p[at.M2] * p[at.GRAVITY] * s[at.PAYLOAD]
         return float(total - np.interp(x, self._travel, self._place))
+
+    def _stiffness(self, x: float) -> float:
+        k1, k2, k3 = laws.spans(x, self.p)[:3]
+        return float(k1 + k2 * k3 / (k2 + k3))
 
 
 def _integral(x: Array, force: list[float]) -> Array:

@@ -171,7 +171,7 @@ def random_moves(machine: Machine, rng: np.random.Generator, able: Abilities, se
     """Held-out moves: random targets, speeds from 0.01 to 1.5 m/s, slow ones short."""
     start = float(rng.uniform(0.3, 0.7)) * machine.base.stroke_m
     path = Path(start).rest(0.25)
-    while sum(len(r.position_m) for r in path._pieces) * PERIOD_S < seconds - 1.5:
+    while path.duration_s < seconds - 1.5:
         speed = float(0.01 * 150.0 ** rng.uniform(0.0, 1.0))
         reach = min(2.0 * speed, 0.86 * machine.base.stroke_m)
         target = path.now_m + float(rng.uniform(0.4, 1.0)) * reach * rng.choice([-1.0, 1.0])

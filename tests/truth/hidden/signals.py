@@ -53,6 +53,11 @@ class Path:
         self.now_m = start_m
         self._pieces: list[Reference] = []
 
+    @property
+    def duration_s(self) -> float:
+        """Of everything so far."""
+        return sum(len(piece.position_m) for piece in self._pieces) * PERIOD_S
+
     def rest(self, seconds: float) -> Path:
         """Stand still."""
         n = round(seconds / PERIOD_S)
