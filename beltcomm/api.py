@@ -238,7 +238,7 @@ def verify(
             name = f"move_{1 + sum(n.startswith('move_') for n in folder.finished_names())}"
             verdict, asked = verification.verify_move(machine, model, cascade, delay_s, path, name)
     folder.save_result(f"verify_{name}", verdict_to_dict(verdict))
-    text = words.verdict_lines(verdict, asked) + words.remarks_lines([remark] if remark else [])
+    text = words.verdict_lines(verdict, asked, options.feedforward) + words.remarks_lines([remark] if remark else [])
     text.append(f"Next: beltcomm apply --drive {drive} --run {run} --save" if verdict.passed else f"Next: beltcomm design {run}")
     return Result({"run": str(run), "recording": name, **verdict_to_dict(verdict)}, text, 0 if verdict.passed else 1)
 

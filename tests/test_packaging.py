@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import resource
 import subprocess
 import sys
 import sysconfig
@@ -99,6 +100,26 @@ print(json.dumps({
     assert found["axis"]
     assert isinstance(found["position_rad"], float)
     assert found["adapters"] == {"beltcomm_adapters.virtual": "", "beltcomm_adapters.canopen": "", "beltcomm_adapters.serial": ""}
+
+
+def test_the_installed_command_commissions_an_axis_within_its_times(site: Path, tmp_path: Path) -> None:
+    """Everything from the wheel, nothing compiled before: 75 s on the machine, and less than a minute of work for it."""
+    before = used_s()
+    said = run(site, tmp_path, str(site / "bin" / "beltcomm"), "commission", "--drive", "virtual:g_b", "--yes", "--json")
+    result = json.loads(said)
+    assert result["verdict"]["passed"]
+    assert result["machine_seconds"] <= 75.0
+    assert used_s() - before < 60.0
+    (folder,) = (tmp_path / "runs").iterdir()
+    assert (tmp_path / result["run"]).samefile(folder)
+    assert (folder / "designs" / "final.yaml").is_file()
+    assert not list(site.rglob("*.nbi"))
+
+
+def used_s() -> float:
+    """Processor seconds of all finished children: wall time on a machine that has nothing else to do."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
 
 
 RUN_KERNELS = """

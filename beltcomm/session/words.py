@@ -124,9 +124,9 @@ def design_lines(design: DesignResult, cascade: Cascade) -> list[str]:
     return lines + [f"  {remark}" for remark in design.remarks]
 
 
-def verdict_lines(verdict: Verdict, demand: Demand | None) -> list[str]:
-    """Predicted and measured tracking error, in mm and um."""
-    lines = ["Verification move:"]
+def verdict_lines(verdict: Verdict, demand: Demand | None, feedforward: str | None = None) -> list[str]:
+    """Predicted and measured tracking error, in mm and um.   feedforward : what took the place of the design's, if anything."""
+    lines = [f"Verification move, with feedforward {feedforward} for this move only:" if feedforward else "Verification move:"]
     if demand is not None:
         lines.append(
             f"  up to {demand.speed_m_s:.3g} m/s, {demand.acceleration_m_s2:.3g} m/s², {demand.feed_force_n:.3g} N feed force, "
