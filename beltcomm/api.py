@@ -32,6 +32,7 @@ from beltcomm.session.experiment import run_experiment
 from beltcomm.session.laboratory import add_to_run, compare_run, diagnose_run, ladder_of_run, remove_from_run
 from beltcomm.session.machine import Machine, backed_up
 from beltcomm.session.plan import Plan, commission_plan, friction_plan, identify_plan, move_plan, verification_plan
+from beltcomm.session.proof import proof
 from beltcomm.session.store import (
     cascade_from_dict,
     drive_to_dict,
@@ -237,7 +238,7 @@ def verify(
             _agree(plan, options, talk)
             name = f"move_{1 + sum(n.startswith('move_') for n in folder.finished_names())}"
             verdict, asked = verification.verify_move(machine, model, cascade, delay_s, path, name)
-    folder.save_result(f"verify_{name}", verdict_to_dict(verdict))
+    folder.save_result(f"verify_{name}", {**verdict_to_dict(verdict), "proof": proof(cascade, path, ())})
     text = words.verdict_lines(verdict, asked, options.feedforward) + words.remarks_lines([remark] if remark else [])
     text.append(f"Next: beltcomm apply --drive {drive} --run {run} --save" if verdict.passed else f"Next: beltcomm design {run}")
     return Result({"run": str(run), "recording": name, **verdict_to_dict(verdict)}, text, 0 if verdict.passed else 1)

@@ -50,12 +50,14 @@ class Frame:
     """One call of the command line.
 
     run : the run folder, once known: where the log of an unexpected error goes.   verbose : -v once or more.
+    ended : by a signal from outside.
     """
 
     def __init__(self, words: list[str]) -> None:
         self.words = words
         self.json = "--json" in words
         self.verbose = 0
+        self.ended = False
         self.run: Path | None = None
         self._talk: PlainTalk | RichTalk | None = None
 
@@ -72,12 +74,13 @@ class Frame:
             remedy = f" (see {context.command_path} --help)" if context is not None else ""
             return self._failed(error.format_message().rstrip(".") + remedy, error.exit_code)
         except (KeyboardInterrupt, click.Abort):
-            kept = f"; what was recorded is kept in {self.run}, --resume goes on" if self.run and self.run.is_dir() else ""
-            return self._failed(f"interrupted{kept}", INTERRUPTED)
+            return self._interrupted()
         except BrokenPipeError:  # the reader of our output has gone: nobody is left to tell
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             return 1
         except Exception as error:
+            if self.ended:  # with the terminal gone, whatever writes to it fails
+                return self._interrupted()
             log = self._write_log()
             if self.verbose:
                 click.echo(traceback.format_exc(), err=True)
@@ -115,11 +118,23 @@ class Frame:
         if self._talk is not None:
             self._talk.close()
 
+    def note_end(self) -> None:
+        """Somebody ends this program from outside; perhaps nobody reads any more."""
+        self.ended = True
+
+    def _interrupted(self) -> int:
+        kept = f"; what was recorded is kept in {self.run}, --resume goes on" if self.run and self.run.is_dir() else ""
+        return self._failed(f"interrupted{kept}", INTERRUPTED)
+
     def _failed(self, sentence: str, code: int) -> int:
-        self._end_talk()
-        click.echo(f"beltcomm: {sentence}", err=True)
-        if self.json:
-            click.echo(json.dumps({"error": sentence, "exit_code": code}, ensure_ascii=False))
+        try:
+            self._end_talk()
+            click.echo(f"beltcomm: {sentence}", err=True)
+            if self.json:
+                click.echo(json.dumps({"error": sentence, "exit_code": code}, ensure_ascii=False))
+        except OSError:
+            if not self.ended:
+                raise
         return code
 
     def _write_log(self) -> str:

@@ -13,6 +13,7 @@ from typing import Any
 import click
 
 from beltcomm import __version__
+from beltcomm.cli.endings import like_ctrl_c
 from beltcomm.cli.frame import Frame
 
 # The matrices here are tall and narrow: more threads cost more than they bring, and results must not depend on the number of cores.
@@ -83,18 +84,19 @@ class Verbs(click.Group):
         """Run the command line and leave with its exit code, or return it when not ``standalone_mode``."""
         words = list(sys.argv[1:] if args is None else args)
         frame = Frame(words)
-        code = frame.guarded(
-            lambda: click.Group.main(
-                self,
-                words,
-                prog_name or "beltcomm",
-                complete_var,
-                standalone_mode=False,
-                windows_expand_args=windows_expand_args,
-                obj=frame,
-                **extra,
+        with like_ctrl_c(frame.note_end):
+            code = frame.guarded(
+                lambda: click.Group.main(
+                    self,
+                    words,
+                    prog_name or "beltcomm",
+                    complete_var,
+                    standalone_mode=False,
+                    windows_expand_args=windows_expand_args,
+                    obj=frame,
+                    **extra,
+                )
             )
-        )
         if standalone_mode:
             sys.exit(code)
         return code

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 from beltcomm.axis import Axis
 from beltcomm.control import Cascade, CascadeStructure
@@ -22,6 +22,7 @@ from beltcomm.model import Model
 from beltcomm.recording import Recording
 from beltcomm.session import analyse, phases, stops, verification
 from beltcomm.session.machine import Machine
+from beltcomm.session.proof import move_name, proof
 from beltcomm.sidecar import Sidecar
 from beltcomm.trajectory import Trajectory
 from beltcomm.verify import Demand, Verdict
@@ -83,6 +84,8 @@ class Findings:
     cascade: Cascade | None = None
     demand: Demand | None = None
     verdict: Verdict | None = None
+    move_name: str = ""
+    proof: Mapping[str, Any] = field(default_factory=dict)
     remarks: list[str] = field(default_factory=list)
     machine_seconds: float = 0.0
 
@@ -238,8 +241,12 @@ def commission(machine: Machine, settings: Settings, findings: Findings) -> Find
             trajectory, remark = verification.within_target(machine, model, cascade, delay(findings), standard)
             if remark:
                 findings.remarks.append(remark)
-        verdict, findings.demand = verification.verify_move(machine, model, cascade, delay(findings), trajectory)
-        findings.verdict = verdict
+        findings.proof = proof(cascade, trajectory, settings.payloads_kg)
+        name = move_name(machine.folder, findings.proof)
+        verdict, findings.demand = verification.verify_move(
+            machine, model, cascade, delay(findings), trajectory, name, settings.payloads_kg
+        )
+        findings.verdict, findings.move_name = verdict, name
         trusted = verdict.passed and findings.final is not None and not findings.final.fit.suspect
         machine.keep_gains = settings.apply in ("keep", "save") and trusted
         if settings.apply in ("keep", "save") and not trusted:

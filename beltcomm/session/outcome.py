@@ -22,7 +22,7 @@ def save(folder: RunFolder, findings: Findings) -> None:
     if findings.design is not None:
         folder.save_design("final", design_dict(findings))
     if findings.verdict is not None:
-        folder.save_result("verify_move_1", verdict_to_dict(findings.verdict))
+        folder.save_result(f"verify_{findings.move_name}", {**verdict_to_dict(findings.verdict), "proof": plain(findings.proof)})
 
 
 def fit_dict(final: FinalModel, findings: Findings) -> dict[str, Any]:

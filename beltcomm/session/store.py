@@ -37,6 +37,7 @@ def fit_to_dict(fit: InverseFit) -> dict[str, Any]:
         "correlation": plain(fit.correlation),
         "covariance": plain(fit.covariance),
         "misfit": fit.misfit,
+        "suspect": bool(fit.suspect),
         "held_out_misfit": fit.held_out_misfit,
         "record_misfit": plain(fit.record_misfit),
         "samples": fit.samples,

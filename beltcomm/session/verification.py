@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from beltcomm.errors import Refused
 from beltcomm.model import Model
 from beltcomm.session import phases
 from beltcomm.session.machine import Machine
+from beltcomm.session.proof import proof
 from beltcomm.sidecar import Sidecar
 from beltcomm.trajectory import Trajectory, load_move, plan_trajectory
 from beltcomm.verify import (
@@ -219,9 +221,18 @@ def broken_limits(machine: Machine, model: Model, trajectory: Trajectory) -> lis
 
 
 def verify_move(
-    machine: Machine, model: Model, cascade: Cascade, delay_s: float, trajectory: Trajectory, name: str = "move_1"
+    machine: Machine,
+    model: Model,
+    cascade: Cascade,
+    delay_s: float,
+    trajectory: Trajectory,
+    name: str = "move_1",
+    payloads_kg: Sequence[float] = (),
 ) -> tuple[Verdict, Demand]:
-    """Phase 7: run the move with the new gains and compare with its prediction.   Raises Refused when it would break a limit."""
+    """Phase 7: run the move with the new gains and compare with its prediction.   Raises Refused when it would break a limit.
+
+    payloads_kg : further ones that the design holds for, noted with the record, see :mod:`beltcomm.session.proof`.
+    """
     broken = broken_limits(machine, model, trajectory)
     if broken:
         raise Refused("the move is refused: " + "; ".join(broken) + _fastest(machine, model, trajectory))
@@ -241,6 +252,7 @@ def verify_move(
         session_time_s=machine.session_time_s,
         closed_loop=True,
         held_out=True,
+        controller=proof(cascade, trajectory, payloads_kg),
     )
     recording = machine.record(name, machine.follow(beside, "position"), replace(machine.full_room(), lag_m=lag), sidecar)
 

@@ -320,7 +320,8 @@ def test_nobody_can_be_asked(make_bench: MakeBench, tmp_path: Path) -> None:
     assert bench.plant.cart_position_m == 0.0
 
 
-def test_ctrl_c_from_outside(tmp_path: Path) -> None:
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_ended_from_outside(tmp_path: Path, number: signal.Signals) -> None:
     """The console command itself, in its own process, interrupted while it records."""
     run = tmp_path / "run"
     words = ["identify", "--drive", "virtual", "--yes", "--realtime", "--json", "--run", str(run)]
@@ -332,7 +333,10 @@ def test_ctrl_c_from_outside(tmp_path: Path) -> None:
             assert time.monotonic() < give_up
             time.sleep(0.02)
         time.sleep(0.5)
-        os.kill(process.pid, signal.SIGINT)
+        os.kill(process.pid, number)
+        if number != signal.SIGINT:  # closing a terminal sends several
+            time.sleep(0.02)
+            os.kill(process.pid, number)
         stdout, stderr = process.communicate(timeout=30.0)
     assert process.returncode == 4
     assert json.loads(stdout)["exit_code"] == 4

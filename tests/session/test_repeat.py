@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+import yaml
 
 from beltcomm import api
 from beltcomm.axis import load_axis
@@ -83,6 +84,26 @@ def test_a_finished_run_repeats_nothing(make_bench: MakeBench, copy_of_complete:
     assert result.exit_code == 0
     assert result.data["verdict"].measured == complete.result.data["verdict"].measured
     assert bench.now_s < 10.0  # the sign check and the way to the start of the move at most
+
+
+@pytest.mark.parametrize("changed", ["payload", "gains"])
+@pytest.mark.usefixtures("fitted")
+def test_a_move_driven_with_another_design_is_no_proof(make_bench: MakeBench, copy_of_complete: Copy, changed: str) -> None:
+    run, bench = copy_of_complete(), make_bench()
+    options = api.Options(yes=True, seed=SEED, resume=True, payload_kg=30.0 if changed == "payload" else None)
+    if changed == "gains":  # the record was driven with another K_P
+        note = run / "recordings" / "move_1.yaml"
+        data = yaml.safe_load(note.read_text(encoding="utf-8"))
+        data["controller"]["gains"]["kp_nm_s_rad"] *= 1.01
+        note.write_text(yaml.safe_dump(data), encoding="utf-8")
+    before = contents(run)
+    api.commission(bench.name, "egc-70-600", run, options=options)
+    folder = RunFolder.open(run)
+    assert {"move_1", "move_2"} <= set(folder.finished_names())
+    assert before.items() <= contents(run).items()
+    designed = folder.load("designs", "final")["parameters"]
+    assert folder.recording("move_2").sidecar.controller["gains"] == pytest.approx(designed)
+    assert folder.load("results", "verify_move_2")["proof"]["further_payloads_kg"] == ([30.0] if changed == "payload" else [])
 
 
 def test_another_axis_is_not_the_run_that_was_begun(make_bench: MakeBench, copy_of_complete: Copy) -> None:

@@ -1,0 +1,70 @@
+"""What a verification move proves: the gains, payloads and path it was driven with, and whether a run's design is proven at all."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from beltcomm.control import Cascade
+from beltcomm.parameters import cascade_to_parameters
+from beltcomm.runfolder import RunFolder
+from beltcomm.trajectory import Trajectory
+
+#: Gains that differ by less are the same: a resumed fit begins elsewhere and ends within its own tolerance.
+SAME_GAIN = 1e-3
+#: m: ends of a path that differ by less are the same.
+SAME_PLACE_M = 1e-4
+
+
+def proof(cascade: Cascade, trajectory: Trajectory, payloads_kg: Sequence[float]) -> dict[str, Any]:
+    """What a move is driven with, for the sidecar of its recording (``controller``) and for its verdict."""
+    return {
+        "gains": {name: float(value) for name, value in cascade_to_parameters(cascade).items()},
+        "further_payloads_kg": [float(mass) for mass in payloads_kg],
+        "path": [float(trajectory.position_m[0]), float(trajectory.position_m[-1]), float(trajectory.duration_s)],
+    }
+
+
+def same_gains(one: Any, other: Any) -> bool:
+    """Whether two mappings name → value are one controller."""
+    if not isinstance(one, Mapping) or not isinstance(other, Mapping) or one.keys() != other.keys():
+        return False
+    return all(math.isclose(float(one[name]), float(other[name]), rel_tol=SAME_GAIN, abs_tol=1e-12) for name in one)
+
+
+def proves(recorded: Mapping[str, Any], wanted: Mapping[str, Any]) -> bool:
+    """Whether a move recorded with one :func:`proof` stands for another; one recorded without any proves nothing."""
+    path, payloads = recorded.get("path"), recorded.get("further_payloads_kg")
+    return (
+        isinstance(path, Sequence)
+        and all(math.isclose(a, b, rel_tol=SAME_GAIN, abs_tol=SAME_PLACE_M) for a, b in zip(path, wanted["path"], strict=True))
+        and payloads == wanted["further_payloads_kg"]
+        and same_gains(recorded.get("gains"), wanted["gains"])
+    )
+
+
+def move_name(folder: RunFolder, wanted: Mapping[str, Any]) -> str:
+    """``move_N``: the recorded move that proves what is wanted, else the first name that is free."""
+    number = 1
+    while folder.finished(f"move_{number}") is not None:
+        if proves(folder.recording(f"move_{number}").sidecar.controller, wanted):
+            break
+        number += 1
+    return f"move_{number}"
+
+
+def doubts(folder: RunFolder) -> list[str]:
+    """Why the gains of ``designs/final.yaml`` should not be written to a drive yet, in words; empty when nothing speaks against it."""
+    found = []
+    fit = folder.load_result("fit") or {}
+    if fit.get("suspect"):
+        found.append("the model does not explain what was measured")
+    gains = folder.load("designs", "final").get("parameters")
+    results = [folder.load("results", name) for name in folder.names("results") if name.startswith("verify_")]
+    driven = [result for result in results if same_gains((result.get("proof") or {}).get("gains"), gains)]
+    if not driven:
+        found.append("no verification move was driven with these gains")
+    elif not driven[-1].get("passed"):
+        found.append("the verification move with these gains missed its target")
+    return found

@@ -1,0 +1,33 @@
+"""Signals that end a program end it like Ctrl-C."""
+
+from __future__ import annotations
+
+import signal
+
+import pytest
+
+from beltcomm.cli.endings import like_ctrl_c
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_the_first_interrupts_and_the_second_disturbs_nothing(number: signal.Signals) -> None:
+    noted, restored = [], False
+    before = signal.getsignal(number)
+    with like_ctrl_c(lambda: noted.append(True)):
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(number)
+        signal.raise_signal(signal.SIGTERM)
+        signal.raise_signal(signal.SIGHUP)
+        restored = True
+    assert restored
+    assert noted == [True]
+    assert signal.getsignal(number) is before
+
+
+def test_nohup_stays_nohup() -> None:
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with like_ctrl_c(lambda: None):
+            signal.raise_signal(signal.SIGHUP)
+    finally:
+        signal.signal(signal.SIGHUP, before)
