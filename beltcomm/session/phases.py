@@ -20,6 +20,7 @@ from beltcomm.model import Model
 from beltcomm.recording import Recording
 from beltcomm.session import stops
 from beltcomm.session.creep import MOVED_M, SLIDING_SHARE, creep
+from beltcomm.session.expectation import Expectation
 from beltcomm.session.machine import Machine, Room
 from beltcomm.sidecar import ExcitationNote, Sidecar
 from beltcomm.trajectory import Strokes, Trajectory, at_rest, constant_speed_strokes, join, plan_trajectory
@@ -226,6 +227,7 @@ def _excite(machine: Machine, name: str, excitation: Excitation, at: float, pred
     around_it = room_around(machine, at, EXCITATION_TRAVEL_M + END_MARGIN_M)
     low, high = around_it.window_m
     room = replace(around_it, window_m=(low + predicted.stop_m, high - predicted.stop_m))
+    watch = Expectation(predicted, machine.ratio, machine.axis.motor_side_inertia_kg_m2)
     note = ExcitationNote(
         kind=excitation.kind,
         amplitude_nm=excitation.amplitude_nm,
@@ -233,7 +235,7 @@ def _excite(machine: Machine, name: str, excitation: Excitation, at: float, pred
         first_sample=excitation.first_sample,
     )
     sidecar = Sidecar(experiment="frf", start_position_m=at, session_time_s=machine.session_time_s, excitation=note)
-    return machine.record(name, machine.torque_motion(excitation.torque), room, sidecar, predicted.watched_m_s)
+    return machine.record(name, machine.torque_motion(excitation.torque), room, sidecar, watch)
 
 
 def characteristic_hz(model: Model, position_m: float) -> tuple[float, float]:
