@@ -31,6 +31,7 @@ class Expectation:
         self._rows: list[tuple[float, float, float]] = []
 
     def __call__(self, row: Row) -> None:
+        """One row as the drive gives it.   Raises SafetyStop."""
         self._rows.append((row[0], row[1], row[3]))
         speed, travel = abs(self.ratio * row[4]), abs(self.ratio * (row[3] - self._rows[0][2]))
         if speed > self.predicted.watched_m_s:

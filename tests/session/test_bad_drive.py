@@ -222,7 +222,7 @@ def test_a_wrong_inertia_in_the_axis_file_ends_the_rise_in_the_first_step(make_b
     axis, talk = load_axis(AXIS), Listener()
     bench = make_bench()
     wrong = replace(axis, motor=replace(axis.motor, inertia_kg_m2=100.0 * float(axis.motor.inertia_kg_m2 or 0.0)))
-    with pytest.raises(SafetyStop, match="to be expected at most.*check the unit of motor.inertia_kg_m2") as stop:
+    with pytest.raises(SafetyStop, match=r"to be expected at most.*check the unit of motor\.inertia_kg_m2") as stop:
         api.identify(bench.name, wrong, tmp_path / "run", options=YES, talk=talk)
     seen = re.search(r"inertia of about ([\d.e-]+) ±", str(stop.value))
     assert seen is not None
