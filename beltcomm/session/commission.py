@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from beltcomm.axis import Axis
+from beltcomm.axis_entries import COMMISSION_NEEDS
 from beltcomm.control import Cascade, CascadeStructure
 from beltcomm.design.cascade import DesignResult
 from beltcomm.design.feedforward import FeedforwardKind
@@ -284,14 +285,4 @@ def reference(machine: Machine, settings: Settings) -> None:
 
 def suitable(axis: Axis) -> None:
     """Raise UsageError unless the axis file has what the whole job needs."""
-    axis.require(
-        "commission",
-        "motor.inertia_kg_m2",
-        "pulley.effective_radius_m",
-        "belt.specific_stiffness_n",
-        "belt.pulley_distance_m",
-        "travel.min_m",
-        "travel.max_m",
-        "limits.speed_m_s",
-        "limits.feed_force_n",
-    )
+    axis.require("commission", *COMMISSION_NEEDS)
