@@ -192,6 +192,7 @@ def design(
     model = _saved_model(folder)
     findings = Findings()
     recordings = folder.recordings()
+    analyse.check_whole(recordings)
     sequence.measure_delay_and_damping(findings, [r for r in recordings if r.sidecar.experiment == "frf"], model)
     structure = offline.structure_of(folder, findings)
     analyse.offered(structure, options.prefilter, options.feedforward)

@@ -54,6 +54,10 @@ __all__ = [
 ]
 
 
+#: rad/s²: rated torque over rotor inertia.  Servo motors have some 1e3 (large, with brake) to 1e5; ten times more room either way.
+SLOWEST_ROTOR_RAD_S2, FASTEST_ROTOR_RAD_S2 = 1e2, 1e6
+
+
 class TorqueLimit(NamedTuple):
     """torque_nm : N m, motor shaft.   binds : in words, what sets it."""
 
@@ -344,6 +348,14 @@ def _check_together(axis: Axis) -> None:
     if rated is not None and peak is not None and rated > peak:
         text = f"motor.rated_torque_nm is {rated:g} N m; it must not exceed motor.peak_torque_nm, {peak:g} N m"
         raise ImpossibleEntry(text, "motor.rated_torque_nm")
+    inertia = axis.motor.inertia_kg_m2
+    if rated is not None and inertia is not None and not SLOWEST_ROTOR_RAD_S2 <= rated / inertia <= FASTEST_ROTOR_RAD_S2:
+        raise ImpossibleEntry(
+            f"motor.inertia_kg_m2 is {inertia:g} kg m²: a motor of {rated:g} N m rated torque would accelerate itself with "
+            f"{rated / inertia:.3g} rad/s², motors do so with {SLOWEST_ROTOR_RAD_S2:g} to {FASTEST_ROTOR_RAD_S2:g}; look at its unit "
+            "(1 kg cm² is 1e-4 kg m²) and at motor.rated_torque_nm",
+            "motor.inertia_kg_m2",
+        )
     l3, offset = axis.get("belt.pulley_distance_m"), axis.travel.driven_side_offset_m
     if l3 is not None and high is not None and offset + high >= l3:
         raise ImpossibleEntry(

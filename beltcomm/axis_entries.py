@@ -149,6 +149,19 @@ SECTIONS: Mapping[str, type[Any]] = {
 }
 
 
+#: What commissioning cannot do without, and what it is for: asked for by ``init``, required by ``commission``.
+COMMISSION_NEEDS: Mapping[str, str] = {
+    "motor.inertia_kg_m2": "start values and the plausibility of the model",
+    "pulley.effective_radius_m": "travel per motor revolution",
+    "belt.specific_stiffness_n": "the belt force before anything is measured",
+    "belt.pulley_distance_m": "the belt force before anything is measured",
+    "travel.min_m": "the travel window",
+    "travel.max_m": "the travel window",
+    "limits.speed_m_s": "the speed limit",
+    "limits.feed_force_n": "the belt force limit",
+}
+
+
 def entries_of(section: type[Any]) -> dict[str, Entry]:
     """The numbers of a section by name."""
     return {item.name: item.metadata["entry"] for item in fields(section) if "entry" in item.metadata}

@@ -5,6 +5,7 @@ Shipped files stand in ``beltcomm/configs`` inside a wheel and in ``configs`` be
 
 from __future__ import annotations
 
+import contextlib
 import difflib
 import os
 import re
@@ -169,7 +170,8 @@ def write_text(path: Path, text: str) -> None:
             os.fsync(file.fileno())
         os.replace(temporary, path)
     except OSError as error:
-        temporary.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):  # a read-only file system refuses even to delete what is not there
+            temporary.unlink(missing_ok=True)
         raise UsageError(f"{path} cannot be written: {error.strerror or error}; choose another place") from error
 
 

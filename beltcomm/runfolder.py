@@ -153,7 +153,9 @@ class RunFolder:
         """
         if not self.recordings_folder.is_dir():
             raise DataError(f"{self.recordings_folder} is missing; record with `beltcomm identify`, or put CSV files there")
-        loaded = [self.recording(name) for name in self.finished_names()]
+        names = self.finished_names()
+        self._check_sidecars(names)
+        loaded = [self.recording(name) for name in names]
         chosen = [item for item in loaded if experiment in (None, item.sidecar.experiment)]
         if not chosen:
             kind = f" of the kind {experiment}" if experiment else ""
@@ -164,6 +166,16 @@ class RunFolder:
         except DataError as error:
             raise DataError(f"{self.recordings_folder}: {error}") from error
         return chosen
+
+    def _check_sidecars(self, names: list[str]) -> None:
+        """Raise DataError when a recording that a drive made has lost its sidecar; those made by hand may have none."""
+        for name in names if self.drive else []:
+            sidecar = self.recordings_folder / f"{name}.yaml"
+            if not sidecar.is_file():
+                raise DataError(
+                    f"{sidecar} is missing: without it nobody knows what {name}.csv shows; bring it back, or take {name}.csv out of the "
+                    "folder and record it again with --resume"
+                )
 
     def recording(self, name: str) -> Recording:
         """One recording by name, checked against the axis.   Raises DataError."""

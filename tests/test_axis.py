@@ -102,7 +102,7 @@ def test_an_axis_without_belt_and_pulley_is_a_rigid_mass_on_the_load_side() -> N
 
 
 def test_save_and_load_are_exact(tmp_path: Path) -> None:
-    axis = replace(RIG, motor=replace(RIG.motor, inertia_kg_m2=0.1 + 0.2), name="1e-6")  # a name that looks like a number
+    axis = replace(RIG, motor=replace(RIG.motor, inertia_kg_m2=(0.1 + 0.2) * 1e-4), name="1e-6")  # a name that looks like a number
     save_axis(axis, tmp_path / "axis.yaml")
     again = load_axis(tmp_path / "axis.yaml")
     assert again == axis
@@ -171,3 +171,10 @@ def test_an_axis_without_belt_is_limited_by_its_force() -> None:
     linear = Axis(name="linear motor", limits=AxisLimits(feed_force_n=300.0))
     assert not linear.has_belt
     assert linear.torque_limit() == (300.0, "the axis limit of 300 N feed force")
+
+
+@pytest.mark.parametrize("inertia", [0.449, 44.9e-9])
+def test_a_rotor_that_no_motor_of_that_torque_has_is_a_wrong_unit(inertia: float) -> None:
+    with pytest.raises(UsageError, match=r"motor\.inertia_kg_m2 is .* a motor of 1\.43 N m .* look at its unit"):
+        replace(RIG, motor=replace(RIG.motor, inertia_kg_m2=inertia))
+    assert replace(RIG, motor=replace(RIG.motor, inertia_kg_m2=2e-3)).motor.inertia_kg_m2 == 2e-3  # with a flywheel

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import importlib
 import json
 import math
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
 
 #: Exit code of a broken-off command: that of a safety stop, which is what Ctrl-C is on a machine.
 INTERRUPTED = 4
+#: What a file system that refuses says: not allowed, read-only, full.
+UNWRITABLE = (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOSPC, errno.EDQUOT)
 #: The shipped axis that a virtual drive is commissioned with when no other is given.
 VIRTUAL_AXIS = "egc-70-600"
 
@@ -78,14 +81,38 @@ class Frame:
         except BrokenPipeError:  # the reader of our output has gone: nobody is left to tell
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             return 1
+        except OSError as error:
+            if self.ended:
+                return self._interrupted()
+            if error.errno not in UNWRITABLE or not error.filename:
+                return self._unexpected(error)
+            remedy = "choose a folder that can be written, or make room"
+            return self._failed(f"{error.filename} cannot be used: {error.strerror}; {remedy}", UsageError.exit_code)
         except Exception as error:
             if self.ended:  # with the terminal gone, whatever writes to it fails
                 return self._interrupted()
-            log = self._write_log()
-            if self.verbose:
-                click.echo(traceback.format_exc(), err=True)
-            where = f"; details are in {log}" if log else ""
-            return self._failed(f"an unexpected error stopped this command: {type(error).__name__}: {error}{where}", 1)
+            return self._unexpected(error)
+
+    def _left_behind(self) -> str:
+        """How axis and drive were left, by the last word of the run's journal: nothing is promised that did not happen."""
+        try:
+            lines = (self.run / "journal.txt").read_text(encoding="utf-8").splitlines() if self.run else []
+        except (OSError, ValueError):
+            lines = []
+        last = lines[-1] if lines else ""
+        if last.startswith("all parameters restored"):
+            return "; the axis is stopped and the drive's own gains are restored"
+        if last.startswith("restoring the drive failed"):
+            return "; the drive's own gains are NOT restored: `beltcomm rollback` writes them again"
+        return ""
+
+    def _unexpected(self, error: Exception) -> int:
+        """The sentence and the log for what nobody thought of; exit code 1."""
+        log = self._write_log()
+        if self.verbose:
+            click.echo(traceback.format_exc(), err=True)
+        where = f"; details are in {log}" if log else ""
+        return self._failed(f"an unexpected error stopped this command: {type(error).__name__}: {error}{where}", 1)
 
     def show(self, result: Result) -> int:
         """Print a result, as one JSON object or as lines; returns its exit code."""
@@ -124,7 +151,7 @@ class Frame:
 
     def _interrupted(self) -> int:
         kept = f"; what was recorded is kept in {self.run}, --resume goes on" if self.run and self.run.is_dir() else ""
-        return self._failed(f"interrupted{kept}", INTERRUPTED)
+        return self._failed(f"interrupted{self._left_behind()}{kept}", INTERRUPTED)
 
     def _failed(self, sentence: str, code: int) -> int:
         try:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from beltcomm.axis_entries import COMMISSION_NEEDS
 from beltcomm.cli import options as shared
 from beltcomm.cli.frame import Frame
 from beltcomm.errors import Refused, UsageError
@@ -16,17 +17,6 @@ from beltcomm.quantities import parse_quantity, unit_of
 if TYPE_CHECKING:
     from beltcomm.axis import Axis
 
-#: What commissioning cannot do without on a belt axis, and what it is for.
-NEEDED = {
-    "motor.inertia_kg_m2": "start values and the plausibility of the model",
-    "pulley.effective_radius_m": "travel per motor revolution",
-    "belt.specific_stiffness_n": "the belt force before anything is measured",
-    "belt.pulley_distance_m": "the belt force before anything is measured",
-    "travel.min_m": "the travel window",
-    "travel.max_m": "the travel window",
-    "limits.speed_m_s": "the speed limit",
-    "limits.feed_force_n": "the belt force limit",
-}
 _INTRODUCTION = (
     "I ask for the data sheets' values of motor, coupling, pulley, belt and limits. Write a unit if it is not the one in "
     "brackets (0.449 kg cm2, 78 mm); an empty answer means: not known (or the value in brackets).\n"
@@ -73,7 +63,12 @@ def command(frame: Frame, /, file: Path, template: str | None, entries: tuple[st
     missing = _missing(axis)
     lines = [f"{file} is written: {axis.name or 'an axis without a name'}."]
     lines += [f"Still needed: {entry} for {purpose}." for entry, purpose in missing.items()]
-    lines.append(f"Next: beltcomm commission --drive DRIVE --axis {file}")
+    after = f"beltcomm commission --drive DRIVE --axis {file}"
+    if missing:
+        first = f"beltcomm init {file} --from {file} --set {next(iter(missing))}=VALUE, and so on"
+        lines.append(f"Next: {first}; commissioning refuses to begin before. Then: {after}")
+    else:
+        lines.append(f"Next: {after}")
     frame.print({"file": str(file), "axis": axis.to_dict(), "missing": missing}, lines)
     return 0
 
@@ -92,11 +87,7 @@ def axis_with(axis: str | None, entries: tuple[str, ...], run: Path) -> Axis:
 
 def _missing(axis: Axis) -> dict[str, str]:
     """What commissioning will ask for, with its purpose."""
-    return {
-        entry: purpose
-        for entry, purpose in NEEDED.items()
-        if axis.get(entry) is None and (axis.has_belt or entry.partition(".")[0] in {"travel", "limits"})
-    }
+    return {entry: purpose for entry, purpose in COMMISSION_NEEDS.items() if axis.get(entry) is None}
 
 
 def _set(data: dict[str, Any], text: str) -> None:

@@ -15,7 +15,7 @@ from beltcomm.design.design_plant import DesignPlant, with_friction_fractions
 from beltcomm.design.feedforward import FeedforwardKind, feedforward_from
 from beltcomm.design.prefilters import PrefilterKind
 from beltcomm.design.specification import Infeasible, Specification
-from beltcomm.errors import DataError, Refused
+from beltcomm.errors import DamagedRecord, DataError, Refused
 from beltcomm.identify.dead_time import DeadTime, dead_time_between
 from beltcomm.identify.friction import FrictionFit, Plateau, find_plateaus, fit_friction
 from beltcomm.identify.inverse_fit import InverseFit
@@ -66,6 +66,23 @@ def responses(recordings: Sequence[Recording], *, setpoint: bool = False) -> dic
         except DataError:
             continue  # a record with a single period: it serves the final fit, not the picture
     return found
+
+
+def check_whole(recordings: Sequence[Recording]) -> None:
+    """Raise DamagedRecord, naming it, for an excited record that ends before its first measured period does."""
+    for recording in recordings:
+        note = recording.sidecar.excitation
+        if note is None or not note.period_samples:
+            continue
+        # by time: rows that a bus lost leave gaps, they do not make a record short
+        rows = round((recording.t_s[-1] - recording.t_s[0]) / recording.sample_period_s) + 1
+        wanted = (note.first_sample or 0) + note.period_samples
+        if rows < wanted:
+            raise DamagedRecord(
+                f"recording {recording.name} ends after {rows} samples, its sidecar promises at least {wanted}: the file is cut off; bring "
+                "the whole file back, or delete it with its sidecar and record it again with --resume",
+                recording.name,
+            )
 
 
 def thesis_fit(response: FrequencyResponse, model: Model, solver: Solver = "lm") -> MagnitudeFit:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from beltcomm.axis import Axis
+from beltcomm.axis_entries import COMMISSION_NEEDS
 from beltcomm.control import Cascade, CascadeStructure
 from beltcomm.design.cascade import DesignResult
 from beltcomm.design.feedforward import FeedforwardKind
@@ -31,6 +32,8 @@ Apply = Literal["keep", "restore", "save"]
 
 #: s of machine time per frequency response: rest, one run-in period, three to four measured ones.
 RESPONSE_S = 7.0
+#: Periods of the drive's loop that an unmeasured delay is counted with: one to pass the setpoint on, one for the current loop.
+ASSUMED_DELAY_PERIODS = 2
 #: Where along the travel the other frequency responses are taken, as shares of it.
 PLACES = (0.12, 0.5, 0.88)
 #: m: a place already measured nearby is not measured again.
@@ -77,6 +80,7 @@ class Findings:
     excited: phases.Excited | None = None
     thesis: dict[str, MagnitudeFit] = field(default_factory=dict)
     dead_time: DeadTime | None = None
+    assumed_delay_s: float = 0.0
     final: FinalModel | None = None
     characteristics: Mapping[str, analyse.Characteristic] = field(default_factory=dict)
     friction: FrictionFit | None = None
@@ -135,6 +139,7 @@ def close_first_loop(machine: Machine, findings: Findings, model: Model) -> Casc
     """Phase 4: a cautious loop for the uncertain first model, written into the drive."""
     machine.talk.phase(5, len(TITLES), TITLES[4])
     structure = machine.drive.capabilities.structure
+    assume_delay(findings, structure)
     result = analyse.first_loop(model, structure, machine.position_m, delay(findings), analyse.apparent_damping(findings.thesis))
     cascade = analyse.with_feedforward(result.cascade, model, structure, delay(findings))
     margin = min(m.phase_margin_deg for m in result.margins)
@@ -144,8 +149,19 @@ def close_first_loop(machine: Machine, findings: Findings, model: Model) -> Casc
 
 
 def delay(findings: Findings) -> float:
-    """Identified delay from torque setpoint to acting torque, s; 0 before it is known."""
-    return max(findings.dead_time.value_s, 0.0) if findings.dead_time else 0.0
+    """Identified delay from torque setpoint to acting torque, s; before it is known, the assumed one."""
+    return max(findings.dead_time.value_s, 0.0) if findings.dead_time else findings.assumed_delay_s
+
+
+def assume_delay(findings: Findings, structure: CascadeStructure) -> None:
+    """Where no delay was measured, count with ``ASSUMED_DELAY_PERIODS`` of the drive's loop, and say so."""
+    if findings.dead_time is not None or findings.assumed_delay_s:
+        return
+    findings.assumed_delay_s = ASSUMED_DELAY_PERIODS * structure.period_s
+    findings.remarks.append(
+        f"the delay from torque setpoint to torque is not known: counted with {1e3 * findings.assumed_delay_s:g} ms, "
+        f"{ASSUMED_DELAY_PERIODS} periods of the drive's loop; record torque_setpoint_nm beside torque_nm to measure it"
+    )
 
 
 def measure_places(machine: Machine, model: Model, amplitude_nm: float) -> None:
@@ -200,6 +216,7 @@ def design_for(
     axis: Axis, model: Model, structure: CascadeStructure, findings: Findings, settings: Settings
 ) -> tuple[DesignResult, Cascade]:
     """The final design: both ends of the travel, the payload mounted now and the further ones stated."""
+    assume_delay(findings, structure)
     masses = [model["cart.mass"], *(model["cart.mass"] + extra for extra in settings.payloads_kg)]
     return analyse.design(
         model,
@@ -275,14 +292,4 @@ def reference(machine: Machine, settings: Settings) -> None:
 
 def suitable(axis: Axis) -> None:
     """Raise UsageError unless the axis file has what the whole job needs."""
-    axis.require(
-        "commission",
-        "motor.inertia_kg_m2",
-        "pulley.effective_radius_m",
-        "belt.specific_stiffness_n",
-        "belt.pulley_distance_m",
-        "travel.min_m",
-        "travel.max_m",
-        "limits.speed_m_s",
-        "limits.feed_force_n",
-    )
+    axis.require("commission", *COMMISSION_NEEDS)

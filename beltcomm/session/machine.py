@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from beltcomm.axis import Axis
 from beltcomm.control import Cascade
 from beltcomm.drive import COLUMNS, Drive, Limits, Motion, Row
-from beltcomm.errors import BeltcommError, DamagedRecord, DataError, Refused, SafetyStop, UsageError
+from beltcomm.errors import BeltcommError, DamagedRecord, DataError, Refused, UsageError
 from beltcomm.parameters import GAIN_NAMES, cascade_to_parameters, parameters_to_cascade
 from beltcomm.recording import Recording
 from beltcomm.runfolder import RunFolder
@@ -29,12 +29,17 @@ from beltcomm.talk import Talk
 from beltcomm.trajectory import Trajectory
 
 Array = NDArray[np.float64]
+Watch = Callable[[Row], None]
 
 #: How many Ctrl-C the restoring of a drive survives.
 IMPATIENCE = 5
 
 #: Rated torque and current of the drive may differ by this share from axis.yaml: rounding of the data sheets.
 RATED_TOLERANCE = 0.02
+
+
+def unwatched(_row: Row) -> None:
+    """A record that nobody but the drive's limits watches."""
 
 
 @dataclass(frozen=True)
@@ -192,11 +197,11 @@ class Machine:
         if beyond:
             raise Refused(f"the motion is refused: {beyond}; plan it slower or further away from the ends")
 
-    def record(self, name: str, motion: Motion, room: Room, sidecar: Sidecar, expected_m_s: float = math.inf) -> Recording:
+    def record(self, name: str, motion: Motion, room: Room, sidecar: Sidecar, watch: Watch = unwatched) -> Recording:
         """Run a motion and keep it as ``recordings/NAME``; a record already finished in a resumed run is read instead.
 
         Rows stream to disk while the axis moves; an interrupted record stays, marked as unfinished.
-        expected_m_s : of the motor's speed times i_t; a higher one stops the axis.
+        watch : is called with every row as the drive gives it, and may raise; that stops the axis.
         Raises Refused, SafetyStop, DriveError, DataError.
         """
         if self.folder.finished(name) is not None:
@@ -211,12 +216,7 @@ class Machine:
             nonlocal rows
             t, torque, setpoint, position, velocity, reference, reference_velocity = row
             writer.write((t, torque, setpoint, position - zero, velocity, reference - zero, reference_velocity))
-            if abs(self.ratio * velocity) > expected_m_s:
-                raise SafetyStop(
-                    f"the speed {abs(self.ratio * velocity):.3g} m/s is more than the {expected_m_s:.3g} m/s that was to be expected at "
-                    "most; the axis was stopped; look for what moves it, whether the encoder jumped, and at the data in axis.yaml",
-                    "speed",
-                )
+            watch(row)
             rows += 1
             if rows % 200 == 0:
                 self.talk.progress(rows / total, (total - rows) * motion.period_s)
@@ -249,7 +249,7 @@ class Machine:
             self.folder.journal(f"{damage.record}: kept as unfinished, because {damage}")
             raise
 
-    def run(self, motion: Motion, room: Room, watch: Callable[[Row], None] = lambda _row: None) -> None:
+    def run(self, motion: Motion, room: Room, watch: Watch = unwatched) -> None:
         """Run a motion that is only a means (positioning, creeping), watched row by row; nothing is kept."""
         self._check_stops(motion)
         begun = self.drive.clock.now()

@@ -64,6 +64,7 @@ def fitted(folder: RunFolder, solver: Solver, talk: Talk, model: Model | None = 
     findings = Findings()
     recordings = [item for item in folder.recordings() if not item.is_static_map]
     _check_fit_for_belt_model(folder, recordings)
+    analyse.check_whole(recordings)
     if model is None:
         findings.final = final_model(recordings, folder.axis, counts_of(folder), progress=lambda f: talk.progress(f, None))
         model = findings.final.fit.model

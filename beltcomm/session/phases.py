@@ -20,6 +20,7 @@ from beltcomm.model import Model
 from beltcomm.recording import Recording
 from beltcomm.session import stops
 from beltcomm.session.creep import MOVED_M, SLIDING_SHARE, creep
+from beltcomm.session.expectation import Expectation
 from beltcomm.session.machine import Machine, Room
 from beltcomm.sidecar import ExcitationNote, Sidecar
 from beltcomm.trajectory import Strokes, Trajectory, at_rest, constant_speed_strokes, join, plan_trajectory
@@ -57,6 +58,9 @@ LOST_M = 5e-2
 SPEED_SHARE = 0.95
 #: m, largest travel of an excitation around its place: the stiffness is taken as constant there.
 EXCITATION_TRAVEL_M = 0.03
+#: m/s: the carriage gets no faster under an excitation, and is brought from place to place no faster.
+EXCITATION_SPEED_M_S = 0.5
+POSITIONING_SPEED_M_S = 0.5
 
 
 @dataclass(frozen=True)
@@ -140,7 +144,7 @@ def motion_limits(machine: Machine, position_m: float) -> MotionLimits:
         )
     return MotionLimits(
         min(space, EXCITATION_TRAVEL_M),
-        full.speed_m_s,
+        min(full.speed_m_s, EXCITATION_SPEED_M_S),
         full.torque_nm,
         BELT_SHARE * machine.axis.belt_force_limit_n,
         min(space, EXCITATION_TRAVEL_M) + END_MARGIN_M,
@@ -226,6 +230,7 @@ def _excite(machine: Machine, name: str, excitation: Excitation, at: float, pred
     around_it = room_around(machine, at, EXCITATION_TRAVEL_M + END_MARGIN_M)
     low, high = around_it.window_m
     room = replace(around_it, window_m=(low + predicted.stop_m, high - predicted.stop_m))
+    watch = Expectation(predicted, machine.ratio, machine.axis.motor_side_inertia_kg_m2)
     note = ExcitationNote(
         kind=excitation.kind,
         amplitude_nm=excitation.amplitude_nm,
@@ -233,7 +238,7 @@ def _excite(machine: Machine, name: str, excitation: Excitation, at: float, pred
         first_sample=excitation.first_sample,
     )
     sidecar = Sidecar(experiment="frf", start_position_m=at, session_time_s=machine.session_time_s, excitation=note)
-    return machine.record(name, machine.torque_motion(excitation.torque), room, sidecar, predicted.watched_m_s)
+    return machine.record(name, machine.torque_motion(excitation.torque), room, sidecar, watch)
 
 
 def characteristic_hz(model: Model, position_m: float) -> tuple[float, float]:
@@ -243,7 +248,7 @@ def characteristic_hz(model: Model, position_m: float) -> tuple[float, float]:
     return min(held), min(free)
 
 
-def move_to(machine: Machine, target_m: float, model: Model, slow_m_s: float = 0.5) -> None:
+def move_to(machine: Machine, target_m: float, model: Model, slow_m_s: float = POSITIONING_SPEED_M_S) -> None:
     """Bring the carriage somewhere with the loop that is in the drive; gentle: a third of the belt's force at most.
 
     Raises SafetyStop when it does not arrive within ``ASTRAY_M``.
@@ -287,16 +292,23 @@ def stroke_ends(machine: Machine) -> tuple[float, float]:
     return low + margin, high - margin
 
 
+def fastest_stroke_m_s(top_m_s: float, acceleration_m_s2: float, window_m: float) -> float:
+    """Fastest stroke of a sweep, m/s, that still has a plateau:  v²/a + v (0.05 s + plateau) = window,  at most a share of the top speed.
+
+    Two ramps of v (v/a + a/j)/2 each and a plateau with its run-in fill the window.
+    """
+    wait = 0.05 + SWEEP_RUN_IN_S + SWEEP_SHORTEST_S
+    filled = 0.5 * acceleration_m_s2 * (np.sqrt(wait**2 + 4.0 * window_m / acceleration_m_s2) - wait)
+    return min(0.8 * top_m_s, float(filled))
+
+
 def sweep(machine: Machine, model: Model) -> Strokes:
     """Strokes both ways at seven speeds, from a slow creep to the fastest that still has a plateau within the travel; three twice."""
     low, high = stroke_ends(machine)
     at = machine.position_m
     far = high if high - at > at - low else low
     limits = gentle_limits(machine, model, np.inf)
-    # Two ramps of v (v/a + a/j)/2 each and a plateau with its run-in fill the window: v²/a + v (0.05 s + plateau) = window.
-    a, window = limits.acceleration_m_s2, abs(far - at)
-    wait = 0.05 + SWEEP_RUN_IN_S + SWEEP_SHORTEST_S
-    fastest = min(0.8 * limits.speed_m_s, 0.5 * a * (np.sqrt(wait**2 + 4.0 * window / a) - wait))
+    fastest = fastest_stroke_m_s(limits.speed_m_s, limits.acceleration_m_s2, abs(far - at))
     speeds = [float(v) for v in np.geomspace(SWEEP_SLOWEST_M_S, fastest, SWEEP_SPEEDS)]
     speeds += speeds[1::2]  # how well friction repeats
     return constant_speed_strokes(

@@ -9,10 +9,12 @@ import numpy as np
 
 from beltcomm.axis import Axis
 from beltcomm.drive import Capabilities
+from beltcomm.identify.amplitude import UNKNOWN_MASSES_KG
 from beltcomm.model import Model
 from beltcomm.session import creep, phases
+from beltcomm.session.verification import MOVE_M
 from beltcomm.stopping import Braking, first_deceleration
-from beltcomm.trajectory import Trajectory
+from beltcomm.trajectory import Trajectory, plan_trajectory
 from beltcomm.verify import demand
 
 
@@ -74,19 +76,20 @@ def commission_plan(axis: Axis, capabilities: Capabilities, quick: bool = False)
     gentle = force / 3.0
     shaking = phases.BELT_SHARE * force
     places = 0 if quick else 2
+    moved = _move_speed_m_s(axis, capabilities)
     experiments = [
         *_here(axis, capabilities),
         Experiment(
             f"frequency response, {places} places" if places else "positioning",
             whole,
             whole,
-            0.5,
+            min(phases.POSITIONING_SPEED_M_S, speed),
             torque,
             shaking,
             places * (RESPONSE_SECONDS + MOVE_SECONDS),
         ),
-        Experiment("constant-speed sweep", whole, whole, 0.8 * speed, torque, gentle, SWEEP_SECONDS),
-        Experiment("move that verifies the result", min(whole, 0.5), whole, speed, torque, force, 3.0 + MOVE_SECONDS),
+        Experiment("constant-speed sweep", whole, whole, _sweep_speed_m_s(axis, capabilities), torque, gentle, SWEEP_SECONDS),
+        Experiment("move that verifies the result", min(whole, MOVE_M), whole, moved, torque, force, 3.0 + MOVE_SECONDS),
     ]
     return Plan(
         f"The carriage of {axis.name or 'the axis'} will creep some millimetres both ways, shake around where it stands with rising "
@@ -107,7 +110,7 @@ def friction_plan(axis: Axis, capabilities: Capabilities) -> Plan:
         "designed from the run's model. Ctrl-C stops it at any time.",
         (
             Experiment(
-                "constant-speed sweep", whole, whole, 0.8 * _top_speed_m_s(axis, capabilities), torque, force, SWEEP_SECONDS + MOVE_SECONDS
+                "constant-speed sweep", whole, whole, _sweep_speed_m_s(axis, capabilities), torque, force, SWEEP_SECONDS + MOVE_SECONDS
             ),
         ),
     )
@@ -140,6 +143,24 @@ def _top_speed_m_s(axis: Axis, capabilities: Capabilities) -> float:
     return min(float(axis.limits.speed_m_s or 0.0), capabilities.max_speed_rad_s * axis.transmission_m_rad)
 
 
+def _sweep_speed_m_s(axis: Axis, capabilities: Capabilities) -> float:
+    """Fastest stroke over the whole travel with the lightest carriage that is thought of."""
+    whole = float(axis.travel.max_m or 0.0) - float(axis.travel.min_m or 0.0)
+    lightest = axis.belt_force_limit_n / 3.0 / max(UNKNOWN_MASSES_KG[0], axis.payload.mass_kg or 0.0)
+    acceleration = min(axis.limits.acceleration_m_s2 or math.inf, lightest)
+    return phases.fastest_stroke_m_s(phases.SPEED_SHARE * _top_speed_m_s(axis, capabilities), acceleration, whole)
+
+
+def _move_speed_m_s(axis: Axis, capabilities: Capabilities) -> float:
+    """Top speed of the standard move, before a heavy carriage slows it down."""
+    top, limits = _top_speed_m_s(axis, capabilities), axis.trajectories.get("T_A")
+    whole = float(axis.travel.max_m or 0.0) - float(axis.travel.min_m or 0.0)
+    if limits is None or whole <= 0.0:
+        return top
+    path = plan_trajectory(0.0, min(whole, MOVE_M), limits, capabilities.sample_period_s)
+    return min(top, float(np.max(np.abs(path.velocity_m_s))))
+
+
 #: s, upper bounds of the parts, from the sequence's own constants: ramps both ways; five rising steps of 2.8 s; rest, run-in and
 #: measured periods; strokes at seven speeds, three of them twice.
 CREEP_SECONDS = 2.0 * (creep.RAMP_S + 0.5)
@@ -167,17 +188,19 @@ def _here(axis: Axis, capabilities: Capabilities) -> tuple[Experiment, ...]:
     shaking = phases.BELT_SHARE * force
     ratio = axis.transmission_m_rad
     rising = creep.BREAKAWAY_SHARE * torque
+    top = _top_speed_m_s(axis, capabilities)
+    shaken = min(phases.EXCITATION_SPEED_M_S, top)
     travel, reach = phases.EXCITATION_TRAVEL_M, phases.EXCITATION_TRAVEL_M + phases.END_MARGIN_M
     return (
         Experiment(
             "sign and breakaway",
             phases.SIGN_TRAVEL_M,
             phases.SIGN_REACH_M,
-            creep.CREEP_SPEED_M_S,
+            min(creep.CREEP_SPEED_M_S, top),
             rising,
             min(rising / ratio, force),
             CREEP_SECONDS,
         ),
-        Experiment("excitation, rising in steps", travel, reach, 0.5, torque, shaking, 3 * STEP_SECONDS),
-        Experiment("frequency response here", travel, reach, 0.5, torque, shaking, RESPONSE_SECONDS),
+        Experiment("excitation, rising in steps", travel, reach, shaken, torque, shaking, 3 * STEP_SECONDS),
+        Experiment("frequency response here", travel, reach, shaken, torque, shaking, RESPONSE_SECONDS),
     )

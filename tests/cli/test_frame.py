@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
 import subprocess
 import sys
 from collections.abc import Iterable, Mapping
@@ -199,6 +201,31 @@ def test_ctrl_c_is_exit_code_4(api: StandIn, tmp_path: Path) -> None:
     outcome = call("friction", "--drive", "virtual", "--run", "R")
     assert outcome.exit_code == 4
     assert "interrupted; what was recorded is kept in R" in outcome.stderr
+
+
+@pytest.mark.parametrize(
+    ("last", "words"),
+    [
+        ("all parameters restored", "interrupted; the axis is stopped and the drive's own gains are restored; what was recorded"),
+        ("restoring the drive failed: no answer", "gains are NOT restored: `beltcomm rollback` writes them again"),
+    ],
+)
+def test_ctrl_c_says_how_the_drive_was_left(api: StandIn, tmp_path: Path, last: str, words: str) -> None:
+    api.answer = KeyboardInterrupt()
+    (tmp_path / "R").mkdir()
+    (tmp_path / "R" / "journal.txt").write_text(f"connected\n{last}\n", encoding="utf-8")
+    outcome = call("friction", "--drive", "virtual", "--run", "R")
+    assert outcome.exit_code == 4
+    assert words in outcome.stderr
+
+
+@pytest.mark.parametrize(("number", "code"), [(errno.EROFS, 2), (errno.EACCES, 2), (errno.ENOSPC, 2), (errno.EIO, 1)])
+def test_a_folder_that_cannot_be_written_is_a_wrong_use(api: StandIn, number: int, code: int) -> None:
+    api.answer = OSError(number, os.strerror(number), "R/results")
+    outcome = call("fit", "R")
+    assert outcome.exit_code == code
+    assert "R/results" in outcome.stderr
+    assert ("choose a folder that can be written" in outcome.stderr) == (code == 2)
 
 
 def test_an_unexpected_error_leaves_its_traceback_in_the_run_folder(api: StandIn, tmp_path: Path) -> None:

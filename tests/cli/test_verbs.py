@@ -12,8 +12,8 @@ from click.testing import CliRunner, Result
 
 from beltcomm import drive
 from beltcomm.axis import load_axis
+from beltcomm.axis_entries import COMMISSION_NEEDS
 from beltcomm.cli.frame import Frame
-from beltcomm.cli.init import NEEDED
 from beltcomm.cli.main import cli
 from beltcomm.cli.talk import PlainTalk, RichTalk
 from beltcomm.effects import EFFECTS
@@ -62,6 +62,18 @@ def test_init_begins_with_a_shipped_axis(tmp_path: Path) -> None:
     assert call("init", str(path), "--from", "egc-70-600", "--set", "payload.mass_kg=11.2").exit_code == 0
     axis, rig = load_axis(path), load_axis("egc-70-600")
     assert axis.changes(rig) == ["payload.mass_kg 11.2 -> not known"]
+
+
+def test_an_empty_axis_still_needs_all_that_commissioning_requires(tmp_path: Path) -> None:
+    path = tmp_path / "axis.yaml"
+    outcome = call("init", str(path), "--set", "name=new")
+    with pytest.raises(UsageError) as refused:
+        suitable(load_axis(path))
+    for entry in COMMISSION_NEEDS:
+        assert f"Still needed: {entry} for" in outcome.stdout
+        assert entry in str(refused.value)
+    assert "Next: beltcomm commission" not in outcome.stdout
+    assert f"Next: beltcomm init {path} --from {path} --set motor.inertia_kg_m2=VALUE" in outcome.stdout
 
 
 def test_init_does_not_overwrite_without_a_yes(tmp_path: Path) -> None:
@@ -148,7 +160,7 @@ def test_plain_talk_tells_the_seconds_of_a_calculation_from_its_pace() -> None:
 def test_what_init_does_not_miss_commissioning_does_not_miss_either(tmp_path: Path) -> None:
     """Every entry that commissioning asks for is asked for by init: with one of them gone, both say so by name."""
     rig = load_axis("egc-70-600")
-    for entry in NEEDED:
+    for entry in COMMISSION_NEEDS:
         path = tmp_path / f"{entry}.yaml"
         outcome = call("init", str(path), "--from", "egc-70-600", "--set", f"{entry}=null", "--json")
         assert set(json.loads(outcome.stdout)["missing"]) == {entry}

@@ -217,6 +217,21 @@ def test_an_axis_that_gets_stuck_during_the_excitation(make_bench: MakeBench, tm
     assert api.identify(bench.name, AXIS, tmp_path / "run", options=replace(YES, resume=True)).exit_code == 0
 
 
+def test_a_wrong_inertia_in_the_axis_file_ends_the_rise_in_the_first_step(make_bench: MakeBench, tmp_path: Path) -> None:
+    """A hundred times too large: the first record leaves its prediction, is stopped there, and the reason is measured and named."""
+    axis, talk = load_axis(AXIS), Listener()
+    bench = make_bench()
+    wrong = replace(axis, motor=replace(axis.motor, inertia_kg_m2=100.0 * float(axis.motor.inertia_kg_m2 or 0.0)))
+    with pytest.raises(SafetyStop, match=r"to be expected at most.*check the unit of motor\.inertia_kg_m2") as stop:
+        api.identify(bench.name, wrong, tmp_path / "run", options=YES, talk=talk)
+    seen = re.search(r"inertia of about ([\d.e-]+) ±", str(stop.value))
+    assert seen is not None
+    assert float(seen[1]) == pytest.approx(bench.plant.truth["inertia_kg_m2"], rel=0.5)
+    assert sum(text.startswith("excitation ±") for text in talk.said) == 1
+    assert np.abs(bench.plant.cart_m(0, len(bench.plant.torque_nm))).max() < 10e-3
+    assert bench.parameters() == bench.initial
+
+
 def test_too_much_torque_noise_never_passes_for_a_good_fit(make_bench: MakeBench, tmp_path: Path) -> None:
     """100 mN m instead of 6: the intervals say how little is known, and hold; a refusal would be right too."""
     text = (Path(__file__).parents[2] / "configs" / "plants" / "g_a.yaml").read_text(encoding="utf-8")

@@ -195,6 +195,30 @@ def move_file(path: Path, duration_s: float, start_m: float, end_m: float) -> Pa
     return path
 
 
+@pytest.mark.parametrize("verb", ["fit", "design"])
+def test_a_recording_that_was_cut_off_is_named(copy_of_complete: Copy, verb: str) -> None:
+    run = copy_of_complete()
+    path = run / "recordings" / "frf_1.csv"
+    path.write_text("".join(path.read_text(encoding="utf-8").splitlines(keepends=True)[:1200]), encoding="utf-8")
+    refuses(call(verb, run), 3, "frf_1", "cut off", "bring the whole file back")
+
+
+@pytest.mark.parametrize("verb", ["fit", "design"])
+def test_a_recording_without_its_sidecar_is_named(copy_of_complete: Copy, verb: str) -> None:
+    run = copy_of_complete()
+    (run / "recordings" / "frf_1.yaml").unlink()
+    refuses(call(verb, run), 3, "frf_1.yaml is missing", "bring it back")
+
+
+@pytest.mark.usefixtures("fitted")
+def test_a_delay_that_nobody_measured_is_never_zero(copy_of_complete: Copy) -> None:
+    run = copy_of_complete("frf_1", "frf_2", "frf_3", "amplitude_1", "amplitude_2")
+    outcome = call("design", run)
+    assert outcome.exit_code == 0
+    assert "is not known: counted with 2 ms, 2 periods" in " ".join(outcome.stdout.split())
+    assert "dead_time_s: 0.002" in (run / "designs" / "final.yaml").read_text(encoding="utf-8")
+
+
 def test_a_move_that_leaves_the_travel_is_refused(make_bench: MakeBench, copy_of_complete: Copy, tmp_path: Path) -> None:
     run, bench = copy_of_complete(), make_bench()
     path = move_file(tmp_path / "far.csv", 2.0, 0.1, 0.7)

@@ -76,7 +76,10 @@ def test_ctrl_c_while_the_axis_moves(
     outcome = commission(run, Listener(at_phase=arm), monkeypatch)
     assert bench.signals == 1
     assert outcome.exit_code == 4
-    assert outcome.stderr.strip() == f"beltcomm: interrupted; what was recorded is kept in {run}, --resume goes on"
+    assert outcome.stderr.strip() == (
+        "beltcomm: interrupted; the axis is stopped and the drive's own gains are restored; "
+        f"what was recorded is kept in {run}, --resume goes on"
+    )
     assert outcome.stdout == ""
     bench.check_stop(run)
     assert state_after(bench, run) == {f"{name}.csv": data for name, data in before.items()}

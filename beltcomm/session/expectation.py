@@ -1,0 +1,85 @@
+"""What an excitation is expected to do at most, watched row by row: the first row beyond it ends the rise of the amplitude."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from beltcomm.drive import Row
+from beltcomm.errors import SafetyStop
+from beltcomm.identify.amplitude import Prediction
+
+#: A prediction is the worst case of a whole family of models: a machine that goes this many times further is not of the family.
+#: Less than predicted is no fault: the family holds carriages a hundred times apart in mass.
+SURPRISE = 3.0
+#: m added, for what no model knows before the first record: slow drift, a belt that creeps back.
+TRAVEL_SLACK_M = 1e-3
+#: Moving rows without which nothing is said of the inertia, and the factor from which it is called wrong.
+FEWEST_ROWS = 6
+WRONG_INERTIA = 2.0
+
+
+class Expectation:
+    """Call it with every row of a record.
+
+    predicted : of the record.   ratio : m/rad at the motor.   inertia_kg_m2 : of the motor side, as axis.yaml says.
+    Raises SafetyStop when speed or travel leave the prediction, naming what is probably wrong in axis.yaml.
+    """
+
+    def __init__(self, predicted: Prediction, ratio: float, inertia_kg_m2: float) -> None:
+        self.predicted, self.ratio, self.inertia_kg_m2 = predicted, ratio, inertia_kg_m2
+        self.farthest_m = SURPRISE * predicted.travel_m + TRAVEL_SLACK_M
+        self._rows: list[tuple[float, float, float]] = []
+
+    def __call__(self, row: Row) -> None:
+        """One row as the drive gives it.   Raises SafetyStop."""
+        self._rows.append((row[0], row[1], row[3]))
+        speed, travel = abs(self.ratio * row[4]), abs(self.ratio * (row[3] - self._rows[0][2]))
+        if speed > self.predicted.watched_m_s:
+            self._stop("speed", f"the speed {speed:.3g} m/s is more than the {self.predicted.watched_m_s:.3g} m/s")
+        if travel > self.farthest_m:
+            self._stop("position", f"the way of {1e3 * travel:.3g} mm is more than the {1e3 * self.farthest_m:.3g} mm")
+
+    def _stop(self, reason: str, what: str) -> None:
+        raise SafetyStop(
+            f"{what} that was to be expected at most; the axis was stopped and the amplitude is not raised further; "
+            f"{suspects(self.inertia_kg_m2, measured_inertia(np.array(self._rows)))}",
+            reason,
+        )
+
+
+def measured_inertia(rows: np.ndarray) -> tuple[float, float] | None:
+    """Motor-side inertia and its standard deviation, kg m², by  φ̈ = (τ - c sign φ̇ - d)/J  from rows (t, τ, φ); None when it cannot tell.
+
+    The belt is soft against the steps of an excitation, so the carriage hardly counts.   rows : (n, 3), s, N m, rad, motor shaft.
+    """
+    if len(rows) < 3:
+        return None
+    period = float(np.median(np.diff(rows[:, 0])))
+    turned = rows[2:, 2] - rows[:-2, 2]
+    moving = turned != 0.0
+    if moving.sum() < FEWEST_ROWS:
+        return None
+    acceleration = (np.diff(rows[:, 2], 2) / period**2)[moving]
+    # the torque of a row acts until the next one, so a second difference sees the mean of two
+    torque = (0.5 * (rows[:-2, 1] + rows[1:-1, 1]))[moving]
+    regressor = np.stack([torque, np.sign(turned[moving]), np.ones(len(torque))], axis=1)
+    found, *_ = np.linalg.lstsq(regressor, acceleration, rcond=None)
+    rest = acceleration - regressor @ found
+    deviation = float(np.sqrt(rest @ rest / (len(rest) - 3) * np.linalg.pinv(regressor.T @ regressor)[0, 0]))
+    if found[0] < 3.0 * deviation:
+        return None
+    return 1.0 / float(found[0]), deviation / float(found[0]) ** 2
+
+
+def suspects(stated_kg_m2: float, measured: tuple[float, float] | None) -> str:
+    """In words, which entries of axis.yaml to look at, with the measured inertia where there is one."""
+    others = "the feed constant (pulley.effective_radius_m, gearbox.ratio), the payload, whether the encoder jumped or something moves it"
+    if measured is None:
+        return f"look at motor.inertia_kg_m2 in axis.yaml, {others}"
+    value, deviation = measured
+    seen = (
+        f"the motor side shows an inertia of about {value:.2g} ± {2.0 * deviation:.1g} kg m², axis.yaml makes it {stated_kg_m2:.3g} kg m²"
+    )
+    if max(value / stated_kg_m2, stated_kg_m2 / value) > WRONG_INERTIA:
+        return f"{seen}: check the unit of motor.inertia_kg_m2 (and of coupling and pulley); then {others}"
+    return f"{seen}, so rather check {others}"

@@ -1,0 +1,30 @@
+"""The numbers that a person at the machine agrees to."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from beltcomm.axis import load_axis
+from beltcomm.drive import open_drive
+from beltcomm.session.plan import Experiment, commission_plan
+
+RIG = load_axis("egc-70-600")
+
+
+def experiments(speed_m_s: float) -> dict[str, Experiment]:
+    axis = replace(RIG, limits=replace(RIG.limits, speed_m_s=speed_m_s))
+    with open_drive("virtual:g_a", {"seed": 1}) as drive:
+        return {item.title: item for item in commission_plan(axis, drive.capabilities).experiments}
+
+
+def test_no_speed_in_the_plan_exceeds_that_of_the_axis() -> None:
+    assert max(item.speed_m_s for item in experiments(0.05).values()) <= 0.05
+
+
+def test_the_speeds_are_those_that_can_be_driven() -> None:
+    """A move of 0.5 m bound by jerk alone takes T = (32 x/j)^(1/3), its top speed is 2x/T = 1.36 m/s."""
+    planned = experiments(5.0)
+    assert planned["move that verifies the result"].speed_m_s == pytest.approx(1.0 / (32.0 * 0.5 / 40.0) ** (1.0 / 3.0), rel=0.01)
+    assert planned["constant-speed sweep"].speed_m_s < 2.0
