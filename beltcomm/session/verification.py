@@ -39,7 +39,7 @@ LONGEST_RANGED_S = 15.0
 #: Where a drive cannot follow the standard move: share of the target that a prediction aims at, longest move named, s, longest one
 #: driven, s; slowest short one, m/s, and its ramp to full speed, s.
 AIM_SHARE = 0.9
-SLOWEST_MOVE_S = 3600.0
+SLOWEST_MOVE_S = 600.0
 LONGEST_SLOW_MOVE_S = 8.0
 SLOWEST_M_S = 2e-4
 RAMP_S = 0.2
@@ -133,7 +133,7 @@ def _error_m(machine: Machine, model: Model, cascade: Cascade, delay_s: float, t
 
 
 def fastest(machine: Machine, model: Model, cascade: Cascade, delay_s: float, standard: StandardMove) -> Trajectory | None:
-    """The standard move with its time stretched until ``AIM_SHARE`` of the dynamic target is predicted; None beyond an hour.
+    """The standard move with its time stretched until ``AIM_SHARE`` of the dynamic target is predicted; None beyond ``SLOWEST_MOVE_S``.
 
     A loop without velocity feedforward lags by speed over K_PP, so its error falls with the speed.
     """
