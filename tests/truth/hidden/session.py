@@ -149,7 +149,7 @@ def plan(machine: Machine, name: str) -> Iterator[Task]:
         yield frf(machine, rng, f"frf_p{i}_a{a}", places[i], (level.steps_nm[a], level.weights), periods)
     yield swept("sweep_slow", (0.25, 0.11) if thorough else (0.5,))
     for i, place in enumerate(places):
-        strokes = ((0.05, 0.06), (0.036, 0.03), (0.022, 0.01)) if thorough else ((0.024, 0.04), (0.010, 0.01))
+        strokes = ((0.05, 0.06), (0.036, 0.03), (0.022, 0.01)) if thorough else ((0.018, 0.04), (0.010, 0.01))
         path = Path(place * stroke).rest(0.25)
         for way, speed in strokes:
             path.move(path.now_m + way, speed, 2.0).rest(0.08).move(path.now_m - way, speed, 2.0).rest(0.08)
@@ -162,7 +162,7 @@ def plan(machine: Machine, name: str) -> Iterator[Task]:
     for target in (0.9, 0.3, 0.7, 0.1) if thorough else (0.9, 0.1):
         path.move(target * stroke, able.full_m_s, able.full_m_s2).rest(0.15)
     yield Task("fast", "trajectory", low, path.rest(0.30).reference(), integral=False)
-    yield random_moves(machine, rng, able, 11.0 if thorough else 4.0)
+    yield random_moves(machine, rng, able, 11.0 if thorough else 3.5)
     yield frf(machine, rng, "holdout_frf", 0.65, (level.held_out_nm, level.weights), 2 if thorough else 1)
     yield swept("sweep_fast_2", (1.5, 0.8, 0.4) if thorough else (1.5,))
 
