@@ -32,12 +32,8 @@ from beltcomm.session.experiment import run_experiment
 from beltcomm.session.laboratory import add_to_run, compare_run, diagnose_run, ladder_of_run, remove_from_run
 from beltcomm.session.machine import Machine, backed_up
 from beltcomm.session.plan import Plan, commission_plan, friction_plan, identify_plan, move_plan, verification_plan
-from beltcomm.session.proof import proof
-from beltcomm.session.store import (
-    cascade_from_dict,
-    drive_to_dict,
-    verdict_to_dict,
-)
+from beltcomm.session.proof import admit, next_step, proof
+from beltcomm.session.store import cascade_from_dict, drive_to_dict, verdict_to_dict
 from beltcomm.talk import Silence, Talk
 
 #: The laboratory's commands on a run folder; see :mod:`beltcomm.session.laboratory`.
@@ -53,7 +49,8 @@ class Options:
 
     yes : no questions.   seed : of everything random in a virtual drive.   dry_run : plan only.   resume : go on with a run.
     position_m : where the carriage stands.   home : let the drive find its zero.   payload_kg : heaviest further load.
-    apply : "keep", "restore" or "save" the new gains.   quick : one place only.   prefilter, feedforward : None is the best one.
+    apply : "keep", "restore" or "save" the new gains.   quick : one place only.   force : gains in doubt too.
+    prefilter, feedforward : None is the best one.
     profile, node, bitrate, realtime : of the drive.   drive : further options for the adapter, by name.
     """
 
@@ -66,6 +63,7 @@ class Options:
     payload_kg: float | None = None
     apply: Apply = "restore"
     quick: bool = False
+    force: bool = False
     prefilter: PrefilterKind | None = None
     feedforward: FeedforwardKind | None = None
     profile: str | None = None
@@ -148,7 +146,8 @@ def fit(run: Path, *, solver: Solver | None = None, options: Options | None = No
     findings = offline.fitted(folder, solver or "lm", talk)
     outcome.save(folder, findings)
     friction = words.friction_lines(findings.friction) if findings.friction else []
-    text = [*outcome.model_text(findings), *friction, *words.remarks_lines(findings.remarks), f"Next: beltcomm design {run}"]
+    following = "diagnose" if findings.final is None or findings.final.fit.suspect else "design"
+    text = [*outcome.model_text(findings), *friction, *words.remarks_lines(findings.remarks), f"Next: beltcomm {following} {run}"]
     return Result(outcome.data(folder, findings), text)
 
 
@@ -203,7 +202,7 @@ def design(
     text = [
         *words.design_lines(findings.design, findings.cascade),
         *words.remarks_lines(findings.remarks),
-        f"Next: beltcomm verify --drive DRIVE --run {run}, or beltcomm apply --drive DRIVE --run {run}",
+        f"Next: beltcomm verify --drive DRIVE --run {run}",
     ]
     return Result({"run": str(run), **mapping}, text)
 
@@ -241,15 +240,21 @@ def verify(
             verdict, asked = verification.verify_move(machine, model, cascade, delay_s, path, name)
     folder.save_result(f"verify_{name}", {**verdict_to_dict(verdict), "proof": proof(cascade, path, ())})
     text = words.verdict_lines(verdict, asked, options.feedforward) + words.remarks_lines([remark] if remark else [])
-    text.append(f"Next: beltcomm apply --drive {drive} --run {run} --save" if verdict.passed else f"Next: beltcomm design {run}")
+    text.append(f"Next: {next_step(folder, drive, verdict.passed)}")
     return Result({"run": str(run), "recording": name, **verdict_to_dict(verdict)}, text, 0 if verdict.passed else 1)
 
 
 def apply(drive: str, run: Path, *, options: Options | None = None, talk: Talk | None = None) -> Result:
-    """Write the run's gains to the drive and read them back; with ``apply="save"`` for good.   Nothing moves."""
+    """Write the run's gains to the drive and read them back; with ``apply="save"`` for good.   Nothing moves.
+
+    Raises Refused for gains in doubt (model not trusted, no verification passed) without a yes to that or ``force``.
+    """
     options, talk = options or Options(), talk or Silence()
     folder = RunFolder.open(run)
-    return _written(drive, folder, cascade_to_parameters(cascade_from_dict(folder.load("designs", "final"))), options, talk, "applied")
+    wanted = cascade_to_parameters(cascade_from_dict(folder.load("designs", "final")))
+    if not options.dry_run:
+        admit(folder, talk, yes=options.yes, force=options.force)
+    return _written(drive, folder, wanted, options, talk, "applied")
 
 
 def rollback(drive: str, run: Path, *, options: Options | None = None, talk: Talk | None = None) -> Result:

@@ -6,6 +6,7 @@ The only module of this package that knows :mod:`beltcomm.virtual`.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Final
 
 from beltcomm.drive import Adapter, Drive
@@ -57,7 +58,10 @@ def _open(address: str, options: Mapping[str, object]) -> Drive:
     except BaseException:
         bus.shutdown()
         raise
-    return connect(bus, bus.clock, _NODE, None, None, bus.shutdown)
+    drive = connect(bus, bus.clock, _NODE, None, None, bus.shutdown)
+    identity = {**drive.capabilities.identity, "plant": file.model.name}  # the machine behind it is part of what a run was made on
+    drive.capabilities = replace(drive.capabilities, identity=identity)
+    return drive
 
 
 def _number(options: Mapping[str, object], name: str, default: float) -> float:

@@ -13,6 +13,7 @@ from beltcomm.cli.frame import Frame, api, options_of
 
 @click.command("apply")
 @shared.writing_options
+@click.option("--force", is_flag=True, help="Also gains whose model or verification is in doubt.")
 @click.pass_obj
 def command(frame: Frame, /, drive: str, run: Path, save: bool, **given: Any) -> int:
     """Write the gains of the run's design to the drive and read them back; nothing moves."""

@@ -21,7 +21,7 @@ from beltcomm.identify.friction import FrictionFit
 from beltcomm.identify.magnitude_fit import MagnitudeFit, Solver
 from beltcomm.model import Model
 from beltcomm.recording import Recording
-from beltcomm.session import analyse, phases, stops, verification
+from beltcomm.session import analyse, phases, sameness, stops, verification
 from beltcomm.session.machine import Machine
 from beltcomm.session.proof import move_name, proof
 from beltcomm.sidecar import Sidecar
@@ -99,6 +99,8 @@ def identify_here(machine: Machine, findings: Findings) -> Model:
     talk = machine.talk
     talk.phase(2, len(TITLES), TITLES[1])
     findings.breakaway = phases.sign_and_scale(machine)
+    sameness.check_breakaway(machine, findings.breakaway.coulomb_nm)
+    sameness.repeat_first_excitation(machine, phases.excitation_room(machine, machine.position_m))
     talk.phase(3, len(TITLES), TITLES[2])
     findings.excited = phases.raise_amplitude(machine, findings.breakaway)
     talk.phase(4, len(TITLES), TITLES[3])

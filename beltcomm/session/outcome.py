@@ -96,8 +96,10 @@ def commission_text(folder: RunFolder, findings: Findings, apply: str, drive: st
         f"{findings.machine_seconds:.0f} s on the machine. Everything is in {folder.path}.",
         f"{state}. Next: "
         + (
-            f"beltcomm apply --drive {drive} --run {folder.path} --save"
-            if passed and (apply == "restore" or suspect)
+            f"beltcomm diagnose {folder.path}"
+            if suspect
+            else f"beltcomm apply --drive {drive} --run {folder.path}"
+            if passed and apply == "restore"
             else f"beltcomm rollback --drive {drive} --run {folder.path} undoes it"
             if passed
             else f"look at the remarks above, then beltcomm design {folder.path} and beltcomm verify --drive {drive} --run {folder.path}"

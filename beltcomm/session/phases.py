@@ -225,9 +225,14 @@ def frequency_response(
     return _excite(machine, name, excitation, at, step.prediction), excitation, step
 
 
+def excitation_room(machine: Machine, at: float) -> Room:
+    """Where an excitation at a place may go at most."""
+    return room_around(machine, at, EXCITATION_TRAVEL_M + END_MARGIN_M)
+
+
 def _excite(machine: Machine, name: str, excitation: Excitation, at: float, predicted: Prediction) -> Recording:
     """Record an excitation, watched so that a stop at any limit still ends in the window."""
-    around_it = room_around(machine, at, EXCITATION_TRAVEL_M + END_MARGIN_M)
+    around_it = excitation_room(machine, at)
     low, high = around_it.window_m
     room = replace(around_it, window_m=(low + predicted.stop_m, high - predicted.stop_m))
     watch = Expectation(predicted, machine.ratio, machine.axis.motor_side_inertia_kg_m2)

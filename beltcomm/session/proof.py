@@ -7,8 +7,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from beltcomm.control import Cascade
+from beltcomm.errors import Refused
 from beltcomm.parameters import cascade_to_parameters
 from beltcomm.runfolder import RunFolder
+from beltcomm.talk import Talk
 from beltcomm.trajectory import Trajectory
 
 #: Gains that differ by less are the same: a resumed fit begins elsewhere and ends within its own tolerance.
@@ -57,8 +59,7 @@ def move_name(folder: RunFolder, wanted: Mapping[str, Any]) -> str:
 def doubts(folder: RunFolder) -> list[str]:
     """Why the gains of ``designs/final.yaml`` should not be written to a drive yet, in words; empty when nothing speaks against it."""
     found = []
-    fit = folder.load_result("fit") or {}
-    if fit.get("suspect"):
+    if _suspect(folder):
         found.append("the model does not explain what was measured")
     gains = folder.load("designs", "final").get("parameters")
     results = [folder.load("results", name) for name in folder.names("results") if name.startswith("verify_")]
@@ -68,3 +69,30 @@ def doubts(folder: RunFolder) -> list[str]:
     elif not driven[-1].get("passed"):
         found.append("the verification move with these gains missed its target")
     return found
+
+
+def admit(folder: RunFolder, talk: Talk, *, yes: bool, force: bool) -> None:
+    """Warn of every doubt about the design and ask; ``yes`` alone is no answer to that.   Raises Refused."""
+    found = "; ".join(doubts(folder))
+    if not found:
+        return
+    talk.say(f"These gains are in doubt: {found}.")
+    if force:
+        return
+    if yes:
+        raise Refused(f"nothing was written: {found}; verify the design first, or write it all the same with --force")
+    if not talk.confirm("Write them all the same?"):
+        raise Refused("nothing was written, as you said")
+
+
+def next_step(folder: RunFolder, drive: str, passed: bool) -> str:
+    """The command after a verification move: never to write gains that are in doubt."""
+    if _suspect(folder):
+        return f"beltcomm diagnose {folder.path}"
+    if not passed:
+        return f"beltcomm design {folder.path}"
+    return f"beltcomm {'verify' if doubts(folder) else 'apply'} --drive {drive} --run {folder.path}"
+
+
+def _suspect(folder: RunFolder) -> bool:
+    return bool((folder.load_result("fit") or {}).get("suspect"))

@@ -46,6 +46,7 @@ class Options:
     payload_kg: float | None = None
     apply: str = "restore"
     quick: bool = False
+    force: bool = False
     prefilter: str | None = None
     feedforward: str | None = None
     profile: str | None = None

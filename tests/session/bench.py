@@ -120,8 +120,10 @@ class Bench:
             drive = open_drive(name, {**(options or {}), **self.options})
             self._bus = drive._link.bus  # type: ignore[attr-defined]
             self.initial = drive.backup()
+            self._identity = drive.capabilities.identity
         else:
             drive = connect(self._bus, self._bus.clock, 1, None, None, lambda: None)
+            drive.capabilities = replace(drive.capabilities, identity=self._identity)
         drive._release = lambda: None  # type: ignore[attr-defined]  # the drive stays on when the command has left
         return drive
 

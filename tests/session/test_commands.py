@@ -206,6 +206,32 @@ def test_apply_writes_the_gains_and_rollback_takes_them_back(make_bench: MakeBen
     assert bench.plant.cart_position_m == 0.0  # nothing has moved in all this
 
 
+@pytest.mark.parametrize("doubt", ["model", "missed", "unproven"])
+def test_gains_in_doubt_are_not_written_by_a_mere_yes(make_bench: MakeBench, copy_of_complete: Copy, doubt: str) -> None:
+    run, bench = copy_of_complete(), make_bench()
+    folder = RunFolder.open(run)
+    fit, verdict = folder.load("results", "fit"), folder.load("results", "verify_move_1")
+    assert (fit["suspect"], verdict["passed"]) == (False, True)
+    if doubt == "model":
+        folder.save_result("fit", {**fit, "suspect": True})
+        why = "the model does not explain what was measured"
+    elif doubt == "missed":
+        folder.save_result("verify_move_1", {**verdict, "passed": False})
+        why = "the verification move with these gains missed its target"
+    else:
+        design = folder.load("designs", "final")
+        design["parameters"]["kp_nm_s_rad"] *= 1.01
+        folder.save_design("final", design)
+        why = "no verification move was driven with these gains"
+    refused = call("apply", *DRIVE, "--run", run, "--yes")
+    assert refused.exit_code == 1
+    assert f"nothing was written: {why}; verify" in refused.stderr
+    no = call("apply", *DRIVE, "--run", run, answer="n\n")
+    assert (no.exit_code, "Write them all the same?" in no.stderr) == (1, True)
+    assert bench.opened == 0
+    assert call("apply", *DRIVE, "--run", run, "--yes", "--force").exit_code == 0
+
+
 def test_apply_before_any_session_keeps_a_backup_first(make_bench: MakeBench, copy_of_complete: Copy) -> None:
     run, bench = copy_of_complete(), make_bench()
     (run / "results" / "backup.yaml").unlink()

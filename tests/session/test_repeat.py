@@ -11,7 +11,7 @@ import yaml
 
 from beltcomm import api
 from beltcomm.axis import load_axis
-from beltcomm.errors import UsageError
+from beltcomm.errors import Refused, UsageError
 from beltcomm.parameters import GAIN_NAMES
 from beltcomm.runfolder import RunFolder
 from beltcomm.session.commission import Apply
@@ -121,6 +121,29 @@ def test_another_drive_is_not_that_of_the_run(make_bench: MakeBench, copy_of_com
     with pytest.raises(UsageError, match=r"made on another drive .*beltcomm reference drive -> CMMP-AS"):
         api.commission(bench.name, "egc-70-600", run, options=api.Options(yes=True, resume=True))
     assert bench.parameters() == bench.initial
+
+
+def test_another_plant_is_not_the_machine_of_the_run(make_bench: MakeBench, copy_of_complete: Copy) -> None:
+    run, bench = copy_of_complete(), make_bench("g_b")
+    with pytest.raises(UsageError, match=r"made on another drive .*plant g_a -> g_b.*begin a new run"):
+        api.commission(bench.name, "egc-70-600", run, options=api.Options(yes=True, resume=True))
+    assert bench.parameters() == bench.initial
+
+
+@pytest.mark.parametrize("seen", ["motion", "breakaway"])
+@pytest.mark.usefixtures("fitted")
+def test_a_payload_taken_off_since_is_seen_before_a_loop_is_closed(make_bench: MakeBench, copy_of_complete: Copy, seen: str) -> None:
+    """The same drive with another load; or, told by the record of the first session alone, with other friction."""
+    run, bench = copy_of_complete("frf_2"), make_bench("g_b", name="virtual:g_a") if seen == "motion" else make_bench()
+    if seen == "breakaway":
+        RunFolder.open(run).save_result("breakaway", {"coulomb_nm": 0.05})
+    what = "the motor" if seen == "motion" else "the breakaway torque is .* before it was 0.05 N m"
+    talk = Listener()
+    with pytest.raises(Refused, match=f"cannot be resumed: {what}.*begin a new run"):
+        api.commission(bench.name, "egc-70-600", run, options=api.Options(yes=True, resume=True), talk=talk)
+    assert talk.phases[-1][0] == 2
+    assert bench.parameters() == bench.initial
+    assert bench.stands_disabled()
 
 
 def test_there_is_nothing_to_go_on_with(make_bench: MakeBench, tmp_path: Path) -> None:
