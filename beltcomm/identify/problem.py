@@ -40,9 +40,10 @@ class Parts:
     belt: Array
     acting: Array
 
-    def whitened(self, piece: Stretch, model: Model, vector: Array) -> Array:
-        """Residual of the kept samples in units of the noise."""
-        return in_noise(piece, model, vector, self.inertia + self.motor + self.belt - self.acting)
+    @property
+    def residual(self) -> Array:
+        """What is left over, N m, (n,)."""
+        return self.inertia + self.motor + self.belt - self.acting
 
 
 @dataclass(frozen=True)
@@ -106,7 +107,7 @@ class Problem:
     def one(self, i: int, x: Array) -> Array:
         """Whitened residual of piece i."""
         offset = OFFSET_M * float(x[len(self.free) + i]) if self.movable else 0.0
-        return self.balance(i, x, offset).whitened(self.pieces[i], self.model, self.full(x))
+        return in_noise(self.pieces[i], self.model, self.full(x), self.balance(i, x, offset).residual)
 
     def balance(self, i: int, x: Array, offset_m: float, old: Parts | None = None, touch: Touch = "all") -> Parts:
         """The torque balance of piece i; parts that are not touched are taken from ``old``."""
@@ -132,15 +133,16 @@ class Problem:
         """Whitened residual of all pieces, (n,)."""
         return np.concatenate([self.one(i, x) for i in range(len(self.pieces))])
 
-    def jacobian(self, x: Array, here: Array, only: Sequence[int] | None = None) -> Array:
+    def jacobian(self, x: Array, only: Sequence[int] | None = None) -> Array:
         """One-sided differences, (n, unknowns); ``only`` : columns that are asked for, the others stay 0."""
         columns = np.zeros((self.samples, len(x)))
         own = len(self.free)
         offsets = OFFSET_M * x[own:] if self.movable else np.zeros(len(self.pieces))
         asked = range(len(x)) if only is None else only
+        vector = self.full(x)
         for i, piece in enumerate(self.pieces):
-            rows = slice(self.ends[i], self.ends[i + 1])
             old = self.balance(i, x, float(offsets[i]))
+            here, numbers, changes = old.residual, [], []
             for j in asked:
                 if j >= own and j - own != i:
                     continue
@@ -151,8 +153,10 @@ class Problem:
                 ahead[j] = x[j] + step
                 touch: Touch = self.touches[j] if j < own else "belt"
                 offset = OFFSET_M * float(ahead[own + i]) if self.movable else 0.0
-                trial = self.balance(i, ahead, offset, old, touch)
-                columns[rows, j] = (trial.whitened(piece, self.model, self.full(ahead)) - here[rows]) / step
+                numbers.append(j)
+                changes.append((self.balance(i, ahead, offset, old, touch).residual - here) / step)
+            if numbers:
+                columns[self.ends[i] : self.ends[i + 1], numbers] = in_noise(piece, self.model, vector, np.stack(changes, axis=1))
         return columns
 
     def block_means(self, residual: Array) -> Array:
@@ -168,17 +172,17 @@ class Problem:
         """Square root of φ'(c) of every sample's block, (n,)."""
         return np.asarray((1.0 / np.sqrt(np.maximum(1.0, self.block_means(residual))))[self.blocks])
 
-    def minimise(self, x: Array, iterations: int, held: Sequence[int] = (), finest: float = 1e-7) -> Minimum:
+    def minimise(self, x: Array, iterations: int, held: Sequence[int] = (), enough: float = 0.02) -> Minimum:
         """Levenberg-Marquardt on O with the weights of each place; unknowns that push against a bound stay there.
 
-        held : unknowns that do not move.   finest : a step that gains less than this share of O ends the search.
+        held : unknowns that do not move.   enough : a step that gains less than this ends the search, nats.
         """
         residual = self.residual(x)
         value, damping = self.objective(residual), 1e-3
         asked = [j for j in range(len(x)) if j not in set(held)]
         for _ in range(iterations):
             weights = self.weights(residual)
-            jacobian = self.jacobian(x, residual, asked) * weights[:, None]
+            jacobian = self.jacobian(x, asked) * weights[:, None]
             gradient, information = jacobian.T @ (residual * weights), jacobian.T @ jacobian
             outward = ((x <= self.low) & (gradient > 0.0)) | ((x >= self.high) & (gradient < 0.0))
             move = np.array([j for j in asked if not outward[j] and information[j, j] > 0.0], dtype=np.intp)
@@ -199,7 +203,7 @@ class Problem:
                 break
             step = float(np.max(np.abs(trial - x)))
             x, residual, value, damping = trial, ahead, better, max(damping / 10.0, 1e-9)
-            if gain < finest * max(value, 1.0) or step < 1e-6:
+            if gain < enough or step < 1e-6:
                 break
         return Minimum(x, residual, value)
 

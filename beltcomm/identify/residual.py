@@ -191,7 +191,10 @@ def whitened(stretch: Stretch, model: Model, vector: Array, offset_m: float = 0.
 
 
 def in_noise(stretch: Stretch, model: Model, vector: Array, torque: Array) -> Array:
-    """A torque, N m, (n,), of the kept samples in units of the residual's noise; linear in the torque."""
+    """A torque, N m, (n,), of the kept samples in units of the residual's noise; linear in the torque.
+
+    With a whitener worked out beforehand several torques at once, (n, k) -> (kept, k).
+    """
     if stretch.whitener is not None:
         return stretch.whitener(torque, stretch.keep)
     return whiten(torque, stretch.keep, path_of(stretch, model.with_vector(vector)), stretch.step_rad, stretch.noise_nm)

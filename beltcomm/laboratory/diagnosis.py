@@ -82,13 +82,7 @@ def diagnose(
     current = base
     twins: tuple[str, ...] = ()
     for number in range(most + 1):
-        ground = ground_of(
-            current,
-            data.fitted,
-            int(axis.get("pulley.teeth") or 0),
-            axis.travel.driven_side_offset_m,
-            float(axis.get("belt.pulley_distance_m") or 0.0),
-        )
+        ground = ground_of(current, data.fitted, axis)
         candidates = search(data, current, ground, progress=lambda f, n=number: progress((n + f) / (most + 1)))  # type: ignore[misc]
         best = candidates[0] if candidates else None
         if best is None or not best.accepted or best.fitted is None or number == most:

@@ -17,6 +17,8 @@ Array = NDArray[np.float64]
 
 #: s; blocks with one weight: longer than the resonance rings, short enough to keep what is wrong apart from what is right.
 BLOCK_S = 0.2
+#: Gain of O that is not worth another iteration, nats.
+ENOUGH = 0.1
 
 
 @dataclass(frozen=True)
@@ -53,22 +55,22 @@ class Fitted:
 
 
 def fit(
-    data: Data, model: Model, iterations: int, *, offsets: Array | None = None, settled: Sequence[str] = (), fixed: Sequence[str] = ()
+    data: Data, model: Model, iterations: int, *, offsets: Array | None = None, fixed: Sequence[str] = (), enough: float = ENOUGH
 ) -> Fitted:
     """All free parameters of the model fitted to the records.
 
-    offsets : scaled start offsets to begin with.   settled : these parameters wait for five iterations until the others have
-    found their places beside them.
+    offsets : scaled start offsets to begin with.   enough : gain of O that is not worth another iteration, nats.
     """
-    problem = Problem(data.fitted, model, free_parameters(model, ("transmission.ratio", *fixed)), BLOCK_S)
-    x = problem.start(offsets)
-    if settled:
-        held = [i for i, name in enumerate(problem.free) if name in settled]
-        x = problem.minimise(x, 5, held).x
-    found = problem.minimise(x, iterations)
+    problem = problem_of(data, model, fixed)
+    found = problem.minimise(problem.start(offsets), iterations, enough=enough)
     best = problem.model_at(found.x, "laboratory")
     held_residual = tuple(judged(piece, best) for piece in data.held_out)
     return Fitted(best, problem, found.x, found.residual, found.objective, held_residual, held_objective(data, held_residual))
+
+
+def problem_of(data: Data, model: Model, fixed: Sequence[str] = ()) -> Problem:
+    """The free parameters of a model as unknowns."""
+    return Problem(data.fitted, model, free_parameters(model, ("transmission.ratio", *fixed)), BLOCK_S)
 
 
 def judged(piece: Stretch, model: Model) -> Array:

@@ -19,7 +19,7 @@ def with_intervals(fitted: Fitted) -> Model:
     """The model with half widths of 95 %; None where a parameter sits at a bound."""
     problem = fitted.problem
     weights = problem.weights(fitted.residual)
-    jacobian = problem.jacobian(fitted.x, fitted.residual) * weights[:, None]
+    jacobian = problem.jacobian(fitted.x) * weights[:, None]
     at_bound = (fitted.x <= problem.low + 1e-9) | (fitted.x >= problem.high - 1e-9)
     free = np.flatnonzero(~at_bound & (np.linalg.norm(jacobian, axis=0) > 0.0))
     reduced = jacobian[:, free]

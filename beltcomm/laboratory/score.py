@@ -1,8 +1,7 @@
-"""Projected score test: how far would the error fall if one more effect were there, judged without refitting anything.
+"""Score test: how far would the error fall if one more effect were there, with everything else fitted again to first order?
 
-At the fitted model, A is the Jacobian of the whitened residual r with respect to everything that was fitted.  An effect switched on at a
-typical size changes the residual by the column c; what A could do as well is taken out, c⊥ = c - A (AᵀA)⁻¹ Aᵀ c.  The drop of the
-objective is (c⊥ᵀ r)²/(c⊥ᵀ c⊥), several columns together as usual.  Finite changes and not derivatives: right for gap and slack, too.
+An effect switched on at a typical size changes the whitened residual by a column; ``beltcomm.laboratory.nearby`` says how far the
+objective falls with the best amount of it.  Finite changes and not derivatives: right for gap and slack, too.
 """
 
 from __future__ import annotations
@@ -13,32 +12,35 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from beltcomm.axis import Axis
 from beltcomm.effects import Effect, Ground, Trial
 from beltcomm.identify.problem import OFFSET_M, Parts, Problem
 from beltcomm.identify.residual import Stretch, in_noise
 from beltcomm.laboratory.fitting import Fitted
 from beltcomm.laboratory.harmonics import gain_means, load_means
+from beltcomm.laboratory.nearby import Nearby
 from beltcomm.model import Model, on_side
-from beltcomm.simulate.inverse import acting_torque, acts_on_motor, load_of, part_of_load, true_motion
+from beltcomm.simulate.inverse import FineMotion, acting_torque, acts_on_motor, load_of, part_of_load, true_motion
 
 Array = NDArray[np.float64]
 
-#: A column that the base model can imitate to this share says nothing about the effect.
-IMITATED = 1e-4
+#: Trials whose columns are held at a time, and trials of an effect that are looked at again with bounds and weights of their own.
+BATCH, LOOKED_AT = 10, 3
 
 
 @dataclass(frozen=True)
 class Scored:
     """One way to switch an effect on, and what it promises.
 
-    drop : of the objective, first order.   share : of the drop that is left when it is measured by the best amplitude.
-    values : own parameters with the amplitudes that the score test wants, to start a refit from.
+    drop : of the objective.   values : own parameters with the amplitudes that the score test wants, to start a refit from.
+    step : how everything fitted gives way, in the units of the problem's unknowns.
     """
 
     effect: Effect
     trial: Trial
     drop: float
     values: Mapping[str, float]
+    step: Array
 
 
 class Scorer:
@@ -49,24 +51,22 @@ class Scorer:
         self.problem: Problem = fitted.problem
         self.model: Model = fitted.model
         self.vector = fitted.problem.full(fitted.x)
-        self.weights = fitted.problem.weights(fitted.residual)
         self.offsets = OFFSET_M * fitted.offsets if fitted.problem.movable else np.zeros(len(fitted.problem.pieces))
         self.parts: list[Parts] = [fitted.problem.balance(i, fitted.x, float(o)) for i, o in enumerate(self.offsets)]
-        jacobian = fitted.problem.jacobian(fitted.x, fitted.residual) * self.weights[:, None]
-        norms = np.linalg.norm(jacobian, axis=0)
-        self.basis = np.linalg.qr(jacobian[:, norms > 0.0] / norms[norms > 0.0])[0]
-        rest = fitted.residual * self.weights
-        self.rest = rest - self.basis @ (self.basis.T @ rest)
+        self.nearby = Nearby(fitted.problem, fitted.x, fitted.residual)
 
     def score(self, effect: Effect, ground: Ground) -> list[Scored]:
-        """All trials of an effect that the model can take, best first."""
+        """The best trials of an effect that the model can take, best first."""
         if effect.trials is None:
             return []
         trials = [self.bounded(effect, trial) for trial in effect.trials(ground)]
-        if effect.harmonic and len(trials) > 3:
-            scored = self.harmonics(effect, trials)
-        else:
-            scored = [self.judged(effect, trial, [self.column(effect, v) for v in switched_on(effect, trial)]) for trial in trials]
+        best: list[tuple[float, Trial, Array]] = []
+        for some, columns in self.harmonics(effect, trials) if effect.harmonic and len(trials) > 3 else self.batches(effect, trials):
+            width = columns.shape[1] // len(some)
+            drops = self.nearby.screened(columns, width, some[0].signed)
+            best += [(drops[i], trial, columns[:, i * width : (i + 1) * width].copy()) for i, trial in enumerate(some)]
+            best = sorted(best, key=lambda entry: -entry[0])[:LOOKED_AT]
+        scored = [self.judged(effect, trial, columns) for _, trial, columns in best]
         return sorted((s for s in scored if s.drop > 0.0), key=lambda s: -s.drop)
 
     def bounded(self, effect: Effect, trial: Trial) -> Trial:
@@ -78,51 +78,43 @@ class Scorer:
             values[name] = float(np.clip(value, limit.low, limit.high))
         return replace(trial, values=values)
 
-    def harmonics(self, effect: Effect, trials: Sequence[Trial]) -> list[Scored]:
-        """All orders of an effect that repeats with the motor angle."""
+    def batches(self, effect: Effect, trials: Sequence[Trial]) -> Iterator[tuple[list[Trial], Array]]:
+        """Trials and their columns, some at a time."""
+        for first in range(0, len(trials), BATCH):
+            some = list(trials[first : first + BATCH])
+            yield some, self.columns(effect, [self.model.with_effect(effect.name, v) for t in some for v in switched_on(effect, t)])
+
+    def harmonics(self, effect: Effect, trials: Sequence[Trial]) -> Iterator[tuple[list[Trial], Array]]:
+        """The same for all orders of an effect that repeats with the motor angle."""
         key = effect.parameters[0].name
         wanted = {round(trial.values[key]): trial for trial in trials}
         highest = max(wanted)
-        scans = [
-            load_means(piece, highest) if effect.harmonic == "load" else gain_means(piece, piece.torque, highest)
-            for piece in self.problem.pieces
-        ]
-        side = 1.0 if effect.harmonic == "load" else -1.0
-        scored = []
-        for order in range(1, highest + 1):
-            means = [next(scan) for scan in scans]
-            if order not in wanted:
-                continue
-            trial = wanted[order]
-            columns = [
-                np.concatenate(
-                    [
-                        in_noise(piece, self.model, self.vector, side * trial.values[name] * mean[k])
-                        for piece, mean in zip(self.problem.pieces, means, strict=True)
-                    ]
-                )
-                * self.weights
-                for k, name in enumerate(("sine", "cosine"))
-            ]
-            scored.append(self.judged(effect, trial, columns))
-        return scored
+        load = effect.harmonic == "load"
+        scans = [load_means(p, highest) if load else gain_means(p, p.torque, highest) for p in self.problem.pieces]
+        for first in range(1, highest + 1, BATCH):
+            orders = range(first, min(first + BATCH, highest + 1))
+            some = [wanted[order] for order in orders if order in wanted]
+            parts = []
+            for piece, scan in zip(self.problem.pieces, scans, strict=True):
+                means = np.empty((piece.motion.samples, 2, len(some)))
+                place = 0
+                for order in orders:
+                    sine, cosine = next(scan)
+                    if order in wanted:
+                        means[:, 0, place], means[:, 1, place] = sine, cosine
+                        place += 1
+                parts.append(in_noise(piece, self.model, self.vector, means.transpose(0, 2, 1).reshape(len(means), -1)))
+            if some:
+                sizes = [(1.0 if load else -1.0) * trial.values[name] for trial in some for name in trial.amplitudes]
+                yield some, np.concatenate(parts) * sizes
 
-    def judged(self, effect: Effect, trial: Trial, steps: Sequence[Array]) -> Scored:
+    def judged(self, effect: Effect, trial: Trial, columns: Array) -> Scored:
         """One trial by its columns."""
-        columns = np.stack(steps, axis=1)
-        sizes = np.linalg.norm(columns, axis=0)
-        free = columns - self.basis @ (self.basis.T @ columns)
-        usable = np.linalg.norm(free, axis=0) > IMITATED * np.maximum(sizes, 1e-300)
-        if not usable.any():
-            return Scored(effect, trial, 0.0, trial.values)
-        solution = np.linalg.lstsq(free[:, usable], -self.rest, rcond=1e-10)[0]
-        amounts = np.zeros(len(steps))
-        amounts[usable] = solution
-        if not trial.signed and not trial.amplitudes and amounts[0] <= 0.0:
-            return Scored(effect, trial, 0.0, trial.values)
-        explained = free @ amounts
-        drop = float(-(explained @ self.rest) * 2.0 - explained @ explained)
-        return Scored(effect, trial, drop, self.start_values(effect, trial, amounts))
+        near = self.nearby.best(columns=columns)
+        drop = self.nearby.objective - near.objective
+        if not trial.signed and not trial.amplitudes and near.amounts[0] <= 0.0:
+            drop = 0.0
+        return Scored(effect, trial, drop, self.start_values(effect, trial, near.amounts), near.step)
 
     def start_values(self, effect: Effect, trial: Trial, amounts: Array) -> dict[str, float]:
         """Values of the effect with its amplitudes as the score test wants them, inside the bounds."""
@@ -136,31 +128,31 @@ class Scorer:
             values[first.name] = float(np.clip(values[first.name] * np.clip(amounts[0], -3.0, 3.0), first.low, first.high))
         return values
 
-    def column(self, effect: Effect, values: Mapping[str, float]) -> Array:
-        """Change of the weighted residual of all pieces when the effect is switched on, (n,)."""
-        extended = self.model.with_effect(effect.name, values)
-        vector = extended.vector()
-        out = [self.change(effect, extended, vector, i, piece) for i, piece in enumerate(self.problem.pieces)]
-        return np.concatenate(out) * self.weights
+    def columns(self, effect: Effect, extended: Sequence[Model]) -> Array:
+        """Changes of the whitened residual of all pieces when the effect is switched on, (n, models).
 
-    def change(self, effect: Effect, extended: Model, vector: Array, i: int, piece: Stretch) -> Array:
-        """The same for one piece, not weighted."""
-        old, offset = self.parts[i], float(self.offsets[i])
+        extended : models that have the effect, and that may have another belt.
+        """
+        vectors = [model.vector() for model in extended]
+        parts = []
+        for i, piece in enumerate(self.problem.pieces):
+            motion = true_motion(self.model, piece.motion, self.vector)
+            changes = [self.change(effect, m, v, i, motion) for m, v in zip(extended, vectors, strict=True)]
+            parts.append(in_noise(piece, self.model, self.vector, np.stack(changes, axis=1)))
+        return np.concatenate(parts)
+
+    def change(self, effect: Effect, extended: Model, vector: Array, i: int, motion: FineMotion) -> Array:
+        """Change of a piece's residual, N m, (n,)."""
+        piece, old, offset = self.problem.pieces[i], self.parts[i], float(self.offsets[i])
         if effect.slot == "sensor":
-            problem = Problem([piece], extended, (), 1.0)
-            new = problem.balance(0, np.zeros(1), offset)
-            torque = (new.inertia + new.motor + new.belt - new.acting) - (old.inertia + old.motor + old.belt - old.acting)
-            return in_noise(piece, self.model, self.vector, torque)
-        motion = true_motion(self.model, piece.motion, self.vector)
+            return Problem([piece], extended, (), 1.0).balance(0, np.zeros(1), offset).residual - old.residual
         if acts_on_motor(effect) and effect.slot != "friction_onset":
-            torque = load_of(extended, motion, vector, effect.name)
-        elif acts_on_motor(effect):
-            torque = part_of_load(extended, motion, vector, offset, "motor") - old.motor
-        elif effect.slot in ("torque_path", "torque_delay"):
-            torque = old.acting - acting_torque(extended, motion, piece.torque, vector)
-        else:
-            torque = part_of_load(extended, motion, vector, offset, "belt") - old.belt
-        return in_noise(piece, self.model, self.vector, torque)
+            return load_of(extended, motion, vector, effect.name)
+        if acts_on_motor(effect):
+            return part_of_load(extended, motion, vector, offset, "motor") - old.motor
+        if effect.slot in ("torque_path", "torque_delay"):
+            return old.acting - acting_torque(extended, motion, piece.torque, vector)
+        return part_of_load(extended, motion, vector, offset, "belt") - old.belt
 
 
 def switched_on(effect: Effect, trial: Trial) -> Iterator[dict[str, float]]:
@@ -172,7 +164,7 @@ def switched_on(effect: Effect, trial: Trial) -> Iterator[dict[str, float]]:
         yield {key: (0.0 if key in trial.amplitudes and key != name else value) for key, value in trial.values.items()}
 
 
-def ground_of(fitted: Fitted, pieces: Sequence[Stretch], teeth: int, offset_m: float, pulley_distance_m: float) -> Ground:
+def ground_of(fitted: Fitted, pieces: Sequence[Stretch], axis: Axis) -> Ground:
     """What the trials need to know of an axis."""
     model = fitted.model
     ratio = model["transmission.ratio"]
@@ -190,9 +182,9 @@ def ground_of(fitted: Fitted, pieces: Sequence[Stretch], teeth: int, offset_m: f
         low_m=float(places.min()),
         high_m=float(places.max()),
         antiresonance_hz=float(np.sqrt(stiffness / mass) / (2.0 * np.pi)),
-        teeth=teeth,
+        teeth=int(axis.get("pulley.teeth") or 0),
         peak_nm=max(float(np.abs(piece.torque).max()) for piece in pieces),
         peak_force_n=min(stiffness * 2e-3, max(1.0, mass * ratio * acceleration)),
-        offset_m=offset_m,
-        pulley_distance_m=pulley_distance_m,
+        offset_m=axis.travel.driven_side_offset_m,
+        pulley_distance_m=float(axis.get("belt.pulley_distance_m") or 0.0),
     )

@@ -11,11 +11,13 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from beltcomm.effects import EFFECTS, Effect, Ground
 from beltcomm.errors import UsageError
-from beltcomm.identify.problem import free_parameters
 from beltcomm.laboratory.data import Data
-from beltcomm.laboratory.fitting import Fitted, fit
+from beltcomm.laboratory.fitting import Fitted, fit, problem_of
+from beltcomm.laboratory.refine import refined
 from beltcomm.laboratory.score import Scored, Scorer
 
 #: O per sample of a healthy machine, and that above which something is missing: measured on simulated healthy machines
@@ -26,12 +28,13 @@ EVIDENCE = 150.0
 #: Share of the misfit above the floor that a named effect must explain, and loss on held-out records beyond which it is refused,
 #: as a share of the evidence.
 EXPLAINED, HELD_OUT_LOSS = 0.10, 0.1
-#: How many effects are refitted, and how many ways of each.
-REFITTED, WAYS = 5, 3
-#: An effect whose score promises less than this share of the best, or less than this many nats, is not refitted.
-PROMISE_SHARE, PROMISE = 0.02, 20.0
-#: Iterations of a refit.
-ITERATIONS = 8
+#: Effects whose own parameters are searched, and ways of each; effects that are refitted with everything free.
+SEARCHED, WAYS, REFITTED = 8, 2, 4
+#: An effect that promises less than this share of the best, or less than this many nats, is not searched, or not refitted.
+SEARCH_SHARE, SEARCH_PROMISE = 0.03, 30.0
+REFIT_SHARE, REFIT_PROMISE = 0.3, 75.0
+#: Iterations of a refit, and the gain that is not worth another one, nats.
+ITERATIONS, ENOUGH = 10, 0.5
 
 
 @dataclass(frozen=True)
@@ -57,22 +60,27 @@ def search(
     """All effects that the model does not have yet, best first."""
     scorer = Scorer(base)
     wanted = [e for e in (effects or EFFECTS) if e.trials is not None and may_add(base, e)]
-    scored: list[list[Scored]] = []
+    ways: dict[str, list[Scored]] = {}
     for number, effect in enumerate(wanted):
-        found = scorer.score(effect, ground)
-        if found:
-            scored.append(found)
+        ways[effect.name] = scorer.score(effect, ground)
         progress(0.4 * (number + 1) / len(wanted))
-    scored.sort(key=lambda ways: -promise(ways, base))
-    best = promise(scored[0], base) if scored else 0.0
-    candidates = []
-    for number, ways in enumerate(scored):
-        promised = promise(ways, base)
-        if number < REFITTED and promised > max(PROMISE, PROMISE_SHARE * best):
-            candidates.append(refitted(data, base, ways))
+    best = {name: found[0] for name, found in ways.items() if found}
+    order = sorted(best, key=lambda name: -promise(best[name], base, len(ways[name])))
+    most = promise(best[order[0]], base, len(ways[order[0]])) if order else 0.0
+    for number, name in enumerate(order[:SEARCHED]):
+        if promise(best[name], base, len(ways[name])) > max(SEARCH_PROMISE, SEARCH_SHARE * most):
+            best[name] = refined(scorer, ways[name], WAYS)
+        progress(0.4 + 0.3 * (number + 1) / SEARCHED)
+    order = sorted(best, key=lambda name: -promise(best[name], base, len(ways[name])))
+    candidates: list[Candidate] = []
+    for number, name in enumerate(order):
+        promised = promise(best[name], base, len(ways[name]))
+        found_most = max((c.evidence for c in candidates), default=promised)
+        if number < REFITTED and promised > max(REFIT_PROMISE, REFIT_SHARE * found_most):
+            candidates.append(refitted(data, base, best[name], len(ways[name])))
         else:
-            candidates.append(Candidate(ways[0].effect, ways[0].drop, promised, 0.0, 0.0, None, False))
-        progress(0.4 + 0.6 * min(1.0, (number + 1) / REFITTED))
+            candidates.append(Candidate(best[name].effect, best[name].drop, promised, 0.0, 0.0, None, False))
+        progress(0.7 + 0.3 * min(1.0, (number + 1) / REFITTED))
     return sorted(candidates, key=lambda c: (c.fitted is None, -c.evidence))
 
 
@@ -95,9 +103,9 @@ def may_add(base: Fitted, effect: Effect) -> bool:
     return True
 
 
-def promise(ways: Sequence[Scored], base: Fitted) -> float:
-    """What the best way of an effect promises, its price taken off."""
-    return ways[0].drop - price(ways[0].effect, base, len(ways))
+def promise(way: Scored, base: Fitted, starts: int) -> float:
+    """What a way of an effect promises, its price taken off."""
+    return way.drop - price(way.effect, base, starts)
 
 
 def price(effect: Effect, base: Fitted, starts: int) -> float:
@@ -106,24 +114,35 @@ def price(effect: Effect, base: Fitted, starts: int) -> float:
     return added * math.log(base.problem.samples) + 2.0 * math.log(max(starts, 1))
 
 
-def refitted(data: Data, base: Fitted, ways: Sequence[Scored]) -> Candidate:
-    """Everything fitted again with the effect, from its best ways."""
-    effect = ways[0].effect
-    tried = []
-    for way in ways[:WAYS] if len(effect.parameters) > 1 and not way_is_linear(ways[0]) else ways[:1]:
-        model = base.model.with_effect(effect.name, way.values)
-        own = [n for n in free_parameters(model) if n not in base.model.parameters]
-        tried.append(fit(data, model, ITERATIONS, offsets=base.offsets, settled=own))
-    best = min(tried, key=lambda fitted: fitted.objective)
+def refitted(data: Data, base: Fitted, way: Scored, starts: int) -> Candidate:
+    """Everything fitted again with the effect, from its best way."""
+    best = grown(data, base, way)
     drop = base.objective - best.objective
-    evidence = drop - price(effect, base, len(ways))
+    evidence = drop - price(way.effect, base, starts)
     above = base.objective - FLOOR * base.problem.samples
     explained = drop / above if above > 0.0 else 0.0
     held_gain = base.held_objective - best.held_objective
     accepted = evidence > EVIDENCE and held_gain > -HELD_OUT_LOSS * evidence and explained > EXPLAINED
-    return Candidate(effect, ways[0].drop, evidence, explained, held_gain, best, accepted)
+    return Candidate(way.effect, way.drop, evidence, explained, held_gain, best, accepted)
 
 
-def way_is_linear(way: Scored) -> bool:
-    """Whether the score test has already found the best values of this way."""
-    return bool(way.trial.amplitudes)
+def grown(data: Data, base: Fitted, way: Scored) -> Fitted:
+    """The model with the effect, begun where the score test says, or beside the base model where that is better."""
+    here = base.problem
+    moved = np.clip(base.x + way.step, here.low, here.high)
+    starts = []
+    for x in (moved, base.x):
+        model = here.model_at(x, "trial").with_effect(way.effect.name, way.values)
+        problem = problem_of(data, model)
+        starts.append((problem.objective(problem.residual(problem.start(here.offsets(x)))), model, here.offsets(x)))
+    _, model, offsets = min(starts, key=lambda start: start[0])
+    return fit(data, model, ITERATIONS, offsets=offsets, enough=ENOUGH)
+
+
+def with_effect(data: Data, base: Fitted, ground: Ground, effect: Effect) -> Fitted:
+    """The model with an effect that was asked for, whatever speaks for it."""
+    scorer = Scorer(base)
+    ways = scorer.score(effect, ground)
+    if not ways:
+        return fit(data, base.model.with_effect(effect.name), ITERATIONS, offsets=base.offsets)
+    return grown(data, base, refined(scorer, ways, WAYS))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,8 +14,8 @@ from beltcomm.laboratory.diagnosis import NEXT_ITERATIONS, Diagnosis, again, dia
 from beltcomm.laboratory.fitting import Fitted, fit
 from beltcomm.laboratory.intervals import with_intervals
 from beltcomm.laboratory.places import in_words
-from beltcomm.laboratory.score import Scorer, ground_of
-from beltcomm.laboratory.stage import Candidate
+from beltcomm.laboratory.score import ground_of
+from beltcomm.laboratory.stage import Candidate, with_effect
 from beltcomm.laboratory.start import start_model
 from beltcomm.model import Model
 from beltcomm.result import Result, plain
@@ -121,7 +120,7 @@ def add_to_run(effect: str, run: Path, *, command: str = "", when: str = "", tal
     here = opened(run, talk or Silence())
     if effect in here.fitted.model.effects:
         raise UsageError(f"the model of {run} has {effect} already; take it out with `beltcomm remove {effect} {run}`")
-    grown = grown_by(here, effect)
+    grown = with_effect(here.data, here.fitted, ground_of(here.fitted, here.data.fitted, here.folder.axis), effect_named(effect))
     data, after = again(here.data, grown, NEXT_ITERATIONS)
     if current_revision(here.folder) is None:
         base_revision(here.folder, here.fitted, command, when)
@@ -156,26 +155,6 @@ def ladder_of_run(run: Path) -> Result:
     return Result(
         {"run": str(run), "revisions": [as_mapping(r) for r in rungs], "changed_recordings": changed}, words.ladder_lines(rungs, changed)
     )
-
-
-def grown_by(here: Opened, effect: str) -> Fitted:
-    """The model with the effect, from the best start that the score test finds."""
-    axis = here.folder.axis
-    ground = ground_of(
-        here.fitted,
-        here.data.fitted,
-        int(axis.get("pulley.teeth") or 0),
-        axis.travel.driven_side_offset_m,
-        float(axis.get("belt.pulley_distance_m") or 0.0),
-    )
-    ways = Scorer(here.fitted).score(effect_named(effect), ground)[:3]
-    starts: list[Mapping[str, float]] = [way.values for way in ways] or [{}]
-    tried = []
-    for values in starts:
-        model = here.fitted.model.with_effect(effect, values)
-        own = [name for name in model.parameters if name not in here.fitted.model.parameters]
-        tried.append(fit(here.data, model, NEXT_ITERATIONS, offsets=here.fitted.offsets, settled=own))
-    return min(tried, key=lambda fitted: fitted.objective)
 
 
 def confirmed(before: Fitted, after: Fitted) -> bool | None:

@@ -1,0 +1,168 @@
+"""The neighbourhood of a minimum: how far the error falls when a torque is added and everything already fitted gives way to it.
+
+    O(C a, c) = min over δ, a of Σ_b n_b φ(|r + c + C a + A δ|²_b / n_b)
+
+A : Jacobian of the whitened residual r with respect to all that was fitted;  c : change by the effect;  C : columns with free
+amounts a.  φ is the robust law of ``beltcomm.identify.problem``, so the function is minimised by reweighting; every pass needs only
+the sums of products of each block.  Finite changes and not derivatives: right for gap and slack, too.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltcomm.compiled import compiled
+from beltcomm.identify.problem import Problem
+
+Array = NDArray[np.float64]
+
+#: Square of the share of a column that is left beside everything fitted, below which it says nothing of its own.
+IMITATED = 1e-8
+#: Passes of the reweighting, and the gain below which it ends, nats.
+PASSES, ENOUGH = 12, 0.05
+
+
+@dataclass(frozen=True)
+class Near:
+    """A minimum in the neighbourhood.   objective : O.   amounts : a, (k,).   step : δ in the units of the problem's unknowns, (p,)."""
+
+    objective: float
+    amounts: Array
+    step: Array
+
+
+class Nearby:
+    """The neighbourhood of the unknowns x of a problem, with the residual r found there."""
+
+    def __init__(self, problem: Problem, x: Array, residual: Array) -> None:
+        jacobian = problem.jacobian(x)
+        norms = np.linalg.norm(jacobian, axis=0)
+        self.moving = np.flatnonzero(norms > 0.0)
+        self.norms = norms[self.moving]
+        self.columns = np.ascontiguousarray(jacobian[:, self.moving] / self.norms)
+        self.low, self.high = ((bound - x)[self.moving] * self.norms for bound in (problem.low, problem.high))
+        self.unknowns = len(x)
+        self.starts = np.concatenate((np.flatnonzero(np.diff(problem.blocks, prepend=-1)), [len(residual)])).astype(np.int64)
+        self.count, self.residual = problem.count, residual
+        self.active = np.add.reduceat(self.columns**2, self.starts[:-1]) > 0.0
+        self.products = _products(self.starts, self.active, self.columns, self.columns)
+        here = self.best()
+        self.objective = here.objective
+        self._prepare_screening(here)
+
+    def _prepare_screening(self, here: Near) -> None:
+        """Everything fitted, weighted as at the minimum, for :meth:`screened`."""
+        rest = self.residual + self.columns @ (here.step[self.moving] * self.norms)
+        means = np.add.reduceat(rest**2, self.starts[:-1]) / self.count
+        self.weights = np.repeat(1.0 / np.maximum(means, 1.0), np.diff(self.starts))
+        self.weighted = self.columns * self.weights[:, None]
+        inner = np.tensordot(1.0 / np.maximum(means, 1.0), self.products, 1)
+        self.inverse = np.linalg.inv(inner + 1e-12 * np.diag(np.diag(inner)))
+        self.rest = rest - self.columns @ (self.inverse @ (self.weighted.T @ rest))
+
+    def screened(self, columns: Array, group: int, signed: bool) -> Array:
+        """Roughly how far O falls with each group of neighbouring columns: weights as they stand, no bounds; (n, k) -> (k/group,).
+
+        signed : amounts below 0 count as well.
+        """
+        weighted = columns * self.weights[:, None]
+        shared = self.weighted.T @ columns
+        slope = weighted.T @ self.rest
+        drops = np.zeros(columns.shape[1] // group)
+        for g in range(len(drops)):
+            own = slice(g * group, (g + 1) * group)
+            square = weighted[:, own].T @ columns[:, own]
+            left = square - shared[:, own].T @ self.inverse @ shared[:, own]
+            if np.all(np.diag(left) > IMITATED * np.diag(square)) and np.all(np.diag(square) > 0.0):
+                amounts = -np.linalg.solve(left, slope[own])
+                if signed or group > 1 or amounts[0] > 0.0:
+                    drops[g] = -float(amounts @ slope[own])
+        return drops
+
+    def best(self, change: Array | None = None, columns: Array | None = None) -> Near:
+        """The minimum beside a change c, (n,), of the residual and columns C, (n, k)."""
+        start = self.residual if change is None else self.residual + change
+        own = np.zeros((len(start), 0)) if columns is None else columns
+        sizes = np.linalg.norm(own, axis=0)
+        right = np.column_stack((start, own / np.maximum(sizes, 1e-300)))
+        every = np.ones((len(self.count), right.shape[1]), dtype=np.bool_)
+        cross = _products(self.starts, self.active, self.columns, right)
+        square = _products(self.starts, every, right, right)
+        p, k = self.columns.shape[1], own.shape[1]
+        system = np.zeros((len(self.count), p + k, p + k))
+        system[:, :p, :p] = self.products
+        system[:, :p, p:] = cross[:, :, 1:]
+        system[:, p:, :p] = cross[:, :, 1:].transpose(0, 2, 1)
+        system[:, p:, p:] = square[:, 1:, 1:]
+        slope = np.concatenate((cross[:, :, 0], square[:, 1:, 0]), axis=1)
+        return self._minimum(system, slope, square[:, 0, 0], sizes)
+
+    def _minimum(self, system: Array, slope: Array, square: Array, sizes: Array) -> Near:
+        """Reweighted least squares on the sums of products."""
+        p = self.columns.shape[1]
+        low = np.concatenate((self.low, np.full(len(sizes), -np.inf)))
+        high = np.concatenate((self.high, np.full(len(sizes), np.inf)))
+        place = np.zeros(p + len(sizes))
+        means = square / self.count
+        value = _robust(self.count, means)
+        for _ in range(PASSES):
+            weights = 1.0 / np.maximum(means, 1.0)
+            ahead = _bounded(np.tensordot(weights, system, 1), weights @ slope, low, high, p)
+            means_ahead = np.maximum((square + 2.0 * slope @ ahead + np.einsum("bij,i,j->b", system, ahead, ahead)) / self.count, 0.0)
+            better = _robust(self.count, means_ahead)
+            gain = value - better
+            if not gain > 0.0:
+                break
+            place, means, value = ahead, means_ahead, better
+            if gain < ENOUGH:
+                break
+        step = np.zeros(self.unknowns)
+        step[self.moving] = place[:p] / self.norms
+        return Near(value, place[p:] / np.maximum(sizes, 1e-300), step)
+
+
+def _bounded(system: Array, slope: Array, low: Array, high: Array, p: int) -> Array:
+    """Minimum of a quadratic form with what runs into a bound held there; columns after the first p that say nothing stay 0."""
+    place = np.zeros(len(slope))
+    free = np.diag(system) > 0.0
+    if len(slope) > p:
+        inner = system[:p, :p] + 1e-12 * np.diag(np.diag(system)[:p])
+        left = np.diag(system)[p:] - np.einsum("ij,ij->j", system[:p, p:], np.linalg.solve(inner, system[:p, p:]))
+        free[p:] &= left > IMITATED * np.diag(system)[p:]
+    for _ in range(3):
+        index = np.flatnonzero(free)
+        held = system[np.ix_(index, ~free)] @ place[~free]
+        own = system[np.ix_(index, index)]
+        place[index] = np.linalg.solve(own + 1e-12 * np.diag(np.diag(own)), -slope[index] - held)
+        outside = free & ((place < low) | (place > high))
+        if not outside.any():
+            break
+        place = np.clip(place, low, high)
+        free &= ~outside
+    return np.asarray(np.clip(place, low, high))
+
+
+def _robust(count: Array, means: Array) -> float:
+    """O of the module."""
+    return float(np.sum(count * np.where(means < 1.0, means, 1.0 + np.log(np.maximum(means, 1.0)))))
+
+
+@compiled
+def _products(starts: NDArray[np.int64], active: NDArray[np.bool_], left: Array, right: Array) -> Array:
+    """leftᵀ right of every block, (blocks, left columns, right columns).   active : (blocks, left columns), those that are not zero."""
+    width = right.shape[1]
+    out = np.zeros((starts.shape[0] - 1, left.shape[1], width))
+    for b in range(starts.shape[0] - 1):
+        used = np.flatnonzero(active[b])
+        sums = np.zeros((used.shape[0], width))
+        for n in range(starts[b], starts[b + 1]):
+            for i in range(used.shape[0]):
+                factor = left[n, used[i]]
+                for j in range(width):
+                    sums[i, j] += factor * right[n, j]
+        for i in range(used.shape[0]):
+            out[b, used[i]] = sums[i]
+    return out
