@@ -9,7 +9,9 @@ from typing import Any, Literal
 Slot = Literal[
     "torque_delay",
     "torque_path",
+    "torque_reading",
     "friction_level",
+    "load_friction",
     "friction_onset",
     "force",
     "belt_law",
@@ -57,7 +59,8 @@ class Ground:
 
     inertia kg m², motor side; mass kg; stiffness N/m; damping N s/m; coulomb N m, motor side; ratio m/rad; low_m, high_m : m, where
     the records went; antiresonance_hz : Hz; teeth : of the driving pulley, 0 when not known; peak_nm : N m, largest torque in the
-    records; peak_force_n : N, largest belt force in them; offset_m, pulley_distance_m : m, geometry of the belt, 0 when not known.
+    records; peak_force_n : N, largest belt force in them; offset_m, pulley_distance_m : m, geometry of the belt, 0 when not known;
+    fastest : rad/s, of the motor in them; side : of the records, "motor", "load" or "ampere"; belt : whether the axis has one.
     """
 
     inertia: float
@@ -74,6 +77,9 @@ class Ground:
     peak_force_n: float
     offset_m: float = 0.0
     pulley_distance_m: float = 0.0
+    fastest: float = 40.0
+    side: str = "motor"
+    belt: bool = True
 
 
 @dataclass(frozen=True)
@@ -145,6 +151,7 @@ class Effect:
     that need data of their own).    twins : effects that no motion of this axis can tell from it, or hardly.    separate : the
     experiment that tells the twins apart.    causes : usual causes.    harmonic : a sine and a cosine of the motor angle times the
     first parameter, added to the load or to the gain of the torque (so that all orders can be searched in one pass).
+    bound : it only says how much any law of its kind could explain; a diagnosis never adds it.
     """
 
     name: str
@@ -166,6 +173,7 @@ class Effect:
     twins: tuple[str, ...] = ()
     separate: str = ""
     causes: str = ""
+    bound: bool = False
 
     def full_names(self) -> tuple[str, ...]:
         """Names of its own parameters as they stand in a model: ``effect.parameter``."""
