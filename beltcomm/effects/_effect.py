@@ -32,6 +32,8 @@ BELT_STIFFNESS = "belt.stiffness"
 BELT_DAMPING = "belt.damping"
 #: Group of the laws of the belt as a spring: a model has one of them at most.
 BELT_SPRING = "belt spring"
+#: Group of the first-order lags between torque and report: two of them would only smooth the whole equation.
+TORQUE_LAG = "lag between torque and report"
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.compiled import compiled
-from beltcomm.effects._effect import Effect, Ground, Parameter, Trial
+from beltcomm.effects._effect import TORQUE_LAG, Effect, Ground, Parameter, Trial
 
 Array = NDArray[np.float64]
 
@@ -48,6 +48,7 @@ EFFECT = Effect(
     parameters=(Parameter("time", "s", "drive", 1e-3, 0.0, 0.2, "time constant from the torque to its reading"),),
     law=read,
     slope=response,
+    group=TORQUE_LAG,
     trials=trials,
     twins=("dead_time", "current_lag"),
     separate="record the same motion at another speed: a lag moves and flattens a ripple in proportion to speed, a repeat at one speed cannot show it",

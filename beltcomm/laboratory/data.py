@@ -60,7 +60,7 @@ def made(recordings: Sequence[Recording], model: Model, noise_nm: float, step_ra
     for recording in recordings:
         step = step_rad * float(np.sqrt(shares.get(recording.name, 1.0)))
         for piece in stretches(recording, model, step_rad, noise_nm, fitted=True, substeps=SUBSTEPS):
-            pieces.append(replace(piece, whitener=whitener(piece.keep, path_of(piece, model), step, noise_nm)))
+            pieces.append(replace(piece, step_rad=step, whitener=whitener(piece.keep, path_of(piece, model), step, noise_nm)))
     return Data(
         tuple(recordings),
         tuple(p for p in pieces if not p.held_out),

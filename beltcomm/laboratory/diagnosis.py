@@ -8,10 +8,11 @@ from typing import Literal
 
 from beltcomm.axis import Axis
 from beltcomm.identify.problem import OFFSET_M
+from beltcomm.laboratory.acceptance import EVIDENCE, refuted
 from beltcomm.laboratory.data import Data, prepare, remade
 from beltcomm.laboratory.fitting import Fitted, fit
 from beltcomm.laboratory.score import ground_of
-from beltcomm.laboratory.stage import EVIDENCE, MISSING, Candidate, search
+from beltcomm.laboratory.stage import MISSING, Candidate, search
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 
@@ -84,7 +85,8 @@ def diagnose(
     for number in range(most + 1):
         ground = ground_of(current, data.fitted, axis)
         candidates = search(data, current, ground, progress=lambda f, n=number: progress((n + f) / (most + 1)))  # type: ignore[misc]
-        best = candidates[0] if candidates else None
+        # What the held-out records contradict stands in no one's way.
+        best = next((c for c in candidates if c.fitted is None or not refuted(c.evidence, c.held_gain)), None)
         if best is None or not best.accepted or best.fitted is None or number == most:
             steps.append(Step(current, tuple(candidates), "", (), current))
             break
