@@ -183,8 +183,8 @@ class Effect:
 
 
 def body_units(body: str) -> tuple[str, str, Side]:
-    """Units of force and of viscous friction on a body, and its side: N m, N m s/rad at the motor; N, N s/m elsewhere."""
-    return ("N m", "N m s/rad", "motor") if body == "motor" else ("N", "N s/m", "cart" if body == "cart" else "belt")
+    """Units of force and of viscous friction on a body, and its side: N m, N m s/rad where it turns with the motor; N, N s/m elsewhere."""
+    return ("N m", "N m s/rad", "motor") if body in ("motor", "load") else ("N", "N s/m", "cart" if body == "cart" else "belt")
 
 
 def is_plain_belt(effect: Effect) -> bool:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from beltcomm.axis import Axis
+from beltcomm.errors import UsageError
 from beltcomm.identify.problem import OFFSET_M
 from beltcomm.laboratory.acceptance import EVIDENCE, refuted
 from beltcomm.laboratory.data import Data, prepare, remade
@@ -103,7 +104,11 @@ def superfluous(data: Data, fitted: Fitted, base: Model, newest: str) -> tuple[D
     """Throw out earlier additions without which the model is as good."""
     removed = []
     for name in [e for e in fitted.model.effects if e not in base.effects and e != newest]:
-        trial = fit(data, fitted.model.without_effect(name), NEXT_ITERATIONS, offsets=fitted.offsets)
+        try:
+            smaller = fitted.model.without_effect(name)
+        except UsageError:  # a later effect stands on it
+            continue
+        trial = fit(data, smaller, NEXT_ITERATIONS, offsets=fitted.offsets)
         if trial.objective - fitted.objective < EVIDENCE:
             removed.append(name)
             fitted = trial
