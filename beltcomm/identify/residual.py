@@ -11,7 +11,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,8 @@ Array = NDArray[np.float64]
 STICK_SPEED_RAD_S = 0.3
 #: m/s, the same for an axis known at its load side.
 STICK_SPEED_M_S = 4e-3
+#: s, and steps of the encoder: a motor that gets on by so many steps in so long, before and after, is not at rest.
+CREEP_S, CREEP_STEPS = 0.05, 3.0
 #: m the carriage must have travelled before a stretch counts: until then its belt stretch at the start is unknown.
 RUN_IN_TRAVEL_M = 1e-4
 #: s after that travel, for the free oscillation of the carriage to die out.
@@ -74,7 +76,7 @@ def stretches(
     """
     sample = recording.sample_period_s
     cuts = [0, *(int(i) + 1 for i in recording.gaps()), len(recording.t_s)]
-    start = recording.sidecar.start_position_m or 0.0
+    start = recording.sidecar.start_position_m
     pieces = []
     for first, last in itertools.pairwise(cuts):
         if last - first < 50:
@@ -82,7 +84,8 @@ def stretches(
         part = slice(first, last)
         ratio = model["transmission.ratio"]
         position, torque = recording.position[part], recording.torque[part]
-        place = start / ratio + recording.position[first] - recording.position[0]
+        # Without a start position the recorded angle is the absolute one: a phase of cogging holds for all records of a run.
+        place = float(recording.position[first]) if start is None else start / ratio + recording.position[first] - recording.position[0]
         time = (recording.sidecar.session_time_s or 0.0) + recording.t_s[first] - recording.t_s[0]
         inertia = model["motor.inertia"]
         motion = reconstruct(
@@ -94,6 +97,10 @@ def stretches(
         keep = ~resting(motion, STICK_SPEED_M_S if recording.side == "load" else STICK_SPEED_RAD_S)
         if "cart" in model.base_bodies:
             keep &= ran_in(motion, ratio)
+        else:
+            # Nothing rings behind the motor: what creeps on counts as well, and friction that turns within a step of the encoder is noise.
+            keep |= creeping(position, sample, step_rad)
+            motion = replace(motion, bristle_m=max(motion.bristle_m, ratio * step_rad))
         pieces.append(
             Stretch(
                 recording.name,
@@ -134,6 +141,25 @@ def resting(motion: FineMotion, stick_speed: float) -> NDArray[np.bool_]:
     touched = np.ones(n, dtype=bool)
     touched[1:-1] = slow[:-1] | slow[1:]
     return touched
+
+
+def creeping(position: Array, sample_s: float, step_rad: float) -> NDArray[np.bool_]:
+    """Samples around which the motor goes on in one direction, however slowly: then friction is known to act against it.
+
+    In each of the two spans of time before and after it, it gets on by several steps of the encoder, and nowhere there back by one.
+    """
+    n, w = len(position), max(2, round(CREEP_S / sample_s))
+    found = np.zeros(n, dtype=bool)
+    if n <= 2 * w + 2:
+        return found
+    around = np.lib.stride_tricks.sliding_window_view(position, 2 * w + 1)
+    for side in (1.0, -1.0):
+        path = side * around
+        back = np.max(np.maximum.accumulate(path, axis=1) - path, axis=1)
+        gets_on = np.minimum(path[:, w] - path[:, 0], path[:, -1] - path[:, w]) > CREEP_STEPS * step_rad
+        found[w : n - w] |= gets_on & (back <= step_rad)
+    found[[0, -1]] = False
+    return found
 
 
 def ran_in(motion: FineMotion, ratio: float) -> NDArray[np.bool_]:

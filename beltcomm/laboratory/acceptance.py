@@ -62,7 +62,7 @@ def drop_by(base: Fitted, grown: Fitted) -> float:
     drop = base.objective - grown.objective
     old, new = price_of_bending(base.problem, base.x), price_of_bending(grown.problem, grown.x)
     if lags(base) != lags(grown):
-        drop += base_noise(grown)
+        drop += min(0.0, base_noise(grown))
     return drop - (new - old)
 
 
@@ -72,7 +72,7 @@ def lags(fitted: Fitted) -> bool:
 
 
 def base_noise(grown: Fitted) -> float:
-    """What O loses when a model whose reading lags is judged by its own noise: its fall by the smaller deviations, nats."""
+    """How O changes when a model whose reading lags is judged by its own noise, its smaller deviations counted; nats, a gain is positive."""
     problem = grown.problem
     pieces = [replace(p, whitener=whitener(p.keep, path_of(p, grown.model), p.step_rad, p.noise_nm)) for p in problem.pieces]
     own = Problem(pieces, problem.model, problem.free, BLOCK_S)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from beltcomm.axis import Axis
 from beltcomm.errors import DataError
-from beltcomm.identify.residual import Stretch, evaluate, path_of, stretches, torque_noise
+from beltcomm.identify.residual import Stretch, creeping, evaluate, path_of, stretches, torque_noise
 from beltcomm.identify.whitening import NoisePath, whitener
 from beltcomm.model import Model
 from beltcomm.recording import Recording
@@ -22,6 +23,8 @@ Array = NDArray[np.float64]
 SUBSTEPS = 4
 #: Noise below this share of the torque itself is not believed.
 QUIETEST_SHARE = 1e-4
+#: Samples and relative difference of speed for records that repeat each other.
+FEWEST, SAME_SPEED = 400, 0.05
 #: Shares of the rounding's variance that are tried.
 SHARES = (1.0, 0.7, 0.5, 0.35, 0.25, 0.15, 0.08, 0.03)
 
@@ -51,6 +54,9 @@ def prepare(recordings: Sequence[Recording], axis: Axis, model: Model) -> Data:
         raise DataError("all recordings are held out or static maps; nothing is left to fit: set held_out: false in one sidecar")
     step = encoder_step(axis, timed)
     noise = torque_noise(to_fit, QUIETEST_SHARE * float(np.std(to_fit[0].torque)))
+    if "cart" not in model.base_bodies:
+        step = min(step, max(white_step(r.position) for r in to_fit))
+        noise = max(noise, repeat_noise(to_fit, step))
     return made(timed, model, noise, step, {})
 
 
@@ -107,6 +113,36 @@ def encoder_step(axis: Axis, recordings: Sequence[Recording]) -> float:
         # An angle may be recorded coarser than the encoder is; never finer.
         return max(2.0 * np.pi / float(counts), shown) if shown < 0.1 else 2.0 * np.pi / float(counts)
     return shown
+
+
+def white_step(position: Array) -> float:
+    """Step whose rounding would be as rough as an angle is, rad: less than the encoder's where the drive interpolates between counts."""
+    rough = np.diff(position, 4)
+    return max(1.4826 * float(np.median(np.abs(rough))) * np.sqrt(12.0 / 70.0), smallest_step(position))
+
+
+def repeat_noise(recordings: Sequence[Recording], step_rad: float) -> float:
+    """What no model of the motion can explain, N m rms: torque at the same place in records of the same slow motion, 0 without any."""
+    found = []
+    creeps = [(r, creeping(r.position, r.sample_period_s, step_rad)) for r in recordings]
+    for (one, first), (two, second) in itertools.combinations(creeps, 2):
+        if min(first.sum(), second.sum()) < FEWEST:
+            continue
+        speeds = [float(np.median(np.gradient(r.position, r.t_s)[c])) for r, c in ((one, first), (two, second))]
+        low, high = max(one.position[first].min(), two.position[second].min()), min(one.position[first].max(), two.position[second].max())
+        if speeds[0] * speeds[1] <= 0.0 or abs(np.log(speeds[0] / speeds[1])) > SAME_SPEED or high <= low:
+            continue
+        places = np.linspace(low, high, FEWEST)
+        rows = [np.interp(places, *by_place(r.position[c], r.torque[c])) for r, c in ((one, first), (two, second))]
+        left = (rows[0] - rows[1]) / np.sqrt(2.0)
+        found.append(1.4826 * float(np.median(np.abs(left - np.median(left)))))
+    return min(found, default=0.0)
+
+
+def by_place(position: Array, torque: Array) -> tuple[Array, Array]:
+    """Both in the order of the position."""
+    order = np.argsort(position)
+    return position[order], torque[order]
 
 
 def smallest_step(position: Array) -> float:

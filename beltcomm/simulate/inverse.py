@@ -48,7 +48,7 @@ class FineMotion:
 
     theta, omega : ndarray (n*substeps - substeps + 1,), rad and rad/s at the motor shaft, absolute: theta = position / i_t.
     samples : number of samples n.     sample_s : s, sampling period.    substeps : fine steps per sample.
-    time_s : s, session clock at the first sample.
+    time_s : s, session clock at the first sample.   bristle_m : m at the belt, in which the motor's friction turns round.
     """
 
     theta: Array
@@ -57,6 +57,7 @@ class FineMotion:
     sample_s: float
     substeps: int
     time_s: float
+    bristle_m: float = BRISTLE_M
 
 
 def reconstruct(
@@ -176,7 +177,7 @@ def fine_load(model: Model, motion: FineMotion, vector: Array | None = None, off
     p = board.spread(model.vector() if vector is None else vector)
     load, cart = np.empty_like(motion.theta), np.empty_like(motion.theta)
     h = motion.sample_s / motion.substeps
-    inverse_kernel().load(motion.theta, motion.omega, p, board.on, motion.time_s, h, BRISTLE_M, offset_m, load, cart)
+    inverse_kernel().load(motion.theta, motion.omega, p, board.on, motion.time_s, h, motion.bristle_m, offset_m, load, cart)
     return load, cart
 
 
@@ -188,7 +189,7 @@ def part_of_load(model: Model, motion: FineMotion, vector: Array, offset_m: floa
         return np.zeros(motion.samples)
     load, cart = np.empty_like(motion.theta), np.empty_like(motion.theta)
     h = motion.sample_s / motion.substeps
-    inverse_kernel().load(motion.theta, motion.omega, board.spread(vector), on, motion.time_s, h, BRISTLE_M, offset_m, load, cart)
+    inverse_kernel().load(motion.theta, motion.omega, board.spread(vector), on, motion.time_s, h, motion.bristle_m, offset_m, load, cart)
     return triangular_mean(load, motion.substeps)
 
 
@@ -199,7 +200,7 @@ def load_of(model: Model, motion: FineMotion, vector: Array, effect: str) -> Arr
     on[[e.name for e in EFFECTS].index(effect)] = True
     load, cart = np.empty_like(motion.theta), np.empty_like(motion.theta)
     h = motion.sample_s / motion.substeps
-    inverse_kernel().load(motion.theta, motion.omega, board.spread(vector), on, motion.time_s, h, BRISTLE_M, 0.0, load, cart)
+    inverse_kernel().load(motion.theta, motion.omega, board.spread(vector), on, motion.time_s, h, motion.bristle_m, 0.0, load, cart)
     return triangular_mean(load, motion.substeps)
 
 
