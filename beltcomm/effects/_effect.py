@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 Slot = Literal[
@@ -57,7 +57,8 @@ class Ground:
 
     inertia kg m², motor side; mass kg; stiffness N/m; damping N s/m; coulomb N m, motor side; ratio m/rad; low_m, high_m : m, where
     the records went; antiresonance_hz : Hz; teeth : of the driving pulley, 0 when not known; peak_nm : N m, largest torque in the
-    records; peak_force_n : N, largest belt force in them; offset_m, pulley_distance_m : m, geometry of the belt, 0 when not known.
+    records; peak_force_n : N, largest belt force in them; offset_m, pulley_distance_m : m, geometry of the belt, 0 when not known;
+    stiffness_at : (place m, amplitude N m, stiffness N/m) of every record that stays at one place, everything else as in the base model.
     """
 
     inertia: float
@@ -74,6 +75,7 @@ class Ground:
     peak_force_n: float
     offset_m: float = 0.0
     pulley_distance_m: float = 0.0
+    stiffness_at: tuple[tuple[float, float, float], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -82,12 +84,14 @@ class Trial:
 
     values : own parameters by bare name (those of bodies as ``body.name``); the rest stands at its start.
     amplitudes : parameters that scale the effect each on its own (sine and cosine): every one is a column of its own in a score
-    test; () makes one column of the whole.    signed : the effect may as well act the other way round.
+    test; () makes one column of the whole.    signed : the effect may as well act the other way round.    base : parameters of the
+    base model, by full name, that change with it: a base fitted without the effect may be far off.
     """
 
     values: Mapping[str, float]
     amplitudes: tuple[str, ...] = ()
     signed: bool = False
+    base: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
