@@ -148,7 +148,8 @@ class Effect:
     trials : how a diagnosis switches it on, from what is known of the axis; None: it is not put on trial (base effects and laws
     that need data of their own).    twins : effects that no motion of this axis can tell from it, or hardly.    separate : the
     experiment that tells the twins apart.    causes : usual causes.    harmonic : a sine and a cosine of the motor angle times the
-    first parameter, added to the load or to the gain of the torque (so that all orders can be searched in one pass).
+    first parameter, added to the load or to the gain of the torque (so that all orders can be searched in one pass).    rattles : the
+    carriage is free at times, so that where it stood at the start decides what follows.
     """
 
     name: str
@@ -167,6 +168,7 @@ class Effect:
     group: str = ""
     trials: Callable[[Ground], list[Trial]] | None = None
     harmonic: Literal["", "load", "gain"] = ""
+    rattles: bool = False
     twins: tuple[str, ...] = ()
     separate: str = ""
     causes: str = ""

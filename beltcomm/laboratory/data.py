@@ -20,6 +20,8 @@ Array = NDArray[np.float64]
 #: Fine steps per sample while effects are searched: the carriage's antiresonance is off by (2 pi f h)²/24, 8e-4 at 90 Hz, which the
 #: fit takes up in the stiffness.
 SUBSTEPS = 4
+#: The same where contacts open and close.
+RATTLING_SUBSTEPS = 16
 #: Noise below this share of the torque itself is not believed.
 QUIETEST_SHARE = 1e-4
 #: Shares of the rounding's variance that are tried.
@@ -57,9 +59,10 @@ def prepare(recordings: Sequence[Recording], axis: Axis, model: Model) -> Data:
 def made(recordings: Sequence[Recording], model: Model, noise_nm: float, step_rad: float, shares: Mapping[str, float]) -> Data:
     """The same with known noise and step.   shares : by record, of the rounding's variance that acts there; 1 where it is missing."""
     pieces = []
+    substeps = RATTLING_SUBSTEPS if any(effect.rattles for effect in model.effect_list()) else SUBSTEPS
     for recording in recordings:
         step = step_rad * float(np.sqrt(shares.get(recording.name, 1.0)))
-        for piece in stretches(recording, model, step_rad, noise_nm, fitted=True, substeps=SUBSTEPS):
+        for piece in stretches(recording, model, step_rad, noise_nm, fitted=True, substeps=substeps):
             pieces.append(replace(piece, whitener=whitener(piece.keep, path_of(piece, model), step, noise_nm)))
     return Data(
         tuple(recordings),

@@ -19,6 +19,9 @@ Array = NDArray[np.float64]
 BLOCK_S = 0.2
 #: Gain of O that is not worth another iteration, nats.
 ENOUGH = 0.1
+#: A carriage that rattles: share of the largest start offset, and number of offsets, that are looked at; rounds of looking and fitting,
+#: and the gain that is worth another one, nats.
+WIDEST, STARTS, ROUNDS, RATTLING_GAIN = 0.2, 41, 2, 50.0
 
 
 @dataclass(frozen=True)
@@ -62,10 +65,51 @@ def fit(
     offsets : scaled start offsets to begin with.   enough : gain of O that is not worth another iteration, nats.
     """
     problem = problem_of(data, model, fixed)
-    found = problem.minimise(problem.start(offsets), iterations, enough=enough)
+    x = problem.start(offsets)
+    if not rattles(model):
+        found = problem.minimise(x, iterations, enough=enough)
+    else:
+        found = problem.minimise(with_best_starts(problem, x), iterations, enough=enough)
+        for _ in range(ROUNDS):
+            ahead = problem.minimise(with_best_starts(problem, found.x), iterations, enough=enough)
+            gain = found.objective - ahead.objective
+            found = ahead if gain > 0.0 else found
+            if gain < RATTLING_GAIN:
+                break
     best = problem.model_at(found.x, "laboratory")
     held_residual = tuple(judged(piece, best) for piece in data.held_out)
     return Fitted(best, problem, found.x, found.residual, found.objective, held_residual, held_objective(data, held_residual))
+
+
+def rattles(model: Model) -> bool:
+    """Whether the carriage is free at times."""
+    return any(effect.rattles for effect in model.effect_list())
+
+
+def with_best_starts(problem: Problem, x: Array) -> Array:
+    """The unknowns with the best place of the carriage at the start of each stretch: one of many minima, so all are looked at."""
+    out, first = x.copy(), len(problem.free)
+    vector = problem.full(x)
+    for i, piece in enumerate(problem.pieces):
+        out[first + i] = best_start(piece, problem.model, vector, float(x[first + i]))
+    return out
+
+
+def best_start(piece: Stretch, model: Model, vector: Array, here: float) -> float:
+    """The likeliest scaled start offset of a stretch.   here : one that is known."""
+    blocks = np.arange(0, max(int(piece.keep.sum()), 1), max(1, int(BLOCK_S / piece.motion.sample_s)))
+
+    def cost(offset: float) -> float:
+        squares = whitened(piece, model, vector, OFFSET_M * offset) ** 2
+        means = np.add.reduceat(squares, blocks) / np.diff([*blocks, len(squares)])
+        return float(np.sum(np.log(np.maximum(means, 1.0))))
+
+    if not piece.keep.any():
+        return here
+    wide = np.array([here, *np.linspace(-WIDEST, WIDEST, STARTS)])
+    best = float(wide[int(np.argmin([cost(o) for o in wide]))])
+    near = best + np.linspace(-1.0, 1.0, 9) * 2.0 * WIDEST / (STARTS - 1)
+    return float(near[int(np.argmin([cost(o) for o in near]))])
 
 
 def problem_of(data: Data, model: Model, fixed: Sequence[str] = ()) -> Problem:
@@ -79,6 +123,8 @@ def judged(piece: Stretch, model: Model) -> Array:
     here = whitened(piece, model, vector)
     if "cart" not in model.base_bodies:
         return here
+    if rattles(model):
+        return whitened(piece, model, vector, OFFSET_M * best_start(piece, model, vector, 0.0))
     probe = 0.2 * OFFSET_M
     slope = (whitened(piece, model, vector, probe) - here) / probe
     weight = 1.0 / np.maximum(1.0, here**2 / 9.0)
