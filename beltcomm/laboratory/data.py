@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from beltcomm.axis import Axis
 from beltcomm.errors import DataError
-from beltcomm.identify.residual import Stretch, evaluate, path_of, stretches, torque_noise
-from beltcomm.identify.whitening import NoisePath, whitener
+from beltcomm.identify.residual import Stretch, evaluate, in_noise, paired, path_of, stretches, torque_noise
+from beltcomm.identify.whitening import whitener
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 
@@ -62,8 +62,7 @@ def made(recordings: Sequence[Recording], model: Model, noise_nm: float, step_ra
     substeps = RATTLING_SUBSTEPS if any(effect.rattles for effect in model.effect_list()) else SUBSTEPS
     for recording in recordings:
         step = step_rad * float(np.sqrt(shares.get(recording.name, 1.0)))
-        for piece in stretches(recording, model, step_rad, noise_nm, fitted=True, substeps=substeps):
-            pieces.append(replace(piece, whitener=whitener(piece.keep, path_of(piece, model), step, noise_nm)))
+        pieces += [rewhitened(piece, model) for piece in stretches(recording, model, step, noise_nm, fitted=True, substeps=substeps)]
     return Data(
         tuple(recordings),
         tuple(p for p in pieces if not p.held_out),
@@ -71,6 +70,11 @@ def made(recordings: Sequence[Recording], model: Model, noise_nm: float, step_ra
         noise_nm,
         step_rad,
     )
+
+
+def rewhitened(piece: Stretch, model: Model) -> Stretch:
+    """A stretch with the noise as a model passes it on."""
+    return replace(piece, whitener=whitener(piece.keep, path_of(piece, model), piece.step_rad, piece.noise_nm), pairs=paired(piece.keep))
 
 
 def remade(data: Data, model: Model, offsets_m: Array) -> Data:
@@ -82,22 +86,30 @@ def remade(data: Data, model: Model, offsets_m: Array) -> Data:
     starts = [*offsets_m, *np.zeros(len(data.held_out))]
     for piece, offset in zip((*data.fitted, *data.held_out), starts, strict=True):
         left.setdefault(piece.record, []).append((piece, evaluate(piece, model, model.vector(), float(offset))))
-    shares = {name: rounding_share(parts, path_of(parts[0][0], model), data.step_rad, data.noise_nm) for name, parts in left.items()}
+    shares = {name: rounding_share(parts, model, data.step_rad, data.noise_nm) for name, parts in left.items()}
     return made(data.recordings, model, data.noise_nm, data.step_rad, shares)
 
 
-def rounding_share(parts: Sequence[tuple[Stretch, Array]], path: NoisePath, step_rad: float, noise_nm: float) -> float:
+def log_deviations(piece: Stretch) -> float:
+    """Sum of the logarithms of the noise's deviation over all values of the whitened residual."""
+    if piece.whitener is None:
+        return 0.0
+    logarithms = np.log(piece.whitener.deviations[piece.keep])
+    return float(np.sum(logarithms if piece.pairs is None else 0.5 * (logarithms[piece.pairs] + logarithms[piece.pairs + 1])))
+
+
+def rounding_share(parts: Sequence[tuple[Stretch, Array]], model: Model, step_rad: float, noise_nm: float) -> float:
     """Share of the rounding's variance that a record shows: the likeliest of :data:`SHARES`.
 
     An axis that moves slowly and steadily rounds in step with its motion: then the error is less, and no white noise.  What a model
     cannot explain raises the share up to 1, never beyond: an effect is not taken for rounding.
     """
-    cost = []
+    cost, path, vector = [], path_of(parts[0][0], model), model.vector()
     for share in SHARES:
         total = 0.0
         for piece, torque in parts:
-            trial = whitener(piece.keep, path, step_rad * float(np.sqrt(share)), noise_nm)
-            total += float(np.sum(trial(torque, piece.keep) ** 2) + 2.0 * np.sum(np.log(trial.deviations[piece.keep])))
+            trial = replace(piece, whitener=whitener(piece.keep, path, step_rad * float(np.sqrt(share)), noise_nm))
+            total += float(np.sum(in_noise(trial, model, vector, torque) ** 2)) + 2.0 * log_deviations(trial)
         cost.append(total)
     return SHARES[int(np.argmin(cost))]
 

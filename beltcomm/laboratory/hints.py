@@ -10,7 +10,7 @@ from beltcomm.laboratory.fitting import BLOCK_S, Fitted
 
 #: m; a record whose carriage stays within this is taken at one place.
 ONE_PLACE_M = 0.06
-#: Kept samples that a record needs.
+#: Values of the residual that a record needs.
 ENOUGH = 300
 #: Factor by which the stiffness is searched up and down, and points of the first grid.
 RANGE, GRID = 3.0, 25
@@ -27,7 +27,7 @@ def stiffness_by_record(fitted: Fitted) -> tuple[tuple[float, float, float], ...
     found = []
     for piece in fitted.problem.pieces:
         theta = piece.motion.theta * ratio
-        if np.ptp(theta) < ONE_PLACE_M and piece.keep.sum() >= ENOUGH:
+        if np.ptp(theta) < ONE_PLACE_M and len(piece.counted) >= ENOUGH:
             stiffness = likeliest(fitted, piece)
             if stiffness is not None:
                 found.append((float(np.mean(theta)), float(np.std(piece.torque)), stiffness))
@@ -39,7 +39,7 @@ def likeliest(fitted: Fitted, piece: Stretch) -> float | None:
     vector, place = fitted.model.vector(), fitted.model.index(STIFFNESS)
     start = vector[place]
     size = max(1, int(BLOCK_S / piece.motion.sample_s))
-    blocks = np.arange(0, int(piece.keep.sum()), size)
+    blocks = np.arange(0, len(piece.counted), size)
 
     def cost(logarithm: float) -> float:
         vector[place] = start * np.exp(logarithm)
