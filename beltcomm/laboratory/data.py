@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from beltcomm.axis import Axis
 from beltcomm.errors import DataError
-from beltcomm.identify.residual import Stretch, evaluate, in_noise, paired, path_of, stretches, torque_noise
+from beltcomm.identify.residual import Stretch, evaluate, paired, path_of, stretches, torque_noise
 from beltcomm.identify.whitening import whitener
 from beltcomm.model import Model
 from beltcomm.recording import Recording
@@ -90,26 +90,18 @@ def remade(data: Data, model: Model, offsets_m: Array) -> Data:
     return made(data.recordings, model, data.noise_nm, data.step_rad, shares)
 
 
-def log_deviations(piece: Stretch) -> float:
-    """Sum of the logarithms of the noise's deviation over all values of the whitened residual."""
-    if piece.whitener is None:
-        return 0.0
-    logarithms = np.log(piece.whitener.deviations[piece.keep])
-    return float(np.sum(logarithms if piece.pairs is None else 0.5 * (logarithms[piece.pairs] + logarithms[piece.pairs + 1])))
-
-
 def rounding_share(parts: Sequence[tuple[Stretch, Array]], model: Model, step_rad: float, noise_nm: float) -> float:
     """Share of the rounding's variance that a record shows: the likeliest of :data:`SHARES`.
 
     An axis that moves slowly and steadily rounds in step with its motion: then the error is less, and no white noise.  What a model
     cannot explain raises the share up to 1, never beyond: an effect is not taken for rounding.
     """
-    cost, path, vector = [], path_of(parts[0][0], model), model.vector()
+    cost, path = [], path_of(parts[0][0], model)
     for share in SHARES:
         total = 0.0
         for piece, torque in parts:
-            trial = replace(piece, whitener=whitener(piece.keep, path, step_rad * float(np.sqrt(share)), noise_nm))
-            total += float(np.sum(in_noise(trial, model, vector, torque) ** 2)) + 2.0 * log_deviations(trial)
+            trial = whitener(piece.keep, path, step_rad * float(np.sqrt(share)), noise_nm)
+            total += float(np.sum(trial(torque, piece.keep) ** 2) + 2.0 * np.sum(np.log(trial.deviations[piece.keep])))
         cost.append(total)
     return SHARES[int(np.argmin(cost))]
 

@@ -20,7 +20,7 @@ Verdict = Literal["nothing missing", "explained", "partly explained", "none of t
 #: Iterations of the first fit from start values, and of one that goes on from a neighbouring model.
 FIRST_ITERATIONS, NEXT_ITERATIONS = 25, 12
 #: O per sample up to which a model with added effects counts as complete.
-EXPLAINED_UP_TO = 1.06
+EXPLAINED_UP_TO = 1.08
 #: Effects that a diagnosis adds at most.
 MOST_EFFECTS = 4
 #: Two effects whose evidence differs by less than this, or by less than this share, are not told apart when they are twins.
