@@ -36,6 +36,7 @@ _OTHER_SIDE: Mapping[str, Mapping[str, tuple[str, float]]] = {
     "load": {
         "N m": ("N", 1.0 / _USUAL_RATIO),
         "N m s/rad": ("N s/m", 1.0 / _USUAL_RATIO**2),
+        "N m/rad": ("N/m", 1.0 / _USUAL_RATIO**2),
         "kg m2": ("kg", 1.0 / _USUAL_RATIO**2),
         "rad": ("m", _USUAL_RATIO),
         "rad/s": ("m/s", _USUAL_RATIO),
@@ -44,6 +45,7 @@ _OTHER_SIDE: Mapping[str, Mapping[str, tuple[str, float]]] = {
     "ampere": {
         "N m": ("A", 1.0 / _USUAL_CONSTANT),
         "N m s/rad": ("A s/rad", 1.0 / _USUAL_CONSTANT),
+        "N m/rad": ("A/rad", 1.0 / _USUAL_CONSTANT),
         "kg m2": ("A s2/rad", 1.0 / _USUAL_CONSTANT),
     },
 }

@@ -9,7 +9,9 @@ from typing import Any, Literal
 Slot = Literal[
     "torque_delay",
     "torque_path",
+    "torque_reading",
     "friction_level",
+    "load_friction",
     "friction_onset",
     "force",
     "belt_law",
@@ -30,6 +32,8 @@ BELT_STIFFNESS = "belt.stiffness"
 BELT_DAMPING = "belt.damping"
 #: Group of the laws of the belt as a spring: a model has one of them at most.
 BELT_SPRING = "belt spring"
+#: Group of the first-order lags between torque and report: two of them would only smooth the whole equation.
+TORQUE_LAG = "lag between torque and report"
 
 
 @dataclass(frozen=True)
@@ -58,7 +62,8 @@ class Ground:
     inertia kg m², motor side; mass kg; stiffness N/m; damping N s/m; coulomb N m, motor side; ratio m/rad; low_m, high_m : m, where
     the records went; antiresonance_hz : Hz; teeth : of the driving pulley, 0 when not known; peak_nm : N m, largest torque in the
     records; peak_force_n : N, largest belt force in them; offset_m, pulley_distance_m : m, geometry of the belt, 0 when not known;
-    stiffness_at : (place m, amplitude N m, stiffness N/m) of every record that stays at one place, everything else as in the base model.
+    stiffness_at : (place m, amplitude N m, stiffness N/m) of every record that stays at one place, everything else as in the base model;
+    fastest : rad/s, of the motor in them; side : of the records, "motor", "load" or "ampere"; belt : whether the axis has one.
     """
 
     inertia: float
@@ -76,6 +81,9 @@ class Ground:
     offset_m: float = 0.0
     pulley_distance_m: float = 0.0
     stiffness_at: tuple[tuple[float, float, float], ...] = ()
+    fastest: float = 40.0
+    side: str = "motor"
+    belt: bool = True
 
 
 @dataclass(frozen=True)
@@ -149,7 +157,8 @@ class Effect:
     that need data of their own).    twins : effects that no motion of this axis can tell from it, or hardly.    separate : the
     experiment that tells the twins apart.    causes : usual causes.    harmonic : a sine and a cosine of the motor angle times the
     first parameter, added to the load or to the gain of the torque (so that all orders can be searched in one pass).    rattles : the
-    carriage is free at times, so that where it stood at the start decides what follows.
+    carriage is free at times, so that where it stood at the start decides what follows.    bound : it only says how much any law of
+    its kind could explain; a diagnosis never adds it.
     """
 
     name: str
@@ -172,6 +181,7 @@ class Effect:
     twins: tuple[str, ...] = ()
     separate: str = ""
     causes: str = ""
+    bound: bool = False
 
     def full_names(self) -> tuple[str, ...]:
         """Names of its own parameters as they stand in a model: ``effect.parameter``."""
@@ -179,8 +189,8 @@ class Effect:
 
 
 def body_units(body: str) -> tuple[str, str, Side]:
-    """Units of force and of viscous friction on a body, and its side: N m, N m s/rad at the motor; N, N s/m elsewhere."""
-    return ("N m", "N m s/rad", "motor") if body == "motor" else ("N", "N s/m", "cart" if body == "cart" else "belt")
+    """Units of force and of viscous friction on a body, and its side: N m, N m s/rad where it turns with the motor; N, N s/m elsewhere."""
+    return ("N m", "N m s/rad", "motor") if body in ("motor", "load") else ("N", "N s/m", "cart" if body == "cart" else "belt")
 
 
 def is_plain_belt(effect: Effect) -> bool:

@@ -7,7 +7,7 @@ import math
 from beltcomm.effects._effect import Effect, Ground, Parameter, Trial
 
 #: Orders tried, per turn of the motor; a model may hold this many orders at once.
-HIGHEST_ORDER, COUNT = 100, 6
+HIGHEST_ORDER, COUNT = 100, 12
 
 
 def force(position: float, speed: float, t: float, order: float, sine: float, cosine: float) -> float:

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 from beltcomm.effects._effect import Effect, Ground, Parameter, Trial, body_units
 
-_HIGH = {"motor": 5.0, "cart": 400.0, "end_pulley": 100.0}
-_START = {"motor": 0.05, "cart": 3.0, "end_pulley": 1.0}
+_HIGH = {"motor": 5.0, "cart": 400.0, "end_pulley": 100.0, "load": 5.0}
+_START = {"motor": 0.05, "cart": 3.0, "end_pulley": 1.0, "load": 0.05}
 _TITLE = {
     "motor": "Coulomb friction at the motor",
     "cart": "Coulomb friction at the carriage",
     "end_pulley": "Coulomb friction of the end pulley",
+    "load": "Coulomb friction of the load behind the shaft",
 }
 _CHECK = {
     "motor": "motor bearings, shaft seal, gearbox; turn the shaft by hand with the belt off",
     "cart": "guide, seals and grease of the carriage; push it by hand with the belt slack",
     "end_pulley": "bearing of the end pulley; turn it by hand with the belt slack",
+    "load": "bearings and seals of the load; turn it by hand with the coupling open",
 }
 
 
@@ -38,11 +40,17 @@ def trials(ground: Ground) -> list[Trial]:
     return [Trial({"level": 0.5 * ground.coulomb / ground.ratio})]
 
 
-_NAME = {"motor": "coulomb", "cart": "cart_friction", "end_pulley": "coulomb_end_pulley"}
+def load_trials(ground: Ground) -> list[Trial]:
+    """The same for a load that turns."""
+    return [Trial({"level": 0.5 * ground.coulomb})]
+
+
+_NAME = {"motor": "coulomb", "cart": "cart_friction", "end_pulley": "coulomb_end_pulley", "load": "coulomb_load"}
+_TRIALS = {"cart": trials, "load": load_trials}
 
 
 def on(body: str) -> Effect:
-    """The effect on one body: ``coulomb`` (motor), ``cart_friction``, ``coulomb_end_pulley``."""
+    """The effect on one body: ``coulomb`` (motor), ``cart_friction``, ``coulomb_end_pulley``, ``coulomb_load``."""
     unit, _, side = body_units(body)
     parameter = Parameter("level", unit, side, _START[body], 0.0, _HIGH[body], "friction that does not depend on speed")
     return Effect(
@@ -55,10 +63,10 @@ def on(body: str) -> Effect:
         body=body,
         seen="the torque steps when the direction changes; small torques do not move the axis",
         check=_CHECK[body],
-        trials=trials if body == "cart" else None,
+        trials=_TRIALS.get(body),
         causes="guide and its seals" if body == "cart" else "bearings, seals",
         source="(2.21), (2.23); measured by (3.36)",
     )
 
 
-EFFECTS = (on("motor"), on("cart"), on("end_pulley"))
+EFFECTS = (on("motor"), on("cart"), on("end_pulley"), on("load"))

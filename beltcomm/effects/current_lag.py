@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.compiled import compiled
-from beltcomm.effects._effect import Effect, Ground, Parameter, Trial
+from beltcomm.effects._effect import TORQUE_LAG, Effect, Ground, Parameter, Trial
 
 Array = NDArray[np.float64]
 
@@ -47,6 +47,7 @@ EFFECT = Effect(
     parameters=(Parameter("time", "s", "drive", 0.0, 0.0, 2e-2, "time constant from reported to acting torque"),),
     law=lagged,
     slope=response,
+    group=TORQUE_LAG,
     trials=trials,
     twins=("dead_time",),
     separate="record an excitation up to 250 Hz with more torque: the lag lowers the magnitude, a dead time does not",

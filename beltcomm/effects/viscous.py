@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from beltcomm.effects._effect import Effect, Parameter, body_units
+from beltcomm.effects._effect import Effect, Ground, Parameter, Trial, body_units
 
-_HIGH = {"motor": 0.5, "cart": 2000.0, "end_pulley": 500.0}
-_START = {"motor": 0.002, "cart": 5.0, "end_pulley": 1.0}
+_HIGH = {"motor": 0.5, "cart": 2000.0, "end_pulley": 500.0, "load": 0.5}
+_START = {"motor": 0.002, "cart": 5.0, "end_pulley": 1.0, "load": 0.002}
 _TITLE = {
     "motor": "viscous friction at the motor",
     "cart": "viscous friction at the carriage",
     "end_pulley": "viscous friction of the end pulley",
+    "load": "viscous friction of the load behind the shaft",
 }
 
 
@@ -27,8 +28,13 @@ def slope(position: float, speed: float, t: float, damping: float) -> tuple[floa
     return 0.0, -damping
 
 
+def load_trials(ground: Ground) -> list[Trial]:
+    """For a load that turns: what damps it with a time constant of half a second."""
+    return [Trial({"damping": 2.0 * ground.inertia})]
+
+
 def on(body: str) -> Effect:
-    """The effect on one body: ``viscous`` (motor), ``viscous_cart``, ``viscous_end_pulley``."""
+    """The effect on one body: ``viscous`` (motor), ``viscous_cart``, ``viscous_end_pulley``, ``viscous_load``."""
     _, unit, side = body_units(body)
     parameter = Parameter("damping", unit, side, _START[body], 0.0, _HIGH[body], "friction in proportion to speed")
     return Effect(
@@ -39,10 +45,11 @@ def on(body: str) -> Effect:
         law=force,
         slope=slope,
         body=body,
+        trials=load_trials if body == "load" else None,
         seen="the torque of a constant-speed stroke grows with speed",
         check="grease, seals, bearing preload; repeat warm",
         source="(2.21), (2.23); measured by (3.36)",
     )
 
 
-EFFECTS = (on("motor"), on("cart"), on("end_pulley"))
+EFFECTS = (on("motor"), on("cart"), on("end_pulley"), on("load"))

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from beltcomm.effects import effect_named
 from beltcomm.identify.residual import Stretch, in_noise
 from beltcomm.model import Model, expected_parameters
-from beltcomm.simulate.inverse import acting_torque, acts_on_motor, part_of_load, true_motion
+from beltcomm.simulate.inverse import Lags, acting_torque, acts_on_motor, as_read, part_of_load, reading_lags, true_motion
 
 Array = NDArray[np.float64]
 
@@ -33,17 +33,23 @@ Touch = Literal["inertia", "motor", "belt", "path", "all"]
 
 @dataclass(frozen=True)
 class Parts:
-    """The torque balance of one stretch, N m, (n,) each:  residual = inertia + motor + belt - acting."""
+    """The torque balance of one stretch, N m, (n,) each:  residual = inertia + motor + belt, as read, - acting.
+
+    lags : of the torque's reading.
+    """
 
     inertia: Array
     motor: Array
     belt: Array
     acting: Array
 
+    sample_s: float
+    lags: Lags = ()
+
     @property
     def residual(self) -> Array:
         """What is left over, N m, (n,)."""
-        return self.inertia + self.motor + self.belt - self.acting
+        return as_read(self.inertia + self.motor + self.belt, float(self.acting[1]), self.sample_s, self.lags) - self.acting
 
 
 @dataclass(frozen=True)
@@ -102,7 +108,11 @@ class Problem:
 
     def model_at(self, x: Array, origin: str) -> Model:
         """The model with the free parameters at x."""
-        return self.model.with_values(dict(zip(self.free, (x * self.scale)[: len(self.free)], strict=True)), origin)
+        values = (x * self.scale)[: len(self.free)]
+        # Scaling and back may miss a bound by a rounding.
+        bounds = [self.model.parameters[name] for name in self.free]
+        inside = np.clip(values, [b.low for b in bounds], [b.high for b in bounds]) if len(bounds) else values
+        return self.model.with_values(dict(zip(self.free, inside, strict=True)), origin)
 
     def one(self, i: int, x: Array) -> Array:
         """Whitened residual of piece i."""
@@ -118,7 +128,8 @@ class Problem:
             inertia[1:-1] = vector[self.inertia] * np.diff(motion.theta[:: motion.substeps], 2) / motion.sample_s**2
             motor = part_of_load(self.model, motion, vector, offset_m, "motor")
             belt = part_of_load(self.model, motion, vector, offset_m, "belt")
-            return Parts(inertia, motor, belt, acting_torque(self.model, motion, piece.torque, vector))
+            acting = acting_torque(self.model, motion, piece.torque, vector)
+            return Parts(inertia, motor, belt, acting, motion.sample_s, reading_lags(self.model, vector))
         if touch == "inertia":
             inertia = np.zeros(motion.samples)
             inertia[1:-1] = vector[self.inertia] * np.diff(motion.theta[:: motion.substeps], 2) / motion.sample_s**2
@@ -127,7 +138,7 @@ class Problem:
             return replace(old, motor=part_of_load(self.model, motion, vector, offset_m, "motor"))
         if touch == "belt":
             return replace(old, belt=part_of_load(self.model, motion, vector, offset_m, "belt"))
-        return replace(old, acting=acting_torque(self.model, motion, piece.torque, vector))
+        return replace(old, acting=acting_torque(self.model, motion, piece.torque, vector), lags=reading_lags(self.model, vector))
 
     def residual(self, x: Array) -> Array:
         """Whitened residual of all pieces, (n,)."""
@@ -218,7 +229,7 @@ def touched_by(model: Model, name: str) -> Touch:
             continue
         if effect.slot in ("sensor", "kinematics"):
             kinds.add("all" if effect.slot == "sensor" else "belt")
-        elif effect.slot in ("torque_path", "torque_delay"):
+        elif effect.slot in ("torque_path", "torque_delay", "torque_reading"):
             kinds.add("path")
         else:
             kinds.add("motor" if acts_on_motor(effect) else "belt")

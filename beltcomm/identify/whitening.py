@@ -82,7 +82,33 @@ def noise_path(model: Model, position_m: float, sample_s: float) -> NoisePath:
     h[: n + 1] = after[: n + 1]
     h[n] -= 2.0 * g
     h[n + 1], h[n + 2] = 1.0, -0.5
-    return NoisePath(f, gain, h, np.array([after[n + 1] + g, -0.5]))
+    path = NoisePath(f, gain, h, np.array([after[n + 1] + g, -0.5]))
+    return read_late(path, sum(model[f"{e.name}.time"] for e in model.effect_list() if e.slot == "torque_reading"), sample_s)
+
+
+def read_late(path: NoisePath, time_s: float, sample_s: float) -> NoisePath:
+    """The path where the torque is read behind a lag: rounding reaches the residual smoothed, noise of the torque as before.
+
+    y[n] = a y[n-1] + b e[n-1] + c e[n]  with  e = h s + d q,  one more state z[n] = a y[n-1] + b e[n-1]:
+    z[n+1] = a z[n] + (a c + b) e[n],   y[n] = z[n] + c e[n]      (straight between the samples, as ``measurement_lag``)
+    """
+    if time_s < 1e-9:
+        return path
+    size = len(path.H)
+    decay = np.exp(-sample_s / time_s)
+    share = (1.0 - decay) * time_s / sample_s
+    c, b = 1.0 - share, share - decay
+    needed, torque = path.H.copy(), size - 1  # the torque's own noise, the last state, is read as it is
+    needed[torque] = 0.0
+    # One state that is always 0 keeps the last two columns empty.
+    old, place = np.r_[:torque, torque], np.r_[1 : torque + 1, size + 1]
+    f, gain, h = np.zeros((size + 2, size + 2)), np.zeros((size + 2, 2)), np.zeros(size + 2)
+    f[np.ix_(place, place)], gain[place] = path.F[np.ix_(old, old)], path.G[old]
+    f[0, 0], gain[0, 0] = decay, (decay * c + b) * path.D[0]
+    f[0, place] = (decay * c + b) * needed[old]
+    h[0], h[place] = 1.0, c * needed[old]
+    h[size + 1] = path.H[torque]
+    return NoisePath(f, gain, h, np.array([c * path.D[0], path.D[1]]))
 
 
 def exponential(a: Array) -> Array:

@@ -7,11 +7,13 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from beltcomm.axis import Axis
+from beltcomm.errors import UsageError
 from beltcomm.identify.problem import OFFSET_M
+from beltcomm.laboratory.acceptance import EVIDENCE, refuted
 from beltcomm.laboratory.data import Data, prepare, remade
 from beltcomm.laboratory.fitting import Fitted, fit
 from beltcomm.laboratory.score import ground_of
-from beltcomm.laboratory.stage import EVIDENCE, MISSING, Candidate, search
+from beltcomm.laboratory.stage import MISSING, Candidate, search
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 
@@ -84,7 +86,8 @@ def diagnose(
     for number in range(most + 1):
         ground = ground_of(current, data.fitted, axis)
         candidates = search(data, current, ground, progress=lambda f, n=number: progress((n + f) / (most + 1)))  # type: ignore[misc]
-        best = candidates[0] if candidates else None
+        # What the held-out records contradict stands in no one's way.
+        best = next((c for c in candidates if c.fitted is None or not refuted(c.evidence, c.held_gain)), None)
         if best is None or not best.accepted or best.fitted is None or number == most:
             steps.append(Step(current, tuple(candidates), "", (), current))
             break
@@ -101,7 +104,11 @@ def superfluous(data: Data, fitted: Fitted, base: Model, newest: str) -> tuple[D
     """Throw out earlier additions without which the model is as good."""
     removed = []
     for name in [e for e in fitted.model.effects if e not in base.effects and e != newest]:
-        trial = fit(data, fitted.model.without_effect(name), NEXT_ITERATIONS, offsets=fitted.offsets)
+        try:
+            smaller = fitted.model.without_effect(name)
+        except UsageError:  # a later effect stands on it
+            continue
+        trial = fit(data, smaller, NEXT_ITERATIONS, offsets=fitted.offsets)
         if trial.objective - fitted.objective < EVIDENCE:
             removed.append(name)
             fitted = trial

@@ -21,7 +21,7 @@ from beltcomm.laboratory.harmonics import gain_means, load_means
 from beltcomm.laboratory.hints import stiffness_by_record
 from beltcomm.laboratory.nearby import Nearby
 from beltcomm.model import Model, on_side
-from beltcomm.simulate.inverse import FineMotion, acting_torque, acts_on_motor, load_of, part_of_load, true_motion
+from beltcomm.simulate.inverse import FineMotion, acting_torque, acts_on_motor, as_read, load_of, part_of_load, reading_lags, true_motion
 
 Array = NDArray[np.float64]
 
@@ -98,13 +98,14 @@ class Scorer:
             orders = range(first, min(first + BATCH, highest + 1))
             some = [wanted[order] for order in orders if order in wanted]
             parts = []
-            for piece, scan in zip(self.problem.pieces, scans, strict=True):
+            for i, (piece, scan) in enumerate(zip(self.problem.pieces, scans, strict=True)):
                 means = np.empty((piece.motion.samples, 2, len(some)))
                 place = 0
                 for order in orders:
                     sine, cosine = next(scan)
                     if order in wanted:
-                        means[:, 0, place], means[:, 1, place] = sine, cosine
+                        for k, mean in enumerate((sine, cosine)):
+                            means[:, k, place] = self.shown(i, mean) if load else mean
                         place += 1
                 parts.append(in_noise(piece, self.model, self.vector, means.transpose(0, 2, 1).reshape(len(means), -1)))
             if some:
@@ -171,12 +172,18 @@ class Scorer:
         if effect.slot == "sensor":
             return Problem([piece], extended, (), 1.0).balance(0, np.zeros(1), offset).residual - old.residual
         if acts_on_motor(effect) and effect.slot != "friction_onset":
-            return load_of(extended, motion, vector, effect.name)
+            return self.shown(i, load_of(extended, motion, vector, effect.name))
         if acts_on_motor(effect):
-            return part_of_load(extended, motion, vector, offset, "motor") - old.motor
+            return self.shown(i, part_of_load(extended, motion, vector, offset, "motor") - old.motor)
         if effect.slot in ("torque_path", "torque_delay"):
             return old.acting - acting_torque(extended, motion, piece.torque, vector)
-        return part_of_load(extended, motion, vector, offset, "belt") - old.belt
+        if effect.slot == "torque_reading":
+            return replace(old, lags=reading_lags(extended, vector)).residual - old.residual
+        return self.shown(i, part_of_load(extended, motion, vector, offset, "belt") - old.belt)
+
+    def shown(self, i: int, torque: Array) -> Array:
+        """A change of the torque that piece i needs as its reading shows it, N m, (n,)."""
+        return as_read(torque, 0.0, self.parts[i].sample_s, self.parts[i].lags)
 
 
 def switched_on(effect: Effect, trial: Trial) -> Iterator[dict[str, float]]:
@@ -212,4 +219,7 @@ def ground_of(fitted: Fitted, pieces: Sequence[Stretch], axis: Axis) -> Ground:
         offset_m=axis.travel.driven_side_offset_m,
         pulley_distance_m=float(axis.get("belt.pulley_distance_m") or 0.0),
         stiffness_at=stiffness_by_record(fitted),
+        fastest=max(float(np.percentile(np.abs(piece.motion.omega), 99.0)) for piece in pieces),
+        side=model.side,
+        belt="cart" in model.base_bodies,
     )

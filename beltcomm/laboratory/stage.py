@@ -15,19 +15,14 @@ import numpy as np
 
 from beltcomm.effects import EFFECTS, Effect, Ground
 from beltcomm.errors import UsageError
+from beltcomm.laboratory.acceptance import drop_by, enough, explained_share, refuted
 from beltcomm.laboratory.data import Data
 from beltcomm.laboratory.fitting import Fitted, fit, problem_of
 from beltcomm.laboratory.refine import refined
 from beltcomm.laboratory.score import Scored, Scorer
 
-#: O per sample of a healthy machine, and that above which something is missing: measured on simulated healthy machines
-#: (tests/benchmarks), where they hold for any noise because the residual is in units of it.
-FLOOR, MISSING = 1.0, 1.07
-#: Evidence that the best of all effects must have; healthy machines stay far below.
-EVIDENCE = 150.0
-#: Share of the misfit above the floor that a named effect must explain, and loss on held-out records beyond which it is refused,
-#: as a share of the evidence.
-EXPLAINED, HELD_OUT_LOSS = 0.10, 0.1
+#: O per sample above which something is missing: measured as the floor in ``acceptance``.
+MISSING = 1.07
 #: Effects whose own parameters are searched, and ways of each; effects that are refitted with everything free.
 SEARCHED, WAYS, REFITTED = 8, 2, 4
 #: An effect that promises less than this share of the best, or less than this many nats, is not searched, or not refitted.
@@ -59,7 +54,7 @@ def search(
 ) -> list[Candidate]:
     """All effects that the model does not have yet, best first."""
     scorer = Scorer(base)
-    wanted = [e for e in (effects or EFFECTS) if e.trials is not None and may_add(base, e)]
+    wanted = [e for e in (effects or EFFECTS) if e.trials is not None and not e.bound and may_add(base, e)]
     ways: dict[str, list[Scored]] = {}
     for number, effect in enumerate(wanted):
         ways[effect.name] = scorer.score(effect, ground)
@@ -75,7 +70,7 @@ def search(
     candidates: list[Candidate] = []
     for number, name in enumerate(order):
         promised = promise(best[name], base, len(ways[name]))
-        found_most = max((c.evidence for c in candidates), default=promised)
+        found_most = max((c.evidence for c in candidates if not refuted(c.evidence, c.held_gain)), default=promised)
         if number < REFITTED and promised > max(REFIT_PROMISE, REFIT_SHARE * found_most):
             candidates.append(refitted(data, base, best[name], len(ways[name])))
         else:
@@ -117,12 +112,10 @@ def price(effect: Effect, base: Fitted, starts: int) -> float:
 def refitted(data: Data, base: Fitted, way: Scored, starts: int) -> Candidate:
     """Everything fitted again with the effect, from its best way."""
     best = grown(data, base, way)
-    drop = base.objective - best.objective
-    evidence = drop - price(way.effect, base, starts)
-    above = base.objective - FLOOR * base.problem.samples
-    explained = drop / above if above > 0.0 else 0.0
+    drop = drop_by(base, best)
+    evidence, explained = drop - price(way.effect, base, starts), explained_share(drop, base)
     held_gain = base.held_objective - best.held_objective
-    accepted = evidence > EVIDENCE and held_gain > -HELD_OUT_LOSS * evidence and explained > EXPLAINED
+    accepted = enough(evidence, explained, drop, held_gain, base)
     return Candidate(way.effect, way.drop, evidence, explained, held_gain, best, accepted)
 
 

@@ -29,7 +29,7 @@ from beltcomm.model import Model, body_list
 from beltcomm.simulate.writer import LOOK_AHEAD, MOVING_RAD_S, Writer, indented
 
 #: Changes whenever the generated source changes shape, so that an old cache is never met.
-_VERSION = 9
+_VERSION = 10
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,7 @@ def kernel_source(base_bodies: tuple[str, ...], effects: tuple[str, ...]) -> str
     levels = [
         "@compiled",
         "def levels(q, v, p, t, out):",
-        *indented([*constants, *load, *[f"l{i} = 0.0" for i in everyone], *writer.levels("v", everyone)], 1),
+        *indented([*constants, *load, *[f"l{i} = 0.0" for i in everyone], *writer.forces("v"), *writer.levels("v", everyone)], 1),
         *indented([f"out[{i}] = l{i}" for i in everyone], 1),
     ]
     return writer.assemble([advance, run, forces, levels])
@@ -160,7 +160,7 @@ def inverse_source() -> str:
             "step = ratio * (theta[k] - q0)", "q0 = theta[k]", "v0 = omega[k]",
             f"if s{writer.switch[onset.name]}:", f"    z = {writer.law(onset.law)}(step, z{writer.arguments(onset)})",
             "else:", "    " + turn,
-            "if belt:", *indented(writer.follow_up(), 1),
+            "if beyond:", *indented(writer.follow_up(), 1),
             "else:", *indented(["w0 = v0", *writer.forces("v"), *writer.levels("v", range(1))], 1),
             "load[k] = l0 * z - f0",
             "cart[k] = u" if writer.masked else "",

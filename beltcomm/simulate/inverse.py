@@ -32,6 +32,8 @@ from beltcomm.simulate.compose import inverse_kernel
 from beltcomm.simulate.writer import LOOK_AHEAD, MOVING_RAD_S, catalogue_parameters
 
 Array = NDArray[np.float64]
+#: Laws with their values.
+Lags = tuple[tuple[Callable[..., Array], tuple[float, ...]], ...]
 
 #: m at the belt: distance in which the motor's friction turns round after a reversal.  Small against what a moving motor covers
 #: in a fine step; samples in which it rests or reverses are left out by the caller, so chatter there does no harm.  (1.3 um would
@@ -107,8 +109,8 @@ class Switchboard:
 
     places : (k,), place of each entry of ``Model.vector()``.    on : (effects of the catalogue,) bool.   motor, belt : the same for
     those that act on the motor alone, and for the others: the load is the sum of both.
-    delays : effects between reported and acting torque, with their places in the model's vector.     bent : whether the torque
-    path, corrected : whether the angle is touched by an effect.
+    delays : effects between reported and acting torque, with their places in the model's vector.     readings : the same for those
+    between the torque and its reading.     bent : whether the torque path, corrected : whether the angle is touched by an effect.
     """
 
     places: NDArray[np.intp]
@@ -116,6 +118,7 @@ class Switchboard:
     motor: NDArray[np.bool_]
     belt: NDArray[np.bool_]
     delays: tuple[tuple[Callable[..., Array], tuple[int, ...]], ...]
+    readings: tuple[tuple[Callable[..., Array], tuple[int, ...]], ...]
     bent: bool
     corrected: bool
 
@@ -137,15 +140,16 @@ def switchboard(base_bodies: tuple[str, ...], effects: tuple[str, ...]) -> Switc
     catalogue = catalogue_parameters()
     own = list(expected_parameters(effects, base_bodies))
     chosen = [effect_named(name) for name in effects]
-    delays = tuple(
-        (cast("Callable[..., Array]", e.law), tuple(own.index(name) for name in e.full_names())) for e in chosen if e.slot == "torque_delay"
-    )
+    laws = {e.slot: [] for e in chosen}
+    for e in chosen:
+        laws[e.slot].append((cast("Callable[..., Array]", e.law), tuple(own.index(name) for name in e.full_names())))
     return Switchboard(
         np.array([catalogue[name] for name in own], dtype=np.intp),
         np.array([effect.name in effects for effect in EFFECTS]),
         np.array([effect.name in effects and acts_on_motor(effect) for effect in EFFECTS]),
         np.array([effect.name in effects and not acts_on_motor(effect) for effect in EFFECTS]),
-        delays,
+        tuple(laws.get("torque_delay", ())),
+        tuple(laws.get("torque_reading", ())),
         any(e.slot == "torque_path" for e in chosen),
         any(e.slot == "sensor" for e in chosen),
     )
@@ -225,6 +229,24 @@ def acting_torque(model: Model, motion: FineMotion, torque: Array, vector: Array
     return mean
 
 
+def reading_lags(model: Model, vector: Array) -> Lags:
+    """The laws by which a model's torque reading lags, with their values; () where it does not."""
+    return tuple((law, tuple(float(vector[i]) for i in places)) for law, places in switchboard(model.base_bodies, model.effects).readings)
+
+
+def as_read(torque: Array, start_nm: float, sample_s: float, lags: Lags) -> Array:
+    """A torque that the motor needs, (n,), N m, as the drive would report it; the same array where its reading does not lag.
+
+    start_nm : N m, the reading at the first sample that counts, the second: the lag's whole state.   The ends stay as they are.
+    """
+    if not lags:
+        return torque
+    shown = torque.copy()
+    for law, values in lags:
+        shown[1:-1] = law(shown[1:-1], start_nm, sample_s, *values)
+    return shown
+
+
 def load_torque(model: Model, motion: FineMotion, vector: Array | None = None, offset_m: float = 0.0) -> tuple[Array, Array]:
     """Load at the motor shaft averaged with the triangular weight, (n,), N m, ends 0; and the carriage position, (fine,), m.
 
@@ -258,8 +280,7 @@ def torque_residual(model: Model, motion: FineMotion, torque: Array, vector: Arr
     """e[n] of the module's equation, N m at the motor shaft; (n,), ends 0.   torque : ndarray (n,), N m, as reported."""
     p = model.vector() if vector is None else vector
     motion = true_motion(model, motion, p)
-    load, _ = load_torque(model, motion, p, offset_m)
-    residual = load - acting_torque(model, motion, torque, p)
-    inertia = p[model.index("motor.inertia")]
-    residual[1:-1] += inertia * np.diff(motion.theta[:: motion.substeps], 2) / motion.sample_s**2
-    return residual
+    needed, _ = load_torque(model, motion, p, offset_m)
+    needed[1:-1] += p[model.index("motor.inertia")] * np.diff(motion.theta[:: motion.substeps], 2) / motion.sample_s**2
+    acting = acting_torque(model, motion, torque, p)
+    return as_read(needed, float(acting[1]), motion.sample_s, reading_lags(model, p)) - acting

@@ -132,6 +132,8 @@ class Writer:
             # Local switches: the compiler cannot know that writing the results leaves ``on`` alone.
             lines += [f"s{self.switch[e.name]} = on[{self.switch[e.name]}]" for e in self.effects]
             lines.append("belt = " + " or ".join(f"s{self.switch[e.name]}" for e in springs))
+            # Bodies that hang on the motor itself move without a belt, too.
+            lines.append("beyond = " + " or ".join(["belt", *(f"s{self.switch[e.name]}" for e in self.effects if on_motor(e))]))
         return lines
 
     # -- forces -----------------------------------------------------------------------------------------------------------------
@@ -250,23 +252,27 @@ class Writer:
     # -- friction ---------------------------------------------------------------------------------------------------------------
 
     def levels(self, speed: str, wanted: range) -> list[str]:
-        """l_i for every wanted body that has set-valued friction."""
+        """l_i for every wanted body that has set-valued friction; after ``forces``."""
         lines = []
         for i in wanted:
-            terms = [e for e in self.chosen("friction_level") if self.number.get(e.body) == i]
-            if not terms:
+            if not self.has_level(i):
                 continue
             lines.append(f"l{i} = 0.0")
             place = self.coordinate(i, "q", False)
-            for effect in terms:
+            for effect in self.with_level(i):
                 assert effect.law is not None
-                lines += self.when(effect, [f"l{i} += {self.law(effect.law)}({speed}{i}, {place}, t{self.arguments(effect)})"])
+                given = f"{speed}{i}, {place}, t" if effect.slot == "friction_level" else "lever * pull"
+                lines += self.when(effect, [f"l{i} += {self.law(effect.law)}({given}{self.arguments(effect)})"])
             lines.append(f"l{i} = max(l{i}, 0.0)")
         return lines
 
     def has_level(self, i: int) -> bool:
         """Whether body i has set-valued friction."""
-        return any(e.slot == "friction_level" and self.number.get(e.body) == i for e in self.effects)
+        return bool(self.with_level(i))
+
+    def with_level(self, i: int) -> list[Effect]:
+        """Effects that give body i set-valued friction."""
+        return [e for e in self.effects if e.slot in ("friction_level", "load_friction") and self.number.get(e.body) == i]
 
     def onset(self) -> Effect | None:
         """The law by which friction of the driven body turns round, where there is one besides the jump."""
@@ -339,6 +345,12 @@ class Writer:
         modules = sorted({law.__module__ for law in self.laws.values()})
         text = "".join(inspect.getsource(sys.modules[module]) for module in modules)
         return "\n".join(head) + "\n\n\n" + body + "\n# " + hashlib.sha256(text.encode()).hexdigest() + "\n"
+
+
+def on_motor(effect: Effect) -> bool:
+    """Whether an effect hangs bodies on the motor itself."""
+    own = {"motor", *(body.name for body in effect.bodies)}
+    return bool(effect.bodies) and all(set(element.ends) <= own for element in effect.elements)
 
 
 def indented(lines: list[str], depth: int) -> list[str]:

@@ -1,0 +1,29 @@
+"""Travel per turn that is not that of the data sheet; only a second sensor at the carriage can show it."""
+
+from __future__ import annotations
+
+from beltcomm.effects._effect import Effect, Parameter
+
+
+def travel(theta: float, error: float) -> float:
+    """Angle by which the belt runs ahead:  error θ, rad, so that u = i_t (1 + error) θ.   θ : rad, absolute motor angle."""
+    return error * theta
+
+
+def slope(theta: float, error: float) -> float:
+    """d/dθ; the lever arm is i_t (1 + this)."""
+    return error
+
+
+EFFECT = Effect(
+    name="feed_constant",
+    slot="kinematics",
+    title="error of the feed constant",
+    parameters=(Parameter("error", "1", "belt", 0.0, -0.1, 0.1, "true travel per turn over that of the axis file, minus one"),),
+    law=travel,
+    slope=slope,
+    seen="a scale at the carriage and the motor angle drift apart in proportion to the way",
+    causes="worn or wrong pulley, belt that creeps, a wrong data sheet",
+    check="dial gauge or tape over the whole travel; number of teeth and pitch of the belt",
+    source="(2.16); data sheet of the pulley",
+)

@@ -1,0 +1,44 @@
+"""Friction that is lower at low speed: the opposite of Stribeck's."""
+
+from __future__ import annotations
+
+import math
+
+from beltcomm.effects._effect import Effect, Ground, Parameter, Trial
+
+
+def level(speed: float, position: float, t: float, amount: float, speed_scale: float) -> float:
+    """Additional level of friction:  amount (1 - exp(-(speed/speed_scale)²)), N m at the motor; the Coulomb level is that at standstill."""
+    return amount * (1.0 - math.exp(-((speed / speed_scale) ** 2)))
+
+
+def slope(speed: float, position: float, t: float, amount: float, speed_scale: float) -> float:
+    """d level/d speed."""
+    return 2.0 * amount * speed / speed_scale**2 * math.exp(-((speed / speed_scale) ** 2))
+
+
+def trials(ground: Ground) -> list[Trial]:
+    """Half the Coulomb friction less at standstill, at three speed scales."""
+    return [Trial({"amount": 0.4 * ground.coulomb, "speed_scale": v / ground.ratio}) for v in (0.012, 0.03, 0.07)]
+
+
+EFFECT = Effect(
+    name="friction_dip",
+    slot="friction_level",
+    title="friction lowered at low speed",
+    parameters=(
+        Parameter("amount", "N m", "motor", 0.02, 0.0, 5.0, "friction in motion above that at standstill"),
+        # A larger scale would imitate viscous friction.
+        Parameter("speed_scale", "rad/s", "motor", 2.5, 0.2, 10.0, "speed at which all but 1/e of it is there"),
+    ),
+    law=level,
+    slope=slope,
+    body="motor",
+    trials=trials,
+    twins=("presliding", "dead_time"),
+    separate="strokes at constant low speed: the dip stays as long as the motion is slow, presliding is over within its distance",
+    seen="around a reversal, before it and after it, the axis needs less torque than the friction of slow strokes says",
+    causes="rolling elements and preload that give way before they slide, thin grease, friction that needs speed to build up",
+    check="slow strokes at 1, 2, 5, 10, 20 mm/s both ways",
+    source="effects-and-diagnosis sheet, section 12",
+)

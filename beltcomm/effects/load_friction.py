@@ -1,0 +1,38 @@
+"""Friction that grows with what is transmitted: bearings and gearbox under the pull of the belt."""
+
+from __future__ import annotations
+
+from beltcomm.effects._effect import Effect, Ground, Parameter, Trial
+
+
+def level(load: float, share: float) -> float:
+    """Additional level of friction of the motor:  share |load|, N m.   load : N m at the motor shaft, pull of the belt on its lever."""
+    return share * abs(load)
+
+
+def slope(load: float, share: float) -> float:
+    """d level/d load."""
+    return share if load > 0.0 else -share
+
+
+def trials(ground: Ground) -> list[Trial]:
+    """Five per cent."""
+    return [Trial({"share": 0.05})] if ground.belt else []
+
+
+EFFECT = Effect(
+    name="load_friction",
+    slot="load_friction",
+    title="friction that grows with the load",
+    parameters=(Parameter("share", "1", "motor", 0.02, 0.0, 0.9, "friction over the torque that is transmitted"),),
+    law=level,
+    slope=slope,
+    body="motor",
+    trials=trials,
+    twins=("torque_saturation",),
+    separate="drive and brake at the same torque: friction works against the motion both times, a lost torque against the torque",
+    seen="accelerating needs more and braking less torque than the moving mass says",
+    causes="gearbox or screw of low efficiency, bearings under load, tooth flanks",
+    check="efficiency of the gearbox in its data sheet; bearings of the driving pulley",
+    source="data sheet of the gearbox",
+)

@@ -1,0 +1,59 @@
+"""A torque reading that lags behind the torque: the report filter of a drive, a slow logger."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltcomm.compiled import compiled
+from beltcomm.effects._effect import TORQUE_LAG, Effect, Ground, Parameter, Trial
+
+Array = NDArray[np.float64]
+
+
+@compiled
+def read(torque: Array, start: float, h: float, time: float) -> Array:
+    """What the drive shows of a torque, behind a lag 1/(1 + time s); torque : (n,), N m, every ``h`` seconds, straight between.
+
+    time y' = u - y,   y_0 = start.   Exact for a torque that is straight between the samples.
+    """
+    out = np.empty_like(torque)
+    if time < 1e-9:
+        out[:] = torque
+        return out
+    decay = np.exp(-h / time)
+    share = (1.0 - decay) * time / h
+    y = start
+    for k in range(torque.shape[0]):
+        if k > 0:
+            y = decay * y + (share - decay) * torque[k - 1] + (1.0 - share) * torque[k]
+        out[k] = y
+    return out
+
+
+def response(omega: Array, time: float) -> NDArray[np.complex128]:
+    """1/(1 + j ω time): what is read over what acts."""
+    return np.asarray(1.0 / (1.0 + 1j * omega * time))
+
+
+def trials(ground: Ground) -> list[Trial]:
+    """Six times over the whole range."""
+    return [Trial({"time": time}) for time in (3e-4, 1e-3, 4e-3, 1.5e-2, 5e-2, 1.2e-1)]
+
+
+EFFECT = Effect(
+    name="measurement_lag",
+    slot="torque_reading",
+    title="lag of the torque reading",
+    parameters=(Parameter("time", "s", "drive", 1e-3, 0.0, 0.2, "time constant from the torque to its reading"),),
+    law=read,
+    slope=response,
+    group=TORQUE_LAG,
+    trials=trials,
+    twins=("dead_time", "current_lag"),
+    separate="record the same motion at another speed: a lag moves and flattens a ripple in proportion to speed, a repeat at one speed cannot show it",
+    seen="ripples come late by a time, not by a way; fast changes of the torque are read too small",
+    causes="report filter of the drive, a slow logger, a filter of the current sensor",
+    check="filter constants of the reported current or torque; step of the current at standstill",
+    source="effects-and-diagnosis sheet, section 12; data sheet of the drive",
+)

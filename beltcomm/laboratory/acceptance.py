@@ -1,0 +1,96 @@
+"""Whether what an effect explains is enough to name it.
+
+    share = 1 - exp(-drop/N)   of the squares, or   drop/(O - floor)   of the objective; the larger one counts
+
+O is a logarithm far above the noise: there every share of it is small, and what counts is by how much the squares fall.
+
+An effect of the torque path bends the reported torque itself.  Bent to nothing, it would fit everything: a density that is seen
+through acting = g(reported) has the factor |g'|, so O has -2 Σ ln g' more.  A lag of the reading smooths the encoder's rounding:
+its noise is less, and what is left over must be less, too.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from beltcomm.identify.problem import Problem
+from beltcomm.laboratory.data import rewhitened
+from beltcomm.laboratory.fitting import BLOCK_S, Fitted
+from beltcomm.simulate.inverse import acting_torque, true_motion
+
+#: O per sample of a healthy machine: measured on simulated healthy machines (tests/benchmarks), where it holds for any noise
+#: because the residual is in units of it.
+FLOOR = 1.0
+#: Evidence that the best of all effects must have; healthy machines stay far below.
+EVIDENCE = 150.0
+#: Share of the misfit above the floor that a named effect must explain, and loss on held-out records beyond which it is refused,
+#: as a share of the evidence.
+EXPLAINED, HELD_OUT_LOSS = 0.10, 0.1
+#: Share that is enough where the held-out records confirm it: there each sample gains at least this share of what a fitted one does.
+CONFIRMED_EXPLAINED, CONFIRMED_GAIN = 0.05, 0.5
+#: Step by which the torque is raised to see how far the path passes it on, as a share of its largest value.
+STEP = 1e-4
+
+
+def explained_share(drop: float, base: Fitted) -> float:
+    """Share of what lies above the noise."""
+    above = base.objective - FLOOR * base.problem.samples
+    squares = 1.0 - math.exp(-max(drop, 0.0) / base.problem.samples)
+    return max(drop / above if above > 0.0 else 0.0, squares)
+
+
+def enough(evidence: float, explained: float, drop: float, held_gain: float, base: Fitted) -> bool:
+    """Whether an effect may be named."""
+    if evidence <= EVIDENCE or refuted(evidence, held_gain):
+        return False
+    held = sum(len(r) for r in base.held_residual)
+    confirmed = held > 0 and held_gain / held > CONFIRMED_GAIN * drop / base.problem.samples
+    return explained > (CONFIRMED_EXPLAINED if confirmed else EXPLAINED)
+
+
+def refuted(evidence: float, held_gain: float) -> bool:
+    """Whether the held-out records speak against an effect that the fitted ones speak for."""
+    return held_gain < -HELD_OUT_LOSS * max(evidence, 0.0)
+
+
+def drop_by(base: Fitted, grown: Fitted) -> float:
+    """By how much O falls, with what the likelihood has besides the squares."""
+    drop = base.objective - grown.objective
+    old, new = price_of_bending(base.problem, base.x), price_of_bending(grown.problem, grown.x)
+    if lags(base) != lags(grown):
+        drop += base_noise(grown)
+    return drop - (new - old)
+
+
+def lags(fitted: Fitted) -> bool:
+    """Whether the model's torque reading lags."""
+    return any(effect.slot == "torque_reading" for effect in fitted.model.effect_list())
+
+
+def base_noise(grown: Fitted) -> float:
+    """What O loses when a model whose reading lags is judged by its own noise: its fall by the smaller deviations, nats."""
+    before = [replace(piece, pairs=None) for piece in grown.problem.pieces]
+    after = [replace(rewhitened(piece, grown.model), pairs=None) for piece in before]
+    old, new = (Problem(pieces, grown.model, grown.problem.free, BLOCK_S) for pieces in (before, after))
+    fall = 0.0
+    for one, other in zip(before, after, strict=True):
+        if one.whitener is not None and other.whitener is not None:
+            fall += 2.0 * float(np.sum(np.log(one.whitener.deviations[one.keep] / other.whitener.deviations[other.keep])))
+    return fall - (new.objective(new.residual(grown.x)) - old.objective(old.residual(grown.x)))
+
+
+def price_of_bending(problem: Problem, x: np.ndarray) -> float:
+    """-2 Σ ln g' over the samples that count, nats; 0 for a model that takes the torque as it is reported."""
+    if not any(effect.slot == "torque_path" for effect in problem.model.effect_list()):
+        return 0.0
+    vector, total = problem.full(x), 0.0
+    for piece in problem.pieces:
+        motion = true_motion(problem.model, piece.motion, vector)
+        step = STEP * float(np.abs(piece.torque).max())
+        raised, plain = (acting_torque(problem.model, motion, piece.torque + shift, vector) for shift in (step, 0.0))
+        passed = (raised - plain)[piece.counted] / step
+        total -= 2.0 * float(np.sum(np.log(np.maximum(passed, 1e-3))))
+    return total
