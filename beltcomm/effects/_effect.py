@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 Slot = Literal[
@@ -62,6 +62,7 @@ class Ground:
     inertia kg m², motor side; mass kg; stiffness N/m; damping N s/m; coulomb N m, motor side; ratio m/rad; low_m, high_m : m, where
     the records went; antiresonance_hz : Hz; teeth : of the driving pulley, 0 when not known; peak_nm : N m, largest torque in the
     records; peak_force_n : N, largest belt force in them; offset_m, pulley_distance_m : m, geometry of the belt, 0 when not known;
+    stiffness_at : (place m, amplitude N m, stiffness N/m) of every record that stays at one place, everything else as in the base model;
     fastest : rad/s, of the motor in them; side : of the records, "motor", "load" or "ampere"; belt : whether the axis has one.
     """
 
@@ -79,6 +80,7 @@ class Ground:
     peak_force_n: float
     offset_m: float = 0.0
     pulley_distance_m: float = 0.0
+    stiffness_at: tuple[tuple[float, float, float], ...] = ()
     fastest: float = 40.0
     side: str = "motor"
     belt: bool = True
@@ -90,12 +92,14 @@ class Trial:
 
     values : own parameters by bare name (those of bodies as ``body.name``); the rest stands at its start.
     amplitudes : parameters that scale the effect each on its own (sine and cosine): every one is a column of its own in a score
-    test; () makes one column of the whole.    signed : the effect may as well act the other way round.
+    test; () makes one column of the whole.    signed : the effect may as well act the other way round.    base : parameters of the
+    base model, by full name, that change with it: a base fitted without the effect may be far off.
     """
 
     values: Mapping[str, float]
     amplitudes: tuple[str, ...] = ()
     signed: bool = False
+    base: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -152,8 +156,9 @@ class Effect:
     trials : how a diagnosis switches it on, from what is known of the axis; None: it is not put on trial (base effects and laws
     that need data of their own).    twins : effects that no motion of this axis can tell from it, or hardly.    separate : the
     experiment that tells the twins apart.    causes : usual causes.    harmonic : a sine and a cosine of the motor angle times the
-    first parameter, added to the load or to the gain of the torque (so that all orders can be searched in one pass).
-    bound : it only says how much any law of its kind could explain; a diagnosis never adds it.
+    first parameter, added to the load or to the gain of the torque (so that all orders can be searched in one pass).    rattles : the
+    carriage is free at times, so that where it stood at the start decides what follows.    bound : it only says how much any law of
+    its kind could explain; a diagnosis never adds it.
     """
 
     name: str
@@ -172,6 +177,7 @@ class Effect:
     group: str = ""
     trials: Callable[[Ground], list[Trial]] | None = None
     harmonic: Literal["", "load", "gain"] = ""
+    rattles: bool = False
     twins: tuple[str, ...] = ()
     separate: str = ""
     causes: str = ""

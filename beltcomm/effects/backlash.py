@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
+from beltcomm.effects._corner import ramp, ramp_slope
 from beltcomm.effects._effect import Effect, Ground, Parameter, Trial
 
-
-def stretch_law(stretch: float, gap: float) -> float:
-    """Stretch that loads the belt, m:  0 within ±gap/2, stretch ∓ gap/2 beyond.   gap : m at the belt."""
-    half = 0.5 * gap
-    if stretch > half:
-        return stretch - half
-    if stretch < -half:
-        return stretch + half
-    return 0.0
+#: m; a harder contact than this none of the time steps can follow.
+LEAST_WIDTH_M = 1e-8
 
 
-def slope(stretch: float, gap: float) -> float:
+def stretch_law(stretch: float, gap: float, rounding: float) -> float:
+    """Stretch that loads the belt, m:  0 within ±gap/2, stretch ∓ gap/2 beyond, over corners of ``rounding`` times the gap."""
+    half, width = 0.5 * gap, max(rounding * gap, LEAST_WIDTH_M)
+    return ramp(stretch - half, width) - ramp(-stretch - half, width)
+
+
+def slope(stretch: float, gap: float, rounding: float) -> float:
     """1 in contact, 0 in the gap."""
-    return 1.0 if abs(stretch) > 0.5 * gap else 0.0
+    half, width = 0.5 * gap, max(rounding * gap, LEAST_WIDTH_M)
+    return ramp_slope(stretch - half, width) + ramp_slope(-stretch - half, width)
 
 
 def trials(ground: Ground) -> list[Trial]:
@@ -29,10 +30,14 @@ EFFECT = Effect(
     name="backlash",
     slot="belt_law",
     title="backlash",
-    parameters=(Parameter("gap", "m", "belt", 3e-5, 0.0, 5e-3, "whole width of the gap, at the belt"),),
+    parameters=(
+        Parameter("gap", "m", "belt", 3e-5, 0.0, 5e-3, "whole width of the gap, at the belt"),
+        Parameter("rounding", "1", "belt", 0.03, 0.002, 0.5, "way over which contact builds up, as a share of the gap"),
+    ),
     law=stretch_law,
     slope=slope,
     trials=trials,
+    rattles=True,
     seen="the belt looks softer at small amplitudes; a jump in position at reversals; rattling",
     causes="loose key, worn teeth, loose clamp",
     check="hold the motor and move the carriage by hand against a dial gauge",

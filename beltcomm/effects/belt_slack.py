@@ -2,27 +2,40 @@
 
 from __future__ import annotations
 
+from beltcomm.effects._corner import ramp, ramp_slope
 from beltcomm.effects._effect import Effect, Ground, Parameter, Trial
 
-
-def stretch_law(stretch: float, limit: float, share: float) -> float:
-    """Stretch that loads the belt, m:  beyond ±limit only ``share`` of what is added counts.   limit : m.   share : of the stiffness."""
-    if stretch > limit:
-        return limit + share * (stretch - limit)
-    if stretch < -limit:
-        return -limit + share * (stretch + limit)
-    return stretch
+#: Share of the stiffness that a slack strand takes away at most.
+MOST_LOST = 0.95
 
 
-def slope(stretch: float, limit: float, share: float) -> float:
-    """1 with both strands tight, ``share`` with one."""
-    return 1.0 if abs(stretch) <= limit else share
+def stretch_law(stretch: float, limit: float, share: float, balance: float, rounding: float) -> float:
+    """Stretch that loads the belt, m: beyond +limit/(2(1 - balance)) and below -limit/(2 balance) one strand has lost its pretension.
+
+    A strand that carries the part a of the stiffness takes (1 - share) 2 a of it away when it goes slack: with equal strands
+    (balance = 1/2) only ``share`` is left beyond ±limit.   limit : m.   balance : part of the strand that goes slack in the negative
+    direction.   rounding : width of the corners as a share of the limit.
+    """
+    plus, minus = 0.5 * limit / (1.0 - balance), 0.5 * limit / balance
+    lost = 2.0 * (1.0 - share)
+    above = min(lost * (1.0 - balance), MOST_LOST) * ramp(stretch - plus, rounding * plus)
+    below = min(lost * balance, MOST_LOST) * ramp(-stretch - minus, rounding * minus)
+    return stretch - above + below
+
+
+def slope(stretch: float, limit: float, share: float, balance: float, rounding: float) -> float:
+    """1 with both strands tight, less with one."""
+    plus, minus = 0.5 * limit / (1.0 - balance), 0.5 * limit / balance
+    lost = 2.0 * (1.0 - share)
+    above = min(lost * (1.0 - balance), MOST_LOST) * ramp_slope(stretch - plus, rounding * plus)
+    below = min(lost * balance, MOST_LOST) * ramp_slope(-stretch - minus, rounding * minus)
+    return 1.0 - above - below
 
 
 def trials(ground: Ground) -> list[Trial]:
     """Four limits between a quarter and four fifths of the largest stretch recorded."""
     largest = ground.peak_force_n / ground.stiffness
-    return [Trial({"limit": part * largest, "share": 0.6}) for part in (0.25, 0.4, 0.6, 0.8)]
+    return [Trial({"limit": part * largest, "share": 0.7, "balance": 0.5}) for part in (0.25, 0.4, 0.6, 0.8)]
 
 
 EFFECT = Effect(
@@ -30,8 +43,10 @@ EFFECT = Effect(
     slot="belt_law",
     title="slack strand at large force",
     parameters=(
-        Parameter("limit", "m", "belt", 2e-4, 1e-6, 1e-2, "stretch at which one strand goes slack"),
-        Parameter("share", "1", "belt", 0.6, 0.05, 1.0, "share of the stiffness that is left"),
+        Parameter("limit", "m", "belt", 2e-4, 1e-6, 1e-2, "stretch at which one strand goes slack, with equal strands"),
+        Parameter("share", "1", "belt", 0.6, 0.05, 1.0, "share of the stiffness that is left, with equal strands"),
+        Parameter("balance", "1", "belt", 0.5, 0.2, 0.8, "part of the stiffness in the strand that goes slack in the negative direction"),
+        Parameter("rounding", "1", "belt", 0.07, 0.005, 0.5, "width of the corner as a share of the limit"),
     ),
     law=stretch_law,
     slope=slope,

@@ -46,7 +46,9 @@ EFFECT = Effect(
         Parameter("stiffness", "N m/rad", "motor", 50.0, 1e-3, 1e6, "torsional stiffness between motor and load"),
         Parameter("damping", "N m s/rad", "motor", 1e-3, 0.0, 10.0, "torsional damping between motor and load"),
     ),
-    bodies=(Body("load", Parameter("inertia", "kg m2", "motor", 5e-5, 1e-8, 10.0, "load behind the compliance, at the motor"), rotary=True),),
+    bodies=(
+        Body("load", Parameter("inertia", "kg m2", "motor", 5e-5, 1e-8, 10.0, "load behind the compliance, at the motor"), rotary=True),
+    ),
     elements=(Element(("motor", "load"), torque, slope, angular=True),),
     trials=trials,
     seen="antiresonance and resonance in the motor's response; above them the motor turns alone",

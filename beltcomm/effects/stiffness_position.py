@@ -2,46 +2,90 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
+import numpy as np
+
 from beltcomm.compiled import compiled
-from beltcomm.effects._effect import BELT_STIFFNESS, DRIVING_END, Effect, Element, Ground, Parameter, Trial
+from beltcomm.effects._effect import BELT_DAMPING, BELT_STIFFNESS, DRIVING_END, Effect, Element, Ground, Parameter, Trial
 
 #: Free belt length at carriage position 0 as a share of the pulley distance, where no data sheet tells it.
 _OFFSET_SHARES = (0.06, 0.15, 0.3)
+#: m; places nearer to each other than this are one.
+_APART_M = 0.1
+#: Share of the compliance at ``middle`` below which no belt gets.
+LEAST_COMPLIANCE = 0.05
+_STIFFNESS = "belt_stiffness.stiffness"
 
 
 @compiled
 def change(x: float, share: float, offset: float, pulley_distance: float, middle: float) -> float:
-    """Change of the stiffness as a share of that at ``middle``:  share (g(x)/g(middle) - 1),   g = 1/l1 + 1/(2 l3 - l1), l1 = offset + x.
+    """Change of the stiffness as a share of that at ``middle``:  1/(1 - share + share h(x)/h(middle)) - 1,   h = l1 (2 l3 - l1).
 
-    x, middle, offset, pulley_distance : m.   share : 1 when nothing but the belt gives way; compliance of clamps makes it less.
-    Source: (2.10), (2.26).
+    h is the compliance of the two strands side by side, l1 = offset + x; clamps and teeth are as soft everywhere, in series.  Together
+    every parabola that bends down:  with them, offset is no length to be measured any more.
+    x, middle, offset, pulley_distance : m.   share : of the compliance at ``middle`` that follows the carriage; 1 when nothing but the
+    belt gives way.   Source: (2.10), (2.26).
     """
     here, there = offset + x, offset + middle
-    g = 1.0 / here + 1.0 / (2.0 * pulley_distance - here)
-    return share * (g / (1.0 / there + 1.0 / (2.0 * pulley_distance - there)) - 1.0)
+    soft = here * (2.0 * pulley_distance - here) / (there * (2.0 * pulley_distance - there))
+    return 1.0 / max(1.0 - share + share * soft, LEAST_COMPLIANCE) - 1.0
 
 
 def force(
-    stretch: float, rate: float, x: float, share: float, offset: float, pulley_distance: float, middle: float, stiffness: float
+    stretch: float,
+    rate: float,
+    x: float,
+    share: float,
+    offset: float,
+    pulley_distance: float,
+    middle: float,
+    stiffness: float,
+    damping: float,
 ) -> float:
-    """What the belt pulls more than at ``middle``:  stiffness change(x) stretch, N.   stiffness : N/m at ``middle``."""
-    return stiffness * change(x, share, offset, pulley_distance, middle) * stretch
+    """What the belt pulls more than at ``middle``:  change(x) (stiffness stretch + damping rate), N.
+
+    A strand half as long is twice as stiff and damps twice as much.   stiffness, damping : N/m, N s/m at ``middle``.
+    """
+    return change(x, share, offset, pulley_distance, middle) * (stiffness * stretch + damping * rate)
 
 
-def slope(x: float, share: float, offset: float, pulley_distance: float, middle: float, stiffness: float) -> tuple[float, float]:
+def slope(
+    x: float, share: float, offset: float, pulley_distance: float, middle: float, stiffness: float, damping: float
+) -> tuple[float, float]:
     """(stiffness N/m, damping N s/m)."""
-    return stiffness * change(x, share, offset, pulley_distance, middle), 0.0
+    more = change(x, share, offset, pulley_distance, middle)
+    return stiffness * more, damping * more
 
 
 def trials(ground: Ground) -> list[Trial]:
-    """With the geometry of the data sheet where there is one, else three free lengths."""
+    """What the stiffness at each place says; with the geometry of the data sheet where there is one, else three free lengths."""
     middle = 0.5 * (ground.low_m + ground.high_m)
     distance = ground.pulley_distance_m or 1.2 * (ground.high_m - min(ground.low_m, 0.0)) + 0.1
     offsets = [ground.offset_m] if ground.offset_m > 0.0 else []
     offsets += [share * distance for share in _OFFSET_SHARES]
+    geometry = {"pulley_distance": distance, "middle": middle}
+    plain = [Trial({"share": 0.6, "offset": max(offset, 0.02 - ground.low_m), **geometry}, signed=True) for offset in offsets]
+    return [*shown(ground, geometry), *plain]
+
+
+def shown(ground: Ground, geometry: Mapping[str, float]) -> list[Trial]:
+    """The parabola through the compliance seen at three places or more; none where it bends up."""
+    if not ground.stiffness_at:
+        return []
+    place, amplitude, seen = np.array(ground.stiffness_at).T
+    middle, distance = geometry["middle"], geometry["pulley_distance"]
+    if len(np.unique(np.round(place / _APART_M))) < 3:
+        return []
+    curve, slope_of, whole = np.polyfit(place - middle, 1.0 / seen, 2, w=amplitude)
+    if not (curve < 0.0 < whole):
+        return []
+    length = distance + 0.5 * slope_of / curve
+    share = -curve / whole * length * (2.0 * distance - length)
+    if not 0.0 < length < 2.0 * distance:
+        return []
     return [
-        Trial({"share": 0.6, "offset": max(offset, 0.02 - ground.low_m), "pulley_distance": distance, "middle": middle}, signed=True)
-        for offset in offsets
+        Trial({"share": float(share), "offset": float(length - middle), **geometry}, signed=True, base={_STIFFNESS: float(1.0 / whole)})
     ]
 
 
@@ -50,13 +94,15 @@ EFFECT = Effect(
     slot="element",
     title="belt stiffness by position",
     parameters=(
-        Parameter("share", "1", "belt", 1.0, -1.0, 2.0, "share of (2.26) that is seen: 1 when only the belt gives way"),
-        Parameter("offset", "m", "belt", 0.1, 0.005, 10.0, "free belt length l1 at carriage position 0"),
+        Parameter(
+            "share", "1", "belt", 1.0, -1.0, 3.0, "share of the compliance that follows the carriage: 1 when only the belt gives way"
+        ),
+        Parameter("offset", "m", "belt", 0.1, -10.0, 10.0, "free belt length l1 at carriage position 0"),
         Parameter("pulley_distance", "m", "belt", 1.0, 0.05, 50.0, "distance l3 between the pulley centres", fitted=False),
         Parameter("middle", "m", "cart", 0.3, -50.0, 50.0, "place where belt_stiffness is meant", fitted=False),
     ),
     elements=(Element((DRIVING_END, "cart"), force, slope),),
-    uses=(BELT_STIFFNESS,),
+    uses=(BELT_STIFFNESS, BELT_DAMPING),
     trials=trials,
     seen="antiresonance and resonance move with the carriage position",
     causes="free belt lengths change with the place: every belt axis has it more or less",

@@ -79,7 +79,7 @@ class Problem:
         self.high = np.concatenate([np.array([v.high for v in values]) / own, np.ones(len(offsets))])
         self.inertia = model.index("motor.inertia")
         self.touches = [touched_by(model, name) for name in self.free]
-        self.ends = np.cumsum([0, *(int(piece.keep.sum()) for piece in self.pieces)])
+        self.ends = np.cumsum([0, *(len(piece.counted) for piece in self.pieces)])
         self.blocks = time_blocks(self.pieces, block_s)
         self.count = np.bincount(self.blocks).astype(np.float64)
 
@@ -248,10 +248,10 @@ def free_parameters(model: Model, fixed: Sequence[str] = ("transmission.ratio",)
 
 
 def time_blocks(pieces: Sequence[Stretch], seconds: float) -> NDArray[np.int64]:
-    """Running number of the time block of every kept sample, blocks never crossing a stretch."""
+    """Running number of the time block of every value of the residual, blocks never crossing a stretch."""
     labels, first = [], 0
     for piece in pieces:
-        block = np.flatnonzero(piece.keep) // max(int(seconds / piece.motion.sample_s), 1)
+        block = piece.counted // max(int(seconds / piece.motion.sample_s), 1)
         labels.append(block + first)
         first += piece.motion.samples
     if not labels:

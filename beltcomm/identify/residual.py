@@ -52,7 +52,7 @@ class Stretch:
     position, torque : ndarray (n,), rad and N m at the motor shaft.   motion : the same on a fine grid.
     keep : ndarray (n,) bool, samples that count.     noise_nm : torque noise, N m rms.    step_rad : encoder step, rad.
     offset_m : m, the belt may be stretched by up to this at the start.   whitener : gains worked out beforehand for a model near the
-    right one; without it every evaluation works out its own.
+    right one; without it every evaluation works out its own.   pairs : see :func:`paired`.
     """
 
     record: str
@@ -65,6 +65,13 @@ class Stretch:
     step_rad: float
     offset_m: float
     whitener: Whitener | None = None
+    pairs: NDArray[np.intp] | None = None
+
+    @property
+    def counted(self) -> NDArray[np.intp]:
+        """Sample at which each value of the whitened residual stands."""
+        kept = np.flatnonzero(self.keep)
+        return kept if self.pairs is None else kept[self.pairs]
 
 
 def stretches(
@@ -222,8 +229,20 @@ def in_noise(stretch: Stretch, model: Model, vector: Array, torque: Array) -> Ar
     With a whitener worked out beforehand several torques at once, (n, k) -> (kept, k).
     """
     if stretch.whitener is not None:
-        return stretch.whitener(torque, stretch.keep)
+        single = stretch.whitener(torque, stretch.keep)
+        return single if stretch.pairs is None else (single[stretch.pairs] + single[stretch.pairs + 1]) * math.sqrt(0.5)
     return whiten(torque, stretch.keep, path_of(stretch, model.with_vector(vector)), stretch.step_rad, stretch.noise_nm)
+
+
+def paired(keep: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """Places, among the kept samples, of the first of every two neighbours in time.
+
+    The sum of two neighbouring values of the whitened residual over √2 is white again, holds the lower half of the frequencies and
+    leaves out the upper one, where a slow motion shows nothing but the encoder's rounding.   Source: Haar's low-pass.
+    """
+    kept = np.flatnonzero(keep)
+    runs = np.split(np.arange(len(kept)), np.flatnonzero(np.diff(kept) > 1) + 1)
+    return np.concatenate([run[: len(run) // 2 * 2 : 2] for run in runs]).astype(np.intp)
 
 
 def path_of(stretch: Stretch, model: Model) -> NoisePath:

@@ -17,14 +17,13 @@ from dataclasses import replace
 import numpy as np
 
 from beltcomm.identify.problem import Problem
-from beltcomm.identify.residual import path_of
-from beltcomm.identify.whitening import whitener
+from beltcomm.laboratory.data import rewhitened
 from beltcomm.laboratory.fitting import BLOCK_S, Fitted
 from beltcomm.simulate.inverse import acting_torque, true_motion
 
 #: O per sample of a healthy machine: measured on simulated healthy machines (tests/benchmarks), where it holds for any noise
 #: because the residual is in units of it.
-FLOOR = 0.95
+FLOOR = 1.0
 #: Evidence that the best of all effects must have; healthy machines stay far below.
 EVIDENCE = 150.0
 #: Share of the misfit above the floor that a named effect must explain, and loss on held-out records beyond which it is refused,
@@ -73,14 +72,14 @@ def lags(fitted: Fitted) -> bool:
 
 def base_noise(grown: Fitted) -> float:
     """How O changes when a model whose reading lags is judged by its own noise, its smaller deviations counted; nats, a gain is positive."""
-    problem = grown.problem
-    pieces = [replace(p, whitener=whitener(p.keep, path_of(p, grown.model), p.step_rad, p.noise_nm)) for p in problem.pieces]
-    own = Problem(pieces, problem.model, problem.free, BLOCK_S)
+    before = [replace(piece, pairs=None) for piece in grown.problem.pieces]
+    after = [replace(rewhitened(piece, grown.model), pairs=None) for piece in before]
+    old, new = (Problem(pieces, grown.model, grown.problem.free, BLOCK_S) for pieces in (before, after))
     fall = 0.0
-    for before, after in zip(problem.pieces, pieces, strict=True):
-        if before.whitener is not None and after.whitener is not None:
-            fall += 2.0 * float(np.sum(np.log(before.whitener.deviations[before.keep] / after.whitener.deviations[after.keep])))
-    return fall - (own.objective(own.residual(grown.x)) - grown.objective)
+    for one, other in zip(before, after, strict=True):
+        if one.whitener is not None and other.whitener is not None:
+            fall += 2.0 * float(np.sum(np.log(one.whitener.deviations[one.keep] / other.whitener.deviations[other.keep])))
+    return fall - (new.objective(new.residual(grown.x)) - old.objective(old.residual(grown.x)))
 
 
 def price_of_bending(problem: Problem, x: np.ndarray) -> float:
@@ -92,6 +91,6 @@ def price_of_bending(problem: Problem, x: np.ndarray) -> float:
         motion = true_motion(problem.model, piece.motion, vector)
         step = STEP * float(np.abs(piece.torque).max())
         raised, plain = (acting_torque(problem.model, motion, piece.torque + shift, vector) for shift in (step, 0.0))
-        passed = (raised - plain)[piece.keep] / step
+        passed = (raised - plain)[piece.counted] / step
         total -= 2.0 * float(np.sum(np.log(np.maximum(passed, 1e-3))))
     return total

@@ -57,7 +57,7 @@ def compare(data: Data, fitted: Fitted) -> Comparison:
 
 
 def _judged(piece: Stretch, fitted: Fitted, vector: Array, white: Array) -> Judged:
-    torque = evaluate(piece, fitted.model, vector)[piece.keep]
+    torque = evaluate(piece, fitted.model, vector)[piece.counted]
     return Judged(piece, white, torque, fitted.model["transmission.ratio"])
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -11,8 +12,8 @@ from numpy.typing import NDArray
 
 from beltcomm.axis import Axis
 from beltcomm.errors import DataError
-from beltcomm.identify.residual import Stretch, creeping, evaluate, path_of, stretches, torque_noise
-from beltcomm.identify.whitening import NoisePath, whitener
+from beltcomm.identify.residual import Stretch, creeping, evaluate, paired, path_of, stretches, torque_noise
+from beltcomm.identify.whitening import whitener
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 
@@ -21,6 +22,8 @@ Array = NDArray[np.float64]
 #: Fine steps per sample while effects are searched: the carriage's antiresonance is off by (2 pi f h)²/24, 8e-4 at 90 Hz, which the
 #: fit takes up in the stiffness.
 SUBSTEPS = 4
+#: The same where contacts open and close.
+RATTLING_SUBSTEPS = 16
 #: Noise below this share of the torque itself is not believed.
 QUIETEST_SHARE = 1e-4
 #: Samples and relative difference of speed for records that repeat each other.
@@ -63,10 +66,10 @@ def prepare(recordings: Sequence[Recording], axis: Axis, model: Model) -> Data:
 def made(recordings: Sequence[Recording], model: Model, noise_nm: float, step_rad: float, shares: Mapping[str, float]) -> Data:
     """The same with known noise and step.   shares : by record, of the rounding's variance that acts there; 1 where it is missing."""
     pieces = []
+    substeps = RATTLING_SUBSTEPS if any(effect.rattles for effect in model.effect_list()) else SUBSTEPS
     for recording in recordings:
         step = step_rad * float(np.sqrt(shares.get(recording.name, 1.0)))
-        for piece in stretches(recording, model, step_rad, noise_nm, fitted=True, substeps=SUBSTEPS):
-            pieces.append(replace(piece, step_rad=step, whitener=whitener(piece.keep, path_of(piece, model), step, noise_nm)))
+        pieces += [rewhitened(piece, model) for piece in stretches(recording, model, step, noise_nm, fitted=True, substeps=substeps)]
     return Data(
         tuple(recordings),
         tuple(p for p in pieces if not p.held_out),
@@ -74,6 +77,11 @@ def made(recordings: Sequence[Recording], model: Model, noise_nm: float, step_ra
         noise_nm,
         step_rad,
     )
+
+
+def rewhitened(piece: Stretch, model: Model) -> Stretch:
+    """A stretch with the noise as a model passes it on."""
+    return replace(piece, whitener=whitener(piece.keep, path_of(piece, model), piece.step_rad, piece.noise_nm), pairs=paired(piece.keep))
 
 
 def remade(data: Data, model: Model, offsets_m: Array) -> Data:
@@ -85,17 +93,17 @@ def remade(data: Data, model: Model, offsets_m: Array) -> Data:
     starts = [*offsets_m, *np.zeros(len(data.held_out))]
     for piece, offset in zip((*data.fitted, *data.held_out), starts, strict=True):
         left.setdefault(piece.record, []).append((piece, evaluate(piece, model, model.vector(), float(offset))))
-    shares = {name: rounding_share(parts, path_of(parts[0][0], model), data.step_rad, data.noise_nm) for name, parts in left.items()}
+    shares = {name: rounding_share(parts, model, data.step_rad, data.noise_nm) for name, parts in left.items()}
     return made(data.recordings, model, data.noise_nm, data.step_rad, shares)
 
 
-def rounding_share(parts: Sequence[tuple[Stretch, Array]], path: NoisePath, step_rad: float, noise_nm: float) -> float:
+def rounding_share(parts: Sequence[tuple[Stretch, Array]], model: Model, step_rad: float, noise_nm: float) -> float:
     """Share of the rounding's variance that a record shows: the likeliest of :data:`SHARES`.
 
     An axis that moves slowly and steadily rounds in step with its motion: then the error is less, and no white noise.  What a model
     cannot explain raises the share up to 1, never beyond: an effect is not taken for rounding.
     """
-    cost = []
+    cost, path = [], path_of(parts[0][0], model)
     for share in SHARES:
         total = 0.0
         for piece, torque in parts:
@@ -118,7 +126,7 @@ def encoder_step(axis: Axis, recordings: Sequence[Recording]) -> float:
 def white_step(position: Array) -> float:
     """Step whose rounding would be as rough as an angle is, rad: less than the encoder's where the drive interpolates between counts."""
     rough = np.diff(position, 4)
-    return max(1.4826 * float(np.median(np.abs(rough))) * np.sqrt(12.0 / 70.0), smallest_step(position))
+    return max(1.4826 * float(np.median(np.abs(rough))) * math.sqrt(12.0 / 70.0), smallest_step(position))
 
 
 def repeat_noise(recordings: Sequence[Recording], step_rad: float) -> float:
@@ -136,7 +144,7 @@ def repeat_noise(recordings: Sequence[Recording], step_rad: float) -> float:
         rows = [np.interp(places, *by_place(r.position[c], r.torque[c])) for r, c in ((one, first), (two, second))]
         left = (rows[0] - rows[1]) / np.sqrt(2.0)
         found.append(1.4826 * float(np.median(np.abs(left - np.median(left)))))
-    return min(found, default=0.0)
+    return float(min(found, default=0.0))
 
 
 def by_place(position: Array, torque: Array) -> tuple[Array, Array]:

@@ -6,7 +6,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
+import numpy as np
+
 from beltcomm.axis import Axis
+from beltcomm.effects import EFFECTS
 from beltcomm.errors import UsageError
 from beltcomm.identify.problem import OFFSET_M
 from beltcomm.laboratory.acceptance import EVIDENCE, refuted
@@ -22,9 +25,11 @@ Verdict = Literal["nothing missing", "explained", "partly explained", "none of t
 #: Iterations of the first fit from start values, and of one that goes on from a neighbouring model.
 FIRST_ITERATIONS, NEXT_ITERATIONS = 25, 12
 #: O per sample up to which a model with added effects counts as complete.
-EXPLAINED_UP_TO = 1.06
+EXPLAINED_UP_TO = 1.08
 #: Effects that a diagnosis adds at most.
 MOST_EFFECTS = 4
+#: An order whose loss would cost so many times the least evidence is not put to the test of a refit.
+SURE = 4.0
 #: Two effects whose evidence differs by less than this, or by less than this share, are not told apart when they are twins.
 TWIN_GAP, TWIN_SHARE = 50.0, 0.002
 
@@ -83,12 +88,15 @@ def diagnose(
     steps: list[Step] = []
     current = base
     twins: tuple[str, ...] = ()
-    for number in range(most + 1):
+    limit = most + len(EFFECTS)
+    for number in range(limit):
         ground = ground_of(current, data.fitted, axis)
-        candidates = search(data, current, ground, progress=lambda f, n=number: progress((n + f) / (most + 1)))  # type: ignore[misc]
+        candidates = search(data, current, ground, progress=lambda f, n=number: progress((n + f) / (n + 2)))  # type: ignore[misc]
         # What the held-out records contradict stands in no one's way.
         best = next((c for c in candidates if c.fitted is None or not refuted(c.evidence, c.held_gain)), None)
-        if best is None or not best.accepted or best.fitted is None or number == most:
+        # Further orders of a ripple that is there already are no new cause.
+        causes = sum(bool(step.added) and not further(step.added) for step in steps)
+        if best is None or not best.accepted or best.fitted is None or (causes >= most and not further(best.effect.name)):
             steps.append(Step(current, tuple(candidates), "", (), current))
             break
         twins = twins or twins_of(candidates)
@@ -100,10 +108,18 @@ def diagnose(
     return Diagnosis(base, data, tuple(steps), verdict_of(base, steps, twins), twins)
 
 
+def further(name: str) -> bool:
+    """Whether an effect is the second, third, ... of a numbered family."""
+    return name.rpartition("_")[2].isdigit()
+
+
 def superfluous(data: Data, fitted: Fitted, base: Model, newest: str) -> tuple[Data, Fitted, tuple[str, ...]]:
     """Throw out earlier additions without which the model is as good."""
     removed = []
+    worth = rise_without(fitted)
     for name in [e for e in fitted.model.effects if e not in base.effects and e != newest]:
+        if worth.get(name, 0.0) > SURE * EVIDENCE:
+            continue
         try:
             smaller = fitted.model.without_effect(name)
         except UsageError:  # a later effect stands on it
@@ -113,6 +129,21 @@ def superfluous(data: Data, fitted: Fitted, base: Model, newest: str) -> tuple[D
             removed.append(name)
             fitted = trial
     return data, fitted, tuple(removed)
+
+
+def rise_without(fitted: Fitted) -> dict[str, float]:
+    """By how much O rises to first order when an effect that is a sum of amplitudes is taken out and the rest gives way, nats."""
+    problem = fitted.problem
+    linear = {}
+    for effect in fitted.model.effect_list():
+        if effect.harmonic != "load":
+            continue
+        linear[effect.name] = [problem.free.index(name) for name in effect.full_names() if name in problem.free]
+    if not linear:
+        return {}
+    jacobian = problem.jacobian(fitted.x) * problem.weights(fitted.residual)[:, None]
+    inverse = np.linalg.pinv(jacobian.T @ jacobian)
+    return {name: float(fitted.x[at] @ np.linalg.pinv(inverse[np.ix_(at, at)]) @ fitted.x[at]) for name, at in linear.items()}
 
 
 def twins_of(candidates: Sequence[Candidate]) -> tuple[str, ...]:

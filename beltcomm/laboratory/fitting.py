@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beltcomm.identify.problem import OFFSET_M, Problem, free_parameters, time_blocks
+from beltcomm.identify.problem import OFFSET_M, Minimum, Problem, free_parameters, time_blocks
 from beltcomm.identify.residual import Stretch, whitened
 from beltcomm.laboratory.data import Data
 from beltcomm.model import Model
@@ -19,6 +19,11 @@ Array = NDArray[np.float64]
 BLOCK_S = 0.2
 #: Gain of O that is not worth another iteration, nats.
 ENOUGH = 0.1
+#: A carriage that rattles: share of the largest start offset, and number of offsets, that are looked at; rounds of looking and fitting,
+#: and the gain that is worth another one, nats.
+WIDEST, STARTS, ROUNDS, RATTLING_GAIN = 0.2, 41, 4, 50.0
+#: Variation of ln of the misfit with the start below which a record has forgotten it.
+FORGOTTEN = 0.1
 
 
 @dataclass(frozen=True)
@@ -62,10 +67,56 @@ def fit(
     offsets : scaled start offsets to begin with.   enough : gain of O that is not worth another iteration, nats.
     """
     problem = problem_of(data, model, fixed)
-    found = problem.minimise(problem.start(offsets), iterations, enough=enough)
+    x = problem.start(offsets)
+    found = rattling_minimum(problem, x, iterations, enough) if rattles(model) else problem.minimise(x, iterations, enough=enough)
     best = problem.model_at(found.x, "laboratory")
     held_residual = tuple(judged(piece, best) for piece in data.held_out)
     return Fitted(best, problem, found.x, found.residual, found.objective, held_residual, held_objective(data, held_residual))
+
+
+def rattles(model: Model) -> bool:
+    """Whether the carriage is free at times."""
+    return any(effect.rattles for effect in model.effect_list())
+
+
+def rattling_minimum(problem: Problem, x: Array, iterations: int, enough: float) -> Minimum:
+    """The minimum where the carriage is free at times: records that forget their start say what the parameters are."""
+    own = len(problem.free)
+    best: Minimum | None = None
+    for _ in range(ROUNDS):
+        looked = [best_start(piece, problem.model, problem.full(x), float(x[own + i])) for i, piece in enumerate(problem.pieces)]
+        x = np.concatenate((x[:own], [start for start, _ in looked]))
+        calm = [i for i, (_, spread) in enumerate(looked) if spread < FORGOTTEN]
+        if not calm:
+            break
+        inner = Problem([problem.pieces[i] for i in calm], problem.model, problem.free, BLOCK_S)
+        found = inner.minimise(np.concatenate((x[:own], x[own:][calm])), iterations, enough=enough)
+        x = np.concatenate((found.x[:own], x[own:]))
+        x[own:][calm] = found.x[own:]
+        residual = problem.residual(x)
+        ahead = Minimum(x, residual, problem.objective(residual))
+        if best is not None and best.objective - ahead.objective < RATTLING_GAIN:
+            return ahead if ahead.objective < best.objective else best
+        best = ahead
+    return best if best is not None else problem.minimise(x, iterations, enough=enough)
+
+
+def best_start(piece: Stretch, model: Model, vector: Array, here: float) -> tuple[float, float]:
+    """The likeliest scaled start offset of a stretch, and by how much ln of the misfit per block varies with it.   here : one known."""
+    blocks = np.arange(0, max(len(piece.counted), 1), max(1, int(BLOCK_S / piece.motion.sample_s)))
+
+    def cost(offset: float) -> float:
+        squares = whitened(piece, model, vector, OFFSET_M * offset) ** 2
+        means = np.add.reduceat(squares, blocks) / np.diff([*blocks, len(squares)])
+        return float(np.mean(np.log(np.maximum(means, 1.0))))
+
+    if not len(piece.counted):
+        return here, 0.0
+    wide = np.array([here, *np.linspace(-WIDEST, WIDEST, STARTS)])
+    costs = [cost(offset) for offset in wide]
+    best = float(wide[int(np.argmin(costs))])
+    near = best + np.linspace(-1.0, 1.0, 9) * 2.0 * WIDEST / (STARTS - 1)
+    return float(near[int(np.argmin([cost(offset) for offset in near]))]), float(np.ptp(costs))
 
 
 def problem_of(data: Data, model: Model, fixed: Sequence[str] = ()) -> Problem:
@@ -79,6 +130,8 @@ def judged(piece: Stretch, model: Model) -> Array:
     here = whitened(piece, model, vector)
     if "cart" not in model.base_bodies:
         return here
+    if rattles(model):
+        return whitened(piece, model, vector, OFFSET_M * best_start(piece, model, vector, 0.0)[0])
     probe = 0.2 * OFFSET_M
     slope = (whitened(piece, model, vector, probe) - here) / probe
     weight = 1.0 / np.maximum(1.0, here**2 / 9.0)

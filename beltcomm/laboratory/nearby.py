@@ -76,7 +76,7 @@ class Nearby:
             own = slice(g * group, (g + 1) * group)
             square = weighted[:, own].T @ columns[:, own]
             left = square - shared[:, own].T @ self.inverse @ shared[:, own]
-            if np.all(np.diag(left) > IMITATED * np.diag(square)) and np.all(np.diag(square) > 0.0):
+            if np.all(np.isfinite(left)) and np.all(np.diag(left) > IMITATED * np.diag(square)) and np.all(np.diag(square) > 0.0):
                 amounts = -np.linalg.solve(left, slope[own])
                 if signed or group > 1 or amounts[0] > 0.0:
                     drops[g] = -float(amounts @ slope[own])
@@ -88,6 +88,8 @@ class Nearby:
         own = np.zeros((len(start), 0)) if columns is None else columns
         sizes = np.linalg.norm(own, axis=0)
         right = np.column_stack((start, own / np.maximum(sizes, 1e-300)))
+        if not np.all(np.isfinite(right)):  # no motion of the other bodies follows from these values
+            return Near(np.inf, np.zeros(own.shape[1]), np.zeros(self.unknowns))
         every = np.ones((len(self.count), right.shape[1]), dtype=np.bool_)
         cross = _products(self.starts, self.active, self.columns, right)
         square = _products(self.starts, every, right, right)

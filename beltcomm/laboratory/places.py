@@ -55,8 +55,8 @@ def worst_places(judged: Sequence[Judged]) -> list[Place]:
     speed = np.concatenate([motor_speed(j) * j.ratio_m_rad for j in judged])
     side = np.sign(speed)
     place = np.concatenate([motor_angle(j) * j.ratio_m_rad for j in judged])
-    time = np.concatenate([j.piece.motion.time_s + j.piece.motion.sample_s * np.flatnonzero(j.piece.keep) for j in judged])
-    load = np.concatenate([np.abs(j.piece.torque[j.piece.keep]) for j in judged])
+    time = np.concatenate([j.piece.motion.time_s + j.piece.motion.sample_s * j.piece.counted for j in judged])
+    load = np.concatenate([np.abs(j.piece.torque[j.piece.counted]) for j in judged])
     found: list[Place] = []
 
     def add(dimension: str, values: Array, edges: Iterable[float], unit: str) -> None:
@@ -86,18 +86,18 @@ def bands(judged: Sequence[Judged], above: float) -> list[Place]:
     weight: dict[int, float] = {}
     sample = judged[0].piece.motion.sample_s
     for item in judged:
-        keep = item.piece.keep
-        if keep.sum() < FEWEST:
+        counted, stride = item.piece.counted, 1 if item.piece.pairs is None else 2
+        if len(counted) < FEWEST:
             continue
-        row = np.zeros(len(keep))
-        row[keep] = item.white
-        spectrum = np.abs(np.fft.rfft(row)) ** 2 / keep.sum()
-        freq = np.fft.rfftfreq(len(row), item.piece.motion.sample_s)
+        row = np.zeros(item.piece.motion.samples // stride + 1)
+        row[counted // stride] = item.white
+        spectrum = np.abs(np.fft.rfft(row)) ** 2 / len(counted)
+        freq = np.fft.rfftfreq(len(row), stride * item.piece.motion.sample_s)
         number = (freq / BAND_HZ).astype(int)
         for band in range(number.max() + 1):
             inside = number == band
-            power[band] = power.get(band, 0.0) + float(spectrum[inside].mean()) * int(keep.sum())
-            weight[band] = weight.get(band, 0.0) + float(keep.sum())
+            power[band] = power.get(band, 0.0) + float(spectrum[inside].mean()) * len(counted)
+            weight[band] = weight.get(band, 0.0) + len(counted)
     total = sum(weight.values()) / max(len(weight), 1)
     found = []
     for band, value in power.items():
@@ -111,12 +111,12 @@ def bands(judged: Sequence[Judged], above: float) -> list[Place]:
 
 def motor_speed(item: Judged) -> Array:
     """Speed of the motor at the kept samples, rad/s."""
-    return np.asarray(item.piece.motion.omega[:: item.piece.motion.substeps][item.piece.keep])
+    return np.asarray(item.piece.motion.omega[:: item.piece.motion.substeps][item.piece.counted])
 
 
 def motor_angle(item: Judged) -> Array:
     """Absolute angle of the motor at the kept samples, rad."""
-    return np.asarray(item.piece.motion.theta[:: item.piece.motion.substeps][item.piece.keep])
+    return np.asarray(item.piece.motion.theta[:: item.piece.motion.substeps][item.piece.counted])
 
 
 def grid(values: Array, width: float) -> Array:

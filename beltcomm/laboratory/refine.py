@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from beltcomm.effects import Effect
-from beltcomm.laboratory.score import Scored, Scorer, switched_on
+from beltcomm.effects._effect import BELT_STIFFNESS
+from beltcomm.laboratory.score import Scored, Scorer
 from beltcomm.model import Model
 
 Array = NDArray[np.float64]
@@ -36,13 +37,13 @@ def refined(scorer: Scorer, ways: Sequence[Scored], number: int) -> Scored:
 
 
 def searched(scorer: Scorer, way: Scored) -> list[str]:
-    """Names of what is searched: fitted parameters of the effect that are no amplitudes; bare names, or full ones of the base model."""
+    """Names of what is searched, bare, or full ones of the base model: values of the trial that are fitted and no amplitudes."""
     effect = way.effect
     own = [p.name for p in effect.parameters if p.fitted] + [f"{b.name}.{b.inertia.name}" for b in effect.bodies]
     linear = len(own) == 1 and way.trial.signed
-    names = [name for name in own if name not in way.trial.amplitudes and not linear]
-    if names and effect.slot == "belt_law":
-        names += [name for name in BELT if name in scorer.model.parameters]
+    names = [name for name in own if name in way.trial.values and name not in way.trial.amplitudes and not linear]
+    if names and (effect.slot == "belt_law" or BELT_STIFFNESS in effect.uses):
+        names += [name for name in BELT if name in scorer.problem.free]
     return names
 
 
@@ -50,7 +51,7 @@ def climbed(scorer: Scorer, way: Scored, names: Sequence[str], trials: Sequence[
     """One way with the named values searched."""
     effect = way.effect
     limits = {name: limit_of(scorer.model, effect, name) for name in names}
-    extended = scorer.model.with_effect(effect.name, way.values)
+    extended = scorer.grown(effect, way.values, way.trial)
     start = np.array([extended[full_name(scorer.model, effect, name)] for name in names])
     scale = np.array([first_step(name, value, trials) for name, value in zip(names, start, strict=True)])
     low, high = ((np.array([limits[name][i] for name in names]) - start) / scale for i in (0, 1))
@@ -59,7 +60,9 @@ def climbed(scorer: Scorer, way: Scored, names: Sequence[str], trials: Sequence[
     def look(place: Array) -> float:
         nonlocal best
         values = {name: float(np.clip(v, *limits[name])) for name, v in zip(names, start + scale * place, strict=True)}
-        found = look_at(scorer, way, values)
+        base = {**way.trial.base, **{name: value for name, value in values.items() if name in BELT}}
+        own = {**way.values, **{name: value for name, value in values.items() if name not in BELT}}
+        found = scorer.looked_at(effect, replace(way.trial, base=base), own)
         if found.drop > best.drop:
             best = found
         return -found.drop
@@ -73,26 +76,6 @@ def climbed(scorer: Scorer, way: Scored, names: Sequence[str], trials: Sequence[
         options={"initial_simplex": np.clip(corners, low, high), "maxfev": LOOKS * len(names), "fatol": ENOUGH, "xatol": 1e-3},
     )
     return best
-
-
-def look_at(scorer: Scorer, way: Scored, values: dict[str, float]) -> Scored:
-    """The way with other values."""
-    effect = way.effect
-    base = {name: value for name, value in values.items() if name in BELT}
-    own = {**way.values, **{name: value for name, value in values.items() if name not in BELT}}
-    model = scorer.model.with_values(base, "trial") if base else scorer.model
-    if way.trial.amplitudes:
-        unit = replace(way.trial, values={**own, **{name: way.trial.values[name] for name in way.trial.amplitudes}})
-        extended = [scorer.model.with_effect(effect.name, v) for v in switched_on(effect, unit)]
-        near = scorer.nearby.best(columns=scorer.columns(effect, extended))
-        own = scorer.start_values(effect, unit, near.amounts)
-    else:
-        near = scorer.nearby.best(scorer.columns(effect, [model.with_effect(effect.name, own)])[:, 0])
-    step = near.step.copy()
-    for name, value in base.items():
-        number = scorer.problem.free.index(name)
-        step[number] += value / scorer.problem.scale[number] - scorer.fitted.x[number]
-    return Scored(effect, replace(way.trial, values=own), scorer.nearby.objective - near.objective, own, step)
 
 
 def full_name(model: Model, effect: Effect, name: str) -> str:

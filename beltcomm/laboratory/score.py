@@ -18,6 +18,7 @@ from beltcomm.identify.problem import OFFSET_M, Parts, Problem
 from beltcomm.identify.residual import Stretch, in_noise
 from beltcomm.laboratory.fitting import Fitted
 from beltcomm.laboratory.harmonics import gain_means, load_means
+from beltcomm.laboratory.hints import stiffness_by_record
 from beltcomm.laboratory.nearby import Nearby
 from beltcomm.model import Model, on_side
 from beltcomm.simulate.inverse import FineMotion, acting_torque, acts_on_motor, as_read, load_of, part_of_load, reading_lags, true_motion
@@ -33,6 +34,7 @@ class Scored:
     """One way to switch an effect on, and what it promises.
 
     drop : of the objective.   values : own parameters with the amplitudes that the score test wants, to start a refit from.
+    trial.base : parameters of the base model that change with it.
     step : how everything fitted gives way, in the units of the problem's unknowns.
     """
 
@@ -76,13 +78,14 @@ class Scorer:
         for name, value in trial.values.items():
             limit = limits.get(f"{effect.name}.{name}") or limits[name]
             values[name] = float(np.clip(value, limit.low, limit.high))
-        return replace(trial, values=values)
+        base = {name: value for name, value in trial.base.items() if name in self.problem.free}
+        return replace(trial, values=values, base=base)
 
     def batches(self, effect: Effect, trials: Sequence[Trial]) -> Iterator[tuple[list[Trial], Array]]:
         """Trials and their columns, some at a time."""
         for first in range(0, len(trials), BATCH):
             some = list(trials[first : first + BATCH])
-            yield some, self.columns(effect, [self.model.with_effect(effect.name, v) for t in some for v in switched_on(effect, t)])
+            yield some, self.columns(effect, [self.grown(effect, v, t) for t in some for v in switched_on(effect, t)])
 
     def harmonics(self, effect: Effect, trials: Sequence[Trial]) -> Iterator[tuple[list[Trial], Array]]:
         """The same for all orders of an effect that repeats with the motor angle."""
@@ -111,11 +114,32 @@ class Scorer:
 
     def judged(self, effect: Effect, trial: Trial, columns: Array) -> Scored:
         """One trial by its columns."""
+        if trial.base:
+            return self.looked_at(effect, trial, trial.values)
         near = self.nearby.best(columns=columns)
         drop = self.nearby.objective - near.objective
         if not trial.signed and not trial.amplitudes and near.amounts[0] <= 0.0:
             drop = 0.0
         return Scored(effect, trial, drop, self.start_values(effect, trial, near.amounts), near.step)
+
+    def looked_at(self, effect: Effect, trial: Trial, own: Mapping[str, float]) -> Scored:
+        """A trial with these own values as they are; amplitudes as the score test wants them."""
+        if trial.amplitudes:
+            unit = replace(trial, values={**own, **{name: trial.values[name] for name in trial.amplitudes}})
+            near = self.nearby.best(columns=self.columns(effect, [self.grown(effect, v, unit) for v in switched_on(effect, unit)]))
+            own = self.start_values(effect, unit, near.amounts)
+        else:
+            near = self.nearby.best(self.columns(effect, [self.grown(effect, own, trial)])[:, 0])
+        step = near.step.copy()
+        for name, value in trial.base.items():
+            number = self.problem.free.index(name)
+            step[number] += value / self.problem.scale[number] - self.fitted.x[number]
+        return Scored(effect, replace(trial, values=own), self.nearby.objective - near.objective, own, step)
+
+    def grown(self, effect: Effect, own: Mapping[str, float], trial: Trial) -> Model:
+        """The model with the effect, and with what the trial changes of the base."""
+        model = self.model.with_values(trial.base, "trial") if trial.base else self.model
+        return model.with_effect(effect.name, own)
 
     def start_values(self, effect: Effect, trial: Trial, amounts: Array) -> dict[str, float]:
         """Values of the effect with its amplitudes as the score test wants them, inside the bounds."""
@@ -194,6 +218,7 @@ def ground_of(fitted: Fitted, pieces: Sequence[Stretch], axis: Axis) -> Ground:
         peak_force_n=min(stiffness * 2e-3, max(1.0, mass * ratio * acceleration)),
         offset_m=axis.travel.driven_side_offset_m,
         pulley_distance_m=float(axis.get("belt.pulley_distance_m") or 0.0),
+        stiffness_at=stiffness_by_record(fitted),
         fastest=max(float(np.percentile(np.abs(piece.motion.omega), 99.0)) for piece in pieces),
         side=model.side,
         belt="cart" in model.base_bodies,

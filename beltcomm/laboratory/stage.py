@@ -22,7 +22,7 @@ from beltcomm.laboratory.refine import refined
 from beltcomm.laboratory.score import Scored, Scorer
 
 #: O per sample above which something is missing: measured as the floor in ``acceptance``.
-MISSING = 1.02
+MISSING = 1.07
 #: Effects whose own parameters are searched, and ways of each; effects that are refitted with everything free.
 SEARCHED, WAYS, REFITTED = 8, 2, 4
 #: An effect that promises less than this share of the best, or less than this many nats, is not searched, or not refitted.

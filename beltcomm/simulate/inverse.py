@@ -141,7 +141,7 @@ def switchboard(base_bodies: tuple[str, ...], effects: tuple[str, ...]) -> Switc
     catalogue = catalogue_parameters()
     own = list(expected_parameters(effects, base_bodies))
     chosen = [effect_named(name) for name in effects]
-    laws = {e.slot: [] for e in chosen}
+    laws: dict[str, list[tuple[Callable[..., Array], tuple[int, ...]]]] = {e.slot: [] for e in chosen}
     for e in chosen:
         laws[e.slot].append((cast("Callable[..., Array]", e.law), tuple(own.index(name) for name in e.full_names())))
     return Switchboard(
