@@ -44,6 +44,17 @@ def delays_as_its_response(effect: Effect) -> int:
     return 1
 
 
+def reads_as_its_response(effect: Effect) -> int:
+    """The law on samples of a sine against the frequency response that the effect states."""
+    h, freq_hz, value = 5e-5, 70.0, 4.3e-4
+    angles = 2.0 * np.pi * freq_hz * h * np.arange(20000)
+    out = effect.law(np.sin(angles), 0.0, h, value)
+    phase = np.exp(-1j * angles)[6000:]
+    ratio = (out[6000:] @ phase) / (np.sin(angles)[6000:] @ phase)
+    assert ratio == pytest.approx(complex(effect.slope(np.array([2.0 * np.pi * freq_hz]), value)[0]), rel=2e-4)
+    return 1
+
+
 def dissipates_in_every_cycle(effect: Effect) -> int:
     """Friction that builds up over a distance takes energy in every closed cycle, small or large, and never exceeds its level."""
     for amplitude in (1e-6, 3e-5, 1e-3):
@@ -125,6 +136,13 @@ def test_law_agrees_with_its_slope(effect: Effect) -> None:
             checked += 1
     if effect.slot == "torque_delay":
         checked += delays_as_its_response(effect)
+    if effect.slot == "torque_reading":
+        checked += reads_as_its_response(effect)
+    if effect.slot == "load_friction":
+        for load in (-3.0, 0.2):
+            assert difference(lambda f: effect.law(f, *values), load, 1e-4) == pytest.approx(effect.slope(load, *values))  # noqa: B023
+            assert effect.law(load, *values) >= 0.0
+            checked += 1
     if effect.slot == "torque_path":
         for theta in (0.0, 0.3, 2.0):
             share = effect.law(0.1, theta, 0.0, *values) / 0.1

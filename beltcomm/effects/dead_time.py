@@ -1,4 +1,4 @@
-"""Torque that acts later than it is reported: a dead time."""
+"""Torque that acts later than it is reported, or an angle that is read late: a dead time."""
 
 from __future__ import annotations
 
@@ -37,14 +37,14 @@ EFFECT = Effect(
     name="dead_time",
     slot="torque_delay",
     title="dead time between reported and acting torque",
-    parameters=(Parameter("time", "s", "drive", 0.0, -5e-3, 2e-2, "time by which torque acts later than it is reported"),),
+    parameters=(Parameter("time", "s", "drive", 0.0, -5e-3, 0.2, "time by which torque acts later than it is reported"),),
     law=delayed,
     slope=response,
     trials=trials,
     twins=("current_lag",),
     separate="record an excitation up to 250 Hz with more torque: the dead time leaves the magnitude alone, the lag lowers it",
     seen="phase of the frequency response falls in proportion to frequency, at all amplitudes",
-    causes="bus cycle, time stamps, filters; a recording whose torque is a sample off",
+    causes="bus cycle, time stamps, filters, an angle that is read late; a recording whose torque is a sample off",
     check="PDO mapping, synchronous mode, time stamps",
     source="(3.27)",
 )

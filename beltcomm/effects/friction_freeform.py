@@ -66,5 +66,5 @@ EFFECT = Effect(
     seen="how far any law of friction over speed and direction could lower the error",
     causes="none: it is a bound for the named laws of friction",
     check="which named law comes near it",
-    source="effects-and-diagnosis sheet, section 12",
+    source="(2.21) with a term of its own; effects-and-diagnosis sheet, section 12",
 )

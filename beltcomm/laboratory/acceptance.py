@@ -71,7 +71,7 @@ def lags(fitted: Fitted) -> bool:
 
 
 def base_noise(grown: Fitted) -> float:
-    """How O changes when a model whose reading lags is judged by its own noise, its smaller deviations counted; nats, a gain is positive."""
+    """What O gains when a model whose reading lags is judged by its own noise, its smaller deviations counted; nats."""
     before = [replace(piece, pairs=None) for piece in grown.problem.pieces]
     after = [replace(rewhitened(piece, grown.model), pairs=None) for piece in before]
     old, new = (Problem(pieces, grown.model, grown.problem.free, BLOCK_S) for pieces in (before, after))

@@ -91,7 +91,7 @@ def diagnose(
     limit = most + len(EFFECTS)
     for number in range(limit):
         ground = ground_of(current, data.fitted, axis)
-        candidates = search(data, current, ground, progress=lambda f, n=number: progress((n + f) / (n + 2)))  # type: ignore[misc]
+        candidates = search(data, current, ground, progress=lambda f, n=number: progress(1.0 - 1.0 / (1.0 + n + f)))  # type: ignore[misc]
         # What the held-out records contradict stands in no one's way.
         best = next((c for c in candidates if c.fitted is None or not refuted(c.evidence, c.held_gain)), None)
         # Further orders of a ripple that is there already are no new cause.
