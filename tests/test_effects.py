@@ -140,7 +140,7 @@ def test_law_agrees_with_its_slope(effect: Effect) -> None:
         checked += reads_as_its_response(effect)
     if effect.slot == "load_friction":
         for load in (-3.0, 0.2):
-            assert difference(lambda f: effect.law(f, *values), load, 1e-4) == pytest.approx(effect.slope(load, *values))  # noqa: B023
+            assert difference(lambda f: effect.law(f, *values), load, 1e-4) == pytest.approx(effect.slope(load, *values))
             assert effect.law(load, *values) >= 0.0
             checked += 1
     if effect.slot == "torque_path":

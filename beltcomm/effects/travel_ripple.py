@@ -39,7 +39,7 @@ EFFECT = Effect(
     slot="force",
     title="ripple along the travel",
     parameters=(
-        Parameter("period", "m", "cart", 5e-3, 1e-4, 1.0, "distance after which it repeats"),
+        Parameter("period", "m", "cart", 1e-2, 1e-4, 1.0, "distance after which it repeats"),
         Parameter("sine", "N", "cart", 0.0, -1000.0, 1000.0, "amplitude of the sine"),
         Parameter("cosine", "N", "cart", 0.0, -1000.0, 1000.0, "amplitude of the cosine"),
     ),

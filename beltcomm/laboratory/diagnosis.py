@@ -93,13 +93,14 @@ def diagnose(
         ground = ground_of(current, data.fitted, axis)
         candidates = search(data, current, ground, progress=lambda f, n=number: progress(1.0 - 1.0 / (1.0 + n + f)))  # type: ignore[misc]
         # What the held-out records contradict stands in no one's way.
-        best = next((c for c in candidates if c.fitted is None or not refuted(c.evidence, c.held_gain)), None)
+        standing = [c for c in candidates if c.fitted is None or not refuted(c.evidence, c.held_gain)]
+        best = standing[0] if standing else None
         # Further orders of a ripple that is there already are no new cause.
         causes = sum(bool(step.added) and not further(step.added) for step in steps)
         if best is None or not best.accepted or best.fitted is None or (causes >= most and not further(best.effect.name)):
             steps.append(Step(current, tuple(candidates), "", (), current))
             break
-        twins = twins or twins_of(candidates)
+        twins = twins or twins_of(standing)
         data, grown = again(data, best.fitted, NEXT_ITERATIONS)
         data, kept, removed = superfluous(data, grown, base.model, best.effect.name)
         steps.append(Step(current, tuple(candidates), best.effect.name, removed, kept))
@@ -164,9 +165,9 @@ def verdict_of(base: Fitted, steps: Sequence[Step], twins: tuple[str, ...]) -> V
     added = [step.added for step in steps if step.added]
     if not added:
         return "nothing missing" if level < MISSING else "none of the known effects explains this"
-    if twins:
-        return "cannot tell"
-    return "explained" if level < EXPLAINED_UP_TO else "partly explained"
+    if level >= EXPLAINED_UP_TO:
+        return "partly explained"
+    return "cannot tell" if twins else "explained"
 
 
 def with_start_values(model: Model) -> Model:

@@ -21,6 +21,7 @@ from beltcomm.model import Model
 from beltcomm.result import Result, plain
 from beltcomm.runfolder import RunFolder
 from beltcomm.session import ladder_words as words
+from beltcomm.session.cross_check_words import as_data, check_lines, cross_checked
 from beltcomm.session.revisions import Revision, as_mapping, changed_recordings, current_model, current_revision, new_revision, revisions
 from beltcomm.talk import Silence, Talk
 
@@ -85,8 +86,9 @@ def diagnose_run(run: Path, *, auto: bool = False, command: str = "", when: str 
     talk.phase(1, 1, "search for missing effects")
     start = model if model is not None else start_model(folder.axis, recordings)
     found = diagnose(recordings, folder.axis, start, progress=lambda fraction: talk.progress(fraction, None))
-    data: dict[str, Any] = {"run": str(run), **diagnosis_data(found)}
-    text = words.diagnosis_lines(found, run)
+    checked = cross_checked(found, recordings, folder.axis)
+    data: dict[str, Any] = {"run": str(run), **diagnosis_data(found), **as_data(checked)}
+    text = words.diagnosis_lines(found, run) + check_lines(checked)
     folder.save_result("diagnosis", plain(data))
     if auto:
         added = climb(folder, found, model is not None, command, when)

@@ -1,0 +1,118 @@
+"""What a fitted model says besides its error: resonances, its cogging against a static map, the most that friction could explain."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltcomm.effects import EFFECTS, Ground
+from beltcomm.laboratory.fitting import Fitted
+from beltcomm.laboratory.score import Scorer
+from beltcomm.linear import modes, operating_point
+from beltcomm.model import Model
+from beltcomm.recording import Recording
+
+Array = NDArray[np.float64]
+
+#: rad/s: speed of the linearisation, anything at which friction slides.
+SLIDING_RAD_S = 1.0
+#: Angles tried for the zero of a map, per turn.
+ZEROS = 2000
+#: Correlation from which a map confirms the orders.
+CONFIRMED = 0.9
+#: Ratio of the loudness of two excited records from which they show an amplitude dependence.
+LOUDER = 1.5
+
+
+@dataclass(frozen=True)
+class Resonances:
+    """Hz, of the motor's response, ascending."""
+
+    antiresonance_hz: tuple[float, ...]
+    resonance_hz: tuple[float, ...]
+
+
+def resonances(model: Model, position_m: float) -> Resonances | None:
+    """None for one rigid body."""
+    if len(model.bodies()) < 2:
+        return None
+    point = operating_point(model, position_m, SLIDING_RAD_S)
+    held, free = (tuple(mode.freq_hz for mode in modes(model, point, held=bodies)) for bodies in (("motor",), ()))
+    return Resonances(held, free)
+
+
+def amplitudes_fitted(recordings: Sequence[Recording]) -> bool:
+    """Whether the excited records to fit were made at amplitudes that differ: else no dependence on amplitude can be told."""
+    loud = [float(np.std(r.torque)) for r in recordings if r.sidecar.experiment == "frf" and not r.sidecar.held_out]
+    return len(loud) > 1 and max(loud) > LOUDER * min(loud)
+
+
+@dataclass(frozen=True)
+class MapOrder:
+    """Amplitudes of one order, N m.   turned_rad : angle by which the map's wave runs ahead of the model's, of the order's own period."""
+
+    order: float
+    model: float
+    map: float
+    turned_rad: float
+
+
+@dataclass(frozen=True)
+class MapCheck:
+    """A map of the holding torque against the model's cogging.
+
+    correlation : of both as waves over one turn.   zero_rad : angle by which the map's zero had to be turned for it.
+    """
+
+    record: str
+    correlation: float
+    zero_rad: float
+    orders: tuple[MapOrder, ...]
+
+    @property
+    def confirmed(self) -> bool:
+        """Whether the map shows what the model says."""
+        return self.correlation > CONFIRMED
+
+
+def map_checks(recordings: Sequence[Recording], model: Model) -> tuple[MapCheck, ...]:
+    """Every static map against the cogging of the model, which was fitted to motion only; () without either.
+
+    The holding torque is that of the cogging with the sign turned, Σ sine sin(N θ) + cosine cos(N θ); the zero of the map's angle need
+    not be that of the records (another index), so it is found first: one number for all orders.
+    """
+    present = [e.name for e in model.effect_list() if e.harmonic == "load"]
+    orders = np.array([model[f"{name}.order"] for name in present if f"{name}.order" in model.parameters])
+    waves = np.array([complex(model[f"{n}.cosine"], -model[f"{n}.sine"]) for n in present if f"{n}.order" in model.parameters])
+    if not len(orders):
+        return ()
+    return tuple(map_check(r, orders, waves) for r in recordings if r.is_static_map)
+
+
+def map_check(record: Recording, orders: Array, waves: NDArray[np.complex128]) -> MapCheck:
+    """One map; waves: w of the torque Re Σ w exp(j N θ)."""
+    angle = record.position
+    columns = np.concatenate([np.cos(np.outer(angle, orders)), -np.sin(np.outer(angle, orders)), np.ones((len(angle), 1))], axis=1)
+    found = np.linalg.lstsq(columns, record.torque, rcond=None)[0]
+    seen = found[: len(orders)] + 1j * found[len(orders) : -1]
+    zeros = np.linspace(0.0, 2.0 * math.pi, ZEROS, endpoint=False)
+    alike = np.real(np.exp(1j * np.outer(zeros, orders)) @ (np.conj(seen) * waves))
+    best = int(np.argmax(alike))
+    turned = waves * np.exp(1j * zeros[best] * orders)
+    rest = float(np.linalg.norm(record.torque - np.mean(record.torque)) * math.sqrt(2.0 / len(angle)))
+    listed = tuple(
+        MapOrder(float(n), float(abs(w)), float(abs(s)), float(np.angle(s / w))) for n, w, s in zip(orders, turned, seen, strict=True)
+    )
+    return MapCheck(record.name, float(alike[best] / (np.linalg.norm(waves) * rest)), float(zeros[best]), listed)
+
+
+def friction_bound(fitted: Fitted, ground: Ground) -> float:
+    """Share of the squares that any further law of friction over speed and direction could explain, to first order; 0 to 1."""
+    bounds = [effect for effect in EFFECTS if effect.bound and effect.name not in fitted.model.effects]
+    scorer = Scorer(fitted)
+    drops = [way.drop for effect in bounds for way in scorer.score(effect, ground)]
+    return 1.0 - math.exp(-max(drops, default=0.0) / fitted.problem.samples)
