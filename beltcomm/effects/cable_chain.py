@@ -16,7 +16,9 @@ def slope(position: float, speed: float, t: float, rate: float, offset: float) -
 
 
 def trials(ground: Ground) -> list[Trial]:
-    """Spring and offset as two columns."""
+    """Spring and offset as two columns; a motor alone pulls no chain."""
+    if not ground.belt and ground.side != "load":
+        return []
     return [Trial({"rate": 8.0, "offset": 2.0}, amplitudes=("rate", "offset"), signed=True)]
 
 
