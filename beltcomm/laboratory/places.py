@@ -1,9 +1,13 @@
-"""Where a model fails: the whitened residual by record, frequency, speed, direction, position, torque and time."""
+"""Where a model fails: the whitened residual by frequency, speed, direction, position, amplitude, time and angle of the motor.
+
+Every dimension is cut into bins; a bin's ratio is the rms of the whitened residual in it, 1 where nothing is missing.  A *place* is the
+worst bin with its neighbours that are nearly as bad, compared with the rest of the same dimension: a place stands out by
+ratio / elsewhere, not by ratio alone, or an error that is everywhere would be blamed on all dimensions at once.
+"""
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,78 +17,309 @@ from beltcomm.identify.residual import Stretch
 
 Array = NDArray[np.float64]
 
-#: m/s, edges of the speed bins; m, s and Hz, widths of the others; share of the largest torque, edges.
+#: m/s, edges of the speed bins; m, s and Hz, widths of the others; shares of the largest torque, edges.
 SPEEDS_M_S = (0.0, 0.008, 0.02, 0.05, 0.12, 0.3, 0.7, 1.5, 10.0)
-PLACE_M, TIME_S, BAND_HZ = 0.08, 20.0, 20.0
+PLACE_M, TIME_S, BAND_HZ = 0.04, 10.0, 20.0
 TORQUE_SHARES = (0.0, 0.1, 0.2, 0.35, 0.55, 0.8, 1.01)
-#: A bin with fewer samples says nothing.
-FEWEST = 150
+#: A bin with fewer samples says nothing; nor one whose ratio is less than this many deviations above 1.
+FEWEST, DEVIATIONS = 150, 4.0
+#: A range that holds more of all samples is no place.
+MOST = 0.75
+#: Neighbours with this share of the worst bin's excess belong to the place.
+AS_BAD = 0.4
+#: A mean torque is told where it makes up this share of what the place has too much.
+MEAN_SHARE = 0.25
+#: A record is named where it holds this share of a place's excess.
+RECORD_SHARE = 0.6
+#: Bins and orders of a turn of the motor, turns that must be covered, and by how much a line must stand out of the others.
+ANGLES, ORDERS, TURNS, STANDS_OUT = 512, 100, 5.0, 6.0
 
 
 @dataclass(frozen=True)
 class Place:
-    """One bin.   dimension, low, high, unit.   ratio : rms of the residual over that of the noise.   share : of all squares above
-    the noise.   more_nm : by how much the measured torque lies above the model's, in the direction of motion, N m."""
+    """A range of one dimension.   low, high, unit.   ratio, elsewhere : rms of the residual over that of the noise, here and in the rest.
+
+    share : of all squares above the noise.   forward_nm, backward_nm : measured minus model's torque, mean over motion in positive and in
+    negative direction (over positive and negative torque where the dimension is the amplitude), N m; None where the mean does not
+    matter.   record : the one that most of it comes from, "" for several.   samples : in it.   swing_nm : amplitude of a ripple, N m.
+    """
 
     dimension: str
     low: float
     high: float
     unit: str
     ratio: float
+    elsewhere: float
     share: float
-    more_nm: float
-    samples: int
+    forward_nm: float | None = None
+    backward_nm: float | None = None
+    record: str = ""
+    samples: int = 0
+    swing_nm: float = 0.0
+    weight: float = 0.0
+
+    @property
+    def contrast(self) -> float:
+        """How far it stands out."""
+        return self.ratio / max(self.elsewhere, 0.5)
+
+    @property
+    def rank(self) -> float:
+        """What places are sorted by: contrast, or by how much the error falls without what is seen there.
+
+        Everything slow lies in the lowest band: that it does says little.
+        """
+        if self.dimension in ("direction", "angle"):
+            return float(np.sqrt((self.ratio**2 - 1.0) / max(self.elsewhere**2 - 1.0, 0.02))) if self.ratio > 1.0 else 0.0
+        return float(np.sqrt(self.contrast)) if self.dimension == "frequency" and self.low <= 0.0 else self.contrast
 
 
 @dataclass(frozen=True)
 class Judged:
     """A stretch with its residual.   white : of the kept samples, in units of the noise.   torque : the same samples, N m, model minus
-    measured.   cart : carriage position of all samples, m."""
+    measured.   whole : torque of all samples, N m, kept or not."""
 
     piece: Stretch
     white: Array
     torque: Array
     ratio_m_rad: float
+    whole: Array
+
+
+@dataclass(frozen=True)
+class Samples:
+    """All kept samples of all stretches, (n,) each.   more : measured minus model's torque, N m.   record : number of the record."""
+
+    white: Array
+    more: Array
+    speed: Array
+    position: Array
+    time: Array
+    load: Array
+    record: NDArray[np.intp]
+    names: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Bins:
+    """Ratios along one dimension.   edges : (k+1,).   ratio : (k,), nan where there are too few samples.   count : (k,)."""
+
+    dimension: str
+    unit: str
+    edges: Array
+    ratio: Array
+    count: Array
+
+
+def gathered(judged: Sequence[Judged]) -> Samples:
+    """The samples of all stretches side by side."""
+    names = tuple(dict.fromkeys(j.piece.record for j in judged))
+    return Samples(
+        np.concatenate([j.white for j in judged]),
+        -np.concatenate([j.torque for j in judged]),
+        np.concatenate([motor_speed(j) * j.ratio_m_rad for j in judged]),
+        np.concatenate([motor_angle(j) * j.ratio_m_rad for j in judged]),
+        np.concatenate([j.piece.motion.time_s + j.piece.motion.sample_s * np.flatnonzero(j.piece.keep) for j in judged]),
+        np.concatenate([j.piece.torque[j.piece.keep] for j in judged]),
+        np.concatenate([np.full(len(j.white), names.index(j.piece.record)) for j in judged]),
+        names,
+    )
+
+
+def dimensions(samples: Samples) -> dict[str, tuple[Array, Array, str]]:
+    """Value of every sample, edges and unit by dimension."""
+    largest = float(np.abs(samples.load).max()) if len(samples.load) else 1.0
+    return {
+        "speed": (np.abs(samples.speed), np.array(SPEEDS_M_S), "m/s"),
+        "position": (samples.position, grid(samples.position, PLACE_M), "m"),
+        "amplitude": (np.abs(samples.load), largest * np.array(TORQUE_SHARES), "N m"),
+        "time": (samples.time, grid(samples.time, TIME_S), "s"),
+    }
+
+
+def bins_of(dimension: str, values: Array, edges: Array, unit: str, squares: Array) -> Bins:
+    """Ratios along one dimension."""
+    number = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, len(edges) - 2)
+    count = np.bincount(number, minlength=len(edges) - 1)
+    total = np.bincount(number, squares, minlength=len(edges) - 1)
+    ratio = np.where(count >= FEWEST, np.sqrt(total / np.maximum(count, 1)), np.nan)
+    return Bins(dimension, unit, edges, ratio, count.astype(np.float64))
 
 
 def worst_places(judged: Sequence[Judged]) -> list[Place]:
-    """All bins, the worst first."""
-    squares = np.concatenate([j.white**2 for j in judged])
-    above = max(float(np.sum(squares - 1.0)), 1e-9)
-    torque = np.concatenate([j.torque for j in judged])
-    speed = np.concatenate([motor_speed(j) * j.ratio_m_rad for j in judged])
-    side = np.sign(speed)
-    place = np.concatenate([motor_angle(j) * j.ratio_m_rad for j in judged])
-    time = np.concatenate([j.piece.motion.time_s + j.piece.motion.sample_s * np.flatnonzero(j.piece.keep) for j in judged])
-    load = np.concatenate([np.abs(j.piece.torque[j.piece.keep]) for j in judged])
-    found: list[Place] = []
-
-    def add(dimension: str, values: Array, edges: Iterable[float], unit: str) -> None:
-        edges = list(edges)
-        for low, high in itertools.pairwise(edges):
-            inside = (values >= low) & (values < high)
-            count = int(inside.sum())
-            if count >= FEWEST:
-                excess = float(np.sum(squares[inside] - 1.0))
-                more = -float(np.mean((torque * side)[inside])) if dimension != "direction" else -float(np.mean(torque[inside]))
-                ratio = float(np.sqrt(np.mean(squares[inside])))
-                found.append(Place(dimension, low, high, unit, ratio, excess / above, more, count))
-
-    add("speed", np.abs(speed), SPEEDS_M_S, "m/s")
-    add("direction", side, (-1.5, 0.0, 1.5), "")
-    add("position", place, grid(place, PLACE_M), "m")
-    add("time", time, grid(time, TIME_S), "s")
-    largest = float(load.max()) if len(load) else 1.0
-    add("torque", load, [share * largest for share in TORQUE_SHARES], "N m")
-    found += bands(judged, above)
-    return sorted(found, key=lambda p: -p.ratio)
+    """The worst place of every dimension that has one, the one that stands out most first."""
+    judged = [j for j in judged if len(j.white)]
+    if not judged:
+        return []
+    samples = gathered(judged)
+    squares = samples.white**2
+    found = []
+    for dimension, (values, edges, unit) in dimensions(samples).items():
+        bins = bins_of(dimension, values, edges, unit, squares)
+        span = worst_span(bins.ratio, bins.count)
+        if span is not None:
+            inside = (values >= edges[span[0]]) & (values < edges[span[1]])
+            if inside.mean() > MOST:
+                continue
+            found.append(place_of(dimension, edges[span[0]], edges[span[1]], unit, inside, samples))
+    found += [p for p in (worst_band(judged), by_direction(samples), by_angle(judged, samples)) if p is not None]
+    return sorted(found, key=lambda p: -p.rank)
 
 
-def bands(judged: Sequence[Judged], above: float) -> list[Place]:
-    """Bins of frequency, from the power of the whitened residual with left-out samples as zeros."""
-    power: dict[int, float] = {}
-    weight: dict[int, float] = {}
+def worst_span(ratio: Array, count: Array) -> tuple[int, int] | None:
+    """First and last edge of the worst bin with its neighbours that are nearly as bad; None where no bin is clearly above the noise."""
+    excess = np.nan_to_num(ratio, nan=1.0) ** 2 - 1.0
+    clear = excess > DEVIATIONS * np.sqrt(2.0 / np.maximum(count, 1.0))
+    if not clear.any():
+        return None
+    worst = int(np.argmax(np.where(clear, excess, -np.inf)))
+    first = last = worst
+    while first > 0 and excess[first - 1] > AS_BAD * excess[worst]:
+        first -= 1
+    while last + 1 < len(excess) and excess[last + 1] > AS_BAD * excess[worst]:
+        last += 1
+    return first, last + 1
+
+
+def place_of(dimension: str, low: float, high: float, unit: str, inside: NDArray[np.bool_], samples: Samples) -> Place:
+    """The samples of a range as a place."""
+    squares = samples.white**2
+    here = float(np.mean(squares[inside]))
+    rest = squares[~inside]
+    elsewhere = float(np.sqrt(np.mean(rest))) if len(rest) >= FEWEST else 1.0
+    side = samples.load if dimension == "amplitude" else samples.speed
+    means: list[float | None] = []
+    explained = 0.0
+    for half in (inside & (side > 0.0), inside & (side < 0.0)):
+        count = int(half.sum())
+        means.append(float(np.mean(samples.more[half])) if count >= FEWEST // 3 else None)
+        explained += count * float(np.mean(samples.white[half])) ** 2 if count >= FEWEST // 3 else 0.0
+    if explained < MEAN_SHARE * inside.sum() * max(here - 1.0, 1e-9):
+        means = [None, None]
+    excess = np.bincount(samples.record[inside], squares[inside] - 1.0, minlength=len(samples.names))
+    most = int(np.argmax(excess))
+    named = len(samples.names) > 1 and excess[most] > RECORD_SHARE * float(np.sum(np.maximum(excess, 0.0)))
+    return Place(
+        dimension,
+        float(low),
+        float(high),
+        unit,
+        float(np.sqrt(here)),
+        elsewhere,
+        float(np.sum(squares[inside] - 1.0)) / above_noise(squares),
+        means[0],
+        means[1],
+        samples.names[most] if named else "",
+        int(inside.sum()),
+        weight=float(np.sum(squares[inside] - 1.0)) / len(squares),
+    )
+
+
+def by_direction(samples: Samples) -> Place | None:
+    """Torque that is missing on average, by direction.   elsewhere : what is left of the ratio without it."""
+    squares = samples.white**2
+    left = samples.white.copy()
+    for half in (samples.speed > 0.0, samples.speed < 0.0):
+        if half.sum() >= FEWEST:
+            left[half] -= np.mean(left[half])
+    place = place_of("direction", -1.0, 1.0, "", np.ones(len(squares), dtype=bool), samples)
+    forward, backward = samples.speed > 0.0, samples.speed < 0.0
+    if min(forward.sum(), backward.sum()) < FEWEST:
+        return None
+    means = [float(np.mean(samples.more[half])) for half in (forward, backward)]
+    without = float(np.sqrt(np.mean(left**2)))
+    weight = place.ratio**2 - without**2
+    record, count = place.record, len(squares)
+    return Place("direction", -1.0, 1.0, "", place.ratio, without, 1.0, means[0], means[1], record, count, weight=weight)
+
+
+def by_angle(judged: Sequence[Judged], samples: Samples) -> Place | None:
+    """The torque that repeats with the angle of the motor.   elsewhere : what is left of the ratio without it."""
+    angle = np.concatenate([motor_angle(j) for j in judged])
+    if samples.position.size == 0 or np.ptp(angle) < TURNS * 2.0 * np.pi or any(j.piece.whitener is None for j in judged):
+        return None
+    number = np.floor((angle / (2.0 * np.pi) % 1.0) * ANGLES).astype(int)
+    count = np.bincount(number, minlength=ANGLES)
+    mean = np.bincount(number, samples.more, minlength=ANGLES) / np.maximum(count, 1)
+    lines = np.fft.rfft(mean - mean.mean()) / (0.5 * ANGLES)
+    size = np.abs(lines[: ORDERS + 1])
+    order = int(np.argmax(size))
+    if order == 0 or size[order] < STANDS_OUT * float(np.median(size[1:])):
+        return None
+    left = []
+    for item in judged:
+        theta = item.piece.motion.theta[:: item.piece.motion.substeps]
+        phase = order * (theta - np.pi / ANGLES)
+        ripple = np.real(lines[order]) * np.cos(phase) - np.imag(lines[order]) * np.sin(phase)
+        assert item.piece.whitener is not None
+        left.append(item.white + item.piece.whitener(ripple, item.piece.keep))
+    rest = np.concatenate(left)
+    overall, without = float(np.sqrt(np.mean(samples.white**2))), float(np.sqrt(np.mean(rest**2)))
+    share = (overall**2 - without**2) * len(rest) / above_noise(samples.white**2)
+    return Place(
+        "angle",
+        order,
+        order,
+        "1/turn",
+        overall,
+        without,
+        share,
+        samples=len(rest),
+        swing_nm=float(size[order]),
+        weight=overall**2 - without**2,
+    )
+
+
+def worst_band(judged: Sequence[Judged]) -> Place | None:
+    """The worst band of frequency over all records."""
+    table = bands(judged)
+    power, weight = np.nansum(table.power * table.weight, axis=0), np.sum(table.weight, axis=0)
+    mean = power / np.maximum(weight, 1e-9)
+    span = worst_span(np.sqrt(mean), 2.0 * weight * BAND_HZ * table.sample_s)
+    if span is None:
+        return None
+    inside = np.zeros(len(mean), dtype=bool)
+    inside[span[0] : span[1]] = True
+    here = float(np.sum(power[inside]) / np.sum(weight[inside]))
+    rest = float(np.sum(power[~inside]) / np.sum(weight[~inside])) if not inside.all() else 1.0
+    total = max(float(np.sum(power - weight)), 1e-9)
+    excess = np.nansum((table.power - 1.0)[:, inside] * table.weight[:, inside], axis=1)
+    most = int(np.argmax(excess))
+    named = len(table.names) > 1 and excess[most] > RECORD_SHARE * float(np.sum(np.maximum(excess, 0.0)))
+    return Place(
+        "frequency",
+        float(table.edges[span[0]]),
+        float(table.edges[span[1]]),
+        "Hz",
+        float(np.sqrt(here)),
+        float(np.sqrt(rest)),
+        float(np.sum((power - weight)[inside])) / total,
+        record=table.names[most] if named else "",
+        samples=int(np.sum(weight[inside]) / len(mean)),
+        weight=float(np.sum((power - weight)[inside]) / np.sum(weight)),
+    )
+
+
+@dataclass(frozen=True)
+class Bands:
+    """Power of the whitened residual by record and band, 1 at the noise.   edges : (k+1,), Hz.   power, weight : (records, k); weight
+    counts samples.   sample_s : s."""
+
+    names: tuple[str, ...]
+    held_out: tuple[bool, ...]
+    edges: Array
+    power: Array
+    weight: Array
+    sample_s: float
+
+
+def bands(judged: Sequence[Judged], width_hz: float = BAND_HZ) -> Bands:
+    """Power by record and band, left-out samples as zeros."""
+    names = tuple(dict.fromkeys(j.piece.record for j in judged))
     sample = judged[0].piece.motion.sample_s
+    count = max(1, round(0.5 / sample / width_hz))
+    edges = np.linspace(0.0, 0.5 / sample, count + 1)
+    total, weight = np.zeros((len(names), count)), np.zeros((len(names), count))
     for item in judged:
         keep = item.piece.keep
         if keep.sum() < FEWEST:
@@ -92,21 +327,19 @@ def bands(judged: Sequence[Judged], above: float) -> list[Place]:
         row = np.zeros(len(keep))
         row[keep] = item.white
         spectrum = np.abs(np.fft.rfft(row)) ** 2 / keep.sum()
-        freq = np.fft.rfftfreq(len(row), item.piece.motion.sample_s)
-        number = (freq / BAND_HZ).astype(int)
-        for band in range(number.max() + 1):
-            inside = number == band
-            power[band] = power.get(band, 0.0) + float(spectrum[inside].mean()) * int(keep.sum())
-            weight[band] = weight.get(band, 0.0) + float(keep.sum())
-    total = sum(weight.values()) / max(len(weight), 1)
-    found = []
-    for band, value in power.items():
-        mean = value / weight[band]
-        share = (mean - 1.0) * total / len(weight) / above
-        found.append(
-            Place("frequency", band * BAND_HZ, min((band + 1) * BAND_HZ, 0.5 / sample), "Hz", float(np.sqrt(mean)), share, 0.0, int(total))
-        )
-    return found
+        number = np.clip(np.searchsorted(edges, np.fft.rfftfreq(len(row), item.piece.motion.sample_s), side="right") - 1, 0, count - 1)
+        lines = np.bincount(number, minlength=count)
+        at = names.index(item.piece.record)
+        share = float(keep.sum()) * (lines > 0)
+        total[at] += share * np.bincount(number, spectrum, minlength=count) / np.maximum(lines, 1)
+        weight[at] += share
+    power = np.where(weight > 0.0, total / np.maximum(weight, 1.0), np.nan)
+    return Bands(names, tuple(any(j.piece.held_out for j in judged if j.piece.record == n) for n in names), edges, power, weight, sample)
+
+
+def above_noise(squares: Array) -> float:
+    """Sum of all squares above the noise."""
+    return max(float(np.sum(squares - 1.0)), 1e-9)
 
 
 def motor_speed(item: Judged) -> Array:
@@ -123,19 +356,3 @@ def grid(values: Array, width: float) -> Array:
     """Edges of equal bins over all values."""
     low = np.floor(values.min() / width) * width
     return np.asarray(np.arange(low, values.max() + 2.0 * width, width))
-
-
-def in_words(place: Place) -> str:
-    """A bin as a sentence."""
-    milli = 1e3 * place.more_nm
-    torque = f": measured torque {abs(milli):.2g} mN m {'higher' if milli > 0 else 'lower'} than the model's" if abs(milli) >= 0.05 else ""
-    spans = {
-        "speed": f"speeds of {place.low:g} to {place.high:g} m/s",
-        "direction": "motion in positive direction" if place.high > 1.0 else "motion in negative direction",
-        "position": f"carriage between {place.low:.2f} and {place.high:.2f} m",
-        "time": f"{place.low:.0f} to {place.high:.0f} s on the session's clock",
-        "torque": f"torques of {place.low:.2g} to {place.high:.2g} N m",
-        "frequency": f"{place.low:.0f} to {place.high:.0f} Hz",
-    }
-    along = " along the motion" if torque and place.dimension != "direction" else ""
-    return f"{spans[place.dimension]}: {place.ratio:.2f} times the noise{torque}{along}"

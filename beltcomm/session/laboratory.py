@@ -9,12 +9,12 @@ from typing import Any
 
 from beltcomm.effects import effect_named
 from beltcomm.errors import UsageError
-from beltcomm.laboratory.compare import Comparison, compare, worst
+from beltcomm.laboratory.compare import Comparison, compare, landmarks, worst
 from beltcomm.laboratory.data import Data
 from beltcomm.laboratory.diagnosis import NEXT_ITERATIONS, Diagnosis, again, diagnose, fitted_base
 from beltcomm.laboratory.fitting import Fitted, fit
 from beltcomm.laboratory.intervals import with_intervals
-from beltcomm.laboratory.places import in_words
+from beltcomm.laboratory.place_words import in_words
 from beltcomm.laboratory.score import Scorer, ground_of
 from beltcomm.laboratory.stage import Candidate
 from beltcomm.laboratory.start import start_model
@@ -22,6 +22,7 @@ from beltcomm.model import Model
 from beltcomm.result import Result, plain
 from beltcomm.runfolder import RunFolder
 from beltcomm.session import ladder_words as words
+from beltcomm.session import pictures as drawn
 from beltcomm.session.revisions import Revision, as_mapping, changed_recordings, current_model, current_revision, new_revision, revisions
 from beltcomm.talk import Silence, Talk
 
@@ -51,11 +52,13 @@ def opened(run: Path, talk: Talk) -> Opened:
     return Opened(folder, data, fitted)
 
 
-def compare_run(run: Path, *, talk: Talk | None = None) -> Result:
-    """Model against measurement: ratios to the noise per record, and where it fails."""
+def compare_run(run: Path, *, pictures: bool = True, command: str = "", talk: Talk | None = None) -> Result:
+    """Model against measurement: ratios to the noise per record, and where it fails.   pictures : into ``RUN/pictures``."""
     here = opened(run, talk or Silence())
     comparison = compare(here.data, here.fitted)
-    chosen = worst(comparison.places)
+    chosen = worst(comparison)
+    named = landmarks(here.fitted.model, drawn.middle_of(here.folder))
+    made, remarks = drawn.comparison_pictures(here.folder, here.data, here.fitted, comparison, command) if pictures else ([], [])
     data = {
         "run": str(run),
         "model": {"effects": list(here.fitted.model.effects), "parameters": values_of(here.fitted.model)},
@@ -69,12 +72,15 @@ def compare_run(run: Path, *, talk: Talk | None = None) -> Result:
                 "unit": p.unit,
                 "ratio": p.ratio,
                 "share": p.share,
-                "text": in_words(p),
+                "elsewhere": p.elsewhere,
+                "text": in_words(p, named),
             }
             for p in chosen
         ],
+        "pictures": made,
     }
-    return Result(data, words.comparison_lines(comparison, chosen, here.fitted.model, run))
+    text = words.comparison_lines(comparison, [in_words(p, named) for p in chosen], here.fitted.model, run)
+    return Result(data, text[:-1] + drawn.lines(here.folder, made, remarks) + text[-1:])
 
 
 def diagnose_run(run: Path, *, auto: bool = False, command: str = "", when: str = "", talk: Talk | None = None) -> Result:
@@ -113,8 +119,8 @@ def climb(folder: RunFolder, found: Diagnosis, known: bool, command: str, when: 
     return made
 
 
-def add_to_run(effect: str, run: Path, *, command: str = "", when: str = "", talk: Talk | None = None) -> Result:
-    """Everything refitted with one more effect, saved as a new revision."""
+def add_to_run(effect: str, run: Path, *, pictures: bool = True, command: str = "", when: str = "", talk: Talk | None = None) -> Result:
+    """Everything refitted with one more effect, saved as a new revision.   pictures : before and after, into ``RUN/pictures``."""
     asked, effect = effect, FAMILY.get(effect, effect)
     if asked != "tilt":
         effect_named(effect)
@@ -129,10 +135,12 @@ def add_to_run(effect: str, run: Path, *, command: str = "", when: str = "", tal
     note = (
         f"{asked}, friction by direction and an offset of the current look alike on this axis: added as {effect}" if asked != effect else ""
     )
-    return change_result(here, after, rung, note, run)
+    return change_result(here, data, after, rung, note, command, pictures)
 
 
-def remove_from_run(effect: str, run: Path, *, command: str = "", when: str = "", talk: Talk | None = None) -> Result:
+def remove_from_run(
+    effect: str, run: Path, *, pictures: bool = True, command: str = "", when: str = "", talk: Talk | None = None
+) -> Result:
     """Everything refitted without an effect, saved as a new revision."""
     effect = FAMILY.get(effect, effect)
     here = opened(run, talk or Silence())
@@ -143,19 +151,19 @@ def remove_from_run(effect: str, run: Path, *, command: str = "", when: str = ""
     smaller = fit(here.data, here.fitted.model.without_effect(effect), NEXT_ITERATIONS, offsets=here.fitted.offsets)
     data, after = again(here.data, smaller, NEXT_ITERATIONS)
     rung = revision_of(here.folder, data, after, here.fitted, f"-{effect}", command, when)
-    return change_result(here, after, rung, "", run)
+    return change_result(here, data, after, rung, "", command, pictures)
 
 
-def ladder_of_run(run: Path) -> Result:
-    """All revisions as a staircase."""
+def ladder_of_run(run: Path, *, pictures: bool = True, command: str = "") -> Result:
+    """All revisions as a staircase.   pictures : it into ``RUN/pictures``."""
     folder = RunFolder.open(run)
     rungs = revisions(folder)
     if not rungs:
         raise UsageError(f"{run} has no revisions yet; begin with `beltcomm diagnose {run}` or `beltcomm add EFFECT {run}`")
     changed = changed_recordings(folder, rungs[-1])
-    return Result(
-        {"run": str(run), "revisions": [as_mapping(r) for r in rungs], "changed_recordings": changed}, words.ladder_lines(rungs, changed)
-    )
+    made, remarks = drawn.ladder_picture(folder, rungs, command) if pictures else ([], [])
+    data = {"run": str(run), "revisions": [as_mapping(r) for r in rungs], "changed_recordings": changed, "pictures": made}
+    return Result(data, words.ladder_lines(rungs, changed) + drawn.lines(folder, made, remarks))
 
 
 def grown_by(here: Opened, effect: str) -> Fitted:
@@ -206,8 +214,14 @@ def revision_of(folder: RunFolder, data: Data, after: Fitted, before: Fitted, ch
     )
 
 
-def change_result(here: Opened, after: Fitted, rung: Revision, note: str, run: Path) -> Result:
-    """What ``add`` and ``remove`` say."""
+def change_result(here: Opened, grown: Data, after: Fitted, rung: Revision, note: str, command: str, pictures: bool) -> Result:
+    """What ``add`` and ``remove`` say.   grown : the records as the new model sees them."""
+    run = here.folder.path
+    made: list[str] = []
+    remarks: list[str] = []
+    if pictures:
+        made, remarks = drawn.change_picture(here.folder, rung, compare(here.data, here.fitted), compare(grown, after), command)
+    model = with_intervals(after)
     data = {
         "run": str(run),
         "revision": rung.name,
@@ -215,9 +229,11 @@ def change_result(here: Opened, after: Fitted, rung: Revision, note: str, run: P
         "confirmed": rung.confirmed,
         "before": {"ratio": here.fitted.ratio, "held_out": here.fitted.held_ratio},
         "after": {"ratio": after.ratio, "held_out": after.held_ratio},
-        "parameters": values_of(with_intervals(after)),
+        "parameters": values_of(model),
+        "pictures": made,
     }
-    return Result(data, words.change_lines(here.fitted, with_intervals(after), after, rung, note, run))
+    text = words.change_lines(here.fitted, model, after, rung, note, run)
+    return Result(data, text[:-1] + drawn.lines(here.folder, made, remarks) + text[-1:])
 
 
 def ratios(comparison: Comparison) -> dict[str, Any]:

@@ -10,7 +10,6 @@ from beltcomm.laboratory.compare import Comparison
 from beltcomm.laboratory.diagnosis import Diagnosis
 from beltcomm.laboratory.fitting import Fitted
 from beltcomm.laboratory.intervals import with_intervals
-from beltcomm.laboratory.places import Place, in_words
 from beltcomm.model import Model, effect_parameters
 from beltcomm.session.revisions import Revision
 
@@ -18,7 +17,7 @@ from beltcomm.session.revisions import Revision
 BAR = 40
 
 
-def comparison_lines(comparison: Comparison, chosen: Sequence[Place], model: Model, run: Path) -> list[str]:
+def comparison_lines(comparison: Comparison, places: Sequence[str], model: Model, run: Path) -> list[str]:
     """``beltcomm compare``."""
     held = "" if comparison.held_out is None else f", on records that were not fitted {comparison.held_out:.2f}"
     lines = [
@@ -29,11 +28,8 @@ def comparison_lines(comparison: Comparison, chosen: Sequence[Place], model: Mod
     ]
     lines += [f"{r.name:28} {r.ratio:11.2f}  {r.samples}{'  held out' if r.held_out else ''}" for r in comparison.records]
     lines.append("")
-    if chosen:
-        lines += ["Where it fails most:", *(f"  {in_words(place)}" for place in chosen), f"Next: beltcomm diagnose {run}"]
-    else:
-        lines.append("No place stands out.")
-    return lines
+    lines += ["Where it fails most:", *(f"  {place}" for place in places)] if places else ["No place stands out."]
+    return [*lines, f"Next: beltcomm diagnose {run}"]
 
 
 def diagnosis_lines(found: Diagnosis, run: Path) -> list[str]:
