@@ -60,8 +60,6 @@ def response_pairs(recordings: Sequence[Recording], judged: Sequence[Judged]) ->
         freq = np.asarray(np.fft.rfftfreq(period, recording.sample_period_s), dtype=np.float64)
         strong = np.abs(torque) > LEAST_EXCITATION * np.abs(torque[FIRST_LINE:]).max()
         lines = np.flatnonzero(strong & (np.arange(len(freq)) >= FIRST_LINE))
-            (np.abs(torque) > LEAST_EXCITATION * np.abs(torque[FIRST_LINE:]).max()) & (np.arange(len(freq)) >= FIRST_LINE)
-        )
         z = np.exp(2j * np.pi * freq[lines] * recording.sample_period_s)
         angle = z / (z - 1.0) * turned[lines]
         found.append(

@@ -10,7 +10,6 @@ from matplotlib.figure import Figure
 
 from beltcomm.report import style
 
-
 #: A record that gets worse but stays below this has not lost anything that could be told from noise.
 WITHIN_CHANCE = 1.05
 
