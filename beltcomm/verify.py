@@ -108,10 +108,12 @@ def predict_move(
     torque_limit_nm: float,
     counts_per_rev: int,
     belt_stretch_m: float = 0.0,
+    extra_torque_nm: Array | None = None,
 ) -> PredictedMove:
     """Simulate the drive's own cascade on the model along a reference motion that is sampled once per loop period.
 
     structure : of the drive's cascade.   delay_s : torque setpoint to acting torque.   belt_stretch_m : at the start.
+    extra_torque_nm : ndarray (n,), sent along with the reference and added to the drive's torque.
     The encoder counts as the drive sees them; the measurement noise of the torque signal does not enter the loop.
     """
     ratio, period_s = model["transmission.ratio"], structure.period_s
@@ -129,13 +131,14 @@ def predict_move(
     waiting = [0.0] * (whole + 1)
     n = len(reference)
     motor, cart, torque = np.empty(n), np.empty(n), np.empty(n)
+    added = np.zeros(n) if extra_torque_nm is None else extra_torque_nm
     belt = fastest = 0.0
     for k in range(n):
         motor[k], cart[k] = plant.position_rad, plant.cart_position_m
         counted = start + math.floor(plant.position_rad / step + 0.5) * step
         seen = structure.position_error_seen(reference[k] - counted, cascade.kpp_1_s)
         fastest = max(fastest, cascade.kpp_1_s * abs(seen))
-        torque[k] = cascade_step(coefficients, state, counted + seen, velocity[k], acceleration[k], counted, 0.0)
+        torque[k] = cascade_step(coefficients, state, counted + seen, velocity[k], acceleration[k], counted, float(added[k]))
         before = waiting.pop(0)
         waiting.append(float(torque[k]))
         if rest > 1e-9:
