@@ -12,6 +12,7 @@ from pathlib import Path
 
 from beltcomm.axis import Axis, load_axis
 from beltcomm.control import Cascade
+from beltcomm.design.compensation import compensated
 from beltcomm.design.feedforward import FeedforwardKind
 from beltcomm.design.prefilters import PrefilterKind
 from beltcomm.design.specification import Specification
@@ -33,6 +34,7 @@ from beltcomm.session.laboratory import add_to_run, compare_run, diagnose_run, l
 from beltcomm.session.machine import Machine, backed_up
 from beltcomm.session.plan import Plan, commission_plan, friction_plan, identify_plan, move_plan, verification_plan
 from beltcomm.session.proof import admit, next_step, proof
+from beltcomm.session.revisions import trusted_model
 from beltcomm.session.store import cascade_from_dict, drive_to_dict, verdict_to_dict
 from beltcomm.talk import Silence, Talk
 
@@ -188,7 +190,7 @@ def design(
     """Gains with margins from the run's model; nothing is written to a drive.   Raises Refused with what binds, DataError."""
     options, talk = options or Options(), talk or Silence()
     folder = RunFolder.open(run)
-    model = _saved_model(folder)
+    model, revision, which = _trusted_model(folder)
     findings = Findings()
     recordings = folder.recordings()
     analyse.check_whole(recordings)
@@ -197,10 +199,13 @@ def design(
     analyse.offered(structure, options.prefilter, options.feedforward)
     settings = replace(_settings(options), specification=specification)
     findings.design, findings.cascade = sequence.design_for(folder.axis, model, structure, findings, settings)
-    mapping = outcome.design_dict(findings)
+    along = compensated(model) if structure.torque_feedforward and settings.feedforward == "nonlinear" else ()
+    mapping = {**outcome.design_dict(findings), "revision": revision, "compensated": list(along)}
     folder.save_design("final", mapping)
+    findings.remarks += [which] if which else []
     text = [
         *words.design_lines(findings.design, findings.cascade),
+        *words.knowledge_lines(model, along),
         *words.remarks_lines(findings.remarks),
         f"Next: beltcomm verify --drive DRIVE --run {run}",
     ]
@@ -222,12 +227,14 @@ def verify(
     """
     options, talk = options or Options(), talk or Silence()
     folder = RunFolder.open(run)
-    model, saved = _saved_model(folder), folder.load("designs", "final")
+    saved = folder.load("designs", "final")
+    model = _trusted_model(folder, str(saved.get("revision") or ""))[0]
     with open_drive(drive, options.for_drive()) as connected:
         folder.claim_drive(connected.capabilities.identity)
         structure = connected.capabilities.structure
         analyse.offered(structure, None, options.feedforward)
         cascade, delay_s = offline.cascade_of(saved, model, structure, options.feedforward)
+        along = bool(saved.get("compensated")) and structure.torque_feedforward and options.feedforward in (None, "nonlinear")
         with Machine(connected, folder.axis, folder, talk) as machine:
             sequence.reference(machine, _settings(options))
             braking = stops.count_on_loop(machine, [model], cascade, delay_s)
@@ -237,7 +244,7 @@ def verify(
                 return _planned(plan)
             _agree(plan, options, talk)
             name = f"move_{1 + sum(n.startswith('move_') for n in folder.finished_names())}"
-            verdict, asked = verification.verify_move(machine, model, cascade, delay_s, path, name)
+            verdict, asked = verification.verify_move(machine, model, cascade, delay_s, path, name, compensating=along)
     folder.save_result(f"verify_{name}", {**verdict_to_dict(verdict), "proof": proof(cascade, path, ())})
     text = words.verdict_lines(verdict, asked, options.feedforward) + words.remarks_lines([remark] if remark else [])
     text.append(f"Next: {next_step(folder, drive, verdict.passed)}")
@@ -360,6 +367,15 @@ def _saved_model(folder: RunFolder) -> Model:
         return load_model(path)
     except UsageError as error:
         raise DataError(f"the run's model is damaged: {error}; make it again with `beltcomm fit {folder.path}`") from error
+
+
+def _trusted_model(folder: RunFolder, revision: str = "") -> tuple[Model, str, str]:
+    """The model of a revision, or the newest that is not contradicted by held-out records; its name and a sentence on it."""
+    if revision and revision in folder.names("models"):
+        return load_model(folder.file("models", revision)), revision, ""
+    current = _saved_model(folder)
+    model, name, sentence = trusted_model(folder)
+    return model or current, name, sentence
 
 
 def _written(drive: str, folder: RunFolder, wanted: Mapping[str, float], options: Options, talk: Talk, verb: str) -> Result:

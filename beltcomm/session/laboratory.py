@@ -23,6 +23,7 @@ from beltcomm.result import Result, plain
 from beltcomm.runfolder import RunFolder
 from beltcomm.session import ladder_words as words
 from beltcomm.session import pictures as drawn
+from beltcomm.session.cost import cost_lines, cost_or_reason
 from beltcomm.session.revisions import Revision, as_mapping, changed_recordings, current_model, current_revision, new_revision, revisions
 from beltcomm.talk import Silence, Talk
 
@@ -83,8 +84,10 @@ def compare_run(run: Path, *, pictures: bool = True, command: str = "", talk: Ta
     return Result(data, text[:-1] + drawn.lines(here.folder, made, remarks) + text[-1:])
 
 
-def diagnose_run(run: Path, *, auto: bool = False, command: str = "", when: str = "", talk: Talk | None = None) -> Result:
-    """Which effect is missing; ``auto`` adds what is found and confirmed, step by step."""
+def diagnose_run(
+    run: Path, *, auto: bool = False, cost: bool = True, command: str = "", when: str = "", talk: Talk | None = None
+) -> Result:
+    """Which effect is missing; ``auto`` adds what is found and confirmed, step by step.   cost : in tracking error, see ``session.cost``."""
     talk = talk or Silence()
     folder = RunFolder.open(run)
     recordings = folder.recordings()
@@ -94,6 +97,11 @@ def diagnose_run(run: Path, *, auto: bool = False, command: str = "", when: str 
     found = diagnose(recordings, folder.axis, start, progress=lambda fraction: talk.progress(fraction, None))
     data: dict[str, Any] = {"run": str(run), **diagnosis_data(found)}
     text = words.diagnosis_lines(found, run)
+    added_names = [step.added for step in found.steps if step.added]
+    if cost and added_names:
+        talk.phase(1, 1, "what it costs in tracking")
+        data["cost"], lines = cost_of(folder, found.base.model, found.after.model, " and ".join(added_names))
+        text = text[:-1] + lines + text[-1:]
     folder.save_result("diagnosis", plain(data))
     if auto:
         added = climb(folder, found, model is not None, command, when)
@@ -119,8 +127,20 @@ def climb(folder: RunFolder, found: Diagnosis, known: bool, command: str, when: 
     return made
 
 
-def add_to_run(effect: str, run: Path, *, pictures: bool = True, command: str = "", when: str = "", talk: Talk | None = None) -> Result:
-    """Everything refitted with one more effect, saved as a new revision.   pictures : before and after, into ``RUN/pictures``."""
+def add_to_run(
+    effect: str,
+    run: Path,
+    *,
+    pictures: bool = True,
+    cost: bool = True,
+    command: str = "",
+    when: str = "",
+    talk: Talk | None = None,
+) -> Result:
+    """Everything refitted with one more effect, saved as a new revision.
+
+    pictures : before and after, into ``RUN/pictures``.   cost : of not knowing it, in tracking error.
+    """
     asked, effect = effect, FAMILY.get(effect, effect)
     if asked != "tilt":
         effect_named(effect)
@@ -135,7 +155,17 @@ def add_to_run(effect: str, run: Path, *, pictures: bool = True, command: str = 
     note = (
         f"{asked}, friction by direction and an offset of the current look alike on this axis: added as {effect}" if asked != effect else ""
     )
-    return change_result(here, data, after, rung, note, command, pictures)
+    result = change_result(here, data, after, rung, note, command, pictures)
+    if not cost:
+        return result
+    price, lines = cost_of(here.folder, here.fitted.model, after.model, effect)
+    return Result({**result.data, "cost": price}, [*result.text[:-1], *lines, result.text[-1]])
+
+
+def cost_of(folder: RunFolder, before: Model, after: Model, name: str) -> tuple[dict[str, Any] | None, list[str]]:
+    """What an effect costs, for programs and for people."""
+    price, reason = cost_or_reason(folder, before, after)
+    return (None if price is None else dict(plain(price))), cost_lines(price, reason, name)
 
 
 def remove_from_run(
