@@ -17,11 +17,11 @@ from beltcomm.design.feedforward import FeedforwardKind
 from beltcomm.design.prefilters import PrefilterKind
 from beltcomm.design.specification import Specification
 from beltcomm.drive import Drive, open_drive
-from beltcomm.errors import BeltcommError, DataError, Refused, UsageError
+from beltcomm.errors import BeltcommError, Refused, UsageError
 from beltcomm.foreign.convert import Reading
 from beltcomm.foreign.job import check_imports, import_recordings
 from beltcomm.identify.magnitude_fit import Solver
-from beltcomm.model import Model, load_model, load_plant
+from beltcomm.model import load_plant
 from beltcomm.parameters import cascade_to_parameters
 from beltcomm.result import Result, plain
 from beltcomm.runfolder import RunFolder
@@ -34,7 +34,6 @@ from beltcomm.session.laboratory import add_to_run, compare_run, diagnose_run, l
 from beltcomm.session.machine import Machine, backed_up
 from beltcomm.session.plan import Plan, commission_plan, friction_plan, identify_plan, move_plan, verification_plan
 from beltcomm.session.proof import admit, next_step, proof
-from beltcomm.session.revisions import trusted_model
 from beltcomm.session.store import cascade_from_dict, drive_to_dict, verdict_to_dict
 from beltcomm.talk import Silence, Talk
 
@@ -157,7 +156,7 @@ def friction(drive: str, run: Path, *, options: Options | None = None, talk: Tal
     """The constant-speed sweep with a loop designed from the run's model, and its friction."""
     options, talk = options or Options(), talk or Silence()
     folder = RunFolder.open(run)
-    model = _saved_model(folder)
+    model = offline.saved_model(folder)
     with open_drive(drive, options.for_drive()) as connected:
         plan = friction_plan(folder.axis, connected.capabilities)
         if options.dry_run:
@@ -190,7 +189,7 @@ def design(
     """Gains with margins from the run's model; nothing is written to a drive.   Raises Refused with what binds, DataError."""
     options, talk = options or Options(), talk or Silence()
     folder = RunFolder.open(run)
-    model, revision, which = _trusted_model(folder)
+    model, revision, which = offline.trusted(folder)
     findings = Findings()
     recordings = folder.recordings()
     analyse.check_whole(recordings)
@@ -228,7 +227,7 @@ def verify(
     options, talk = options or Options(), talk or Silence()
     folder = RunFolder.open(run)
     saved = folder.load("designs", "final")
-    model = _trusted_model(folder, str(saved.get("revision") or ""))[0]
+    model = offline.trusted(folder, str(saved.get("revision") or ""))[0]
     with open_drive(drive, options.for_drive()) as connected:
         folder.claim_drive(connected.capabilities.identity)
         structure = connected.capabilities.structure
@@ -359,23 +358,6 @@ def _agree(plan: Plan, options: Options, talk: Talk) -> None:
 
 def _planned(plan: Plan) -> Result:
     return Result({"plan": plain(plan), "seconds": plan.seconds}, [*plan.lines(), "Nothing was moved (--dry-run)."])
-
-
-def _saved_model(folder: RunFolder) -> Model:
-    path = folder.file("models", "final")
-    try:
-        return load_model(path)
-    except UsageError as error:
-        raise DataError(f"the run's model is damaged: {error}; make it again with `beltcomm fit {folder.path}`") from error
-
-
-def _trusted_model(folder: RunFolder, revision: str = "") -> tuple[Model, str, str]:
-    """The model of a revision, or the newest that is not contradicted by held-out records; its name and a sentence on it."""
-    if revision and revision in folder.names("models"):
-        return load_model(folder.file("models", revision)), revision, ""
-    current = _saved_model(folder)
-    model, name, sentence = trusted_model(folder)
-    return model or current, name, sentence
 
 
 def _written(drive: str, folder: RunFolder, wanted: Mapping[str, float], options: Options, talk: Talk, verb: str) -> Result:

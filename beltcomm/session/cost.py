@@ -83,9 +83,8 @@ def cost_lines(cost: Cost | None, reason: str, name: str) -> list[str]:
     if cost is None:
         return [f"What {name} costs in tracking cannot be said: {reason}"]
     if cost.nothing:
-        return [
-            f"{name} costs nothing that matters in the move from {cost.move}: {_um(cost.aware.dynamic_m)} at the motor with or without."
-        ]
+        either = _um(cost.aware.dynamic_m)
+        return [f"{name} costs nothing that matters in the move from {cost.move}: {either} at the motor with it and without."]
     return [
         f"What {name} costs, predicted for the move from {cost.move}, controller without it → with it:",
         f"  at the motor    dynamic {_um(cost.unaware.dynamic_m)} → {_um(cost.aware.dynamic_m)}, "

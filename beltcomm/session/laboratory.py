@@ -87,7 +87,7 @@ def compare_run(run: Path, *, pictures: bool = True, command: str = "", talk: Ta
 def diagnose_run(
     run: Path, *, auto: bool = False, cost: bool = True, command: str = "", when: str = "", talk: Talk | None = None
 ) -> Result:
-    """Which effect is missing; ``auto`` adds what is found and confirmed, step by step.   cost : in tracking error, see ``session.cost``."""
+    """Which effect is missing; ``auto`` adds what is found and confirmed, step by step.   cost : see ``session.cost``."""
     talk = talk or Silence()
     folder = RunFolder.open(run)
     recordings = folder.recordings()
