@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 from beltcomm.axis import Axis, load_axis
@@ -30,6 +31,7 @@ from beltcomm.session import commission as sequence
 from beltcomm.session.commission import Apply, Findings, Settings
 from beltcomm.session.creep import BREAKAWAY_SHARE, CREEP_SPEED_M_S, MARGIN_M, RAMP_S, small_move
 from beltcomm.session.experiment import run_experiment
+from beltcomm.session.follow_job import follow_plan
 from beltcomm.session.laboratory import add_to_run, compare_run, diagnose_run, ladder_of_run, remove_from_run
 from beltcomm.session.machine import Machine, backed_up
 from beltcomm.session.plan import Plan, commission_plan, friction_plan, identify_plan, move_plan, verification_plan
@@ -152,6 +154,13 @@ def fit(run: Path, *, solver: Solver | None = None, options: Options | None = No
     return Result(outcome.data(folder, findings), text)
 
 
+def follow(drive: str, run: Path, plan: Path, *, options: Options | None = None, talk: Talk | None = None) -> Result:
+    """The records of a plan that ``diagnose`` wrote, into the run that it was written for."""
+    options, talk = options or Options(), talk or Silence()
+    agree = partial(_agree, options=options, talk=talk)
+    return follow_plan(drive, run, plan, _settings(options), options.for_drive(), agree, talk, options.dry_run)
+
+
 def friction(drive: str, run: Path, *, options: Options | None = None, talk: Talk | None = None) -> Result:
     """The constant-speed sweep with a loop designed from the run's model, and its friction."""
     options, talk = options or Options(), talk or Silence()
@@ -171,11 +180,8 @@ def friction(drive: str, run: Path, *, options: Options | None = None, talk: Tal
             sequence.measure_friction(machine, model, "sweep" if number == 1 else f"sweep_{number}")
         findings.friction = analyse.friction_of(folder.recordings())
     folder.save_result("friction", plain(findings.friction))
-    text = [
-        "The strokes were driven by a loop designed from the run's model.",
-        *words.friction_lines(findings.friction),
-        f"Next: beltcomm fit {run}",
-    ]
+    how = "The strokes were driven by a loop designed from the run's model."
+    text = [how, *words.friction_lines(findings.friction), f"Next: beltcomm fit {run}"]
     return Result({"run": str(run), "friction": plain(findings.friction)}, text)
 
 
@@ -201,10 +207,9 @@ def design(
     along = compensated(model) if structure.torque_feedforward and settings.feedforward == "nonlinear" else ()
     mapping = {**outcome.design_dict(findings), "revision": revision, "compensated": list(along)}
     folder.save_design("final", mapping)
-    findings.remarks += [which] if which else []
     text = [
         *words.design_lines(findings.design, findings.cascade),
-        *words.knowledge_lines(model, along),
+        *words.knowledge_lines(model, along, which),
         *words.remarks_lines(findings.remarks),
         f"Next: beltcomm verify --drive DRIVE --run {run}",
     ]
@@ -330,12 +335,11 @@ def _settings(options: Options) -> Settings:
     payload = options.payload_kg or 0.0
     if payload < 0.0:
         raise UsageError(f"the payload is {payload:g} kg; give what is to be carried further, 0 or more")
-    payloads = (payload,) if payload else ()
     return Settings(
         apply=options.apply,
         position_m=options.position_m,
         home=options.home,
-        payloads_kg=payloads,
+        payloads_kg=(payload,) if payload else (),
         quick=options.quick,
         prefilter=options.prefilter,
         feedforward=options.feedforward or "nonlinear",
@@ -387,6 +391,7 @@ __all__ = [
     "commission",
     "design",
     "fit",
+    "follow",
     "friction",
     "identify",
     "import_recordings",

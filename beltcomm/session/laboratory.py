@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from beltcomm.effects import effect_named
+from beltcomm.effects import Ground, effect_named
 from beltcomm.errors import UsageError
 from beltcomm.laboratory.compare import Comparison, compare, landmarks, worst
 from beltcomm.laboratory.data import Data
@@ -18,12 +19,14 @@ from beltcomm.laboratory.place_words import in_words
 from beltcomm.laboratory.score import Scorer, ground_of
 from beltcomm.laboratory.stage import Candidate
 from beltcomm.laboratory.start import start_model
+from beltcomm.laboratory.visible import Sight, visible
 from beltcomm.model import Model
 from beltcomm.result import Result, plain
 from beltcomm.runfolder import RunFolder
 from beltcomm.session import ladder_words as words
 from beltcomm.session import pictures as drawn
 from beltcomm.session.cost import cost_lines, cost_or_reason
+from beltcomm.session.next_plan import NAME, plan_for
 from beltcomm.session.revisions import Revision, as_mapping, changed_recordings, current_model, current_revision, new_revision, revisions
 from beltcomm.talk import Silence, Talk
 
@@ -85,9 +88,19 @@ def compare_run(run: Path, *, pictures: bool = True, command: str = "", talk: Ta
 
 
 def diagnose_run(
-    run: Path, *, auto: bool = False, cost: bool = True, command: str = "", when: str = "", talk: Talk | None = None
+    run: Path,
+    *,
+    auto: bool = False,
+    cost: bool = True,
+    following: bool = False,
+    command: str = "",
+    when: str = "",
+    talk: Talk | None = None,
 ) -> Result:
-    """Which effect is missing; ``auto`` adds what is found and confirmed, step by step.   cost : see ``session.cost``."""
+    """Which effect is missing; ``auto`` adds what is found and confirmed, step by step.
+
+    cost : say what it costs, see ``session.cost``.   following : write the plan of what to record next.
+    """
     talk = talk or Silence()
     folder = RunFolder.open(run)
     recordings = folder.recordings()
@@ -102,6 +115,14 @@ def diagnose_run(
         talk.phase(1, 1, "what it costs in tracking")
         data["cost"], lines = cost_of(folder, found.base.model, found.after.model, " and ".join(added_names))
         text = text[:-1] + lines + text[-1:]
+    sights = visible(found.after, ground_here(folder, found.after, found.data))
+    data["visible"] = [seen_as(sight) for sight in sights]
+    text = text[:-1] + words.sight_lines(sights) + text[-1:]
+    if following:
+        wanted = plan_for(found.twins, [sight for sight in sights if not sight.seen])
+        data["next"] = wanted.to_dict()
+        folder.save_result(NAME, plain(wanted.to_dict()))
+        text += wanted.lines(run)
     folder.save_result("diagnosis", plain(data))
     if auto:
         added = climb(folder, found, model is not None, command, when)
@@ -196,16 +217,23 @@ def ladder_of_run(run: Path, *, pictures: bool = True, command: str = "") -> Res
     return Result(data, words.ladder_lines(rungs, changed) + drawn.lines(folder, made, remarks))
 
 
+def ground_here(folder: RunFolder, fitted: Fitted, data: Data) -> Ground:
+    """What the trials of effects need to know of this axis."""
+    axis = folder.axis
+    teeth, distance = int(axis.get("pulley.teeth") or 0), float(axis.get("belt.pulley_distance_m") or 0.0)
+    return ground_of(fitted, data.fitted, teeth, axis.travel.driven_side_offset_m, distance)
+
+
+def seen_as(sight: Sight) -> dict[str, Any]:
+    """One line of what could have been seen; null for never."""
+    weakest, hardest = (None if math.isinf(v) else v for v in (sight.weakest, sight.hardest))
+    known = {"parameter": sight.parameter, "typical": sight.size, "unit": sight.unit, "seen": sight.seen}
+    return {"effect": sight.effect.name, "weakest": weakest, "usual": hardest, **known}
+
+
 def grown_by(here: Opened, effect: str) -> Fitted:
     """The model with the effect, from the best start that the score test finds."""
-    axis = here.folder.axis
-    ground = ground_of(
-        here.fitted,
-        here.data.fitted,
-        int(axis.get("pulley.teeth") or 0),
-        axis.travel.driven_side_offset_m,
-        float(axis.get("belt.pulley_distance_m") or 0.0),
-    )
+    ground = ground_here(here.folder, here.fitted, here.data)
     ways = Scorer(here.fitted).score(effect_named(effect), ground)[:3]
     starts: list[Mapping[str, float]] = [way.values for way in ways] or [{}]
     tried = []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -10,6 +11,7 @@ from beltcomm.laboratory.compare import Comparison
 from beltcomm.laboratory.diagnosis import Diagnosis
 from beltcomm.laboratory.fitting import Fitted
 from beltcomm.laboratory.intervals import with_intervals
+from beltcomm.laboratory.visible import Sight
 from beltcomm.model import Model, effect_parameters
 from beltcomm.session.revisions import Revision
 
@@ -58,6 +60,21 @@ def diagnosis_lines(found: Diagnosis, run: Path) -> list[str]:
     elif found.verdict != "nothing missing":
         lines.append(f"Next: beltcomm compare {run} shows where the error sits; look there on the machine.")
     return lines
+
+
+def sight_lines(sights: Sequence[Sight]) -> list[str]:
+    """What these data could not have shown."""
+    blind = [sight for sight in sights if not sight.seen]
+    if not blind:
+        return ["Every effect of the catalogue, of typical size, would have been seen in these data."]
+    lines = ["Could not have been seen here at its typical size:"]
+    for sight in blind:
+        if math.isinf(sight.hardest):
+            lines.append(f"  {sight.effect.name:24} these data say nothing of it")
+            continue
+        size = f" ({sight.parameter} {sight.hardest * sight.size:.2g} {sight.unit})" if sight.unit else ""
+        lines.append(f"  {sight.effect.name:24} only from {sight.hardest:.2g} x a typical one on{size}")
+    return [*lines, "  `beltcomm diagnose RUN --next` writes the plan of the records that would show them."]
 
 
 def effect_lines(effect: Effect, model: Model) -> list[str]:

@@ -126,9 +126,9 @@ def design_lines(design: DesignResult, cascade: Cascade) -> list[str]:
     return lines + [f"  {remark}" for remark in design.remarks]
 
 
-def knowledge_lines(model: Model, along: Sequence[str]) -> list[str]:
-    """What of the effects in a model the controller uses, and how."""
-    lines = []
+def knowledge_lines(model: Model, along: Sequence[str], which: str) -> list[str]:
+    """What of the effects in a model the controller uses, and how.   which : sentence on the model, "" for none."""
+    lines = [f"  {which}"] if which else []
     if model.get("constant_offset.torque") or model.get("tilt.angle"):
         lines.append("  the feedforward holds the constant torque of the axis")
     if along:

@@ -1,0 +1,92 @@
+"""What these data could show: the weakest strength of every effect that would still be named.
+
+At the fitted model, an effect of strength s (1: the size that its trials call typical) changes the weighted residual by s c.  What the
+free parameters would do as well is taken out, c⊥ = c - A (AᵀA)⁻¹ Aᵀ c, so it would lower the objective by s² c⊥ᵀc⊥.  Named it can be where
+
+    s² c⊥ᵀc⊥ - (n ln N + 2 ln ways)  >  EVIDENCE        (laboratory.stage)
+
+Two amplitudes (sine and cosine) count with the phase that shows least.  Nothing is refitted: to first order, some 2 s for all effects.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltcomm.effects import EFFECTS, Effect, Ground, Trial
+from beltcomm.laboratory.fitting import Fitted
+from beltcomm.laboratory.score import IMITATED, Scored, Scorer
+from beltcomm.laboratory.stage import EVIDENCE, may_add, price
+
+Array = NDArray[np.float64]
+
+#: Strength from which on an effect counts as invisible: a typical one would not be named.
+TYPICAL = 1.0
+
+
+@dataclass(frozen=True)
+class Sight:
+    """How well one effect could be seen.
+
+    weakest, hardest : strength that can just be named, in the way that shows best (the best place, speed or order) and in the median way;
+    inf where nothing can.   parameter, size, unit : what strength 1 is, by the parameter that scales it.
+    """
+
+    effect: Effect
+    weakest: float
+    hardest: float
+    parameter: str
+    size: float
+    unit: str
+
+    @property
+    def seen(self) -> bool:
+        """Whether a typical one would be named."""
+        return self.hardest <= TYPICAL
+
+
+class _Power(Scorer):
+    """A score test that returns, in place of the drop, the drop that strength 1 would bring."""
+
+    def judged(self, effect: Effect, trial: Trial, steps: Sequence[Array]) -> Scored:
+        """One way."""
+        columns = np.stack(steps, axis=1)
+        free = columns - self.basis @ (self.basis.T @ columns)
+        sizes = np.linalg.norm(columns, axis=0)
+        if not np.all(np.linalg.norm(free, axis=0) > IMITATED * np.maximum(sizes, 1e-300)):
+            return Scored(effect, trial, 0.0, trial.values)
+        return Scored(effect, trial, float(np.linalg.eigvalsh(free.T @ free)[0]), trial.values)
+
+
+def visible(fitted: Fitted, ground: Ground) -> list[Sight]:
+    """Every effect that the model could still take, the least visible first."""
+    power = _Power(fitted)
+    found = []
+    for effect in EFFECTS:
+        if effect.trials is None or not may_add(fitted, effect):
+            continue
+        trials = effect.trials(ground)
+        if not trials:
+            continue
+        ways = power.score(effect, ground)
+        needed = EVIDENCE + price(effect, fitted, len(trials))
+        strengths = [math.sqrt(needed / way.drop) for way in ways] + [math.inf] * (len(trials) - len(ways))
+        middle = strengths[(len(strengths) - 1) // 2]
+        name, size, unit = scale_of(effect, ways[0].trial if ways else trials[0])
+        found.append(Sight(effect, strengths[0], middle, name, size, unit))
+    return sorted(found, key=lambda sight: -sight.hardest)
+
+
+def scale_of(effect: Effect, trial: Trial) -> tuple[str, float, str]:
+    """Parameter that scales an effect, its typical size and unit."""
+    wanted = (
+        trial.amplitudes[0] if trial.amplitudes else next((p.name for p in effect.parameters if p.fitted and p.name in trial.values), "")
+    )
+    for parameter in effect.parameters:
+        if parameter.name == wanted:
+            return parameter.name, abs(float(trial.values[wanted])), parameter.unit
+    return "", 1.0, ""
