@@ -369,10 +369,8 @@ def _written(drive: str, folder: RunFolder, wanted: Mapping[str, float], options
     save = options.apply == "save"
     with open_drive(drive, options.for_drive()) as connected:
         folder.claim_drive(connected.capabilities.identity)
-        if options.dry_run:
-            done = gains.differences(connected, wanted)
-        else:
-            done = gains.write(connected, folder, wanted, talk, yes=options.yes, save=save, verb=verb)
+        write = partial(gains.write, connected, folder, wanted, talk, yes=options.yes, save=save, verb=verb)
+        done = gains.differences(connected, wanted) if options.dry_run else write()
     data = {"run": str(folder.path), **plain(done), "written": not options.dry_run, "saved": save and not options.dry_run}
     if options.dry_run:
         return Result(data, ["Would change:", *done.table(), "Nothing was written (--dry-run)."])

@@ -83,9 +83,8 @@ def visible(fitted: Fitted, ground: Ground) -> list[Sight]:
 
 def scale_of(effect: Effect, trial: Trial) -> tuple[str, float, str]:
     """Parameter that scales an effect, its typical size and unit."""
-    wanted = (
-        trial.amplitudes[0] if trial.amplitudes else next((p.name for p in effect.parameters if p.fitted and p.name in trial.values), "")
-    )
+    own = [p.name for p in effect.parameters if p.fitted and p.name in trial.values]
+    wanted = next(iter((*trial.amplitudes, *own)), "")
     for parameter in effect.parameters:
         if parameter.name == wanted:
             return parameter.name, abs(float(trial.values[wanted])), parameter.unit

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from beltcomm.effects import Ground, effect_named
 from beltcomm.errors import UsageError
+from beltcomm.identify.residual import Stretch
 from beltcomm.laboratory.compare import Comparison, compare, landmarks, worst
 from beltcomm.laboratory.data import Data
 from beltcomm.laboratory.diagnosis import NEXT_ITERATIONS, Diagnosis, again, diagnose, fitted_base
@@ -115,7 +116,7 @@ def diagnose_run(
         talk.phase(1, 1, "what it costs in tracking")
         data["cost"], lines = cost_of(folder, found.base.model, found.after.model, " and ".join(added_names))
         text = text[:-1] + lines + text[-1:]
-    sights = visible(found.after, ground_here(folder, found.after, found.data))
+    sights = visible(found.base, ground_here(folder, found.base, found.base.problem.pieces))
     data["visible"] = [seen_as(sight) for sight in sights]
     text = text[:-1] + words.sight_lines(sights) + text[-1:]
     if following:
@@ -217,11 +218,11 @@ def ladder_of_run(run: Path, *, pictures: bool = True, command: str = "") -> Res
     return Result(data, words.ladder_lines(rungs, changed) + drawn.lines(folder, made, remarks))
 
 
-def ground_here(folder: RunFolder, fitted: Fitted, data: Data) -> Ground:
+def ground_here(folder: RunFolder, fitted: Fitted, pieces: Sequence[Stretch]) -> Ground:
     """What the trials of effects need to know of this axis."""
     axis = folder.axis
     teeth, distance = int(axis.get("pulley.teeth") or 0), float(axis.get("belt.pulley_distance_m") or 0.0)
-    return ground_of(fitted, data.fitted, teeth, axis.travel.driven_side_offset_m, distance)
+    return ground_of(fitted, pieces, teeth, axis.travel.driven_side_offset_m, distance)
 
 
 def seen_as(sight: Sight) -> dict[str, Any]:
@@ -233,7 +234,7 @@ def seen_as(sight: Sight) -> dict[str, Any]:
 
 def grown_by(here: Opened, effect: str) -> Fitted:
     """The model with the effect, from the best start that the score test finds."""
-    ground = ground_here(here.folder, here.fitted, here.data)
+    ground = ground_here(here.folder, here.fitted, here.data.fitted)
     ways = Scorer(here.fitted).score(effect_named(effect), ground)[:3]
     starts: list[Mapping[str, float]] = [way.values for way in ways] or [{}]
     tried = []

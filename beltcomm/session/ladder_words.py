@@ -83,7 +83,9 @@ def effect_lines(effect: Effect, model: Model) -> list[str]:
     for name in effect_parameters(effect):
         item = model.parameters[name]
         width = "" if item.interval is None else f" ± {item.interval:.2g}"
-        lines.append(f"  {name} = {item.value:.4g}{width} {item.unit}")
+        bound = item.interval is None and not item.low < item.value < item.high
+        doubt = ", at the bound of what is possible: hardly the cause" if bound else ""
+        lines.append(f"  {name} = {item.value:.4g}{width} {item.unit}{doubt}")
     if effect.causes:
         lines.append(f"  Usual causes: {effect.causes}.")
     lines.append(f"  Check: {effect.check}.")

@@ -105,12 +105,8 @@ def plan_for(twins: Sequence[str], blind: Sequence[Sight]) -> NextPlan:
         sets |= set(shown_by(effect))
     if not twins:
         for sight in blind:
-            far = (
-                "these data say nothing of it"
-                if math.isinf(sight.hardest)
-                else f"it would be seen from {sight.hardest:.2g} x a typical one on"
-            )
-            reasons[sight.effect.name] = far
+            seen = f"it would be seen from {sight.hardest:.2g} x a typical one on"
+            reasons[sight.effect.name] = "these data say nothing of it" if math.isinf(sight.hardest) else seen
             sets |= set(shown_by(sight.effect))
     steps: list[Step] = []
     for name in SETS:
@@ -144,9 +140,8 @@ def load_plan(path: Path) -> NextPlan:
         raise UsageError(f"{path} has no steps; write a plan with `beltcomm diagnose RUN --next`")
     for number, entry in enumerate(entries, start=1):
         steps.append(_checked(entry, f"{path}, step {number}"))
-    return NextPlan(
-        {str(k): str(v) for k, v in (data.get("reasons") or {}).items()}, tuple(map(str, data.get("by_hand") or ())), tuple(steps)
-    )
+    reasons = {str(k): str(v) for k, v in (data.get("reasons") or {}).items()}
+    return NextPlan(reasons, tuple(map(str, data.get("by_hand") or ())), tuple(steps))
 
 
 def _checked(entry: Any, where: str) -> Step:
