@@ -12,7 +12,7 @@ from beltcomm.identify.problem import OFFSET_M
 from beltcomm.identify.residual import Stretch, evaluate
 from beltcomm.laboratory.data import Data
 from beltcomm.laboratory.fitting import Fitted
-from beltcomm.laboratory.places import Judged, Place, worst_places
+from beltcomm.laboratory.places import Judged, Place, units_of, worst_places
 from beltcomm.linear import modes, operating_point
 from beltcomm.model import Model
 
@@ -66,7 +66,7 @@ def compare(data: Data, fitted: Fitted) -> Comparison:
 
 def _judged(piece: Stretch, fitted: Fitted, vector: Array, white: Array, offset_m: float) -> Judged:
     torque = evaluate(piece, fitted.model, vector, offset_m)
-    return Judged(piece, white, torque[piece.keep], fitted.model["transmission.ratio"], torque)
+    return Judged(piece, white, torque[piece.keep], fitted.model["transmission.ratio"], torque, units_of(fitted.model))
 
 
 def worst(comparison: Comparison, count: int = 5) -> list[Place]:

@@ -8,17 +8,21 @@ ratio / elsewhere, not by ratio alone, or an error that is everywhere would be b
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.identify.residual import Stretch
+from beltcomm.model import Model
 
 Array = NDArray[np.float64]
 
-#: m/s, edges of the speed bins; m, s and Hz, widths of the others; shares of the largest torque, edges.
+#: Edges of the speed bins, of a carriage and of a motor alone; m, s and Hz, widths of the others; most bins of position; shares of the
+#: largest torque, edges.
 SPEEDS_M_S = (0.0, 0.008, 0.02, 0.05, 0.12, 0.3, 0.7, 1.5, 10.0)
+SPEEDS_RAD_S = (0.0, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 1000.0)
+MOST_PLACES = 30
 PLACE_M, TIME_S, BAND_HZ = 0.04, 10.0, 20.0
 TORQUE_SHARES = (0.0, 0.1, 0.2, 0.35, 0.55, 0.8, 1.01)
 #: A bin with fewer samples says nothing; nor one whose ratio is less than this many deviations above 1.
@@ -31,17 +35,53 @@ AS_BAD = 0.4
 MEAN_SHARE = 0.25
 #: A record is named where it holds this share of a place's excess.
 RECORD_SHARE = 0.6
-#: Bins and orders of a turn of the motor, turns that must be covered, and by how much a line must stand out of the others.
-ANGLES, ORDERS, TURNS, STANDS_OUT = 512, 100, 5.0, 6.0
+#: Bins and orders of a turn of the motor, turns and share of the bins that must be covered, and by how much a line must stand out of the others.
+ANGLES, ORDERS, TURNS, COVERED, STANDS_OUT = 512, 100, 1.0, 0.9, 6.0
+
+
+@dataclass(frozen=True)
+class Units:
+    """What an axis is measured in.   force : "N m", "N" or "A".   length : "m" of the carriage or "rad" of the motor."""
+
+    force: str = "N m"
+    length: str = "m"
+
+    @property
+    def word(self) -> str:
+        """Torque, force or current."""
+        return {"N m": "torque", "N": "force", "A": "current"}[self.force]
+
+    @property
+    def small(self) -> str:
+        """Unit of what is left over."""
+        return {"N m": "mN m", "N": "N", "A": "mA"}[self.force]
+
+    @property
+    def factor(self) -> float:
+        """Small units in one unit."""
+        return 1.0 if self.force == "N" else 1e3
+
+    @property
+    def speeds(self) -> Array:
+        """Edges of the speed bins, length per second."""
+        return np.array(SPEEDS_M_S if self.length == "m" else SPEEDS_RAD_S)
+
+
+def units_of(model: Model) -> Units:
+    """Units of a model's side."""
+    if model.side == "load":
+        return Units("N", "m")
+    return Units("A" if model.side == "ampere" else "N m", "m" if "cart" in model.base_bodies else "rad")
 
 
 @dataclass(frozen=True)
 class Place:
     """A range of one dimension.   low, high, unit.   ratio, elsewhere : rms of the residual over that of the noise, here and in the rest.
 
-    share : of all squares above the noise.   forward_nm, backward_nm : measured minus model's torque, mean over motion in positive and in
-    negative direction (over positive and negative torque where the dimension is the amplitude), N m; None where the mean does not
-    matter.   record : the one that most of it comes from, "" for several.   samples : in it.   swing_nm : amplitude of a ripple, N m.
+    share : of all squares above the noise.   forward, backward : measured minus model's torque in units of the axis, mean over motion in
+    positive and in negative direction (over positive and negative torque for the amplitude); None where the mean does not matter.
+    record : the one that most of it comes from, "" for several.   samples : in it.   swing : amplitude of a ripple.   units : of the axis.
+    weight : sum of its squares above the noise over all samples, what it adds to the square of the overall ratio.
     """
 
     dimension: str
@@ -51,12 +91,13 @@ class Place:
     ratio: float
     elsewhere: float
     share: float
-    forward_nm: float | None = None
-    backward_nm: float | None = None
+    forward: float | None = None
+    backward: float | None = None
     record: str = ""
     samples: int = 0
-    swing_nm: float = 0.0
+    swing: float = 0.0
     weight: float = 0.0
+    units: Units = Units()
 
     @property
     def contrast(self) -> float:
@@ -76,14 +117,15 @@ class Place:
 
 @dataclass(frozen=True)
 class Judged:
-    """A stretch with its residual.   white : of the kept samples, in units of the noise.   torque : the same samples, N m, model minus
-    measured.   whole : torque of all samples, N m, kept or not."""
+    """A stretch with its residual.   white : of the kept samples, in units of the noise.   torque : the same samples, model minus
+    measured.   whole : torque of all samples, kept or not.   units : of the axis, so torque may be a force or a current."""
 
     piece: Stretch
     white: Array
     torque: Array
     ratio_m_rad: float
     whole: Array
+    units: Units = Units()
 
 
 @dataclass(frozen=True)
@@ -98,6 +140,7 @@ class Samples:
     load: Array
     record: NDArray[np.intp]
     names: tuple[str, ...]
+    units: Units
 
 
 @dataclass(frozen=True)
@@ -123,6 +166,7 @@ def gathered(judged: Sequence[Judged]) -> Samples:
         np.concatenate([j.piece.torque[j.piece.keep] for j in judged]),
         np.concatenate([np.full(len(j.white), names.index(j.piece.record)) for j in judged]),
         names,
+        judged[0].units,
     )
 
 
@@ -130,11 +174,16 @@ def dimensions(samples: Samples) -> dict[str, tuple[Array, Array, str]]:
     """Value of every sample, edges and unit by dimension."""
     largest = float(np.abs(samples.load).max()) if len(samples.load) else 1.0
     return {
-        "speed": (np.abs(samples.speed), np.array(SPEEDS_M_S), "m/s"),
-        "position": (samples.position, grid(samples.position, PLACE_M), "m"),
-        "amplitude": (np.abs(samples.load), largest * np.array(TORQUE_SHARES), "N m"),
+        "speed": (np.abs(samples.speed), samples.units.speeds, f"{samples.units.length}/s"),
+        "position": (samples.position, position_edges(samples), samples.units.length),
+        "amplitude": (np.abs(samples.load), largest * np.array(TORQUE_SHARES), samples.units.force),
         "time": (samples.time, grid(samples.time, TIME_S), "s"),
     }
+
+
+def position_edges(samples: Samples) -> Array:
+    """Edges of the position bins: 4 cm, or ``MOST_PLACES`` of them on a long way or for a motor alone."""
+    return grid(samples.position, max(PLACE_M, float(np.ptp(samples.position)) / MOST_PLACES))
 
 
 def bins_of(dimension: str, values: Array, edges: Array, unit: str, squares: Array) -> Bins:
@@ -212,6 +261,7 @@ def place_of(dimension: str, low: float, high: float, unit: str, inside: NDArray
         samples.names[most] if named else "",
         int(inside.sum()),
         weight=float(np.sum(squares[inside] - 1.0)) / len(squares),
+        units=samples.units,
     )
 
 
@@ -229,17 +279,23 @@ def by_direction(samples: Samples) -> Place | None:
     means = [float(np.mean(samples.more[half])) for half in (forward, backward)]
     without = float(np.sqrt(np.mean(left**2)))
     weight = place.ratio**2 - without**2
-    record, count = place.record, len(squares)
-    return Place("direction", -1.0, 1.0, "", place.ratio, without, 1.0, means[0], means[1], record, count, weight=weight)
+    return replace(place, elsewhere=without, share=1.0, forward=means[0], backward=means[1], weight=weight)
 
 
 def by_angle(judged: Sequence[Judged], samples: Samples) -> Place | None:
     """The torque that repeats with the angle of the motor.   elsewhere : what is left of the ratio without it."""
     angle = np.concatenate([motor_angle(j) for j in judged])
-    if samples.position.size == 0 or np.ptp(angle) < TURNS * 2.0 * np.pi or any(j.piece.whitener is None for j in judged):
+    if (
+        samples.units.force == "N"
+        or samples.position.size == 0
+        or np.ptp(angle) < TURNS * 2.0 * np.pi
+        or any(j.piece.whitener is None for j in judged)
+    ):
         return None
     number = np.floor((angle / (2.0 * np.pi) % 1.0) * ANGLES).astype(int)
     count = np.bincount(number, minlength=ANGLES)
+    if np.mean(count > 0) < COVERED:
+        return None
     mean = np.bincount(number, samples.more, minlength=ANGLES) / np.maximum(count, 1)
     lines = np.fft.rfft(mean - mean.mean()) / (0.5 * ANGLES)
     size = np.abs(lines[: ORDERS + 1])
@@ -265,8 +321,9 @@ def by_angle(judged: Sequence[Judged], samples: Samples) -> Place | None:
         without,
         share,
         samples=len(rest),
-        swing_nm=float(size[order]),
+        swing=float(size[order]),
         weight=overall**2 - without**2,
+        units=samples.units,
     )
 
 

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from beltcomm.errors import DataError
-from beltcomm.laboratory.places import Judged
+from beltcomm.laboratory.places import Judged, Units
 from beltcomm.recording import Recording
 from beltcomm.report import style
 from beltcomm.response import estimate_response
@@ -29,7 +29,7 @@ class ResponsePair:
     """One excited record.   measured : torque to angle, rad/(N m), (k,) at freq_hz.   model : the same angle over the torque that the model
     says it needed, so friction is in both as the record has it.   radius : 95 % of the measured one's noise, None for a single period.
 
-    cart_m : carriage at the start, m.   amplitude_nm : largest torque, N m.
+    cart_m : carriage at the start, m.   amplitude_nm : largest torque.   units : of the axis.
     """
 
     record: str
@@ -40,6 +40,7 @@ class ResponsePair:
     measured: ComplexArray
     model: ComplexArray
     radius: Array | None
+    units: Units
 
 
 def response_pairs(recordings: Sequence[Recording], judged: Sequence[Judged]) -> list[ResponsePair]:
@@ -72,6 +73,7 @@ def response_pairs(recordings: Sequence[Recording], judged: Sequence[Judged]) ->
                 angle / torque[lines],
                 angle / needed[lines],
                 _radius(piece.torque, piece.position, recording.sample_period_s, period, first, freq[lines]),
+                parts[0].units,
             )
         )
     return sorted(found, key=lambda pair: pair.held_out)
@@ -101,7 +103,9 @@ def bode_figure(pairs: Sequence[ResponsePair], landmarks: Mapping[str, float], c
         made = style.figure("Frequency response: model over measurement", 9.0, caption)
         upper, middle, lower = made.subplots(3, 1, sharex=True, height_ratios=[1.7, 1.0, 1.0])
         for pair, colour in zip(shown, LINES, strict=False):
-            label = f"{pair.record}, {pair.cart_m:.2f} m, {pair.amplitude_nm:.2g} N m" + (" (held out)" if pair.held_out else "")
+            label = f"{pair.record}, {pair.cart_m:.2f} m, {pair.amplitude_nm:.2g} {pair.units.force}" + (
+                " (held out)" if pair.held_out else ""
+            )
             size, phase = 20.0 * np.log10(np.abs(pair.measured)), np.degrees(np.unwrap(np.angle(-pair.measured))) - 180.0
             upper.plot(pair.freq_hz, size, ".", markersize=3.5, color=colour, label=f"measured: {label}")
             upper.plot(pair.freq_hz, 20.0 * np.log10(np.abs(pair.model)), color=colour, linewidth=1.2, alpha=0.8)
@@ -120,7 +124,9 @@ def bode_figure(pairs: Sequence[ResponsePair], landmarks: Mapping[str, float], c
                 axes.axvline(hz, color=style.FAINT, linewidth=1.2, zorder=0.5)
             upper.annotate(f" {name} {hz:.1f} Hz", (hz, low + 0.02 * (high - low)), rotation=90, va="bottom", ha="right", fontsize=8)
         upper.set_xscale("log")
-        upper.set_ylabel("|angle/torque| in dB re 1 rad/(N m)")
+        units = shown[0].units
+        turned = ("position", "m") if units.force == "N" else ("angle", "rad")
+        upper.set_ylabel(f"|{turned[0]}/{units.word}| in dB re 1 {turned[1]}/({units.force})")
         upper.legend(loc="upper right", fontsize=8)
         middle.set_ylabel("phase in degrees")
         lower.set_yscale("log")

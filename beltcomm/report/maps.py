@@ -11,8 +11,6 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from beltcomm.laboratory.places import (
-    PLACE_M,
-    SPEEDS_M_S,
     Bins,
     Judged,
     Samples,
@@ -20,7 +18,7 @@ from beltcomm.laboratory.places import (
     bins_of,
     dimensions,
     gathered,
-    grid,
+    position_edges,
 )
 from beltcomm.report import style
 
@@ -53,10 +51,11 @@ def maps_figure(
         _by_speed(spots["speed"], samples)
         _by_position(spots["position"], samples)
         spots["position"].set_title("By carriage position and direction")
-        spots["position"].set_xlabel("carriage position in m")
+        moving = "carriage" if samples.units.length == "m" else "motor"
+        spots["position"].set_xlabel(f"{moving} position in {samples.units.length}")
         _bars(spots["amplitude"], along["amplitude"])
-        spots["amplitude"].set_title("By size of the torque")
-        spots["amplitude"].set_xlabel("|torque| in N m")
+        spots["amplitude"].set_title(f"By size of the {samples.units.word}")
+        spots["amplitude"].set_xlabel(f"|{samples.units.word}| in {samples.units.force}")
         _bars(spots["time"], along["time"])
         spots["time"].set_title("By time")
         spots["time"].set_xlabel("time on the session's clock in s")
@@ -97,7 +96,8 @@ def _band_map(axes: Axes, judged: Sequence[Judged], landmarks: Mapping[str, floa
 
 def _by_speed(axes: Axes, samples: Samples) -> None:
     """Two rows, positive and negative direction; ratio and the mean torque that is missing stand in the cells."""
-    edges, speed = np.array(SPEEDS_M_S), np.abs(samples.speed)
+    units = samples.units
+    edges, speed = units.speeds, np.abs(samples.speed)
     sides = [np.sign(samples.speed) == sign for sign in (1.0, -1.0)]
     ratio = np.array([bins_of("", speed[side], edges, "", samples.white[side] ** 2).ratio for side in sides])
     used = np.flatnonzero(np.isfinite(ratio).any(axis=0))
@@ -112,18 +112,18 @@ def _by_speed(axes: Axes, samples: Samples) -> None:
         for column in range(first, last):
             inside = side & (speed >= edges[column]) & (speed < edges[column + 1])
             if np.isfinite(ratio[row, column]):
-                text = f"{ratio[row, column]:.1f}\n{1e3 * float(np.mean(samples.more[inside])):+.0f}"
+                text = f"{ratio[row, column]:.1f}\n{units.factor * float(np.mean(samples.more[inside])):+.0f}"
                 colour = "white" if ratio[row, column] > 4.0 else "black"
                 axes.text(column - first + 0.5, row, text, ha="center", va="center", fontsize=8, color=colour)
     axes.set_yticks([0, 1], ["forward", "backward"])
     axes.set_ylim(1.5, -0.5)
     axes.set_xticks(range(last - first + 1), [f"{v:g}" for v in edges[first : last + 1]], fontsize=8)
-    axes.set_xlabel("speed in m/s\n(in each cell: error/noise, and measured minus model in mN m)")
+    axes.set_xlabel(f"speed in {units.length}/s\n(in each cell: error/noise, and measured minus model in {units.small})")
 
 
 def _by_position(axes: Axes, samples: Samples) -> None:
     """One line per direction."""
-    edges = grid(samples.position, PLACE_M)
+    edges = position_edges(samples)
     for sign, name, colour, dash in ((1.0, "forward", style.RESIDUAL, "-"), (-1.0, "backward", style.MEASURED, (0, (3, 1.5)))):
         side = np.sign(samples.speed) == sign
         ratio = bins_of("", samples.position[side], edges, "", samples.white[side] ** 2).ratio

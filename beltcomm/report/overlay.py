@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from beltcomm.laboratory.places import Judged
+from beltcomm.laboratory.places import Judged, Units
 from beltcomm.report import style
 
 Array = NDArray[np.float64]
@@ -24,8 +24,9 @@ EDGE = 100.0
 
 @dataclass(frozen=True)
 class Trace:
-    """One record as a line of samples, gaps closed by nan.   t_s from its start.   measured, model : N m.   white : residual over noise,
-    nan where it does not count.   excited : by a multisine or the like, so that every sample matters."""
+    """One record as a line of samples, gaps closed by nan.   t_s : from its start.   measured, model : torque in units of the axis.
+    white : residual over noise, nan where it does not count.   excited : by a multisine or the like, so that every sample matters.
+    """
 
     record: str
     held_out: bool
@@ -34,6 +35,7 @@ class Trace:
     model: Array
     white: Array
     excited: bool
+    units: Units
 
     @property
     def ratio(self) -> float:
@@ -55,7 +57,9 @@ def trace_of(judged: Sequence[Judged], record: str, excited: bool) -> Trace:
         for column, values in zip(columns, (time, piece.torque, piece.torque + item.whole, white), strict=True):
             column.append(np.append(values, np.nan))
     joined = [np.concatenate(column) for column in columns]
-    return Trace(record, held_out, joined[0], joined[1], joined[2], joined[3], excited)
+    return Trace(
+        record, held_out, joined[0], joined[1], joined[2], joined[3], excited, next(j.units for j in judged if j.piece.record == record)
+    )
 
 
 def running_rms(trace: Trace, window_s: float = RMS_S) -> tuple[Array, Array]:
@@ -129,8 +133,8 @@ def _torques(axes: Axes, trace: Trace, near: NDArray[np.bool_]) -> None:
         axes.plot(time, shown[1], color=style.MODEL, linewidth=2.2, alpha=0.9, label=f"model, mean of {1e3 * MEAN_S:.0f} ms")
         shown.append(measured)
     axes.set_ylim(*_wide(np.concatenate(shown)))
-    axes.set_title("Torque where the error is largest")
-    axes.set_ylabel("torque in N m")
+    axes.set_title(f"{trace.units.word.capitalize()} where the error is largest")
+    axes.set_ylabel(f"{trace.units.word} in {trace.units.force}")
     axes.legend(loc="upper right", fontsize=8, ncols=3)
 
 
