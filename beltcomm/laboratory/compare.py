@@ -12,7 +12,8 @@ from beltcomm.identify.problem import OFFSET_M
 from beltcomm.identify.residual import Stretch, evaluate
 from beltcomm.laboratory.data import Data
 from beltcomm.laboratory.fitting import Fitted
-from beltcomm.laboratory.places import Judged, Place, units_of, worst_places
+from beltcomm.laboratory.places import Place, worst_places
+from beltcomm.laboratory.samples import Judged, units_of
 from beltcomm.linear import modes, operating_point
 from beltcomm.model import Model
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from beltcomm.laboratory.places import Place, Units
+from beltcomm.laboratory.places import Place
+from beltcomm.laboratory.samples import Units
 
 #: Means that differ by less than this share count as equal; small units below which a mean is not worth a word.
 ALIKE, LEAST_SMALL = 0.5, 0.05
@@ -58,14 +59,14 @@ def torque_words(place: Place) -> str:
     forward, backward, units = place.forward, place.backward, place.units
     by_load = place.dimension == "amplitude"
     both = "both signs" if by_load else "both directions"
-    plus, minus = (f"{word} {units.word}" if by_load else f"{word} direction" for word in ("positive", "negative"))
+    plus, minus = (f"at {word} {units.word}" if by_load else f"in {word} direction" for word in ("positive", "negative"))
     measured = f"measured {units.word}"
     if forward is None and backward is None:
         return ""
     if forward is None or backward is None:
         value, where, sign = (forward, plus, 1.0) if forward is not None else (backward, minus, -1.0)
         assert value is not None
-        return f"in {where}: {measured} {amount(value, units)} {more(sign * value)}" if units.factor * abs(value) > LEAST_SMALL else ""
+        return f"{where}: {measured} {amount(value, units)} {more(sign * value)}" if units.factor * abs(value) > LEAST_SMALL else ""
     along, across = 0.5 * (forward - backward), 0.5 * (forward + backward)
     side = "positive" if across > 0.0 else "negative"
     friction, offset = f"{amount(along, units)} {more(along)}", f"{amount(across, units)} to the {side} side"
@@ -77,7 +78,7 @@ def torque_words(place: Place) -> str:
         return f"{both}: {measured} {offset}"
     if forward * backward > 0.0:  # the same side both ways, by different amounts
         return f"{both}: {measured} {offset}, beside {friction} {'by its own sign' if by_load else 'along the motion'}"
-    return f"in {plus} {measured} {amount(forward, units)} {more(forward)}, in {minus} {amount(backward, units)} {more(-backward)}"
+    return f"{plus} {measured} {amount(forward, units)} {more(forward)}, {minus} {amount(backward, units)} {more(-backward)}"
 
 
 def more(value: float) -> str:

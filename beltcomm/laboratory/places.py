@@ -1,8 +1,7 @@
 """Where a model fails: the whitened residual by frequency, speed, direction, position, amplitude, time and angle of the motor.
 
-Every dimension is cut into bins; a bin's ratio is the rms of the whitened residual in it, 1 where nothing is missing.  A *place* is the
-worst bin with its neighbours that are nearly as bad, compared with the rest of the same dimension: a place stands out by
-ratio / elsewhere, not by ratio alone, or an error that is everywhere would be blamed on all dimensions at once.
+A *place* is the worst bin of a dimension with its neighbours that are nearly as bad, compared with the rest of the same dimension: it
+stands out by ratio / elsewhere, not by ratio alone, or an error that is everywhere would be blamed on all dimensions at once.
 """
 
 from __future__ import annotations
@@ -13,20 +12,24 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from beltcomm.identify.residual import Stretch
-from beltcomm.model import Model
+from beltcomm.laboratory.samples import (
+    BAND_HZ,
+    CARRIAGE_BY_MOTOR,
+    FEWEST,
+    Judged,
+    Samples,
+    Units,
+    bands,
+    bins_of,
+    dimensions,
+    gathered,
+    motor_angle,
+)
 
 Array = NDArray[np.float64]
 
-#: Edges of the speed bins, of a carriage and of a motor alone; m, s and Hz, widths of the others; most bins of position; shares of the
-#: largest torque, edges.
-SPEEDS_M_S = (0.0, 0.008, 0.02, 0.05, 0.12, 0.3, 0.7, 1.5, 10.0)
-SPEEDS_RAD_S = (0.0, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 1000.0)
-MOST_PLACES = 30
-PLACE_M, TIME_S, BAND_HZ = 0.04, 10.0, 20.0
-TORQUE_SHARES = (0.0, 0.1, 0.2, 0.35, 0.55, 0.8, 1.01)
-#: A bin with fewer samples says nothing; nor one whose ratio is less than this many deviations above 1.
-FEWEST, DEVIATIONS = 150, 4.0
+#: A bin is clearly bad from this many deviations above 1 on.
+DEVIATIONS = 4.0
 #: A range that holds more of all samples is no place.
 MOST = 0.75
 #: Neighbours with this share of the worst bin's excess belong to the place.
@@ -35,43 +38,9 @@ AS_BAD = 0.4
 MEAN_SHARE = 0.25
 #: A record is named where it holds this share of a place's excess.
 RECORD_SHARE = 0.6
-#: Bins and orders of a turn of the motor, turns and share of the bins that must be covered, and by how much a line must stand out of the others.
+#: Bins and orders of a turn of the motor, turns and share of the bins that must be covered, and by how much a line
+#: must stand out of the others.
 ANGLES, ORDERS, TURNS, COVERED, STANDS_OUT = 512, 100, 1.0, 0.9, 6.0
-
-
-@dataclass(frozen=True)
-class Units:
-    """What an axis is measured in.   force : "N m", "N" or "A".   length : "m" of the carriage or "rad" of the motor."""
-
-    force: str = "N m"
-    length: str = "m"
-
-    @property
-    def word(self) -> str:
-        """Torque, force or current."""
-        return {"N m": "torque", "N": "force", "A": "current"}[self.force]
-
-    @property
-    def small(self) -> str:
-        """Unit of what is left over."""
-        return {"N m": "mN m", "N": "N", "A": "mA"}[self.force]
-
-    @property
-    def factor(self) -> float:
-        """Small units in one unit."""
-        return 1.0 if self.force == "N" else 1e3
-
-    @property
-    def speeds(self) -> Array:
-        """Edges of the speed bins, length per second."""
-        return np.array(SPEEDS_M_S if self.length == "m" else SPEEDS_RAD_S)
-
-
-def units_of(model: Model) -> Units:
-    """Units of a model's side."""
-    if model.side == "load":
-        return Units("N", "m")
-    return Units("A" if model.side == "ampere" else "N m", "m" if "cart" in model.base_bodies else "rad")
 
 
 @dataclass(frozen=True)
@@ -97,7 +66,7 @@ class Place:
     samples: int = 0
     swing: float = 0.0
     weight: float = 0.0
-    units: Units = Units()
+    units: Units = CARRIAGE_BY_MOTOR
 
     @property
     def contrast(self) -> float:
@@ -113,86 +82,6 @@ class Place:
         if self.dimension in ("direction", "angle"):
             return float(np.sqrt((self.ratio**2 - 1.0) / max(self.elsewhere**2 - 1.0, 0.02))) if self.ratio > 1.0 else 0.0
         return float(np.sqrt(self.contrast)) if self.dimension == "frequency" and self.low <= 0.0 else self.contrast
-
-
-@dataclass(frozen=True)
-class Judged:
-    """A stretch with its residual.   white : of the kept samples, in units of the noise.   torque : the same samples, model minus
-    measured.   whole : torque of all samples, kept or not.   units : of the axis, so torque may be a force or a current."""
-
-    piece: Stretch
-    white: Array
-    torque: Array
-    ratio_m_rad: float
-    whole: Array
-    units: Units = Units()
-
-
-@dataclass(frozen=True)
-class Samples:
-    """All kept samples of all stretches, (n,) each.   more : measured minus model's torque, N m.   record : number of the record."""
-
-    white: Array
-    more: Array
-    speed: Array
-    position: Array
-    time: Array
-    load: Array
-    record: NDArray[np.intp]
-    names: tuple[str, ...]
-    units: Units
-
-
-@dataclass(frozen=True)
-class Bins:
-    """Ratios along one dimension.   edges : (k+1,).   ratio : (k,), nan where there are too few samples.   count : (k,)."""
-
-    dimension: str
-    unit: str
-    edges: Array
-    ratio: Array
-    count: Array
-
-
-def gathered(judged: Sequence[Judged]) -> Samples:
-    """The samples of all stretches side by side."""
-    names = tuple(dict.fromkeys(j.piece.record for j in judged))
-    return Samples(
-        np.concatenate([j.white for j in judged]),
-        -np.concatenate([j.torque for j in judged]),
-        np.concatenate([motor_speed(j) * j.ratio_m_rad for j in judged]),
-        np.concatenate([motor_angle(j) * j.ratio_m_rad for j in judged]),
-        np.concatenate([j.piece.motion.time_s + j.piece.motion.sample_s * np.flatnonzero(j.piece.keep) for j in judged]),
-        np.concatenate([j.piece.torque[j.piece.keep] for j in judged]),
-        np.concatenate([np.full(len(j.white), names.index(j.piece.record)) for j in judged]),
-        names,
-        judged[0].units,
-    )
-
-
-def dimensions(samples: Samples) -> dict[str, tuple[Array, Array, str]]:
-    """Value of every sample, edges and unit by dimension."""
-    largest = float(np.abs(samples.load).max()) if len(samples.load) else 1.0
-    return {
-        "speed": (np.abs(samples.speed), samples.units.speeds, f"{samples.units.length}/s"),
-        "position": (samples.position, position_edges(samples), samples.units.length),
-        "amplitude": (np.abs(samples.load), largest * np.array(TORQUE_SHARES), samples.units.force),
-        "time": (samples.time, grid(samples.time, TIME_S), "s"),
-    }
-
-
-def position_edges(samples: Samples) -> Array:
-    """Edges of the position bins: 4 cm, or ``MOST_PLACES`` of them on a long way or for a motor alone."""
-    return grid(samples.position, max(PLACE_M, float(np.ptp(samples.position)) / MOST_PLACES))
-
-
-def bins_of(dimension: str, values: Array, edges: Array, unit: str, squares: Array) -> Bins:
-    """Ratios along one dimension."""
-    number = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, len(edges) - 2)
-    count = np.bincount(number, minlength=len(edges) - 1)
-    total = np.bincount(number, squares, minlength=len(edges) - 1)
-    ratio = np.where(count >= FEWEST, np.sqrt(total / np.maximum(count, 1)), np.nan)
-    return Bins(dimension, unit, edges, ratio, count.astype(np.float64))
 
 
 def worst_places(judged: Sequence[Judged]) -> list[Place]:
@@ -357,59 +246,6 @@ def worst_band(judged: Sequence[Judged]) -> Place | None:
     )
 
 
-@dataclass(frozen=True)
-class Bands:
-    """Power of the whitened residual by record and band, 1 at the noise.   edges : (k+1,), Hz.   power, weight : (records, k); weight
-    counts samples.   sample_s : s."""
-
-    names: tuple[str, ...]
-    held_out: tuple[bool, ...]
-    edges: Array
-    power: Array
-    weight: Array
-    sample_s: float
-
-
-def bands(judged: Sequence[Judged], width_hz: float = BAND_HZ) -> Bands:
-    """Power by record and band, left-out samples as zeros."""
-    names = tuple(dict.fromkeys(j.piece.record for j in judged))
-    sample = judged[0].piece.motion.sample_s
-    count = max(1, round(0.5 / sample / width_hz))
-    edges = np.linspace(0.0, 0.5 / sample, count + 1)
-    total, weight = np.zeros((len(names), count)), np.zeros((len(names), count))
-    for item in judged:
-        keep = item.piece.keep
-        if keep.sum() < FEWEST:
-            continue
-        row = np.zeros(len(keep))
-        row[keep] = item.white
-        spectrum = np.abs(np.fft.rfft(row)) ** 2 / keep.sum()
-        number = np.clip(np.searchsorted(edges, np.fft.rfftfreq(len(row), item.piece.motion.sample_s), side="right") - 1, 0, count - 1)
-        lines = np.bincount(number, minlength=count)
-        at = names.index(item.piece.record)
-        share = float(keep.sum()) * (lines > 0)
-        total[at] += share * np.bincount(number, spectrum, minlength=count) / np.maximum(lines, 1)
-        weight[at] += share
-    power = np.where(weight > 0.0, total / np.maximum(weight, 1.0), np.nan)
-    return Bands(names, tuple(any(j.piece.held_out for j in judged if j.piece.record == n) for n in names), edges, power, weight, sample)
-
-
 def above_noise(squares: Array) -> float:
     """Sum of all squares above the noise."""
     return max(float(np.sum(squares - 1.0)), 1e-9)
-
-
-def motor_speed(item: Judged) -> Array:
-    """Speed of the motor at the kept samples, rad/s."""
-    return np.asarray(item.piece.motion.omega[:: item.piece.motion.substeps][item.piece.keep])
-
-
-def motor_angle(item: Judged) -> Array:
-    """Absolute angle of the motor at the kept samples, rad."""
-    return np.asarray(item.piece.motion.theta[:: item.piece.motion.substeps][item.piece.keep])
-
-
-def grid(values: Array, width: float) -> Array:
-    """Edges of equal bins over all values."""
-    low = np.floor(values.min() / width) * width
-    return np.asarray(np.arange(low, values.max() + 2.0 * width, width))

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from beltcomm.errors import DataError
-from beltcomm.laboratory.places import Judged, Units
+from beltcomm.laboratory.samples import Judged, Units
 from beltcomm.recording import Recording
 from beltcomm.report import style
 from beltcomm.response import estimate_response

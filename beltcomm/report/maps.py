@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from beltcomm.laboratory.places import (
+from beltcomm.laboratory.samples import (
     Bins,
     Judged,
     Samples,
@@ -49,7 +49,7 @@ def maps_figure(
         image = _band_map(spots["band"], judged, landmarks)
         along = {name: bins_of(name, *values, squares) for name, values in dimensions(samples).items()}
         _by_speed(spots["speed"], samples)
-        _by_position(spots["position"], samples)
+        by_way = _by_position(spots["position"], samples)
         spots["position"].set_title("By carriage position and direction")
         moving = "carriage" if samples.units.length == "m" else "motor"
         spots["position"].set_xlabel(f"{moving} position in {samples.units.length}")
@@ -59,7 +59,7 @@ def maps_figure(
         _bars(spots["time"], along["time"])
         spots["time"].set_title("By time")
         spots["time"].set_xlabel("time on the session's clock in s")
-        top = style.highest_shown([1.2 * float(np.nanmax(b.ratio)) for b in along.values() if np.isfinite(b.ratio).any()])
+        top = style.highest_shown([1.2 * float(np.nanmax(b.ratio)) for b in along.values() if np.isfinite(b.ratio).any()] + [by_way])
         for name in ("position", "amplitude", "time"):
             style.ratio_ticks(spots[name], 0.8, top)
             spots[name].set_ylabel("error / noise")
@@ -121,13 +121,16 @@ def _by_speed(axes: Axes, samples: Samples) -> None:
     axes.set_xlabel(f"speed in {units.length}/s\n(in each cell: error/noise, and measured minus model in {units.small})")
 
 
-def _by_position(axes: Axes, samples: Samples) -> None:
-    """One line per direction."""
+def _by_position(axes: Axes, samples: Samples) -> float:
+    """One line per direction; returns the largest ratio."""
+    largest = 1.0
     edges = position_edges(samples)
     for sign, name, colour, dash in ((1.0, "forward", style.RESIDUAL, "-"), (-1.0, "backward", style.MEASURED, (0, (3, 1.5)))):
         side = np.sign(samples.speed) == sign
         ratio = bins_of("", samples.position[side], edges, "", samples.white[side] ** 2).ratio
         axes.stairs(ratio, edges, baseline=None, color=colour, linewidth=1.6, linestyle=dash, label=name)
+        largest = max(largest, float(np.nanmax(ratio, initial=1.0, where=np.isfinite(ratio))))
+    return largest
 
 
 def _bars(axes: Axes, bins: Bins) -> None:

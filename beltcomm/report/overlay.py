@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from beltcomm.laboratory.places import Judged, Units
+from beltcomm.laboratory.samples import Judged, Units
 from beltcomm.report import style
 
 Array = NDArray[np.float64]
@@ -147,7 +147,8 @@ def _residuals(axes: Axes, trace: Trace, near: NDArray[np.bool_]) -> None:
         axes.plot(trace.t_s[near], _mean(shown, width), color=style.MEASURED, linewidth=1.6, label=f"mean of {1e3 * MEAN_S:.0f} ms")
     largest = float(np.nanmax(np.abs(shown))) if np.isfinite(shown).any() else 1.0
     axes.set_ylim(-max(5.0, 1.2 * largest), max(5.0, 1.6 * largest))
-    axes.set_title("What is left over (model minus measured), in units of the noise")
+    edge = f"; beyond ±{EDGE:.0f} at the edge" if np.nanmax(np.abs(shown), initial=0.0) >= EDGE else ""
+    axes.set_title(f"What is left over (model minus measured), in units of the noise{edge}")
     axes.set_ylabel("residual / noise")
     axes.legend(loc="upper right", fontsize=8, ncols=2)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from textwrap import wrap
 from typing import Any
 
 from matplotlib import rc_context
@@ -21,6 +22,8 @@ LOWEST, HIGHEST, COLOURS = 1.0, 10.0, "YlOrBr"
 NO_DATA = "#D5DCE4"
 #: Inches: wide enough for two columns of text.
 WIDTH = 10.0
+#: Letters of a line of text above a figure.
+LINE = 118
 
 _STYLE: Any = {
     "font.size": 10.0,
@@ -54,8 +57,9 @@ def styled() -> Any:
 
 def figure(title: str, height: float, caption: Caption, sentences: Sequence[str] = ()) -> Figure:
     """An empty figure with its title and sentences on top, command and data below."""
-    made = Figure(figsize=(WIDTH, height + 0.22 * len(sentences)), layout="constrained")
-    made.suptitle("\n".join([title, *sentences]), x=0.01, ha="left", fontsize=11, fontweight="normal" if sentences else "bold")
+    below = [line for sentence in sentences for line in wrap(sentence, LINE, initial_indent="• ", subsequent_indent="   ")]
+    made = Figure(figsize=(WIDTH, height + 0.2 * len(below)), layout="constrained")
+    made.suptitle("\n".join([title, *below]), x=0.01, ha="left", fontsize=11, fontweight="normal" if sentences else "bold")
     made.supxlabel(f"{caption.command}    data: {caption.data}", x=0.01, ha="left", fontsize=8, color="#555555")
     return made
 

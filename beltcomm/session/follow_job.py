@@ -37,7 +37,7 @@ def follow_plan(
         findings = offline.fitted(folder, "lm", Silence(), model)
         with Machine(connected, folder.axis, folder, talk) as machine:
             sequence.reference(machine, settings)
-            shown = motion_plan(machine, wanted)
+            shown = motion_plan(machine, model, wanted)
             if dry_run:
                 return Result({"plan": plain(shown), "seconds": shown.seconds}, [*shown.lines(), "Nothing was moved (--dry-run)."])
             agree(shown)

@@ -24,8 +24,9 @@ RUN_IN_S, REST_S, LONGEST_S = 0.1, 0.15, 0.7
 STROKES_SECONDS = 16.0
 
 
-def motion_plan(machine: Machine, wanted: NextPlan) -> Plan:
+def motion_plan(machine: Machine, model: Model, wanted: NextPlan) -> Plan:
     """What will happen to the machine, before it happens."""
+    limits = phases.gentle_limits(machine, model, np.inf)
     axis, room = machine.axis, machine.full_room()
     low, high = room.window_m
     whole = high - low
@@ -39,7 +40,11 @@ def motion_plan(machine: Machine, wanted: NextPlan) -> Plan:
         }[step.kind] + plan.MOVE_SECONDS
         share = phases.BELT_SHARE if step.kind == "response" else 1.0 / 3.0
         title = f"{number}. {step.kind}" + ("" if step.kind == "sweep" else f" at {low + step.place * whole:.2f} m")
-        speed = max(step.speeds_m_s) if step.kind == "strokes" else room.speed_m_s
+        speed = {
+            "response": min(phases.POSITIONING_SPEED_M_S, room.speed_m_s),
+            "strokes": max([phases.POSITIONING_SPEED_M_S, *step.speeds_m_s]),
+            "sweep": phases.fastest_stroke_m_s(limits.speed_m_s, limits.acceleration_m_s2, whole),
+        }[step.kind]
         lines.append(Experiment(title, whole, whole, speed, room.torque_nm, share * force, seconds))
     text = (
         f"The carriage of {axis.name or 'the axis'} will travel between {low:g} m and {high:g} m in closed loop, with a loop designed from "
