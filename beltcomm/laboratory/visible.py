@@ -54,7 +54,7 @@ def visible(fitted: Fitted, ground: Ground) -> list[Sight]:
     scorer = Scorer(fitted)
     found = []
     for effect in EFFECTS:
-        if effect.trials is None or not may_add(fitted, effect):
+        if effect.trials is None or effect.bound or not may_add(fitted, effect):
             continue
         falls: list[tuple[float, Trial]] = []
         for some, columns in scorer.trials(effect, ground):
