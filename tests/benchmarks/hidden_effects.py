@@ -41,7 +41,7 @@ FAMILY = {"tilt": "constant_offset", "coulomb_asymmetry": "constant_offset"}
 def draws(first: int, last: int, strengths: tuple[float, ...]) -> list[tuple[int, str, float]]:
     """Seed, effect ("" for a healthy machine) and strength; the same list for the same arguments."""
     names = ["", *(name for name in EFFECTS if name != "belt_damping"), *OUTSIDE]
-    return [(seed, name, strengths[seed % len(strengths)]) for seed in range(first, last) for name in names]
+    return [(seed, name, strengths[(seed + i) % len(strengths)]) for seed in range(first, last) for i, name in enumerate(names)]
 
 
 def examined(seed: int, name: str, strength: float) -> dict[str, Any]:
