@@ -8,19 +8,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 from beltcomm.axis import Axis, load_axis
 from beltcomm.control import Cascade
+from beltcomm.design.compensation import compensated
 from beltcomm.design.feedforward import FeedforwardKind
 from beltcomm.design.prefilters import PrefilterKind
 from beltcomm.design.specification import Specification
 from beltcomm.drive import Drive, open_drive
-from beltcomm.errors import BeltcommError, DataError, Refused, UsageError
+from beltcomm.errors import BeltcommError, Refused, UsageError
 from beltcomm.foreign.convert import Reading
 from beltcomm.foreign.job import check_imports, import_recordings
 from beltcomm.identify.magnitude_fit import Solver
-from beltcomm.model import Model, load_model, load_plant
+from beltcomm.model import load_plant
 from beltcomm.parameters import cascade_to_parameters
 from beltcomm.result import Result, plain
 from beltcomm.runfolder import RunFolder
@@ -29,6 +31,7 @@ from beltcomm.session import commission as sequence
 from beltcomm.session.commission import Apply, Findings, Settings
 from beltcomm.session.creep import BREAKAWAY_SHARE, CREEP_SPEED_M_S, MARGIN_M, RAMP_S, small_move
 from beltcomm.session.experiment import run_experiment
+from beltcomm.session.follow_job import follow_plan
 from beltcomm.session.laboratory import add_to_run, compare_run, diagnose_run, ladder_of_run, remove_from_run
 from beltcomm.session.machine import Machine, backed_up
 from beltcomm.session.plan import Plan, commission_plan, friction_plan, identify_plan, move_plan, verification_plan
@@ -151,11 +154,18 @@ def fit(run: Path, *, solver: Solver | None = None, options: Options | None = No
     return Result(outcome.data(folder, findings), text)
 
 
+def follow(drive: str, run: Path, plan: Path, *, options: Options | None = None, talk: Talk | None = None) -> Result:
+    """The records of a plan that ``diagnose`` wrote, into the run that it was written for."""
+    options, talk = options or Options(), talk or Silence()
+    agree = partial(_agree, options=options, talk=talk)
+    return follow_plan(drive, run, plan, _settings(options), options.for_drive(), agree, talk, options.dry_run)
+
+
 def friction(drive: str, run: Path, *, options: Options | None = None, talk: Talk | None = None) -> Result:
     """The constant-speed sweep with a loop designed from the run's model, and its friction."""
     options, talk = options or Options(), talk or Silence()
     folder = RunFolder.open(run)
-    model = _saved_model(folder)
+    model = offline.saved_model(folder)
     with open_drive(drive, options.for_drive()) as connected:
         plan = friction_plan(folder.axis, connected.capabilities)
         if options.dry_run:
@@ -170,11 +180,8 @@ def friction(drive: str, run: Path, *, options: Options | None = None, talk: Tal
             sequence.measure_friction(machine, model, "sweep" if number == 1 else f"sweep_{number}")
         findings.friction = analyse.friction_of(folder.recordings())
     folder.save_result("friction", plain(findings.friction))
-    text = [
-        "The strokes were driven by a loop designed from the run's model.",
-        *words.friction_lines(findings.friction),
-        f"Next: beltcomm fit {run}",
-    ]
+    how = "The strokes were driven by a loop designed from the run's model."
+    text = [how, *words.friction_lines(findings.friction), f"Next: beltcomm fit {run}"]
     return Result({"run": str(run), "friction": plain(findings.friction)}, text)
 
 
@@ -188,7 +195,7 @@ def design(
     """Gains with margins from the run's model; nothing is written to a drive.   Raises Refused with what binds, DataError."""
     options, talk = options or Options(), talk or Silence()
     folder = RunFolder.open(run)
-    model = _saved_model(folder)
+    model, revision, which = offline.trusted(folder)
     findings = Findings()
     recordings = folder.recordings()
     analyse.check_whole(recordings)
@@ -197,10 +204,12 @@ def design(
     analyse.offered(structure, options.prefilter, options.feedforward)
     settings = replace(_settings(options), specification=specification)
     findings.design, findings.cascade = sequence.design_for(folder.axis, model, structure, findings, settings)
-    mapping = outcome.design_dict(findings)
+    along = compensated(model) if structure.torque_feedforward and settings.feedforward == "nonlinear" else ()
+    mapping = {**outcome.design_dict(findings), "revision": revision, "compensated": list(along)}
     folder.save_design("final", mapping)
     text = [
         *words.design_lines(findings.design, findings.cascade),
+        *words.knowledge_lines(model, along, which),
         *words.remarks_lines(findings.remarks),
         f"Next: beltcomm verify --drive DRIVE --run {run}",
     ]
@@ -222,12 +231,14 @@ def verify(
     """
     options, talk = options or Options(), talk or Silence()
     folder = RunFolder.open(run)
-    model, saved = _saved_model(folder), folder.load("designs", "final")
+    saved = folder.load("designs", "final")
+    model = offline.trusted(folder, str(saved.get("revision") or ""))[0]
     with open_drive(drive, options.for_drive()) as connected:
         folder.claim_drive(connected.capabilities.identity)
         structure = connected.capabilities.structure
         analyse.offered(structure, None, options.feedforward)
         cascade, delay_s = offline.cascade_of(saved, model, structure, options.feedforward)
+        along = bool(saved.get("compensated")) and structure.torque_feedforward and options.feedforward in (None, "nonlinear")
         with Machine(connected, folder.axis, folder, talk) as machine:
             sequence.reference(machine, _settings(options))
             braking = stops.count_on_loop(machine, [model], cascade, delay_s)
@@ -237,7 +248,7 @@ def verify(
                 return _planned(plan)
             _agree(plan, options, talk)
             name = f"move_{1 + sum(n.startswith('move_') for n in folder.finished_names())}"
-            verdict, asked = verification.verify_move(machine, model, cascade, delay_s, path, name)
+            verdict, asked = verification.verify_move(machine, model, cascade, delay_s, path, name, compensating=along)
     folder.save_result(f"verify_{name}", {**verdict_to_dict(verdict), "proof": proof(cascade, path, ())})
     text = words.verdict_lines(verdict, asked, options.feedforward) + words.remarks_lines([remark] if remark else [])
     text.append(f"Next: {next_step(folder, drive, verdict.passed)}")
@@ -324,12 +335,11 @@ def _settings(options: Options) -> Settings:
     payload = options.payload_kg or 0.0
     if payload < 0.0:
         raise UsageError(f"the payload is {payload:g} kg; give what is to be carried further, 0 or more")
-    payloads = (payload,) if payload else ()
     return Settings(
         apply=options.apply,
         position_m=options.position_m,
         home=options.home,
-        payloads_kg=payloads,
+        payloads_kg=(payload,) if payload else (),
         quick=options.quick,
         prefilter=options.prefilter,
         feedforward=options.feedforward or "nonlinear",
@@ -354,23 +364,13 @@ def _planned(plan: Plan) -> Result:
     return Result({"plan": plain(plan), "seconds": plan.seconds}, [*plan.lines(), "Nothing was moved (--dry-run)."])
 
 
-def _saved_model(folder: RunFolder) -> Model:
-    path = folder.file("models", "final")
-    try:
-        return load_model(path)
-    except UsageError as error:
-        raise DataError(f"the run's model is damaged: {error}; make it again with `beltcomm fit {folder.path}`") from error
-
-
 def _written(drive: str, folder: RunFolder, wanted: Mapping[str, float], options: Options, talk: Talk, verb: str) -> Result:
     """Parameters into the drive of a run, or with ``dry_run`` only their differences."""
     save = options.apply == "save"
     with open_drive(drive, options.for_drive()) as connected:
         folder.claim_drive(connected.capabilities.identity)
-        if options.dry_run:
-            done = gains.differences(connected, wanted)
-        else:
-            done = gains.write(connected, folder, wanted, talk, yes=options.yes, save=save, verb=verb)
+        write = partial(gains.write, connected, folder, wanted, talk, yes=options.yes, save=save, verb=verb)
+        done = gains.differences(connected, wanted) if options.dry_run else write()
     data = {"run": str(folder.path), **plain(done), "written": not options.dry_run, "saved": save and not options.dry_run}
     if options.dry_run:
         return Result(data, ["Would change:", *done.table(), "Nothing was written (--dry-run)."])
@@ -389,6 +389,7 @@ __all__ = [
     "commission",
     "design",
     "fit",
+    "follow",
     "friction",
     "identify",
     "import_recordings",

@@ -108,10 +108,13 @@ def predict_move(
     torque_limit_nm: float,
     counts_per_rev: int,
     belt_stretch_m: float = 0.0,
+    extra_torque_nm: Array | None = None,
+    time_s: float = 0.0,
 ) -> PredictedMove:
     """Simulate the drive's own cascade on the model along a reference motion that is sampled once per loop period.
 
     structure : of the drive's cascade.   delay_s : torque setpoint to acting torque.   belt_stretch_m : at the start.
+    extra_torque_nm : ndarray (n,), sent along with the reference and added to the drive's torque.   time_s : session's clock.
     The encoder counts as the drive sees them; the measurement noise of the torque signal does not enter the loop.
     """
     ratio, period_s = model["transmission.ratio"], structure.period_s
@@ -119,6 +122,7 @@ def predict_move(
     velocity = trajectory.velocity_m_s / ratio
     acceleration = np.diff(velocity, prepend=velocity[0]) / period_s
     plant = SimulatedPlant(model, position_m=float(trajectory.position_m[0]), belt_stretch_m=belt_stretch_m)
+    plant.time_s = time_s
     coefficients = discrete_coefficients(cascade, period_s, torque_limit_nm)
     state = new_state()
     start = float(reference[0])
@@ -129,13 +133,14 @@ def predict_move(
     waiting = [0.0] * (whole + 1)
     n = len(reference)
     motor, cart, torque = np.empty(n), np.empty(n), np.empty(n)
+    added = np.zeros(n) if extra_torque_nm is None else extra_torque_nm
     belt = fastest = 0.0
     for k in range(n):
         motor[k], cart[k] = plant.position_rad, plant.cart_position_m
         counted = start + math.floor(plant.position_rad / step + 0.5) * step
         seen = structure.position_error_seen(reference[k] - counted, cascade.kpp_1_s)
         fastest = max(fastest, cascade.kpp_1_s * abs(seen))
-        torque[k] = cascade_step(coefficients, state, counted + seen, velocity[k], acceleration[k], counted, 0.0)
+        torque[k] = cascade_step(coefficients, state, counted + seen, velocity[k], acceleration[k], counted, float(added[k]))
         before = waiting.pop(0)
         waiting.append(float(torque[k]))
         if rest > 1e-9:

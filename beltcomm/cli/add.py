@@ -13,9 +13,11 @@ from beltcomm.cli.frame import Frame, api, today
 @click.command("add")
 @click.argument("effect")
 @shared.run_argument
+@shared.pictures_option
+@shared.cost_option
 @shared.output_options
 @click.pass_obj
-def command(frame: Frame, /, effect: str, run: Path) -> int:
+def command(frame: Frame, /, effect: str, run: Path, pictures: bool, cost: bool) -> int:
     """Add EFFECT to the model of RUN, fit everything again and show the error before and after."""
     frame.run = run
-    return frame.show(api().add(effect, run, command=frame.line(), when=today(), talk=frame.talk()))
+    return frame.show(api().add(effect, run, cost=cost, pictures=pictures, command=frame.line(), when=today(), talk=frame.talk()))

@@ -12,9 +12,10 @@ from beltcomm.cli.frame import Frame, api
 
 @click.command("compare")
 @shared.run_argument
+@shared.pictures_option
 @shared.output_options
 @click.pass_obj
-def command(frame: Frame, /, run: Path) -> int:
+def command(frame: Frame, /, run: Path, pictures: bool) -> int:
     """Compare the model of RUN with its recordings: error over noise, by record, and where it fails."""
     frame.run = run
-    return frame.show(api().compare(run, talk=frame.talk()))
+    return frame.show(api().compare(run, pictures=pictures, command=frame.line(), talk=frame.talk()))

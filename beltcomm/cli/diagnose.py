@@ -13,9 +13,11 @@ from beltcomm.cli.frame import Frame, api, today
 @click.command("diagnose")
 @shared.run_argument
 @click.option("--auto", is_flag=True, help="Add what is found and confirmed, step by step, until nothing is left.")
+@click.option("--next", "following", is_flag=True, help="Write the plan of the records that would tell more.")
+@shared.cost_option
 @shared.output_options
 @click.pass_obj
-def command(frame: Frame, /, run: Path, auto: bool) -> int:
+def command(frame: Frame, /, run: Path, auto: bool, cost: bool, following: bool) -> int:
     """Say which physical effect the model of RUN lacks, with evidence; changes nothing without --auto."""
     frame.run = run
-    return frame.show(api().diagnose(run, auto=auto, command=frame.line(), when=today(), talk=frame.talk()))
+    return frame.show(api().diagnose(run, cost=cost, following=following, auto=auto, command=frame.line(), when=today(), talk=frame.talk()))

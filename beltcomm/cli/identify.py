@@ -9,6 +9,7 @@ import click
 
 from beltcomm.cli import options as shared
 from beltcomm.cli.frame import Frame, api, axis_for, options_of, run_folder
+from beltcomm.errors import UsageError
 
 
 @click.command("identify")
@@ -16,13 +17,21 @@ from beltcomm.cli.frame import Frame, api, axis_for, options_of, run_folder
 @shared.axis_option
 @shared.new_run_option
 @shared.resume_option
+@click.option(
+    "--plan", type=click.Path(path_type=Path), metavar="FILE", help="Go on with a run by the plan that `beltcomm diagnose --next` wrote."
+)
 @shared.output_options
 @click.pass_obj
-def command(frame: Frame, /, drive: str, axis: str | None, run: Path | None, resume: bool, **given: Any) -> int:
+def command(frame: Frame, /, drive: str, axis: str | None, run: Path | None, resume: bool, plan: Path | None, **given: Any) -> int:
     """Measure frequency responses; the machine moves by some millimetres.
 
     The amplitude rises step by step inside limits that are predicted before each step.
     """
+    if plan is not None:
+        if run is None:
+            raise UsageError("--plan goes on with a run; give its folder with --run")
+        frame.run = run
+        return frame.show(api().follow(drive, run, plan, options=options_of(**given), talk=frame.talk()))
     known = axis_for(axis, drive, run, resume)
     frame.run = run_folder(run, known.name)
     options = options_of(resume=resume, **given)

@@ -12,9 +12,10 @@ from beltcomm.cli.frame import Frame, api
 
 @click.command("ladder")
 @shared.run_argument
+@shared.pictures_option
 @shared.output_options
 @click.pass_obj
-def command(frame: Frame, /, run: Path) -> int:
+def command(frame: Frame, /, run: Path, pictures: bool) -> int:
     """Show the revisions of RUN's model as a staircase down to the noise."""
     frame.run = run
-    return frame.show(api().ladder(run))
+    return frame.show(api().ladder(run, pictures=pictures, command=frame.line()))

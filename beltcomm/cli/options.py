@@ -110,6 +110,8 @@ axis_option = click.option("--axis", metavar="FILE", help="axis.yaml, or the nam
 resume_option = click.option("--resume", is_flag=True, help="Go on with an existing run: only unfinished records are repeated.")
 new_run_option = click.option("--run", type=click.Path(path_type=Path), help="Run folder to make; a dated one under runs/ when left out.")
 existing_run_option = click.option("--run", required=True, type=click.Path(path_type=Path), help="Run folder to go on with.")
+pictures_option = click.option("--pictures/--no-pictures", default=True, help="Pictures into RUN/pictures; made when left out.")
+cost_option = click.option("--cost/--no-cost", default=True, help="Say what a missing effect costs in tracking error; said when left out.")
 run_argument = click.argument("run", type=click.Path(path_type=Path))
 payload_option = click.option(
     "--payload", "payload_kg", type=Quantity("payload_kg"), help="Heaviest payload to be moved; the design must hold for it."

@@ -13,9 +13,10 @@ from beltcomm.cli.frame import Frame, api, today
 @click.command("remove")
 @click.argument("effect")
 @shared.run_argument
+@shared.pictures_option
 @shared.output_options
 @click.pass_obj
-def command(frame: Frame, /, effect: str, run: Path) -> int:
+def command(frame: Frame, /, effect: str, run: Path, pictures: bool) -> int:
     """Take EFFECT out of the model of RUN, fit everything again and show the error before and after."""
     frame.run = run
-    return frame.show(api().remove(effect, run, command=frame.line(), when=today(), talk=frame.talk()))
+    return frame.show(api().remove(effect, run, pictures=pictures, command=frame.line(), when=today(), talk=frame.talk()))

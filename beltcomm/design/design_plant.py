@@ -1,4 +1,4 @@
-"""The plant of the design: two masses and a dead time, sampled exactly as the drive samples it."""
+"""The plant of the design: two masses, or as many as the model has, and a dead time, sampled exactly as the drive samples it."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
+from beltcomm.design.structure import Bodies
 from beltcomm.errors import UsageError
 
 Array = NDArray[np.float64]
@@ -26,6 +27,8 @@ class DesignPlant:
     motor_damping_nm_s_rad : d_m, N m s/rad at the motor shaft (the thesis's transfer functions print d_m/i_t², N s/m).
     cart_damping_ns_m : d_c, N s/m, carriage.   belt_damping_ns_m : d, N s/m, belt.
     dead_time_s : from torque setpoint to acting torque, without the hold of the sampling, s.
+    bodies : equations of motion where there are more than motor and carriage; then mass, stiffness and belt damping above are those of the
+    two-mass model that stands for it in (2.42) to (2.45), and friction is added to motor and carriage.
     name : for messages, such as "0.55 m, 13.4 kg, no friction".
     Raises UsageError for a number that is not finite, a negative damping or dead time, a mass or stiffness not above 0.
     """
@@ -39,6 +42,7 @@ class DesignPlant:
     belt_damping_ns_m: float = 0.0
     dead_time_s: float = 0.0
     name: str = ""
+    bodies: Bodies | None = None
 
     def __post_init__(self) -> None:
         for field in ("inertia_kg_m2", "transmission_m_rad", "mass_kg", "stiffness_n_m"):
@@ -82,8 +86,18 @@ class DesignPlant:
         relative_mass = self.inertia_kg_m2 * self.mass_kg / total
         return (self.belt_damping_ns_m + motor + cart) / (2.0 * math.sqrt(self.stiffness_n_m * relative_mass))
 
+    @property
+    def modes_rad_s(self) -> Array:
+        """Frequencies around which a grid must be fine beside ω_r and ω_z, rad/s; none for two masses."""
+        return np.zeros(0) if self.bodies is None else self.bodies.modes_rad_s()
+
     def state_space(self) -> tuple[Array, Array]:
-        """A (4, 4) and B (4,) of dx/dt = A x + B τ_m,  x = (φ_m, ω_m, i_t φ_m − x_c, dx_c/dt); SI, (2.25) with d."""
+        """A (4, 4) and B (4,) of dx/dt = A x + B τ_m,  x = (φ_m, ω_m, i_t φ_m − x_c, dx_c/dt); SI, (2.25) with d.
+
+        With ``bodies`` (2n, 2n) and (2n,),  x = (φ_m, other positions, ω_m, other speeds).
+        """
+        if self.bodies is not None:
+            return self._many_bodies(self.bodies)
         J, i, m = self.inertia_kg_m2, self.transmission_m_rad, self.mass_kg
         c, d, d_m, d_c = self.stiffness_n_m, self.belt_damping_ns_m, self.motor_damping_nm_s_rad, self.cart_damping_ns_m
         A = np.array(
@@ -96,10 +110,22 @@ class DesignPlant:
         )
         return A, np.array([0.0, 1.0 / J, 0.0, 0.0])
 
+    def _many_bodies(self, bodies: Bodies) -> tuple[Array, Array]:
+        mass, damping, stiffness = bodies.arrays()
+        damping[0, 0] += self.motor_damping_nm_s_rad
+        cart = bodies.names.index("cart")
+        damping[cart, cart] += self.cart_damping_ns_m
+        n = len(mass)
+        A, B = np.zeros((2 * n, 2 * n)), np.zeros(2 * n)
+        A[:n, n:] = np.eye(n)
+        A[n:, :n], A[n:, n:] = -stiffness / mass[:, None], -damping / mass[:, None]
+        B[n] = 1.0 / mass[0]
+        return A, B
+
     def sampled(self, period_s: float) -> tuple[Array, Array, Array, int]:
         """Exact sampling of the plant with held torque setpoint u and dead time: x[k+1] = Φ x[k] + Γ0 u[k−n] + Γ1 u[k−n−1].
 
-        Returns Φ (4, 4), Γ0 (4,), Γ1 (4,), n: whole periods of the dead time; Γ1 carries its fraction.
+        Returns Φ (4, 4), Γ0 (4,), Γ1 (4,) (2n with n bodies), n: whole periods of the dead time; Γ1 carries its fraction.
         Source: modified z-transform (hold split at the fraction of the dead time).
         """
         return _sampled(self, period_s)
@@ -112,7 +138,7 @@ class DesignPlant:
         advance, new, old, whole = self.sampled(period_s)
         z = np.exp(1j * omega_rad_s * period_s)
         right = new + old / z[:, None]
-        states = np.linalg.solve(z[:, None, None] * np.eye(4) - advance, right[..., None])
+        states = np.linalg.solve(z[:, None, None] * np.eye(len(advance)) - advance, right[..., None])
         return np.asarray(states[:, 0, 0] * z**-whole)
 
     def continuous_response(self, omega_rad_s: Array) -> ComplexArray:
@@ -149,11 +175,12 @@ def _sampled(plant: DesignPlant, period_s: float) -> tuple[Array, Array, Array, 
     whole = math.floor(plant.dead_time_s / period_s + 1e-9)
     fraction = max(plant.dead_time_s - whole * period_s, 0.0)
     A, B = plant.state_space()
-    block = np.zeros((5, 5))
-    block[:4, :4], block[:4, 4] = A, B
+    n = len(B)
+    block = np.zeros((n + 1, n + 1))
+    block[:n, :n], block[:n, n] = A, B
     # exp of the augmented matrix holds exp(A t) and the integral of exp(A s) B over 0 .. t.
     whole_period, rest, start = expm(block * np.array([period_s, period_s - fraction, fraction])[:, None, None])
-    result = whole_period[:4, :4], rest[:4, 4], rest[:4, :4] @ start[:4, 4]
+    result = whole_period[:n, :n], rest[:n, n], rest[:n, :n] @ start[:n, n]
     for array in result:
         array.flags.writeable = False
     return *result, whole

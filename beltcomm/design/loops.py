@@ -116,13 +116,13 @@ def open_loops(plant: DesignPlant, cascade: Cascade, period_s: float, omega_rad_
 def closed_loop_poles(plant: DesignPlant, cascade: Cascade, period_s: float) -> ComplexArray:
     """Poles z of the closed cascade without feedforward; K_PP = 0 gives the velocity loop and one pole at 1, the free angle.
 
-    State: plant (4), torque setpoints under way (n + 1), last angle, measured velocity, prefilter (2), integrator.
+    State: plant (4, or two per body), torque setpoints under way (n + 1), last angle, measured velocity, prefilter (2), integrator.
     The matrix is one period of the loop applied to the unit vectors.
     """
     advance, new, old, whole = plant.sampled(period_s)
-    size = 4 + whole + 1 + 5
-    state = np.eye(size)
-    plant_state, line, rest = state[:4], state[4 : 5 + whole], state[5 + whole :]
+    n = len(advance)
+    state = np.eye(n + whole + 1 + 5)
+    plant_state, line, rest = state[:n], state[n : n + 1 + whole], state[n + 1 + whole :]
     last_angle, velocity, memory_1, memory_2, integral = rest
     lag = cascade.velocity_filter_s
     angle = plant_state[0]
@@ -155,6 +155,7 @@ def _frequencies(plant: DesignPlant, period_s: float, points: int) -> Array:
     for omega_0, damping in (
         (_folded(plant.resonance_rad_s, period_s), plant.resonance_damping),
         (_folded(plant.antiresonance_rad_s, period_s), plant.resonance_damping),
+        *((_folded(float(mode), period_s), plant.resonance_damping) for mode in plant.modes_rad_s),
     ):
         width = omega_0 * np.geomspace(0.1 * max(damping, 1e-4), 0.2, side)
         around += [omega_0 - width, omega_0 + width]

@@ -73,6 +73,17 @@ class Stretch:
         kept = np.flatnonzero(self.keep)
         return kept if self.pairs is None else kept[self.pairs]
 
+    @property
+    def stride(self) -> int:
+        """Samples that a value of the whitened residual stands for."""
+        return 1 if self.pairs is None else 2
+
+    def white(self, torque: Array) -> Array:
+        """A torque, N m, (n,) or (n, k), in units of the noise by the whitener worked out beforehand; linear in the torque."""
+        assert self.whitener is not None
+        single = self.whitener(torque, self.keep)
+        return single if self.pairs is None else (single[self.pairs] + single[self.pairs + 1]) * math.sqrt(0.5)
+
 
 def stretches(
     recording: Recording, model: Model, step_rad: float, noise_nm: float, *, fitted: bool = False, substeps: int = SUBSTEPS
@@ -229,8 +240,7 @@ def in_noise(stretch: Stretch, model: Model, vector: Array, torque: Array) -> Ar
     With a whitener worked out beforehand several torques at once, (n, k) -> (kept, k).
     """
     if stretch.whitener is not None:
-        single = stretch.whitener(torque, stretch.keep)
-        return single if stretch.pairs is None else (single[stretch.pairs] + single[stretch.pairs + 1]) * math.sqrt(0.5)
+        return stretch.white(torque)
     return whiten(torque, stretch.keep, path_of(stretch, model.with_vector(vector)), stretch.step_rad, stretch.noise_nm)
 
 

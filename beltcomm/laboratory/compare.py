@@ -2,18 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from beltcomm.errors import Refused, UsageError
+from beltcomm.identify.problem import OFFSET_M
 from beltcomm.identify.residual import Stretch, evaluate
 from beltcomm.laboratory.data import Data
 from beltcomm.laboratory.fitting import Fitted
-from beltcomm.laboratory.places import Judged, Place, worst_places
+from beltcomm.laboratory.places import Place, worst_places
+from beltcomm.laboratory.samples import Judged, units_of
+from beltcomm.linear import modes, operating_point
+from beltcomm.model import Model
 
 Array = NDArray[np.float64]
+
+#: A place is told when its ratio is this, and this many times that of the rest.
+LEAST_RATIO, LEAST_CONTRAST = 1.06, 1.04
+#: In a model that fits as a whole, up to this ratio, only what adds this to its square and stands out by this factor.
+WHOLE, LEAST_WEIGHT, CLEAR_CONTRAST = 1.03, 0.01, 1.5
 
 
 @dataclass(frozen=True)
@@ -43,9 +52,9 @@ def compare(data: Data, fitted: Fitted) -> Comparison:
     vector = fitted.problem.full(fitted.x)
     for i, piece in enumerate(fitted.problem.pieces):
         white = fitted.residual[fitted.problem.ends[i] : fitted.problem.ends[i + 1]]
-        judged.append(_judged(piece, fitted, vector, white))
+        judged.append(_judged(piece, fitted, vector, white, OFFSET_M * float(fitted.offsets[i])))
     for piece, white in zip(data.held_out, fitted.held_residual, strict=True):
-        judged.append(_judged(piece, fitted, vector, white))
+        judged.append(_judged(piece, fitted, vector, white, 0.0))
     records = []
     for name in dict.fromkeys(j.piece.record for j in judged):
         parts = [j for j in judged if j.piece.record == name]
@@ -56,17 +65,24 @@ def compare(data: Data, fitted: Fitted) -> Comparison:
     return Comparison(fitted.ratio, fitted.held_ratio, tuple(records), tuple(worst_places(judged)), tuple(judged))
 
 
-def _judged(piece: Stretch, fitted: Fitted, vector: Array, white: Array) -> Judged:
-    torque = evaluate(piece, fitted.model, vector)[piece.counted]
-    return Judged(piece, white, torque, fitted.model["transmission.ratio"])
+def _judged(piece: Stretch, fitted: Fitted, vector: Array, white: Array, offset_m: float) -> Judged:
+    torque = evaluate(piece, fitted.model, vector, offset_m)
+    return Judged(piece, white, torque[piece.counted], fitted.model["transmission.ratio"], torque, units_of(fitted.model))
 
 
-def worst(places: Sequence[Place], count: int = 5, least: float = 1.1) -> list[Place]:
-    """The worst places that stand out, at most two of a dimension."""
-    chosen: list[Place] = []
-    for place in places:
-        if place.ratio < least or len(chosen) == count:
-            break
-        if sum(p.dimension == place.dimension for p in chosen) < 2:
-            chosen.append(place)
-    return chosen
+def worst(comparison: Comparison, count: int = 5) -> list[Place]:
+    """The places that stand out, worst first; few or none where the model fits as a whole."""
+    places = [p for p in comparison.places if p.ratio >= LEAST_RATIO and p.contrast >= LEAST_CONTRAST]
+    if max(comparison.ratio, comparison.held_out or 0.0) <= WHOLE:
+        places = [p for p in places if p.weight >= LEAST_WEIGHT and p.contrast >= CLEAR_CONTRAST]
+    return places[:count]
+
+
+def landmarks(model: Model, position_m: float) -> dict[str, float]:
+    """Resonance and antiresonance of the model with the carriage there, Hz; {} without a belt."""
+    at = operating_point(model, position_m, 1.0)
+    try:
+        found = {"resonance": modes(model, at), "antiresonance": modes(model, at, held=("motor",))}
+    except (UsageError, Refused):
+        return {}
+    return {name: item[-1].freq_hz for name, item in found.items() if item}

@@ -13,10 +13,12 @@ from beltcomm.effects import EFFECTS
 from beltcomm.errors import UsageError
 from beltcomm.identify.problem import OFFSET_M
 from beltcomm.laboratory.acceptance import EVIDENCE, refuted
+from beltcomm.laboratory.compare import compare
 from beltcomm.laboratory.data import Data, prepare, remade
 from beltcomm.laboratory.fitting import Fitted, fit
 from beltcomm.laboratory.score import ground_of
 from beltcomm.laboratory.stage import MISSING, Candidate, search
+from beltcomm.laboratory.structure import structure
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 
@@ -26,6 +28,8 @@ Verdict = Literal["nothing missing", "explained", "partly explained", "none of t
 FIRST_ITERATIONS, NEXT_ITERATIONS = 25, 12
 #: O per sample up to which a model with added effects counts as complete.
 EXPLAINED_UP_TO = 1.08
+#: Structure of the rest from which on it is not noise; a simulated healthy machine stays below 12.
+STRUCTURED = 25.0
 #: Effects that a diagnosis adds at most.
 MOST_EFFECTS = 4
 #: An order whose loss would cost so many times the least evidence is not put to the test of a refit.
@@ -106,7 +110,7 @@ def diagnose(
         steps.append(Step(current, tuple(candidates), best.effect.name, removed, kept))
         current = kept
     progress(1.0)
-    return Diagnosis(base, data, tuple(steps), verdict_of(base, steps, twins), twins)
+    return Diagnosis(base, data, tuple(steps), verdict_of(base, steps, twins, remaining_structure(data, current)), twins)
 
 
 def further(name: str) -> bool:
@@ -158,14 +162,19 @@ def twins_of(candidates: Sequence[Candidate]) -> tuple[str, ...]:
     return ()
 
 
-def verdict_of(base: Fitted, steps: Sequence[Step], twins: tuple[str, ...]) -> Verdict:
-    """The verdict about the state after adding the best effects on trial."""
+def remaining_structure(data: Data, fitted: Fitted) -> float:
+    """How far the rest is from noise: see ``beltcomm.laboratory.structure``."""
+    return max(structure(compare(data, fitted).judged).values(), default=0.0)
+
+
+def verdict_of(base: Fitted, steps: Sequence[Step], twins: tuple[str, ...], left: float) -> Verdict:
+    """The verdict about the state after adding the best effects on trial.   left : structure of the rest."""
     after = steps[-1].after if steps else base
     level = after.objective / after.problem.samples
     added = [step.added for step in steps if step.added]
     if not added:
-        return "nothing missing" if level < MISSING else "none of the known effects explains this"
-    if level >= EXPLAINED_UP_TO:
+        return "nothing missing" if level < MISSING and left < STRUCTURED else "none of the known effects explains this"
+    if level >= EXPLAINED_UP_TO or left >= STRUCTURED:
         return "partly explained"
     return "cannot tell" if twins else "explained"
 

@@ -102,6 +102,19 @@ class Nearby:
         slope = np.concatenate((cross[:, :, 0], square[:, 1:, 0]), axis=1)
         return self._minimum(system, slope, square[:, 0, 0], sizes)
 
+    def power(self, columns: Array, group: int) -> Array:
+        """Fall of O that each group of neighbouring columns would bring if it were there, with the phase that shows least; (k/group,)."""
+        weighted = columns * self.weights[:, None]
+        shared = self.weighted.T @ columns
+        falls = np.zeros(columns.shape[1] // group)
+        for g in range(len(falls)):
+            own = slice(g * group, (g + 1) * group)
+            square = weighted[:, own].T @ columns[:, own]
+            left = square - shared[:, own].T @ self.inverse @ shared[:, own]
+            if np.all(np.isfinite(left)) and np.all(np.diag(left) > IMITATED * np.diag(square)):
+                falls[g] = max(float(np.linalg.eigvalsh(left)[0]), 0.0)
+        return falls
+
     def _minimum(self, system: Array, slope: Array, square: Array, sizes: Array) -> Near:
         """Reweighted least squares on the sums of products."""
         p = self.columns.shape[1]

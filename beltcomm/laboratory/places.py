@@ -1,141 +1,250 @@
-"""Where a model fails: the whitened residual by record, frequency, speed, direction, position, torque and time."""
+"""Where a model fails: the whitened residual by frequency, speed, direction, position, amplitude, time and angle of the motor.
+
+A *place* is the worst bin of a dimension with its neighbours that are nearly as bad, compared with the rest of the same dimension: it
+stands out by ratio / elsewhere, not by ratio alone, or an error that is everywhere would be blamed on all dimensions at once.
+"""
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from beltcomm.identify.residual import Stretch
+from beltcomm.laboratory.samples import (
+    BAND_HZ,
+    CARRIAGE_BY_MOTOR,
+    FEWEST,
+    Judged,
+    Samples,
+    Units,
+    bands,
+    bins_of,
+    dimensions,
+    gathered,
+    motor_angle,
+)
 
 Array = NDArray[np.float64]
 
-#: m/s, edges of the speed bins; m, s and Hz, widths of the others; share of the largest torque, edges.
-SPEEDS_M_S = (0.0, 0.008, 0.02, 0.05, 0.12, 0.3, 0.7, 1.5, 10.0)
-PLACE_M, TIME_S, BAND_HZ = 0.08, 20.0, 20.0
-TORQUE_SHARES = (0.0, 0.1, 0.2, 0.35, 0.55, 0.8, 1.01)
-#: A bin with fewer samples says nothing.
-FEWEST = 150
+#: A bin is clearly bad from this many deviations above 1 on.
+DEVIATIONS = 4.0
+#: A range that holds more of all samples is no place.
+MOST = 0.75
+#: Neighbours with this share of the worst bin's excess belong to the place.
+AS_BAD = 0.4
+#: A mean torque is told where it makes up this share of what the place has too much.
+MEAN_SHARE = 0.25
+#: A record is named where it holds this share of a place's excess.
+RECORD_SHARE = 0.6
+#: Bins and orders of a turn of the motor, turns and share of the bins that must be covered, and by how much a line
+#: must stand out of the others.
+ANGLES, ORDERS, TURNS, COVERED, STANDS_OUT = 512, 100, 1.0, 0.9, 6.0
 
 
 @dataclass(frozen=True)
 class Place:
-    """One bin.   dimension, low, high, unit.   ratio : rms of the residual over that of the noise.   share : of all squares above
-    the noise.   more_nm : by how much the measured torque lies above the model's, in the direction of motion, N m."""
+    """A range of one dimension.   low, high, unit.   ratio, elsewhere : rms of the residual over that of the noise, here and in the rest.
+
+    share : of all squares above the noise.   forward, backward : measured minus model's torque in units of the axis, mean over motion in
+    positive and in negative direction (over positive and negative torque for the amplitude); None where the mean does not matter.
+    record : the one that most of it comes from, "" for several.   samples : in it.   swing : amplitude of a ripple.   units : of the axis.
+    weight : sum of its squares above the noise over all samples, what it adds to the square of the overall ratio.
+    """
 
     dimension: str
     low: float
     high: float
     unit: str
     ratio: float
+    elsewhere: float
     share: float
-    more_nm: float
-    samples: int
+    forward: float | None = None
+    backward: float | None = None
+    record: str = ""
+    samples: int = 0
+    swing: float = 0.0
+    weight: float = 0.0
+    units: Units = CARRIAGE_BY_MOTOR
 
+    @property
+    def contrast(self) -> float:
+        """How far it stands out."""
+        return self.ratio / max(self.elsewhere, 0.5)
 
-@dataclass(frozen=True)
-class Judged:
-    """A stretch with its residual.   white : of the kept samples, in units of the noise.   torque : the same samples, N m, model minus
-    measured.   cart : carriage position of all samples, m."""
+    @property
+    def rank(self) -> float:
+        """What places are sorted by: contrast, or by how much the error falls without what is seen there.
 
-    piece: Stretch
-    white: Array
-    torque: Array
-    ratio_m_rad: float
+        Everything slow lies in the lowest band: that it does says little.
+        """
+        if self.dimension in ("direction", "angle"):
+            return float(np.sqrt((self.ratio**2 - 1.0) / max(self.elsewhere**2 - 1.0, 0.02))) if self.ratio > 1.0 else 0.0
+        return float(np.sqrt(self.contrast)) if self.dimension == "frequency" and self.low <= 0.0 else self.contrast
 
 
 def worst_places(judged: Sequence[Judged]) -> list[Place]:
-    """All bins, the worst first."""
-    squares = np.concatenate([j.white**2 for j in judged])
-    above = max(float(np.sum(squares - 1.0)), 1e-9)
-    torque = np.concatenate([j.torque for j in judged])
-    speed = np.concatenate([motor_speed(j) * j.ratio_m_rad for j in judged])
-    side = np.sign(speed)
-    place = np.concatenate([motor_angle(j) * j.ratio_m_rad for j in judged])
-    time = np.concatenate([j.piece.motion.time_s + j.piece.motion.sample_s * j.piece.counted for j in judged])
-    load = np.concatenate([np.abs(j.piece.torque[j.piece.counted]) for j in judged])
-    found: list[Place] = []
-
-    def add(dimension: str, values: Array, edges: Iterable[float], unit: str) -> None:
-        edges = list(edges)
-        for low, high in itertools.pairwise(edges):
-            inside = (values >= low) & (values < high)
-            count = int(inside.sum())
-            if count >= FEWEST:
-                excess = float(np.sum(squares[inside] - 1.0))
-                more = -float(np.mean((torque * side)[inside])) if dimension != "direction" else -float(np.mean(torque[inside]))
-                ratio = float(np.sqrt(np.mean(squares[inside])))
-                found.append(Place(dimension, low, high, unit, ratio, excess / above, more, count))
-
-    add("speed", np.abs(speed), SPEEDS_M_S, "m/s")
-    add("direction", side, (-1.5, 0.0, 1.5), "")
-    add("position", place, grid(place, PLACE_M), "m")
-    add("time", time, grid(time, TIME_S), "s")
-    largest = float(load.max()) if len(load) else 1.0
-    add("torque", load, [share * largest for share in TORQUE_SHARES], "N m")
-    found += bands(judged, above)
-    return sorted(found, key=lambda p: -p.ratio)
-
-
-def bands(judged: Sequence[Judged], above: float) -> list[Place]:
-    """Bins of frequency, from the power of the whitened residual with left-out samples as zeros."""
-    power: dict[int, float] = {}
-    weight: dict[int, float] = {}
-    sample = judged[0].piece.motion.sample_s
-    for item in judged:
-        counted, stride = item.piece.counted, 1 if item.piece.pairs is None else 2
-        if len(counted) < FEWEST:
-            continue
-        row = np.zeros(item.piece.motion.samples // stride + 1)
-        row[counted // stride] = item.white
-        spectrum = np.abs(np.fft.rfft(row)) ** 2 / len(counted)
-        freq = np.fft.rfftfreq(len(row), stride * item.piece.motion.sample_s)
-        number = (freq / BAND_HZ).astype(int)
-        for band in range(number.max() + 1):
-            inside = number == band
-            power[band] = power.get(band, 0.0) + float(spectrum[inside].mean()) * len(counted)
-            weight[band] = weight.get(band, 0.0) + len(counted)
-    total = sum(weight.values()) / max(len(weight), 1)
+    """The worst place of every dimension that has one, the one that stands out most first."""
+    judged = [j for j in judged if len(j.white)]
+    if not judged:
+        return []
+    samples = gathered(judged)
+    squares = samples.white**2
     found = []
-    for band, value in power.items():
-        mean = value / weight[band]
-        share = (mean - 1.0) * total / len(weight) / above
-        found.append(
-            Place("frequency", band * BAND_HZ, min((band + 1) * BAND_HZ, 0.5 / sample), "Hz", float(np.sqrt(mean)), share, 0.0, int(total))
-        )
-    return found
+    for dimension, (values, edges, unit) in dimensions(samples).items():
+        bins = bins_of(dimension, values, edges, unit, squares)
+        span = worst_span(bins.ratio, bins.count)
+        if span is not None:
+            inside = (values >= edges[span[0]]) & (values < edges[span[1]])
+            if inside.mean() > MOST:
+                continue
+            found.append(place_of(dimension, edges[span[0]], edges[span[1]], unit, inside, samples))
+    found += [p for p in (worst_band(judged), by_direction(samples), by_angle(judged, samples)) if p is not None]
+    return sorted(found, key=lambda p: -p.rank)
 
 
-def motor_speed(item: Judged) -> Array:
-    """Speed of the motor at the kept samples, rad/s."""
-    return np.asarray(item.piece.motion.omega[:: item.piece.motion.substeps][item.piece.counted])
+def worst_span(ratio: Array, count: Array) -> tuple[int, int] | None:
+    """First and last edge of the worst bin with its neighbours that are nearly as bad; None where no bin is clearly above the noise."""
+    excess = np.nan_to_num(ratio, nan=1.0) ** 2 - 1.0
+    clear = excess > DEVIATIONS * np.sqrt(2.0 / np.maximum(count, 1.0))
+    if not clear.any():
+        return None
+    worst = int(np.argmax(np.where(clear, excess, -np.inf)))
+    first = last = worst
+    while first > 0 and excess[first - 1] > AS_BAD * excess[worst]:
+        first -= 1
+    while last + 1 < len(excess) and excess[last + 1] > AS_BAD * excess[worst]:
+        last += 1
+    return first, last + 1
 
 
-def motor_angle(item: Judged) -> Array:
-    """Absolute angle of the motor at the kept samples, rad."""
-    return np.asarray(item.piece.motion.theta[:: item.piece.motion.substeps][item.piece.counted])
+def place_of(dimension: str, low: float, high: float, unit: str, inside: NDArray[np.bool_], samples: Samples) -> Place:
+    """The samples of a range as a place."""
+    squares = samples.white**2
+    here = float(np.mean(squares[inside]))
+    rest = squares[~inside]
+    elsewhere = float(np.sqrt(np.mean(rest))) if len(rest) >= FEWEST else 1.0
+    side = samples.load if dimension == "amplitude" else samples.speed
+    means: list[float | None] = []
+    explained = 0.0
+    for half in (inside & (side > 0.0), inside & (side < 0.0)):
+        count = int(half.sum())
+        means.append(float(np.mean(samples.more[half])) if count >= FEWEST // 3 else None)
+        explained += count * float(np.mean(samples.white[half])) ** 2 if count >= FEWEST // 3 else 0.0
+    if explained < MEAN_SHARE * inside.sum() * max(here - 1.0, 1e-9):
+        means = [None, None]
+    excess = np.bincount(samples.record[inside], squares[inside] - 1.0, minlength=len(samples.names))
+    most = int(np.argmax(excess))
+    named = len(samples.names) > 1 and excess[most] > RECORD_SHARE * float(np.sum(np.maximum(excess, 0.0)))
+    return Place(
+        dimension,
+        float(low),
+        float(high),
+        unit,
+        float(np.sqrt(here)),
+        elsewhere,
+        float(np.sum(squares[inside] - 1.0)) / above_noise(squares),
+        means[0],
+        means[1],
+        samples.names[most] if named else "",
+        int(inside.sum()),
+        weight=float(np.sum(squares[inside] - 1.0)) / len(squares),
+        units=samples.units,
+    )
 
 
-def grid(values: Array, width: float) -> Array:
-    """Edges of equal bins over all values."""
-    low = np.floor(values.min() / width) * width
-    return np.asarray(np.arange(low, values.max() + 2.0 * width, width))
+def by_direction(samples: Samples) -> Place | None:
+    """Torque that is missing on average, by direction.   elsewhere : what is left of the ratio without it."""
+    squares = samples.white**2
+    left = samples.white.copy()
+    for half in (samples.speed > 0.0, samples.speed < 0.0):
+        if half.sum() >= FEWEST:
+            left[half] -= np.mean(left[half])
+    place = place_of("direction", -1.0, 1.0, "", np.ones(len(squares), dtype=bool), samples)
+    forward, backward = samples.speed > 0.0, samples.speed < 0.0
+    if min(forward.sum(), backward.sum()) < FEWEST:
+        return None
+    means = [float(np.mean(samples.more[half])) for half in (forward, backward)]
+    without = float(np.sqrt(np.mean(left**2)))
+    weight = place.ratio**2 - without**2
+    return replace(place, elsewhere=without, share=1.0, forward=means[0], backward=means[1], weight=weight)
 
 
-def in_words(place: Place) -> str:
-    """A bin as a sentence."""
-    milli = 1e3 * place.more_nm
-    torque = f": measured torque {abs(milli):.2g} mN m {'higher' if milli > 0 else 'lower'} than the model's" if abs(milli) >= 0.05 else ""
-    spans = {
-        "speed": f"speeds of {place.low:g} to {place.high:g} m/s",
-        "direction": "motion in positive direction" if place.high > 1.0 else "motion in negative direction",
-        "position": f"carriage between {place.low:.2f} and {place.high:.2f} m",
-        "time": f"{place.low:.0f} to {place.high:.0f} s on the session's clock",
-        "torque": f"torques of {place.low:.2g} to {place.high:.2g} N m",
-        "frequency": f"{place.low:.0f} to {place.high:.0f} Hz",
-    }
-    along = " along the motion" if torque and place.dimension != "direction" else ""
-    return f"{spans[place.dimension]}: {place.ratio:.2f} times the noise{torque}{along}"
+def by_angle(judged: Sequence[Judged], samples: Samples) -> Place | None:
+    """The torque that repeats with the angle of the motor.   elsewhere : what is left of the ratio without it."""
+    angle = np.concatenate([motor_angle(j) for j in judged])
+    if (
+        samples.units.force == "N"
+        or samples.position.size == 0
+        or np.ptp(angle) < TURNS * 2.0 * np.pi
+        or any(j.piece.whitener is None for j in judged)
+    ):
+        return None
+    number = np.floor((angle / (2.0 * np.pi) % 1.0) * ANGLES).astype(int)
+    count = np.bincount(number, minlength=ANGLES)
+    if np.mean(count > 0) < COVERED:
+        return None
+    mean = np.bincount(number, samples.more, minlength=ANGLES) / np.maximum(count, 1)
+    lines = np.fft.rfft(mean - mean.mean()) / (0.5 * ANGLES)
+    size = np.abs(lines[: ORDERS + 1])
+    order = int(np.argmax(size))
+    if order == 0 or size[order] < STANDS_OUT * float(np.median(size[1:])):
+        return None
+    left = []
+    for item in judged:
+        theta = item.piece.motion.theta[:: item.piece.motion.substeps]
+        phase = order * (theta - np.pi / ANGLES)
+        ripple = np.real(lines[order]) * np.cos(phase) - np.imag(lines[order]) * np.sin(phase)
+        left.append(item.white + item.piece.white(ripple))
+    rest = np.concatenate(left)
+    overall, without = float(np.sqrt(np.mean(samples.white**2))), float(np.sqrt(np.mean(rest**2)))
+    share = (overall**2 - without**2) * len(rest) / above_noise(samples.white**2)
+    return Place(
+        "angle",
+        order,
+        order,
+        "1/turn",
+        overall,
+        without,
+        share,
+        samples=len(rest),
+        swing=float(size[order]),
+        weight=overall**2 - without**2,
+        units=samples.units,
+    )
+
+
+def worst_band(judged: Sequence[Judged]) -> Place | None:
+    """The worst band of frequency over all records."""
+    table = bands(judged)
+    power, weight = np.nansum(table.power * table.weight, axis=0), np.sum(table.weight, axis=0)
+    mean = power / np.maximum(weight, 1e-9)
+    span = worst_span(np.sqrt(mean), 2.0 * weight * BAND_HZ * table.sample_s)
+    if span is None:
+        return None
+    inside = np.zeros(len(mean), dtype=bool)
+    inside[span[0] : span[1]] = True
+    here = float(np.sum(power[inside]) / np.sum(weight[inside]))
+    rest = float(np.sum(power[~inside]) / np.sum(weight[~inside])) if not inside.all() else 1.0
+    total = max(float(np.sum(power - weight)), 1e-9)
+    excess = np.nansum((table.power - 1.0)[:, inside] * table.weight[:, inside], axis=1)
+    most = int(np.argmax(excess))
+    named = len(table.names) > 1 and excess[most] > RECORD_SHARE * float(np.sum(np.maximum(excess, 0.0)))
+    return Place(
+        "frequency",
+        float(table.edges[span[0]]),
+        float(table.edges[span[1]]),
+        "Hz",
+        float(np.sqrt(here)),
+        float(np.sqrt(rest)),
+        float(np.sum((power - weight)[inside])) / total,
+        record=table.names[most] if named else "",
+        samples=int(np.sum(weight[inside]) / len(mean)),
+        weight=float(np.sum((power - weight)[inside]) / np.sum(weight)),
+    )
+
+
+def above_noise(squares: Array) -> float:
+    """Sum of all squares above the noise."""
+    return max(float(np.sum(squares - 1.0)), 1e-9)

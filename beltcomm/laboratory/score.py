@@ -59,17 +59,19 @@ class Scorer:
 
     def score(self, effect: Effect, ground: Ground) -> list[Scored]:
         """The best trials of an effect that the model can take, best first."""
-        if effect.trials is None:
-            return []
-        trials = [self.bounded(effect, trial) for trial in effect.trials(ground)]
         best: list[tuple[float, Trial, Array]] = []
-        for some, columns in self.harmonics(effect, trials) if effect.harmonic and len(trials) > 3 else self.batches(effect, trials):
+        for some, columns in self.trials(effect, ground):
             width = columns.shape[1] // len(some)
             drops = self.nearby.screened(columns, width, some[0].signed)
             best += [(drops[i], trial, columns[:, i * width : (i + 1) * width].copy()) for i, trial in enumerate(some)]
             best = sorted(best, key=lambda entry: -entry[0])[:LOOKED_AT]
         scored = [self.judged(effect, trial, columns) for _, trial, columns in best]
         return sorted((s for s in scored if s.drop > 0.0), key=lambda s: -s.drop)
+
+    def trials(self, effect: Effect, ground: Ground) -> Iterator[tuple[list[Trial], Array]]:
+        """All trials of an effect and their columns, some at a time."""
+        trials = [self.bounded(effect, trial) for trial in effect.trials(ground)] if effect.trials is not None else []
+        return self.harmonics(effect, trials) if effect.harmonic and len(trials) > 3 else self.batches(effect, trials)
 
     def bounded(self, effect: Effect, trial: Trial) -> Trial:
         """The trial with its values inside the bounds of this model's side."""

@@ -15,6 +15,8 @@ from beltcomm.design.design_plant import DesignPlant, with_friction_fractions
 from beltcomm.design.feedforward import FeedforwardKind, feedforward_from
 from beltcomm.design.prefilters import PrefilterKind
 from beltcomm.design.specification import Infeasible, Specification
+from beltcomm.design.structure import late_s, loop_model
+from beltcomm.effects.tilt import GRAVITY_M_S2
 from beltcomm.errors import DamagedRecord, DataError, Refused
 from beltcomm.identify.dead_time import DeadTime, dead_time_between
 from beltcomm.identify.friction import FrictionFit, Plateau, find_plateaus, fit_friction
@@ -149,8 +151,9 @@ def design_plants(
     apparent_damping_nm_s_rad : what a frequency response around standstill shows, at the motor; the axis in motion has less.
     """
     plants = []
+    late = late_s(model)
     for position in positions_m:
-        two = two_mass(model, operating_point(model, position, 1.0))
+        two = loop_model(model, position)
         moving = model.get("viscous.damping") + two.transmission_m_rad**2 * model.get("viscous_cart.damping")
         apparent = max(apparent_damping_nm_s_rad, moving)
         fractions = sorted({0.0, moving / apparent if apparent else 0.0, 0.5, 1.0})
@@ -161,9 +164,10 @@ def design_plants(
                 mass_kg=mass,
                 stiffness_n_m=two.stiffness_n_m,
                 motor_damping_nm_s_rad=apparent,
-                belt_damping_ns_m=two.belt_damping_n_s_m,
-                dead_time_s=dead_time_s,
+                belt_damping_ns_m=two.belt_damping_ns_m,
+                dead_time_s=dead_time_s + late,
                 name=f"{position:.2f} m, {mass:.2f} kg",
+                bodies=None if two.bodies is None else two.bodies.with_carriage(mass),
             )
             plants += with_friction_fractions(plant, fractions)
     return plants
@@ -238,16 +242,24 @@ def with_feedforward(
 ) -> Cascade:
     """The cascade with the feedforward (4.16) of a model; the reference passes the velocity filter where the drive can."""
     ratio = model["transmission.ratio"]
+    gravity = ratio * model["cart.mass"] * GRAVITY_M_S2 * math.sin(model.get("tilt.angle"))
     feedforward = feedforward_from(
         structure,
         kind,
-        inertia_kg_m2=model["motor.inertia"] + ratio**2 * model["cart.mass"],
+        inertia_kg_m2=moved_inertia(model),
         viscous_nm_s_rad=model.get("viscous.damping") + ratio**2 * model.get("viscous_cart.damping"),
         coulomb_nm=model.get("coulomb.level") + ratio * model.get("cart_friction.level"),
         apparent_viscous_nm_s_rad=apparent_nm_s_rad or None,
-        dead_time_s=dead_time_s,
+        offset_nm=model.get("constant_offset.torque") + gravity,
+        dead_time_s=dead_time_s + late_s(model),
     )
     return replace(cascade, feedforward=feedforward, filter_reference=structure.reference_filter)
+
+
+def moved_inertia(model: Model) -> float:
+    """m_e of (4.15) with every body that the motor moves, kg m² at the motor shaft."""
+    ratio = model["transmission.ratio"]
+    return sum(model[name] * (1.0 if body.rotary else ratio**2) for name, body in model.bodies())
 
 
 def apparent_damping(fits: Mapping[str, MagnitudeFit]) -> float:

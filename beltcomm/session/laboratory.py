@@ -2,26 +2,31 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from beltcomm.effects import effect_named
 from beltcomm.errors import UsageError
-from beltcomm.laboratory.compare import Comparison, compare, worst
+from beltcomm.laboratory.compare import Comparison, compare, landmarks, worst
 from beltcomm.laboratory.data import Data
 from beltcomm.laboratory.diagnosis import NEXT_ITERATIONS, Diagnosis, again, diagnose, fitted_base
 from beltcomm.laboratory.fitting import Fitted, fit
 from beltcomm.laboratory.intervals import with_intervals
-from beltcomm.laboratory.places import in_words
+from beltcomm.laboratory.place_words import in_words
 from beltcomm.laboratory.score import ground_of
 from beltcomm.laboratory.stage import Candidate, with_effect
 from beltcomm.laboratory.start import start_model
+from beltcomm.laboratory.visible import Sight, visible
 from beltcomm.model import Model
 from beltcomm.result import Result, plain
 from beltcomm.runfolder import RunFolder
 from beltcomm.session import ladder_words as words
+from beltcomm.session import pictures as drawn
+from beltcomm.session.cost import cost_lines, cost_or_reason
 from beltcomm.session.cross_check_words import as_data, check_lines, cross_checked
+from beltcomm.session.next_plan import NAME, plan_for
 from beltcomm.session.revisions import Revision, as_mapping, changed_recordings, current_model, current_revision, new_revision, revisions
 from beltcomm.talk import Silence, Talk
 
@@ -51,11 +56,13 @@ def opened(run: Path, talk: Talk) -> Opened:
     return Opened(folder, data, fitted)
 
 
-def compare_run(run: Path, *, talk: Talk | None = None) -> Result:
-    """Model against measurement: ratios to the noise per record, and where it fails."""
+def compare_run(run: Path, *, pictures: bool = True, command: str = "", talk: Talk | None = None) -> Result:
+    """Model against measurement: ratios to the noise per record, and where it fails.   pictures : into ``RUN/pictures``."""
     here = opened(run, talk or Silence())
     comparison = compare(here.data, here.fitted)
-    chosen = worst(comparison.places)
+    chosen = worst(comparison)
+    named = landmarks(here.fitted.model, drawn.middle_of(here.folder))
+    made, remarks = drawn.comparison_pictures(here.folder, here.data, here.fitted, comparison, command) if pictures else ([], [])
     data = {
         "run": str(run),
         "model": {"effects": list(here.fitted.model.effects), "parameters": values_of(here.fitted.model)},
@@ -69,16 +76,31 @@ def compare_run(run: Path, *, talk: Talk | None = None) -> Result:
                 "unit": p.unit,
                 "ratio": p.ratio,
                 "share": p.share,
-                "text": in_words(p),
+                "elsewhere": p.elsewhere,
+                "text": in_words(p, named),
             }
             for p in chosen
         ],
+        "pictures": made,
     }
-    return Result(data, words.comparison_lines(comparison, chosen, here.fitted.model, run))
+    text = words.comparison_lines(comparison, [in_words(p, named) for p in chosen], here.fitted.model, run)
+    return Result(data, text[:-1] + drawn.lines(here.folder, made, remarks) + text[-1:])
 
 
-def diagnose_run(run: Path, *, auto: bool = False, command: str = "", when: str = "", talk: Talk | None = None) -> Result:
-    """Which effect is missing; ``auto`` adds what is found and confirmed, step by step."""
+def diagnose_run(
+    run: Path,
+    *,
+    auto: bool = False,
+    cost: bool = True,
+    following: bool = False,
+    command: str = "",
+    when: str = "",
+    talk: Talk | None = None,
+) -> Result:
+    """Which effect is missing; ``auto`` adds what is found and confirmed, step by step.
+
+    cost : say what it costs, see ``session.cost``.   following : write the plan of what to record next.
+    """
     talk = talk or Silence()
     folder = RunFolder.open(run)
     recordings = folder.recordings()
@@ -88,7 +110,21 @@ def diagnose_run(run: Path, *, auto: bool = False, command: str = "", when: str 
     found = diagnose(recordings, folder.axis, start, progress=lambda fraction: talk.progress(fraction, None))
     checked = cross_checked(found, recordings, folder.axis)
     data: dict[str, Any] = {"run": str(run), **diagnosis_data(found), **as_data(checked)}
-    text = words.diagnosis_lines(found, run) + check_lines(checked)
+    text = words.diagnosis_lines(found, run)
+    text = text[:-1] + check_lines(checked) + text[-1:]
+    added_names = [step.added for step in found.steps if step.added]
+    if cost and added_names:
+        talk.phase(1, 1, "what it costs in tracking")
+        data["cost"], lines = cost_of(folder, found.base.model, found.after.model, " and ".join(added_names))
+        text = text[:-1] + lines + text[-1:]
+    sights = visible(found.base, ground_of(found.base, found.base.problem.pieces, folder.axis))
+    data["visible"] = [seen_as(sight) for sight in sights]
+    text = text[:-1] + words.sight_lines(sights) + text[-1:]
+    if following:
+        wanted = plan_for(found.twins, [sight for sight in sights if not sight.seen])
+        data["next"] = wanted.to_dict()
+        folder.save_result(NAME, plain(wanted.to_dict()))
+        text += wanted.lines(run)
     folder.save_result("diagnosis", plain(data))
     if auto:
         added = climb(folder, found, model is not None, command, when)
@@ -114,8 +150,20 @@ def climb(folder: RunFolder, found: Diagnosis, known: bool, command: str, when: 
     return made
 
 
-def add_to_run(effect: str, run: Path, *, command: str = "", when: str = "", talk: Talk | None = None) -> Result:
-    """Everything refitted with one more effect, saved as a new revision."""
+def add_to_run(
+    effect: str,
+    run: Path,
+    *,
+    pictures: bool = True,
+    cost: bool = True,
+    command: str = "",
+    when: str = "",
+    talk: Talk | None = None,
+) -> Result:
+    """Everything refitted with one more effect, saved as a new revision.
+
+    pictures : before and after, into ``RUN/pictures``.   cost : of not knowing it, in tracking error.
+    """
     asked, effect = effect, FAMILY.get(effect, effect)
     if asked != "tilt":
         effect_named(effect)
@@ -130,10 +178,22 @@ def add_to_run(effect: str, run: Path, *, command: str = "", when: str = "", tal
     note = (
         f"{asked}, friction by direction and an offset of the current look alike on this axis: added as {effect}" if asked != effect else ""
     )
-    return change_result(here, after, rung, note, run)
+    result = change_result(here, data, after, rung, note, command, pictures)
+    if not cost:
+        return result
+    price, lines = cost_of(here.folder, here.fitted.model, after.model, effect)
+    return Result({**result.data, "cost": price}, [*result.text[:-1], *lines, result.text[-1]])
 
 
-def remove_from_run(effect: str, run: Path, *, command: str = "", when: str = "", talk: Talk | None = None) -> Result:
+def cost_of(folder: RunFolder, before: Model, after: Model, name: str) -> tuple[dict[str, Any] | None, list[str]]:
+    """What an effect costs, for programs and for people."""
+    price, reason = cost_or_reason(folder, before, after)
+    return (None if price is None else dict(plain(price))), cost_lines(price, reason, name)
+
+
+def remove_from_run(
+    effect: str, run: Path, *, pictures: bool = True, command: str = "", when: str = "", talk: Talk | None = None
+) -> Result:
     """Everything refitted without an effect, saved as a new revision."""
     effect = FAMILY.get(effect, effect)
     here = opened(run, talk or Silence())
@@ -144,19 +204,26 @@ def remove_from_run(effect: str, run: Path, *, command: str = "", when: str = ""
     smaller = fit(here.data, here.fitted.model.without_effect(effect), NEXT_ITERATIONS, offsets=here.fitted.offsets)
     data, after = again(here.data, smaller, NEXT_ITERATIONS)
     rung = revision_of(here.folder, data, after, here.fitted, f"-{effect}", command, when)
-    return change_result(here, after, rung, "", run)
+    return change_result(here, data, after, rung, "", command, pictures)
 
 
-def ladder_of_run(run: Path) -> Result:
-    """All revisions as a staircase."""
+def ladder_of_run(run: Path, *, pictures: bool = True, command: str = "") -> Result:
+    """All revisions as a staircase.   pictures : it into ``RUN/pictures``."""
     folder = RunFolder.open(run)
     rungs = revisions(folder)
     if not rungs:
         raise UsageError(f"{run} has no revisions yet; begin with `beltcomm diagnose {run}` or `beltcomm add EFFECT {run}`")
     changed = changed_recordings(folder, rungs[-1])
-    return Result(
-        {"run": str(run), "revisions": [as_mapping(r) for r in rungs], "changed_recordings": changed}, words.ladder_lines(rungs, changed)
-    )
+    made, remarks = drawn.ladder_picture(folder, rungs, command) if pictures else ([], [])
+    data = {"run": str(run), "revisions": [as_mapping(r) for r in rungs], "changed_recordings": changed, "pictures": made}
+    return Result(data, words.ladder_lines(rungs, changed) + drawn.lines(folder, made, remarks))
+
+
+def seen_as(sight: Sight) -> dict[str, Any]:
+    """One line of what could have been seen; null for never."""
+    weakest, hardest = (None if math.isinf(v) else v for v in (sight.weakest, sight.hardest))
+    known = {"parameter": sight.parameter, "typical": sight.size, "unit": sight.unit, "seen": sight.seen}
+    return {"effect": sight.effect.name, "weakest": weakest, "usual": hardest, **known}
 
 
 def confirmed(before: Fitted, after: Fitted) -> bool | None:
@@ -187,8 +254,14 @@ def revision_of(folder: RunFolder, data: Data, after: Fitted, before: Fitted, ch
     )
 
 
-def change_result(here: Opened, after: Fitted, rung: Revision, note: str, run: Path) -> Result:
-    """What ``add`` and ``remove`` say."""
+def change_result(here: Opened, grown: Data, after: Fitted, rung: Revision, note: str, command: str, pictures: bool) -> Result:
+    """What ``add`` and ``remove`` say.   grown : the records as the new model sees them."""
+    run = here.folder.path
+    made: list[str] = []
+    remarks: list[str] = []
+    if pictures:
+        made, remarks = drawn.change_picture(here.folder, rung, compare(here.data, here.fitted), compare(grown, after), command)
+    model = with_intervals(after)
     data = {
         "run": str(run),
         "revision": rung.name,
@@ -196,9 +269,11 @@ def change_result(here: Opened, after: Fitted, rung: Revision, note: str, run: P
         "confirmed": rung.confirmed,
         "before": {"ratio": here.fitted.ratio, "held_out": here.fitted.held_ratio},
         "after": {"ratio": after.ratio, "held_out": after.held_ratio},
-        "parameters": values_of(with_intervals(after)),
+        "parameters": values_of(model),
+        "pictures": made,
     }
-    return Result(data, words.change_lines(here.fitted, with_intervals(after), after, rung, note, run))
+    text = words.change_lines(here.fitted, model, after, rung, note, run)
+    return Result(data, text[:-1] + drawn.lines(here.folder, made, remarks) + text[-1:])
 
 
 def ratios(comparison: Comparison) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -10,7 +11,7 @@ from beltcomm.laboratory.compare import Comparison
 from beltcomm.laboratory.diagnosis import Diagnosis
 from beltcomm.laboratory.fitting import Fitted
 from beltcomm.laboratory.intervals import with_intervals
-from beltcomm.laboratory.places import Place, in_words
+from beltcomm.laboratory.visible import Sight
 from beltcomm.model import Model, effect_parameters
 from beltcomm.session.revisions import Revision
 
@@ -18,7 +19,7 @@ from beltcomm.session.revisions import Revision
 BAR = 40
 
 
-def comparison_lines(comparison: Comparison, chosen: Sequence[Place], model: Model, run: Path) -> list[str]:
+def comparison_lines(comparison: Comparison, places: Sequence[str], model: Model, run: Path) -> list[str]:
     """``beltcomm compare``."""
     held = "" if comparison.held_out is None else f", on records that were not fitted {comparison.held_out:.2f}"
     lines = [
@@ -29,11 +30,8 @@ def comparison_lines(comparison: Comparison, chosen: Sequence[Place], model: Mod
     ]
     lines += [f"{r.name:28} {r.ratio:11.2f}  {r.samples}{'  held out' if r.held_out else ''}" for r in comparison.records]
     lines.append("")
-    if chosen:
-        lines += ["Where it fails most:", *(f"  {in_words(place)}" for place in chosen), f"Next: beltcomm diagnose {run}"]
-    else:
-        lines.append("No place stands out.")
-    return lines
+    lines += ["Where it fails most:", *(f"  {place}" for place in places)] if places else ["No place stands out."]
+    return [*lines, f"Next: beltcomm diagnose {run}"]
 
 
 def diagnosis_lines(found: Diagnosis, run: Path) -> list[str]:
@@ -64,13 +62,30 @@ def diagnosis_lines(found: Diagnosis, run: Path) -> list[str]:
     return lines
 
 
+def sight_lines(sights: Sequence[Sight]) -> list[str]:
+    """What these data could not have shown."""
+    blind = [sight for sight in sights if not sight.seen]
+    if not blind:
+        return ["Every effect of the catalogue, of typical size, would have been seen in these data."]
+    lines = ["Could not have been seen here at its typical size:"]
+    for sight in blind:
+        if math.isinf(sight.hardest):
+            lines.append(f"  {sight.effect.name:24} these data say nothing of it")
+            continue
+        size = f" ({sight.parameter} {sight.hardest * sight.size:.2g} {sight.unit})" if sight.unit else ""
+        lines.append(f"  {sight.effect.name:24} only from {sight.hardest:.2g} x a typical one on{size}")
+    return [*lines, "  `beltcomm diagnose RUN --next` writes the plan of the records that would show them."]
+
+
 def effect_lines(effect: Effect, model: Model) -> list[str]:
     """What an effect is, its numbers, causes and what to check."""
     lines = [f"{effect.name}: {effect.title}."]
     for name in effect_parameters(effect):
         item = model.parameters[name]
         width = "" if item.interval is None else f" ± {item.interval:.2g}"
-        lines.append(f"  {name} = {item.value:.4g}{width} {item.unit}")
+        bound = item.interval is None and not item.low < item.value < item.high
+        doubt = ", at the bound of what is possible: hardly the cause" if bound else ""
+        lines.append(f"  {name} = {item.value:.4g}{width} {item.unit}{doubt}")
     if effect.causes:
         lines.append(f"  Usual causes: {effect.causes}.")
     lines.append(f"  Check: {effect.check}.")

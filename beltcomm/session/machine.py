@@ -164,15 +164,15 @@ class Machine:
         zero = np.zeros(len(torque_nm))
         return Motion("torque", self.drive.capabilities.sample_period_s, zero, zero, np.asarray(torque_nm))
 
-    def follow(self, trajectory: Trajectory, kind: Literal["position", "velocity"]) -> Motion:
-        """A reference motion of the carriage for the drive's own position or velocity loop."""
+    def follow(self, trajectory: Trajectory, kind: Literal["position", "velocity"], torque_nm: Array | None = None) -> Motion:
+        """A reference motion of the carriage for the drive's own position or velocity loop.   torque_nm : (n,), sent along with it."""
         zero = np.zeros(len(trajectory.t_s))
         return Motion(
             kind,
             self.drive.capabilities.sample_period_s,
             self.origin_rad + trajectory.position_m / self.ratio,
             trajectory.velocity_m_s / self.ratio,
-            zero,
+            zero if torque_nm is None else torque_nm,
         )
 
     def stops_beyond(self, position_m: Array, speed_m_s: Array) -> str:

@@ -64,6 +64,23 @@ def current_revision(folder: RunFolder) -> Revision | None:
     return None
 
 
+def trusted_model(folder: RunFolder) -> tuple[Model | None, str, str]:
+    """The model a design may rest on: the current one, or the last before it that held-out records did not contradict.
+
+    Returns the model (None when nothing was fitted yet), the name of its revision ("" where it is none), and a sentence ("" likewise).
+    """
+    rung = current_revision(folder)
+    if rung is None:
+        return current_model(folder), "", ""
+    newest, rungs = rung, {r.name: r for r in revisions(folder)}
+    while rung.confirmed is False and rung.parent in rungs:
+        rung = rungs[rung.parent]
+    sentence = f"the model is {rung.name} ({rung.change}; error {rung.ratio:.2f} times the noise)"
+    if rung is not newest:
+        sentence += f", because {newest.name} ({newest.change}) is not confirmed"
+    return model_from_dict(folder.load("models", rung.name)), rung.name, sentence
+
+
 def new_revision(
     folder: RunFolder, model: Model, change: str, *, ratio: float, held_out: float | None, confirmed: bool | None, command: str, when: str
 ) -> Revision:

@@ -51,6 +51,8 @@ def design_to_dict(design: DesignResult, cascade: Cascade, dead_time_s: float, a
     """A design with its proof: ``designs/final.yaml``."""
     return {
         "parameters": cascade_to_parameters(cascade),
+        "revision": "",
+        "compensated": [],
         "structure": plain(design.structure),
         "specification": plain(design.specification),
         "dead_time_s": dead_time_s,

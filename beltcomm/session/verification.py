@@ -8,9 +8,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from beltcomm.axis_entries import TrajectoryLimits
 from beltcomm.control import Cascade
+from beltcomm.design.compensation import compensation
 from beltcomm.errors import Refused
 from beltcomm.model import Model
 from beltcomm.session import phases
@@ -30,6 +32,8 @@ from beltcomm.verify import (
     predict_range,
     tracking_error,
 )
+
+Array = NDArray[np.float64]
 
 #: m and s of the verification move: the thesis's 0 to 0.5 m, and the rest in which the static error is read.
 MOVE_M = 0.5
@@ -109,7 +113,14 @@ def admissible(machine: Machine, model: Model, start: float, end: float, limits:
 
 
 def predicted(
-    machine: Machine, model: Model, cascade: Cascade, delay_s: float, rested: Trajectory, belt_stretch_m: float = 0.0
+    machine: Machine,
+    model: Model,
+    cascade: Cascade,
+    delay_s: float,
+    rested: Trajectory,
+    belt_stretch_m: float = 0.0,
+    extra_torque_nm: Array | None = None,
+    time_s: float = 0.0,
 ) -> PredictedMove:
     """What a move with the rest after it is predicted to be in this drive."""
     capabilities = machine.drive.capabilities
@@ -122,6 +133,8 @@ def predicted(
         torque_limit_nm=capabilities.peak_torque_nm,
         counts_per_rev=capabilities.counts_per_rev,
         belt_stretch_m=belt_stretch_m,
+        extra_torque_nm=extra_torque_nm,
+        time_s=time_s,
     )
 
 
@@ -228,17 +241,21 @@ def verify_move(
     trajectory: Trajectory,
     name: str = "move_1",
     payloads_kg: Sequence[float] = (),
+    compensating: bool = False,
 ) -> tuple[Verdict, Demand]:
     """Phase 7: run the move with the new gains and compare with its prediction.   Raises Refused when it would break a limit.
 
     payloads_kg : further ones that the design holds for, noted with the record, see :mod:`beltcomm.session.proof`.
+    compensating : the torque of :mod:`beltcomm.design.compensation` is sent along.
     """
     broken = broken_limits(machine, model, trajectory)
     if broken:
         raise Refused("the move is refused: " + "; ".join(broken) + _fastest(machine, model, trajectory))
     running = machine.write_cascade(cascade)
     rested = phases.held(trajectory, REST_S)
-    path = predicted(machine, model, running, delay_s, rested)
+    clock_s = machine.session_time_s
+    along = compensation(model, running.feedforward, rested, rested.sample_period_s, clock_s) if compensating else None
+    path = predicted(machine, model, running, delay_s, rested, extra_torque_nm=along, time_s=clock_s)
     _check_path(machine, path)
     lag = 2.0 * float(np.max(np.abs(rested.position_m - path.motor_m))) + phases.ASTRAY_M
     start = float(trajectory.position_m[0])
@@ -254,10 +271,10 @@ def verify_move(
         held_out=True,
         controller=proof(cascade, trajectory, payloads_kg),
     )
-    recording = machine.record(name, machine.follow(beside, "position"), replace(machine.full_room(), lag_m=lag), sidecar)
+    recording = machine.record(name, machine.follow(beside, "position", along), replace(machine.full_room(), lag_m=lag), sidecar)
 
     def error(other: Model, stretch_m: float) -> TrackingError:
-        path = predicted(machine, other, running, delay_s, rested, stretch_m)
+        path = predicted(machine, other, running, delay_s, rested, stretch_m, along, clock_s)
         return tracking_error(path.t_s, rested.position_m, path.motor_m)
 
     spread = predict_range(model, error) if rested.duration_s <= LONGEST_RANGED_S else None

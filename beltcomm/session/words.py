@@ -7,9 +7,11 @@ from collections.abc import Mapping, Sequence
 
 from beltcomm.control import Cascade
 from beltcomm.design.cascade import DesignResult
+from beltcomm.design.structure import late_s, unseen
 from beltcomm.identify.friction import FrictionFit
 from beltcomm.identify.inverse_fit import InverseFit
 from beltcomm.identify.magnitude_fit import MagnitudeFit
+from beltcomm.model import Model
 from beltcomm.session.analyse import Characteristic
 from beltcomm.verify import Demand, Verdict
 
@@ -122,6 +124,21 @@ def design_lines(design: DesignResult, cascade: Cascade) -> list[str]:
     ]
     lines += [f"  bound by: {reason}" for reason in design.binding]
     return lines + [f"  {remark}" for remark in design.remarks]
+
+
+def knowledge_lines(model: Model, along: Sequence[str], which: str) -> list[str]:
+    """What of the effects in a model the controller uses, and how.   which : sentence on the model, "" for none."""
+    lines = [f"  {which}"] if which else []
+    if model.get("constant_offset.torque") or model.get("tilt.angle"):
+        lines.append("  the feedforward holds the constant torque of the axis")
+    if along:
+        lines.append(f"  sent along with the reference by `beltcomm verify`, beyond the drive's own feedforward: {', '.join(along)}")
+    late = late_s(model)
+    if late > 0.0:
+        lines.append(f"  the margins count {1e3 * late:.2f} ms of late torque that the model has")
+    if blind := unseen(model):
+        lines.append(f"  the margins do not know {', '.join(blind)}: the belt counts as it is under load")
+    return lines
 
 
 def verdict_lines(verdict: Verdict, demand: Demand | None, feedforward: str | None = None) -> list[str]:

@@ -15,11 +15,14 @@ from __future__ import annotations
 import json
 import sys
 import tempfile
+import time
 from collections import Counter
 from pathlib import Path
 from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from scipy.stats import binomtest
 
 from beltcomm.errors import BeltcommError
 from beltcomm.laboratory.diagnosis import diagnose
@@ -38,7 +41,7 @@ FAMILY = {"tilt": "constant_offset", "coulomb_asymmetry": "constant_offset"}
 def draws(first: int, last: int, strengths: tuple[float, ...]) -> list[tuple[int, str, float]]:
     """Seed, effect ("" for a healthy machine) and strength; the same list for the same arguments."""
     names = ["", *(name for name in EFFECTS if name != "belt_damping"), *OUTSIDE]
-    return [(seed, name, strengths[seed % len(strengths)]) for seed in range(first, last) for name in names]
+    return [(seed, name, strengths[(seed + i) % len(strengths)]) for seed in range(first, last) for i, name in enumerate(names)]
 
 
 def examined(seed: int, name: str, strength: float) -> dict[str, Any]:
@@ -49,11 +52,13 @@ def examined(seed: int, name: str, strength: float) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder:
         write_session(machine, folder, plan="thorough")
         run = RunFolder.open(Path(folder))
+        begin = time.process_time()
         try:
             recordings = run.recordings()
             found = diagnose(recordings, run.axis, start_model(run.axis, recordings))
         except BeltcommError as error:
             return line | {"verdict": f"{type(error).__name__}: {error}"}
+    line |= {"cpu_s": time.process_time() - begin}
     line |= {"verdict": found.verdict, "added": [step.added for step in found.steps if step.added], "twins": list(found.twins)}
     line |= {"ranking": [(c.effect.name, round(c.evidence)) for c in found.steps[0].candidates[:3]]}
     line |= {"base": [found.base.ratio, found.base.held_ratio], "after": [found.after.ratio, found.after.held_ratio]}
@@ -74,25 +79,58 @@ def read(file: Path) -> list[dict[str, Any]]:
     return [json.loads(line) for line in file.read_text(encoding="utf-8").splitlines()] if file.is_file() else []
 
 
+def share(right: int, count: int) -> str:
+    """A share with its 95 % interval (Clopper, Pearson)."""
+    if not count:
+        return "none drawn"
+    interval = binomtest(right, count).proportion_ci(0.95)
+    return f"{right} of {count}, {100 * right / count:.1f} % ({100 * interval.low:.1f} to {100 * interval.high:.1f} %)"
+
+
+def first_named(line: dict[str, Any]) -> str:
+    """The effect that was added first, or ""."""
+    return line["added"][0] if line.get("added") else ""
+
+
 def table(file: Path) -> None:
-    """Counts by effect, and what was named instead."""
+    """Counts by effect, what was named instead, and the shares that the thresholds are judged by."""
     lines = read(file)
     for name in dict.fromkeys(line["effect"] for line in lines):
         own = [line for line in lines if line["effect"] == name and line["visible"]]
         if not own:
             continue
         wanted = FAMILY.get(name, name)
-        named = Counter(line.get("added", [""])[0] if line.get("added") else line["verdict"] for line in own)
-        right = sum(bool(line.get("added")) and line["added"][0] == wanted for line in own)
+        named = Counter(first_named(line) or line["verdict"] for line in own)
+        right = sum(first_named(line) == wanted for line in own)
         told = sum(line["verdict"] == "explained" for line in own)
         print(f"{name or 'healthy':22} n {len(own):3}  right {right:3}  explained {told:3}  first named: {dict(named)}")
     known = [line for line in lines if line["visible"] and line["effect"] in EFFECTS]
-    right = sum(bool(line.get("added")) and line["added"][0] == FAMILY.get(line["effect"], line["effect"]) for line in known)
+    for low, high in ((0.4, 1.0), (0.1, 1.0)):
+        some = [line for line in known if low <= line["strength"] <= high]
+        wanted_of = {id(line): FAMILY.get(line["effect"], line["effect"]) for line in some}
+        right = [line for line in some if first_named(line) == wanted_of[id(line)]]
+        third = [line for line in some if wanted_of[id(line)] in [entry[0] for entry in line.get("ranking", [])]]
+        wrong = [line for line in some if first_named(line) not in ("", wanted_of[id(line)])]
+        print(f"strength {low} to {high}: right first {share(len(right), len(some))};  in the first three {share(len(third), len(some))}")
+        print(f"    wrong name {share(len(wrong), len(some))}")
+    done = [line for line in known if "after" in line and first_named(line) == FAMILY.get(line["effect"], line["effect"])]
+    if done:
+        after = sorted(line["after"][0] for line in done)
+        print(f"ratio after adding: median {after[len(after) // 2]:.3f}, 95 % below {after[int(0.95 * (len(after) - 1))]:.3f}")
+        print(f"within 1.00 ± 0.05: {share(sum(abs(value - 1.0) <= 0.05 for value in after), len(after))}")
+    invisible = [line for line in lines if not line["visible"]]
     healthy = [line for line in lines if not line["effect"]]
     outside = [line for line in lines if line["effect"] in OUTSIDE]
-    print(f"right effect first: {right} of {len(known)}")
-    print(f"false alarms: {sum(bool(line.get('added')) for line in healthy)} of {len(healthy)}")
-    print(f"outside the catalogue and called explained: {sum(line['verdict'] == 'explained' for line in outside)} of {len(outside)}")
+    print(f"not visible by physics, left out: {len(invisible)}")
+    print(f"false alarms: {share(sum(bool(first_named(line)) for line in healthy), len(healthy))}")
+    print(f"healthy and said so: {share(sum(line['verdict'] == 'nothing missing' for line in healthy), len(healthy))}")
+    if healthy:
+        ratios = [line["base"][0] for line in healthy if "base" in line]
+        print(f"healthy machines read {min(ratios):.3f} to {max(ratios):.3f}")
+    print(f"outside the catalogue and called explained: {share(sum(line['verdict'] == 'explained' for line in outside), len(outside))}")
+    seconds = sorted(line["cpu_s"] / max(len(line.get("added", [])) + 1, 1) for line in lines if "cpu_s" in line)
+    if seconds:
+        print(f"CPU per stage: median {seconds[len(seconds) // 2]:.1f} s, longest {seconds[-1]:.1f} s")
 
 
 if __name__ == "__main__":

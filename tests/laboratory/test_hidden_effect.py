@@ -10,6 +10,11 @@ import pytest
 from click.testing import CliRunner, Result
 
 from beltcomm.cli.main import cli
+from beltcomm.laboratory.diagnosis import fitted_base
+from beltcomm.laboratory.score import ground_of
+from beltcomm.laboratory.start import start_model
+from beltcomm.laboratory.visible import visible
+from beltcomm.runfolder import RunFolder
 from truth.hidden import draw, write_session
 
 
@@ -34,24 +39,56 @@ def test_the_hidden_effect_is_named_added_and_the_error_falls(hidden_cogging: tu
     shutil.copytree(folder, run)
     before = {path: path.read_bytes() for path in sorted((run / "recordings").iterdir())}
 
-    found = json.loads(beltcomm("diagnose", str(run)).stdout)
+    found = json.loads(beltcomm("diagnose", str(run), "--no-cost").stdout)
     assert found["ranking"][0]["effect"] == "cogging"
     assert found["ranking"][0]["accepted"]
     assert found["verdict"] == "explained"
     assert found["after"]["parameters"]["cogging.order"]["value"] == order
     assert not (run / "models").exists(), "diagnose changes nothing"
+    assert not (run / "pictures").exists()
+    assert all(sight["seen"] for sight in found["visible"] if sight["effect"] != "encoder_eccentricity"), "the default plan shows them"
 
     added = json.loads(beltcomm("add", "cogging", str(run)).stdout)
     assert added["before"]["ratio"] > 1.2
     assert added["after"]["ratio"] < 1.1
     assert added["after"]["held_out"] < added["before"]["held_out"]
     assert added["confirmed"]
+    assert added["cost"]["unaware"]["dynamic_m"] > 0.0
+    assert (run / added["pictures"][0]).is_file()
 
     compared = json.loads(beltcomm("compare", str(run)).stdout)
+    assert {"compare_maps.png", "compare_overlay.png", "compare_response.png"} <= {Path(p).name for p in compared["pictures"]}
+    assert not [place for place in compared["worst"] if place["dimension"] == "angle"], "the ripple is in the model now"
     assert compared["ratio"]["overall"] == pytest.approx(added["after"]["ratio"], rel=0.02)
-    ladder = json.loads(beltcomm("ladder", str(run)).stdout)
+    ladder = json.loads(beltcomm("ladder", str(run), "--no-pictures").stdout)
     assert [rung["change"] for rung in ladder["revisions"]] == ["base", "+cogging"]
     assert {path: path.read_bytes() for path in sorted((run / "recordings").iterdir())} == before
+
+
+def test_compare_says_where(hidden_cogging: tuple[Path, float], tmp_path: Path) -> None:
+    folder, order = hidden_cogging
+    run = tmp_path / "run"
+    shutil.copytree(folder, run)
+    first = json.loads(beltcomm("compare", str(run), "--no-pictures").stdout)["worst"][0]
+    assert (first["dimension"], first["low"]) == ("angle", order)
+    assert first["text"].startswith(f"{order:.0f} times per turn of the motor")
+    assert not (run / "pictures").exists()
+
+
+def test_a_poor_data_set_says_what_it_cannot_show(hidden_cogging: tuple[Path, float], tmp_path: Path) -> None:
+    folder = RunFolder.open(hidden_cogging[0])
+    weakest = []
+    for wanted in ("", "frf_p1"):
+        recordings = [r for r in folder.recordings() if wanted in r.name]
+        data, fitted = fitted_base(recordings, folder.axis, start_model(folder.axis, recordings))
+        ground = ground_of(fitted, data.fitted, 26, 0.1, 1.2)
+        weakest.append({sight.effect.name: sight for sight in visible(fitted, ground)})
+    rich, poor = weakest
+    for name in ("warmup", "cable_chain", "quadratic_drag"):
+        assert rich[name].seen
+        assert not poor[name].seen
+    assert poor["dead_time"].seen
+    assert all(poor[name].hardest > 0.99 * rich[name].hardest for name in ("stribeck", "cogging", "dead_time", "constant_offset"))
 
 
 def test_words_of_the_family_create_one_effect(hidden_cogging: tuple[Path, float], tmp_path: Path) -> None:
@@ -60,7 +97,7 @@ def test_words_of_the_family_create_one_effect(hidden_cogging: tuple[Path, float
     for path in (run / "recordings").iterdir():  # one excited record is enough for this, and quick
         if "frf" not in path.name:
             path.unlink()
-    added = json.loads(beltcomm("add", "tilt", str(run)).stdout)
+    added = json.loads(beltcomm("add", "tilt", str(run), "--no-cost", "--no-pictures").stdout)
     assert added["change"] == "+constant_offset"
-    removed = json.loads(beltcomm("remove", "coulomb_asymmetry", str(run)).stdout)
+    removed = json.loads(beltcomm("remove", "coulomb_asymmetry", str(run), "--no-pictures").stdout)
     assert removed["change"] == "-constant_offset"

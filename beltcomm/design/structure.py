@@ -1,0 +1,121 @@
+"""What of a model the loop sees: bodies and springs for the margins, late torque as dead time; and what it does not see."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltcomm.errors import UsageError
+from beltcomm.linear import matrices, operating_point
+from beltcomm.model import Model
+
+Array = NDArray[np.float64]
+
+#: Slots that move no pole of a loop on an axis in motion: forces by place or angle swing the torque, friction only damps, the torque
+#: path and the sensor change gains by per cent.
+OUTSIDE_THE_LOOP = frozenset({"friction_level", "friction_onset", "torque_path", "torque_delay", "sensor", "kinematics", "belt_law"})
+#: What of these slots and of the forces stays, because the design counts with it by name.
+BASE = frozenset({"viscous", "viscous_cart", "coulomb", "cart_friction"})
+#: Delays that are counted as dead time: a lag of the first order has the phase of a dead time of its time constant, and less gain.
+DELAYS = (("dead_time", "dead_time.time"), ("current_lag", "current_lag.time"))
+#: rad/s: the linearisation is that of the axis in motion.
+MOVING_RAD_S = 1.0
+
+
+@dataclass(frozen=True)
+class Bodies:
+    """Equations of motion of more than motor and carriage:  M q'' + D q' + K q = (τ, 0, ..., 0), without friction.
+
+    names : the driven one first.   mass, damping, stiffness : rows, SI; motor in rad, others in m along the belt.
+    """
+
+    names: tuple[str, ...]
+    mass: tuple[float, ...]
+    damping: tuple[tuple[float, ...], ...]
+    stiffness: tuple[tuple[float, ...], ...]
+
+    def arrays(self) -> tuple[Array, Array, Array]:
+        """M (n,), D (n, n), K (n, n)."""
+        return np.array(self.mass), np.array(self.damping), np.array(self.stiffness)
+
+    def with_carriage(self, mass_kg: float) -> Bodies:
+        """The same with another carriage mass, kg."""
+        at = self.names.index("cart")
+        return Bodies(self.names, (*self.mass[:at], mass_kg, *self.mass[at + 1 :]), self.damping, self.stiffness)
+
+    def modes_rad_s(self) -> Array:
+        """Undamped frequencies of the free axis and of the axis with its motor held, rad/s; (2n - 2,)."""
+        mass, _, stiffness = self.arrays()
+        scale = 1.0 / np.sqrt(mass)
+        symmetric = stiffness * np.outer(scale, scale)
+        free = np.sqrt(np.maximum(np.linalg.eigvalsh(symmetric)[1:], 0.0))
+        held = np.sqrt(np.maximum(np.linalg.eigvalsh(symmetric[1:, 1:]), 0.0))
+        return np.concatenate([free, held])
+
+
+@dataclass(frozen=True)
+class LoopModel:
+    """What the plants of a design are made of, at one place.
+
+    inertia kg m², motor side; transmission m/rad; mass kg; stiffness N/m between motor and carriage, other bodies following without
+    inertia; belt_damping N s/m.   bodies : None for motor and carriage alone.
+    """
+
+    inertia_kg_m2: float
+    transmission_m_rad: float
+    mass_kg: float
+    stiffness_n_m: float
+    belt_damping_ns_m: float
+    bodies: Bodies | None
+
+
+def in_loop(model: Model) -> Model:
+    """The model without the effects that move no pole."""
+    for effect in model.effect_list():
+        outside = effect.slot in OUTSIDE_THE_LOOP or effect.slot == "force"
+        if outside and effect.name not in BASE and effect.name in model.effects:
+            model = model.without_effect(effect.name)
+    return model
+
+
+def loop_model(model: Model, position_m: float) -> LoopModel:
+    """Bodies and springs of a model with the carriage there.   Raises UsageError for an axis without motor and carriage."""
+    reduced = in_loop(model)
+    m = matrices(reduced, operating_point(reduced, position_m, MOVING_RAD_S))
+    ratio = model["transmission.ratio"]
+    if m.bodies[:1] != ("motor",) or "cart" not in m.bodies:
+        raise UsageError(f"model {model.name!r} has no motor and carriage, its bodies are {', '.join(m.bodies)}; no loop can be designed")
+    cart = m.bodies.index("cart")
+    compliance = float(np.linalg.inv(m.K[1:, 1:])[cart - 1, cart - 1])
+    friction = np.zeros_like(m.D)
+    for name, body in (("viscous.damping", 0), ("viscous_cart.damping", cart)):
+        friction[body, body] = model.get(name)
+    damping = m.D - friction
+    bodies = None
+    if m.bodies != ("motor", "cart"):
+        bodies = Bodies(
+            m.bodies,
+            tuple(float(v) for v in np.diag(m.M)),
+            tuple(tuple(map(float, row)) for row in damping),
+            tuple(tuple(map(float, row)) for row in m.K),
+        )
+    return LoopModel(
+        float(m.M[0, 0]),
+        ratio,
+        float(m.M[cart, cart]),
+        1.0 / compliance,
+        max(0.0, -float(m.D[0, cart]) / ratio),
+        bodies,
+    )
+
+
+def late_s(model: Model) -> float:
+    """Dead time that the model's own effects put between reported and acting torque, s."""
+    return sum(max(0.0, model.get(name)) for effect, name in DELAYS if effect in model.effects)
+
+
+def unseen(model: Model) -> tuple[str, ...]:
+    """Effects that the margins do not know although they change the belt's stiffness with its load."""
+    return tuple(e.name for e in model.effect_list() if e.slot == "belt_law")

@@ -1,0 +1,92 @@
+"""A place where the model fails, as a sentence."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from beltcomm.laboratory.places import Place
+from beltcomm.laboratory.samples import Units
+
+#: Means that differ by less than this share count as equal; small units below which a mean is not worth a word.
+ALIKE, LEAST_SMALL = 0.5, 0.05
+
+
+def in_words(place: Place, landmarks: Mapping[str, float] | None = None) -> str:
+    """A place as a sentence.   landmarks : frequencies with a name, Hz, such as the antiresonance."""
+    if place.dimension == "angle":
+        swing = amount(place.swing, place.units)
+        return (
+            f"{place.low:.0f} times per turn of the motor: the {place.units.word} swings by {swing} with the angle; "
+            f"without it {place.elsewhere:.2f} in place of {place.ratio:.2f} times the noise"
+        )
+    if place.dimension == "direction":
+        means = torque_words(place) or f"no {place.units.word} is missing on average"
+        return f"{means}; without that {place.elsewhere:.2f} in place of {place.ratio:.2f} times the noise"
+    torque = torque_words(place)
+    rest = "" if place.elsewhere >= place.ratio else f", elsewhere {place.elsewhere:.2f}"
+    record = f", most of it in {place.record}" if place.record else ""
+    where = span_words(place) + landmark_words(place, landmarks or {})
+    return f"{where}: {place.ratio:.2f} times the noise{rest}{'; ' if torque else ''}{torque}{record}"
+
+
+def span_words(place: Place) -> str:
+    """The range."""
+    low, high = place.low, place.high
+    if place.dimension == "speed":
+        if low <= 0.0:
+            return f"speeds below {high:g} {place.unit}"
+        last = high >= place.units.speeds[-1]
+        return f"speeds above {low:g} {place.unit}" if last else f"speeds of {low:g} to {high:g} {place.unit}"
+    word, moving = f"{place.units.word}s", "carriage" if place.units.length == "m" else "motor"
+    return {
+        "position": f"{moving} between {low:.2f} and {high:.2f} {place.unit}",
+        "time": f"{low:.0f} to {high:.0f} s on the session's clock",
+        "amplitude": f"{word} below {high:.2g} {place.unit}" if low <= 0.0 else f"{word} of {low:.2g} to {high:.2g} {place.unit}",
+        "frequency": f"{low:.0f} to {high:.0f} Hz",
+    }[place.dimension]
+
+
+def landmark_words(place: Place, landmarks: Mapping[str, float]) -> str:
+    """Which known frequencies lie within a band."""
+    if place.dimension != "frequency":
+        return ""
+    inside = [f"{name} {hz:.0f} Hz" for name, hz in landmarks.items() if place.low <= hz < place.high]
+    return f" ({', '.join(inside)})" if inside else ""
+
+
+def torque_words(place: Place) -> str:
+    """How the measured torque (force, current) differs on average; "" where it does not."""
+    forward, backward, units = place.forward, place.backward, place.units
+    by_load = place.dimension == "amplitude"
+    both = "both signs" if by_load else "both directions"
+    plus, minus = (f"at {word} {units.word}" if by_load else f"in {word} direction" for word in ("positive", "negative"))
+    measured = f"measured {units.word}"
+    if forward is None and backward is None:
+        return ""
+    if forward is None or backward is None:
+        value, where, sign = (forward, plus, 1.0) if forward is not None else (backward, minus, -1.0)
+        assert value is not None
+        return f"{where}: {measured} {amount(value, units)} {more(sign * value)}" if units.factor * abs(value) > LEAST_SMALL else ""
+    along, across = 0.5 * (forward - backward), 0.5 * (forward + backward)
+    side = "positive" if across > 0.0 else "negative"
+    friction, offset = f"{amount(along, units)} {more(along)}", f"{amount(across, units)} to the {side} side"
+    if units.factor * max(abs(along), abs(across)) < LEAST_SMALL:
+        return ""
+    if abs(across) < ALIKE * abs(along):
+        return f"{both}: {measured} {friction}"
+    if abs(along) < ALIKE * abs(across):
+        return f"{both}: {measured} {offset}"
+    if forward * backward > 0.0:  # the same side both ways, by different amounts
+        return f"{both}: {measured} {offset}, beside {friction} {'by its own sign' if by_load else 'along the motion'}"
+    return f"{plus} {measured} {amount(forward, units)} {more(forward)}, {minus} {amount(backward, units)} {more(-backward)}"
+
+
+def more(value: float) -> str:
+    """Higher or lower than the model's, in the direction of motion."""
+    return "higher" if value > 0.0 else "lower"
+
+
+def amount(value: float, units: Units) -> str:
+    """A torque, force or current without its sign."""
+    small = units.factor * abs(value)
+    return f"{small:.2g} {units.small}" if small < 99.5 else f"{abs(value):.2g} {units.force}"

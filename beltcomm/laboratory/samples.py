@@ -1,0 +1,199 @@
+"""The whitened residual of all records side by side, cut into bins of frequency, speed, position, amplitude and time.
+
+A bin's ratio is the rms of the whitened residual in it, 1 where nothing is missing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltcomm.identify.residual import Stretch
+from beltcomm.model import Model
+
+Array = NDArray[np.float64]
+
+#: Edges of the speed bins, of a carriage and of a motor alone; m, s and Hz, widths of the others; most bins of position; shares of the
+#: largest torque, edges.
+SPEEDS_M_S = (0.0, 0.008, 0.02, 0.05, 0.12, 0.3, 0.7, 1.5, 10.0)
+SPEEDS_RAD_S = (0.0, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 1000.0)
+PLACE_M, TIME_S, BAND_HZ = 0.04, 10.0, 20.0
+MOST_PLACES = 30
+TORQUE_SHARES = (0.0, 0.1, 0.2, 0.35, 0.55, 0.8, 1.01)
+#: A bin with fewer samples says nothing.
+FEWEST = 150
+
+
+@dataclass(frozen=True)
+class Units:
+    """What an axis is measured in.   force : "N m", "N" or "A".   length : "m" of the carriage or "rad" of the motor."""
+
+    force: str = "N m"
+    length: str = "m"
+
+    @property
+    def word(self) -> str:
+        """Torque, force or current."""
+        return {"N m": "torque", "N": "force", "A": "current"}[self.force]
+
+    @property
+    def small(self) -> str:
+        """Unit of what is left over."""
+        return {"N m": "mN m", "N": "N", "A": "mA"}[self.force]
+
+    @property
+    def factor(self) -> float:
+        """Small units in one unit."""
+        return 1.0 if self.force == "N" else 1e3
+
+    @property
+    def speeds(self) -> Array:
+        """Edges of the speed bins, length per second."""
+        return np.array(SPEEDS_M_S if self.length == "m" else SPEEDS_RAD_S)
+
+
+#: The usual axis.
+CARRIAGE_BY_MOTOR = Units()
+
+
+def units_of(model: Model) -> Units:
+    """Units of a model's side."""
+    if model.side == "load":
+        return Units("N", "m")
+    return Units("A" if model.side == "ampere" else "N m", "m" if "cart" in model.base_bodies else "rad")
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A stretch with its residual.   white : of the kept samples, in units of the noise.   torque : the same samples, model minus
+    measured.   whole : torque of all samples, kept or not.   units : of the axis, so torque may be a force or a current."""
+
+    piece: Stretch
+    white: Array
+    torque: Array
+    ratio_m_rad: float
+    whole: Array
+    units: Units = CARRIAGE_BY_MOTOR
+
+
+@dataclass(frozen=True)
+class Samples:
+    """All kept samples of all stretches, (n,) each.   more : measured minus model's torque, N m.   record : number of the record."""
+
+    white: Array
+    more: Array
+    speed: Array
+    position: Array
+    time: Array
+    load: Array
+    record: NDArray[np.intp]
+    names: tuple[str, ...]
+    units: Units
+
+
+@dataclass(frozen=True)
+class Bins:
+    """Ratios along one dimension.   edges : (k+1,).   ratio : (k,), nan where there are too few samples.   count : (k,)."""
+
+    dimension: str
+    unit: str
+    edges: Array
+    ratio: Array
+    count: Array
+
+
+def gathered(judged: Sequence[Judged]) -> Samples:
+    """The samples of all stretches side by side."""
+    names = tuple(dict.fromkeys(j.piece.record for j in judged))
+    return Samples(
+        np.concatenate([j.white for j in judged]),
+        -np.concatenate([j.torque for j in judged]),
+        np.concatenate([motor_speed(j) * j.ratio_m_rad for j in judged]),
+        np.concatenate([motor_angle(j) * j.ratio_m_rad for j in judged]),
+        np.concatenate([j.piece.motion.time_s + j.piece.motion.sample_s * j.piece.counted for j in judged]),
+        np.concatenate([j.piece.torque[j.piece.counted] for j in judged]),
+        np.concatenate([np.full(len(j.white), names.index(j.piece.record)) for j in judged]),
+        names,
+        judged[0].units,
+    )
+
+
+def dimensions(samples: Samples) -> dict[str, tuple[Array, Array, str]]:
+    """Value of every sample, edges and unit by dimension."""
+    largest = float(np.abs(samples.load).max()) if len(samples.load) else 1.0
+    return {
+        "speed": (np.abs(samples.speed), samples.units.speeds, f"{samples.units.length}/s"),
+        "position": (samples.position, position_edges(samples), samples.units.length),
+        "amplitude": (np.abs(samples.load), largest * np.array(TORQUE_SHARES), samples.units.force),
+        "time": (samples.time, grid(samples.time, TIME_S), "s"),
+    }
+
+
+def position_edges(samples: Samples) -> Array:
+    """Edges of the position bins: 4 cm, or ``MOST_PLACES`` of them on a long way or for a motor alone."""
+    return grid(samples.position, max(PLACE_M, float(np.ptp(samples.position)) / MOST_PLACES))
+
+
+def bins_of(dimension: str, values: Array, edges: Array, unit: str, squares: Array) -> Bins:
+    """Ratios along one dimension."""
+    number = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, len(edges) - 2)
+    count = np.bincount(number, minlength=len(edges) - 1)
+    total = np.bincount(number, squares, minlength=len(edges) - 1)
+    ratio = np.where(count >= FEWEST, np.sqrt(total / np.maximum(count, 1)), np.nan)
+    return Bins(dimension, unit, edges, ratio, count.astype(np.float64))
+
+
+@dataclass(frozen=True)
+class Bands:
+    """Power of the whitened residual by record and band, 1 at the noise.   edges : (k+1,), Hz.   power, weight : (records, k); weight
+    counts samples.   sample_s : s."""
+
+    names: tuple[str, ...]
+    held_out: tuple[bool, ...]
+    edges: Array
+    power: Array
+    weight: Array
+    sample_s: float
+
+
+def bands(judged: Sequence[Judged], width_hz: float = BAND_HZ) -> Bands:
+    """Power by record and band, left-out samples as zeros."""
+    names = tuple(dict.fromkeys(j.piece.record for j in judged))
+    sample, widest = judged[0].piece.motion.sample_s, max(j.piece.stride for j in judged)
+    count = max(1, round(0.5 / sample / widest / width_hz))
+    edges = np.linspace(0.0, 0.5 / sample / widest, count + 1)
+    total, weight = np.zeros((len(names), count)), np.zeros((len(names), count))
+    for item in judged:
+        counted, stride = item.piece.counted, item.piece.stride
+        if len(counted) < FEWEST:
+            continue
+        row = np.zeros(item.piece.motion.samples // stride + 1)
+        row[counted // stride] = item.white
+        spectrum = np.abs(np.fft.rfft(row)) ** 2 / len(counted)
+        number = np.clip(np.searchsorted(edges, np.fft.rfftfreq(len(row), stride * sample), side="right") - 1, 0, count - 1)
+        lines = np.bincount(number, minlength=count)
+        at = names.index(item.piece.record)
+        share = len(counted) * (lines > 0)
+        total[at] += share * np.bincount(number, spectrum, minlength=count) / np.maximum(lines, 1)
+        weight[at] += share
+    power = np.where(weight > 0.0, total / np.maximum(weight, 1.0), np.nan)
+    return Bands(names, tuple(any(j.piece.held_out for j in judged if j.piece.record == n) for n in names), edges, power, weight, sample)
+
+
+def motor_speed(item: Judged) -> Array:
+    """Speed of the motor at the kept samples, rad/s."""
+    return np.asarray(item.piece.motion.omega[:: item.piece.motion.substeps][item.piece.counted])
+
+
+def motor_angle(item: Judged) -> Array:
+    """Absolute angle of the motor at the kept samples, rad."""
+    return np.asarray(item.piece.motion.theta[:: item.piece.motion.substeps][item.piece.counted])
+
+
+def grid(values: Array, width: float) -> Array:
+    """Edges of equal bins over all values."""
+    low = np.floor(values.min() / width) * width
+    return np.asarray(np.arange(low, values.max() + 2.0 * width, width))

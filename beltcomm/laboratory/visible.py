@@ -1,0 +1,80 @@
+"""What these data could show: the weakest strength of every effect that would still be named.
+
+At the fitted model, an effect of strength s (1: the size that its trials call typical) changes the weighted residual by s c.  What the
+free parameters would do as well is taken out, c⊥ = c - A (AᵀA)⁻¹ Aᵀ c, so it would lower the objective by s² c⊥ᵀc⊥.  Named it can be where
+
+    s² c⊥ᵀc⊥ - (n ln N + 2 ln ways)  >  EVIDENCE        (laboratory.stage)
+
+Two amplitudes (sine and cosine) count with the phase that shows least.  Nothing is refitted: to first order, some 2 s for all effects.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltcomm.effects import EFFECTS, Effect, Ground, Trial
+from beltcomm.laboratory.acceptance import EVIDENCE
+from beltcomm.laboratory.fitting import Fitted
+from beltcomm.laboratory.score import Scorer
+from beltcomm.laboratory.stage import may_add, price
+
+Array = NDArray[np.float64]
+
+#: Strength from which on an effect counts as invisible: a typical one would not be named.
+TYPICAL = 1.0
+
+
+@dataclass(frozen=True)
+class Sight:
+    """How well one effect could be seen.
+
+    weakest, hardest : strength that can just be named, in the way that shows best (the best place, speed or order) and in the median way;
+    inf where nothing can.   parameter, size, unit : what strength 1 is, by the parameter that scales it.
+    """
+
+    effect: Effect
+    weakest: float
+    hardest: float
+    parameter: str
+    size: float
+    unit: str
+
+    @property
+    def seen(self) -> bool:
+        """Whether a typical one would be named."""
+        return self.hardest <= TYPICAL
+
+
+def visible(fitted: Fitted, ground: Ground) -> list[Sight]:
+    """Every effect that the model could still take, the least visible first."""
+    scorer = Scorer(fitted)
+    found = []
+    for effect in EFFECTS:
+        if effect.trials is None or effect.bound or not may_add(fitted, effect):
+            continue
+        falls: list[tuple[float, Trial]] = []
+        for some, columns in scorer.trials(effect, ground):
+            falls += zip(scorer.nearby.power(columns, columns.shape[1] // len(some)), some, strict=True)
+        if not falls:
+            continue
+        falls.sort(key=lambda entry: -entry[0])
+        needed = EVIDENCE + price(effect, fitted, len(falls))
+        strengths = [math.sqrt(needed / fall) if fall > 0.0 else math.inf for fall, _ in falls]
+        middle = strengths[(len(strengths) - 1) // 2]
+        name, size, unit = scale_of(effect, falls[0][1])
+        found.append(Sight(effect, strengths[0], middle, name, size, unit))
+    return sorted(found, key=lambda sight: -sight.hardest)
+
+
+def scale_of(effect: Effect, trial: Trial) -> tuple[str, float, str]:
+    """Parameter that scales an effect, its typical size and unit."""
+    own = [p.name for p in effect.parameters if p.fitted and p.name in trial.values]
+    wanted = next(iter((*trial.amplitudes, *own)), "")
+    for parameter in effect.parameters:
+        if parameter.name == wanted:
+            return parameter.name, abs(float(trial.values[wanted])), parameter.unit
+    return "", 1.0, ""

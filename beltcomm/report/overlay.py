@@ -1,0 +1,167 @@
+"""The model laid over one record: torque over time, and what is left over in units of the noise."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from beltcomm.laboratory.samples import Judged, Units
+from beltcomm.report import style
+
+Array = NDArray[np.float64]
+
+#: s: what the zoom shows of an excited record and of any other, the mean that takes the encoder's rounding out of the latter, and the
+#: window of the running rms.
+EXCITED_S, SLOW_S, MEAN_S, RMS_S = 0.3, 2.0, 0.02, 0.1
+#: Residuals beyond this many times the noise are drawn at the edge.
+EDGE = 100.0
+
+
+@dataclass(frozen=True)
+class Trace:
+    """One record as a line of samples, gaps closed by nan.   t_s : from its start.   measured, model : torque in units of the axis.
+    white : residual over noise, nan where it does not count.   excited : by a multisine or the like, so that every sample matters.
+    """
+
+    record: str
+    held_out: bool
+    t_s: Array
+    measured: Array
+    model: Array
+    white: Array
+    excited: bool
+    units: Units
+
+    @property
+    def ratio(self) -> float:
+        """rms of the residual over the noise."""
+        return float(np.sqrt(np.nanmean(self.white**2)))
+
+
+def trace_of(judged: Sequence[Judged], record: str, excited: bool) -> Trace:
+    """The stretches of a record behind each other."""
+    columns: list[list[Array]] = [[], [], [], []]
+    held_out = False
+    begin = min(j.piece.motion.time_s for j in judged if j.piece.record == record)
+    for item in (j for j in judged if j.piece.record == record):
+        piece = item.piece
+        held_out = held_out or piece.held_out
+        time = piece.motion.time_s - begin + piece.motion.sample_s * np.arange(len(piece.torque))
+        white = np.full(len(piece.torque), np.nan)
+        white[piece.counted] = item.white
+        for column, values in zip(columns, (time, piece.torque, piece.torque + item.whole, white), strict=True):
+            column.append(np.append(values, np.nan))
+    joined = [np.concatenate(column) for column in columns]
+    return Trace(
+        record, held_out, joined[0], joined[1], joined[2], joined[3], excited, next(j.units for j in judged if j.piece.record == record)
+    )
+
+
+def running_rms(trace: Trace, window_s: float = RMS_S) -> tuple[Array, Array]:
+    """Middle and rms of the residual in windows that hold enough samples."""
+    known = np.isfinite(trace.white)
+    number = np.floor(np.where(known, trace.t_s, 0.0) / window_s).astype(int)
+    count = np.bincount(number[known])
+    total = np.bincount(number[known], trace.white[known] ** 2)
+    level = np.where(count >= 20, np.sqrt(total / np.maximum(count, 1)), np.nan)
+    return np.asarray((np.arange(len(level)) + 0.5) * window_s, dtype=np.float64), np.asarray(level, dtype=np.float64)
+
+
+def overlay_figure(trace: Trace, caption: style.Caption) -> Figure:
+    """Residual of the whole record above; model over measurement where it is worst; residual there."""
+    kind = "held out" if trace.held_out else "fitted"
+    with style.styled():
+        title = f"Model over measurement in {trace.record} ({kind}): error {trace.ratio:.2f} times the noise"
+        made = style.figure(title, 8.2, caption)
+        whole, zoom, rest = made.subplots(3, 1, height_ratios=[1.0, 1.6, 1.0])
+        middle, level = running_rms(trace)
+        length = EXCITED_S if trace.excited else SLOW_S
+        low = _worst_begin(middle, level, length, float(np.nanmax(trace.t_s)))
+        _whole_record(whole, middle, level, low, length)
+        near = (trace.t_s >= low) & (trace.t_s <= low + length)
+        _torques(zoom, trace, near)
+        _residuals(rest, trace, near)
+        rest.set_xlabel("time in the record in s")
+        for axes in (zoom, rest):
+            axes.set_xlim(low, low + length)
+    return made
+
+
+def _worst_begin(middle: Array, level: Array, length: float, end: float) -> float:
+    """Begin of the stretch of that length whose rms is largest, among those in which most samples count."""
+    count = max(1, round(length / RMS_S))
+    known = np.isfinite(level)
+    squares = np.convolve(np.where(known, level, 0.0) ** 2, np.ones(count), mode="valid") if len(level) >= count else np.zeros(1)
+    covered = np.convolve(known, np.ones(count), mode="valid") if len(level) >= count else np.ones(1)
+    worst = int(np.argmax(np.where(covered >= 0.6 * covered.max(), squares / np.maximum(covered, 1.0), 0.0)))
+    begin = float(middle[worst]) - 0.5 * RMS_S if len(middle) else 0.0
+    return max(0.0, min(begin, end - length))
+
+
+def _whole_record(axes: Axes, middle: Array, level: Array, low: float, length: float) -> None:
+    axes.step(middle, level, where="mid", color=style.RESIDUAL, linewidth=1.4)
+    style.floor_line(axes)
+    top = style.highest_shown([float(np.nanmax(level))] if np.isfinite(level).any() else [])
+    style.ratio_ticks(axes, 0.5, top)
+    axes.axvspan(low, low + length, color=style.FAINT, alpha=0.45, linewidth=0.0, label="shown below")
+    axes.set_xlim(0.0, float(middle[-1]) + RMS_S if len(middle) else 1.0)
+    axes.set_title("Whole record: error over noise (rms of 0.1 s; gaps: near standstill nothing can be said)")
+    axes.set_ylabel("error / noise")
+    axes.set_xlabel("time in the record in s")
+    axes.legend(loc="upper right", fontsize=8, ncols=2)
+
+
+def _torques(axes: Axes, trace: Trace, near: NDArray[np.bool_]) -> None:
+    time, measured, everywhere = trace.t_s[near], trace.measured[near], trace.model[near]
+    model = np.where(np.isfinite(trace.white[near]), everywhere, np.nan)
+    if trace.excited:
+        axes.plot(time, measured, color=style.MEASURED, linewidth=0.8, marker=".", markersize=3, label="measured")
+        axes.plot(time, everywhere, color=style.MODEL, linewidth=0.8)
+        axes.plot(time, model, color=style.MODEL, linewidth=2.4, label="model, from the measured motion (thin: does not count)")
+        shown = [measured, everywhere]
+    else:
+        width = max(1, round(MEAN_S / float(np.nanmedian(np.diff(trace.t_s)))))
+        known = np.isfinite(model)
+        shown = [_mean(np.where(known, measured, np.nan), width), _mean(model, width)]
+        axes.plot(time, measured, ".", markersize=1.5, color=style.FAINT, label="measured, every sample")
+        axes.plot(time, shown[0], color=style.MEASURED, linewidth=1.4, label=f"measured, mean of {1e3 * MEAN_S:.0f} ms")
+        axes.plot(time, shown[1], color=style.MODEL, linewidth=2.2, alpha=0.9, label=f"model, mean of {1e3 * MEAN_S:.0f} ms")
+        shown.append(measured)
+    axes.set_ylim(*_wide(np.concatenate(shown)))
+    axes.set_title(f"{trace.units.word.capitalize()} where the error is largest")
+    axes.set_ylabel(f"{trace.units.word} in {trace.units.force}")
+    axes.legend(loc="upper right", fontsize=8, ncols=3)
+
+
+def _residuals(axes: Axes, trace: Trace, near: NDArray[np.bool_]) -> None:
+    shown = np.clip(trace.white[near], -EDGE, EDGE)
+    axes.axhspan(-2.0, 2.0, color=style.FAINT, alpha=0.45, linewidth=0.0, label="±2: noise alone stays inside, 95 of 100 times")
+    axes.plot(trace.t_s[near], shown, color=style.RESIDUAL, linewidth=0.5, marker=".", markersize=2.5)
+    if not trace.excited:
+        width = max(1, round(MEAN_S / float(np.nanmedian(np.diff(trace.t_s)))))
+        axes.plot(trace.t_s[near], _mean(shown, width), color=style.MEASURED, linewidth=1.6, label=f"mean of {1e3 * MEAN_S:.0f} ms")
+    largest = float(np.nanmax(np.abs(shown))) if np.isfinite(shown).any() else 1.0
+    axes.set_ylim(-max(5.0, 1.2 * largest), max(5.0, 1.6 * largest))
+    edge = f"; beyond ±{EDGE:.0f} at the edge" if np.nanmax(np.abs(shown), initial=0.0) >= EDGE else ""
+    axes.set_title(f"What is left over (model minus measured), in units of the noise{edge}")
+    axes.set_ylabel("residual / noise")
+    axes.legend(loc="upper right", fontsize=8, ncols=2)
+
+
+def _mean(values: Array, width: int) -> Array:
+    """Running mean over the samples that are there."""
+    known = np.isfinite(values)
+    total = np.convolve(np.where(known, values, 0.0), np.ones(width), mode="same")
+    count = np.convolve(known, np.ones(width), mode="same")
+    return np.asarray(np.where(known & (count > 0.5 * width), total / np.maximum(count, 1.0), np.nan))
+
+
+def _wide(values: Array) -> tuple[float, float]:
+    low, high = float(np.nanmin(values)), float(np.nanmax(values))
+    room = 0.15 * max(high - low, 1e-3)
+    return low - room, high + 2.5 * room

@@ -1,0 +1,120 @@
+"""What all pictures share: colours, the floor of the noise, the line below that names command and data, saving."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from textwrap import wrap
+from typing import Any
+
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+
+#: Okabe and Ito's colours, told apart with any kind of colour vision and in grey.
+MEASURED, MODEL, RESIDUAL, HELD_OUT, SEVERE = "#000000", "#E69F00", "#0072B2", "#56B4E9", "#D55E00"
+FAINT = "#BBBBBB"
+#: Errors in units of the noise: one scale for every picture of every run, pale at the noise, dark far above it, also in grey.
+LOWEST, HIGHEST, COLOURS = 1.0, 10.0, "YlOrBr"
+#: Where there is too little data.
+NO_DATA = "#D5DCE4"
+#: Inches: wide enough for two columns of text.
+WIDTH = 10.0
+#: Letters of a line of text above a figure.
+LINE = 118
+
+_STYLE: Any = {
+    "font.size": 10.0,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": "#E4E4E4",
+    "grid.linewidth": 0.6,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.titlesize": 11.0,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "legend.frameon": False,
+    "figure.facecolor": "white",
+    "svg.hashsalt": "beltcomm",
+}
+
+
+@dataclass(frozen=True)
+class Caption:
+    """Where a picture comes from.   command : that made it.   data : run folder and records it shows."""
+
+    command: str
+    data: str
+
+
+def styled() -> Any:
+    """A context in which figures are made: no global setting is touched."""
+    return rc_context(_STYLE)
+
+
+def figure(title: str, height: float, caption: Caption, sentences: Sequence[str] = ()) -> Figure:
+    """An empty figure with its title and sentences on top, command and data below."""
+    below = [line for sentence in sentences for line in wrap(sentence, LINE, initial_indent="• ", subsequent_indent="   ")]
+    made = Figure(figsize=(WIDTH, height + 0.2 * len(below)), layout="constrained")
+    made.suptitle("\n".join([title, *below]), x=0.01, ha="left", fontsize=11, fontweight="normal" if sentences else "bold")
+    made.supxlabel(f"{caption.command}    data: {caption.data}", x=0.01, ha="left", fontsize=8, color="#555555")
+    return made
+
+
+def noise_norm() -> LogNorm:
+    """The colour scale of errors in units of the noise."""
+    return LogNorm(LOWEST, HIGHEST, clip=True)
+
+
+def floor_line(axes: Axes, *, vertical: bool = False, label: str = "noise, 1.00") -> None:
+    """The floor that no model can go below."""
+    draw = axes.axvline if vertical else axes.axhline
+    draw(1.0, color=SEVERE, linewidth=1.2, linestyle=(0, (5, 3)), label=label, zorder=1.5)
+
+
+def ratio_ticks(axes: Axes, lowest: float, highest: float, *, vertical: bool = True) -> None:
+    """A logarithmic axis of ratios with plain numbers."""
+    fine = (0.8, 0.9, 1.1, 1.2, 1.3, 1.5, 1.7) if highest <= 3.0 else (1.5, 3.0) if highest <= 20.0 else ()
+    ticks = [v for v in sorted((0.5, 1.0, *fine, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0)) if lowest <= v <= highest]
+    axis = axes.yaxis if vertical else axes.xaxis
+    if vertical:
+        axes.set_yscale("log")
+        axes.set_ylim(lowest, highest)
+    else:
+        axes.set_xscale("log")
+        axes.set_xlim(lowest, highest)
+    axis.set_major_locator(fixed(ticks))
+    axis.set_major_formatter(plain_numbers())
+    axis.set_minor_locator(fixed([]))
+
+
+def highest_shown(values: Sequence[float]) -> float:
+    """Upper end of an axis of ratios: 2, 10, 30, 100 or 300, so that the pictures of two runs mostly have the same."""
+    top = max([*values, 1.0])
+    return next((end for end in (2.0, 10.0, 30.0, 100.0, 300.0) if top < 0.95 * end), 1.3 * top)
+
+
+def save(picture: Figure, path: Path) -> Path:
+    """Write a figure as PNG, whole or not at all; the same figure gives the same bytes."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_name(path.name + ".part")
+    picture.savefig(part, format="png", dpi=130, metadata={"Software": "beltcomm"})
+    part.replace(path)
+    return path
+
+
+def fixed(ticks: Sequence[float]) -> Any:
+    """Ticks at these values."""
+    from matplotlib.ticker import FixedLocator
+
+    return FixedLocator(list(ticks))
+
+
+def plain_numbers() -> Any:
+    """Numbers without powers of ten."""
+    from matplotlib.ticker import FuncFormatter
+
+    return FuncFormatter(lambda value, _place: f"{value:g}")

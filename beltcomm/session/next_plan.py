@@ -1,0 +1,162 @@
+"""What to record next: the experiments that show what these data could not, or that tell twins apart; a file that a drive can run."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from beltcomm.configfiles import read_yaml
+from beltcomm.effects import Effect, effect_named
+from beltcomm.errors import UsageError
+from beltcomm.laboratory.visible import Sight
+
+Kind = Literal["response", "strokes", "sweep"]
+KINDS = ("response", "strokes", "sweep")
+
+#: Name of the file in ``results/``.
+NAME = "next"
+#: Where along the travel, as shares of it.
+PLACES = (0.12, 0.5, 0.88)
+#: Shares of what the limits allow: as much as possible, and little enough that gaps and elastic friction show.
+LOUD, QUIET = 1.0, 0.3
+#: m/s: strokes below the speed at which grease carries.
+SLOW_M_S = (0.006, 0.015, 0.04, 0.1)
+#: What shows the effects of a slot, where its name below says nothing else.
+BY_SLOT: Mapping[str, tuple[str, ...]] = {
+    "element": ("places", "quiet"),
+    "body": ("places",),
+    "belt_law": ("places", "quiet"),
+    "torque_delay": ("places",),
+    "torque_path": ("places", "sweep"),
+    "friction_level": ("slow", "sweep"),
+    "friction_onset": ("quiet", "slow"),
+    "force": ("sweep", "slow"),
+    "kinematics": ("sweep", "places"),
+    "sensor": ("sweep",),
+}
+#: Exceptions: friction at the carriage shows at the antiresonance, warming up between a first and a last sweep, drag at full speed.
+BY_NAME: Mapping[str, tuple[str, ...]] = {
+    "cart_friction": ("places", "quiet"),
+    "warmup": ("sweep", "places", "sweep again"),
+    "quadratic_drag": ("sweep",),
+}
+SETS = ("sweep", "places", "quiet", "slow", "sweep again")
+
+
+@dataclass(frozen=True)
+class Step:
+    """One record.   place : share of the travel.   share : of the excitation that the limits allow.   speeds_m_s : of strokes."""
+
+    kind: Kind
+    place: float = 0.5
+    share: float = LOUD
+    speeds_m_s: tuple[float, ...] = ()
+    held_out: bool = False
+
+    def words(self) -> str:
+        """For people."""
+        if self.kind == "sweep":
+            return "constant-speed strokes over the whole travel, both ways, slow to fast"
+        held = ", held out" if self.held_out else ""
+        where = f"at {100.0 * self.place:.0f} % of the travel{held}"
+        if self.kind == "strokes":
+            return f"slow strokes {where}: {', '.join(f'{v:g}' for v in self.speeds_m_s)} m/s"
+        return f"excitation {where}, with {100.0 * self.share:.0f} % of what the limits allow"
+
+
+@dataclass(frozen=True)
+class NextPlan:
+    """What to record.   reasons : by effect, why.   by_hand : what a person must change on the machine first, or besides."""
+
+    reasons: Mapping[str, str]
+    by_hand: tuple[str, ...]
+    steps: tuple[Step, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """As it stands in the file."""
+        steps = [
+            {"kind": s.kind, "place": s.place, "share": s.share, "speeds_m_s": list(s.speeds_m_s), "held_out": s.held_out}
+            for s in self.steps
+        ]
+        return {"reasons": dict(self.reasons), "by_hand": list(self.by_hand), "steps": steps}
+
+    def lines(self, run: Path) -> list[str]:
+        """For people."""
+        if not self.reasons:
+            return ["Nothing more needs to be recorded: every effect of typical size would have been seen."]
+        lines = ["Record next, for " + ", ".join(self.reasons) + ":"]
+        lines += [f"  {number}. {step.words()}" for number, step in enumerate(self.steps, start=1)]
+        lines += [f"  by hand: {text}" for text in self.by_hand]
+        where = run / "results" / f"{NAME}.yaml"
+        lines.append(f"The plan is {where}; a drive runs it with: beltcomm identify --drive DRIVE --run {run} --plan {where}")
+        return lines
+
+
+def plan_for(twins: Sequence[str], blind: Sequence[Sight]) -> NextPlan:
+    """The plan that tells twins apart, or where there are none shows what could not be seen."""
+    reasons, by_hand, sets = {}, [], set[str]()
+    for name in twins:
+        effect = effect_named(name)
+        reasons[name] = f"these data cannot tell it from {', '.join(n for n in twins if n != name)}"
+        by_hand += [effect.separate] if effect.separate and effect.separate not in by_hand else []
+        sets |= set(shown_by(effect))
+    if not twins:
+        for sight in blind:
+            seen = f"it would be seen from {sight.hardest:.2g} x a typical one on"
+            reasons[sight.effect.name] = "these data say nothing of it" if math.isinf(sight.hardest) else seen
+            sets |= set(shown_by(sight.effect))
+    steps: list[Step] = []
+    for name in SETS:
+        if name in sets:
+            steps += steps_of(name)
+    return NextPlan(reasons, tuple(by_hand), tuple(steps))
+
+
+def shown_by(effect: Effect) -> tuple[str, ...]:
+    """Sets of records that show an effect."""
+    return BY_NAME.get(effect.name) or BY_SLOT.get(effect.slot, ("places", "sweep"))
+
+
+def steps_of(name: str) -> list[Step]:
+    """The records of a set."""
+    if name in ("sweep", "sweep again"):
+        return [Step("sweep")]
+    if name == "places":
+        return [Step("response", place) for place in PLACES]
+    if name == "quiet":
+        return [Step("response", PLACES[1], QUIET)]
+    return [Step("strokes", place, speeds_m_s=SLOW_M_S, held_out=place == PLACES[1]) for place in PLACES]
+
+
+def load_plan(path: Path) -> NextPlan:
+    """A plan from its file, checked.   Raises UsageError with the step that is wrong."""
+    data = read_yaml(path)
+    steps = []
+    entries = data.get("steps")
+    if not isinstance(entries, list) or not entries:
+        raise UsageError(f"{path} has no steps; write a plan with `beltcomm diagnose RUN --next`")
+    for number, entry in enumerate(entries, start=1):
+        steps.append(_checked(entry, f"{path}, step {number}"))
+    reasons = {str(k): str(v) for k, v in (data.get("reasons") or {}).items()}
+    return NextPlan(reasons, tuple(map(str, data.get("by_hand") or ())), tuple(steps))
+
+
+def _checked(entry: Any, where: str) -> Step:
+    if not isinstance(entry, Mapping) or entry.get("kind") not in KINDS:
+        raise UsageError(f"{where}: kind must be one of {', '.join(KINDS)}")
+    unknown = sorted(set(entry) - {"kind", "place", "share", "speeds_m_s", "held_out"})
+    if unknown:
+        raise UsageError(f"{where}: there is no {', '.join(unknown)}; a step has kind, place, share, speeds_m_s, held_out")
+    try:
+        place, share = float(entry.get("place", 0.5)), float(entry.get("share", LOUD))
+        speeds = tuple(float(v) for v in entry.get("speeds_m_s") or ())
+    except (TypeError, ValueError) as error:
+        raise UsageError(f"{where}: {error}; give plain numbers") from error
+    if not (0.0 <= place <= 1.0 and 0.0 < share <= 1.0):
+        raise UsageError(f"{where}: place {place:g} and share {share:g} must lie between 0 and 1")
+    if entry["kind"] == "strokes" and (not speeds or min(speeds) <= 0.0):
+        raise UsageError(f"{where}: strokes need speeds_m_s, all above 0")
+    return Step(entry["kind"], place, share, speeds, bool(entry.get("held_out", False)))

@@ -1,0 +1,96 @@
+"""Pictures of a run folder: made after the numbers, written to ``RUN/pictures``; a picture that cannot be written hurts no result."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from beltcomm.laboratory.compare import Comparison, landmarks, worst
+from beltcomm.laboratory.data import Data
+from beltcomm.laboratory.fitting import Fitted
+from beltcomm.laboratory.place_words import in_words
+from beltcomm.runfolder import RunFolder
+from beltcomm.session.revisions import Revision
+
+if TYPE_CHECKING:  # matplotlib takes longer to import than a command without pictures may last
+    from matplotlib.figure import Figure
+
+FOLDER = "pictures"
+#: Sentences above the error maps.
+SENTENCES = 3
+
+
+def middle_of(folder: RunFolder) -> float:
+    """Where the frequencies of a model are named: the middle of the travel, m."""
+    travel = folder.axis.travel
+    return 0.5 * (float(travel.min_m or 0.0) + float(travel.max_m or 0.0))
+
+
+def comparison_pictures(folder: RunFolder, data: Data, fitted: Fitted, found: Comparison, command: str) -> tuple[list[str], list[str]]:
+    """Overlay of the worst record, error maps, frequency responses.   Returns paths and remarks, as :func:`_written`."""
+
+    def draw() -> dict[str, Figure]:
+        from beltcomm.report import bode, maps, overlay, style
+
+        shown = f"{folder.path.resolve().name}/recordings, {len(found.records)} records"
+        caption = style.Caption(command or f"beltcomm compare {folder.path}", shown)
+        named = landmarks(fitted.model, middle_of(folder))
+        sentences = [in_words(place, named) for place in worst(found)[:SENTENCES]]
+        excess = {r.name: (r.ratio**2 - 1.0) * r.samples for r in found.records}
+        name = max(excess, key=lambda record: excess[record])
+        excited = any(r.name == name and r.sidecar.experiment == "frf" for r in data.recordings)
+        figures = {
+            "compare_maps": maps.maps_figure(found.judged, found.ratio, found.held_out, named, sentences, caption),
+            "compare_overlay": overlay.overlay_figure(overlay.trace_of(found.judged, name, excited), caption),
+        }
+        pairs = bode.response_pairs(data.recordings, found.judged)
+        if pairs:
+            figures["compare_response"] = bode.bode_figure(pairs, named, caption)
+        return figures
+
+    return _written(folder, draw)
+
+
+def change_picture(folder: RunFolder, rung: Revision, before: Comparison, after: Comparison, command: str) -> tuple[list[str], list[str]]:
+    """Every record before and after a change of the model."""
+
+    def draw() -> dict[str, Figure]:
+        from beltcomm.report import staircase, style
+
+        caption = style.Caption(command or "beltcomm add", f"{folder.path.resolve().name}/recordings, models/{rung.name}.yaml")
+        then = {r.name: r for r in after.records}
+        changes = [staircase.RecordChange(r.name, r.held_out, r.ratio, then[r.name].ratio) for r in before.records if r.name in then]
+        return {f"{rung.name}_change": staircase.change_figure(rung.change, changes, before.ratio, after.ratio, caption)}
+
+    return _written(folder, draw)
+
+
+def ladder_picture(folder: RunFolder, rungs: Sequence[Revision], command: str) -> tuple[list[str], list[str]]:
+    """The staircase."""
+
+    def draw() -> dict[str, Figure]:
+        from beltcomm.report import staircase, style
+
+        caption = style.Caption(command or f"beltcomm ladder {folder.path}", f"{folder.path.resolve().name}/results/ladder.yaml")
+        steps = [staircase.Rung(r.name, r.change, r.ratio, r.held_out, r.confirmed) for r in rungs]
+        return {"ladder": staircase.staircase_figure(steps, caption)}
+
+    return _written(folder, draw)
+
+
+def _written(folder: RunFolder, draw: Callable[[], dict[str, Figure]]) -> tuple[list[str], list[str]]:
+    """Paths of what was written, relative to the run folder, and remarks on what could not be."""
+    from beltcomm.report.style import save
+
+    where = folder.path / FOLDER
+    try:
+        made = [save(picture, where / f"{name}.png") for name, picture in draw().items()]
+    except OSError as error:
+        return [], [f"no pictures: {where} cannot be written ({error.strerror or error})"]
+    return [str(Path(FOLDER) / path.name) for path in made], []
+
+
+def lines(folder: RunFolder, made: Sequence[str], remarks: Sequence[str]) -> list[str]:
+    """What a command says of its pictures."""
+    return [*([f"Pictures in {folder.path}: {', '.join(made)}"] if made else []), *(f"Note: {remark}" for remark in remarks)]

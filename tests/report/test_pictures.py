@@ -1,0 +1,73 @@
+"""Pictures: complete, in absolute scales, the same bytes for the same values."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from beltcomm.laboratory.samples import Units
+from beltcomm.report import style
+from beltcomm.report.overlay import Trace, overlay_figure
+from beltcomm.report.staircase import RecordChange, Rung, change_figure, staircase_figure
+
+CAPTION = style.Caption("beltcomm compare RUN", "RUN/recordings, 3 records")
+
+
+def ladder(*ratios: float) -> Figure:
+    rungs = [
+        Rung(f"revision_{k}", "base" if k == 0 else f"+effect_{k}", r, 1.1 * r, None if k == 0 else k != 2) for k, r in enumerate(ratios)
+    ]
+    return staircase_figure(rungs, CAPTION)
+
+
+def texts(picture: Figure) -> str:
+    return " ".join(str(item.get_text()) for item in picture.findobj(lambda artist: hasattr(artist, "get_text")))
+
+
+def axes_of(picture: Figure) -> Axes:
+    return picture.get_axes()[0]
+
+
+def test_every_picture_names_command_and_data() -> None:
+    for picture in (ladder(3.0, 1.0), change_figure("+cogging", [RecordChange("frf", False, 2.0, 1.0)], 2.0, 1.0, CAPTION)):
+        assert "beltcomm compare RUN" in texts(picture)
+        assert "RUN/recordings, 3 records" in texts(picture)
+
+
+def test_two_ladders_compare() -> None:
+    assert axes_of(ladder(3.1, 1.0)).get_ylim() == axes_of(ladder(8.0, 2.0, 1.0)).get_ylim() == (0.8, 10.0)
+    assert "not confirmed" in texts(ladder(8.0, 2.0, 1.0))
+    assert "noise: no model can go lower" in texts(ladder(8.0, 1.0))
+
+
+def test_a_record_that_got_worse_is_marked() -> None:
+    records = [RecordChange("a", False, 2.0, 1.0), RecordChange("b", True, 1.2, 1.6)]
+    picture = change_figure("+backlash", records, 1.7, 1.3, CAPTION)
+    markers = [line.get_marker() for line in axes_of(picture).get_lines()]
+    assert markers.count("X") == 2, "one for the record, one in the legend"
+    assert "b (held out)" in texts(picture)
+
+
+def test_the_same_values_give_the_same_bytes(tmp_path: Path) -> None:
+    paths = [style.save(ladder(3.0, 1.0), tmp_path / name / "ladder.png") for name in ("a", "b")]
+    assert paths[0].read_bytes() == paths[1].read_bytes()
+    assert not list(tmp_path.rglob("*.part"))
+
+
+@pytest.mark.parametrize("excited", [False, True])
+def test_the_overlay_shows_the_worst_stretch(excited: bool) -> None:
+    time = 1e-3 * np.arange(6000)
+    white = np.random.default_rng(1).standard_normal(6000)
+    white[4000:4600] += 8.0
+    white[:200] = np.nan
+    trace = Trace("slow", True, time, np.sin(time), np.sin(time) + 0.01 * white, white, excited, Units())
+    picture = overlay_figure(trace, CAPTION)
+    low, high = picture.get_axes()[1].get_xlim()
+    assert low <= 4.6
+    assert high >= 4.0
+    assert "held out" in texts(picture)
+    assert "torque in N m" in texts(picture)
