@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from beltcomm.effects import EFFECTS
+from beltcomm.effects.cogging import COUNT
 from beltcomm.model import Model, build_model
 from beltcomm.simulate import writer
 from beltcomm.simulate.compose import kernel_for, kernel_source
@@ -21,15 +22,20 @@ FULL = ("belt_sections", "coupling", "belt_damping", "viscous", "viscous_cart", 
         "coulomb", "cart_friction", "coulomb_end_pulley", "tilt")  # fmt: skip
 HIDDEN = ("belt_stiffness", "stiffness_position", "end_pulley", "payload_mode", "belt_damping", "backlash", "belt_slack", "viscous",
           "warmup", "quadratic_drag", "coulomb", "stribeck", "friction_position", "presliding", "constant_offset", "cable_chain", "cogging",
-          *(f"cogging_{n}" for n in range(2, 7)), "tooth_ripple", "torque_ripple", "torque_saturation", "dead_time", "current_lag",
+          *(f"cogging_{n}" for n in range(2, COUNT + 1)), "tooth_ripple", "torque_ripple", "torque_saturation", "dead_time", "current_lag",
           "pulley_eccentricity", "encoder_eccentricity")  # fmt: skip
-COMBINATIONS = (FULL, HIDDEN, ("belt_spans", "belt_damping", "viscous_cart"), ("belt_stiffness", "cart_friction"))
+SPANS = ("belt_spans", "belt_damping", "viscous_cart")
+REAL = ("belt_stiffness", "belt_damping", "elastic_shaft", "viscous", "viscous_asymmetry", "viscous_load", "coulomb", "coulomb_load",
+        "friction_dip", "friction_freeform", "holding_brake", "load_friction", "travel_ripple", "measurement_lag",
+        "feed_constant")  # fmt: skip
+COMBINATIONS = (FULL, HIDDEN, REAL, SPANS, ("belt_stiffness", "cart_friction"))
 
 
 def model_of(effects: tuple[str, ...]) -> Model:
     model = build_model("m", effects, {})
     shown = {"tilt.angle": 0.3, "pulley_eccentricity.sine": 0.01, "pulley_eccentricity.cosine": -0.02, "cogging.sine": 0.1,
-             "constant_offset.torque": 0.03, "cable_chain.rate": 8.0, "belt_slack.limit": 1e-4, "tooth_ripple.cosine": 0.05}  # fmt: skip
+             "constant_offset.torque": 0.03, "cable_chain.rate": 8.0, "belt_slack.limit": 1e-4, "tooth_ripple.cosine": 0.05, "travel_ripple.sine": 3.0,
+             "viscous_asymmetry.share": 0.2, "feed_constant.error": 0.01}  # fmt: skip
     return model.with_values({name: value for name, value in shown.items() if name in model.parameters})
 
 
@@ -71,7 +77,7 @@ def test_the_order_of_effects_does_not_matter() -> None:
 def test_an_end_pulley_without_mass_is_the_spring_by_position() -> None:
     """Three masses with a light end pulley move as the two-mass model with the replacement stiffness (2.26)."""
     belt = {"specific_stiffness": 106250.0, "pulley_distance": 0.79, "offset": 0.05}
-    two = build_model("two", COMBINATIONS[2], {f"belt_spans.{k}": x for k, x in belt.items()}
+    two = build_model("two", SPANS, {f"belt_spans.{k}": x for k, x in belt.items()}
                       | {"belt_damping.damping": 0.0, "viscous_cart.damping": 5.0})  # fmt: skip
     values = {f"belt_sections.{name}": x for name, x in belt.items()} | {
         "end_pulley.mass": 1e-3, "belt_sections.specific_damping": 0.0, "coupling.stiffness": 1e4, "coupling.damping": 0.0,
