@@ -34,8 +34,8 @@ COMBINATIONS = (FULL, HIDDEN, REAL, SPANS, ("belt_stiffness", "cart_friction"))
 def model_of(effects: tuple[str, ...]) -> Model:
     model = build_model("m", effects, {})
     shown = {"tilt.angle": 0.3, "pulley_eccentricity.sine": 0.01, "pulley_eccentricity.cosine": -0.02, "cogging.sine": 0.1,
-             "constant_offset.torque": 0.03, "cable_chain.rate": 8.0, "belt_slack.limit": 1e-4, "tooth_ripple.cosine": 0.05, "travel_ripple.sine": 3.0,
-             "viscous_asymmetry.share": 0.2, "feed_constant.error": 0.01}  # fmt: skip
+             "constant_offset.torque": 0.03, "cable_chain.rate": 8.0, "belt_slack.limit": 1e-4, "tooth_ripple.cosine": 0.05,
+             "travel_ripple.sine": 3.0, "viscous_asymmetry.share": 0.2, "feed_constant.error": 0.01}  # fmt: skip
     return model.with_values({name: value for name, value in shown.items() if name in model.parameters})
 
 
