@@ -27,7 +27,7 @@ from beltcomm.runfolder import RunFolder
 from beltcomm.session import ladder_words as words
 from beltcomm.session import pictures as drawn
 from beltcomm.session.cost import cost_lines, cost_or_reason
-from beltcomm.session.next_plan import NAME, plan_for
+from beltcomm.session.next_plan import NAME, plan_for, recorded_sets
 from beltcomm.session.revisions import Revision, as_mapping, changed_recordings, current_model, current_revision, new_revision, revisions
 from beltcomm.talk import Silence, Talk
 
@@ -120,7 +120,8 @@ def diagnose_run(
     data["visible"] = [seen_as(sight) for sight in sights]
     text = text[:-1] + words.sight_lines(sights) + text[-1:]
     if following:
-        wanted = plan_for(found.twins, [sight for sight in sights if not sight.seen])
+        travel = float(folder.axis.travel.max_m or 1.0) - float(folder.axis.travel.min_m or 0.0)
+        wanted = plan_for(found.twins, [sight for sight in sights if not sight.seen], recorded_sets(recordings, travel))
         data["next"] = wanted.to_dict()
         folder.save_result(NAME, plain(wanted.to_dict()))
         text += wanted.lines(run)

@@ -38,6 +38,13 @@ def test_what_was_not_seen_gets_its_records() -> None:
     assert "these data say nothing of it" in plan.reasons["end_pulley"]
 
 
+def test_records_that_are_there_are_not_made_again() -> None:
+    plan = plan_for((), [blind("belt_slack"), blind("stribeck")], frozenset({"places", "quiet", "sweep"}))
+    assert {step.kind for step in plan.steps} == {"strokes"}
+    assert any(text.startswith("belt_slack: such records are here already") for text in plan.by_hand)
+    assert plan_for((), [blind("belt_slack")], frozenset({"places", "quiet"})).steps == ()
+
+
 def test_nothing_to_record() -> None:
     assert plan_for((), []).steps == ()
     assert "Nothing more" in plan_for((), []).lines(Path("RUN"))[0]
