@@ -22,6 +22,7 @@ from beltcomm.laboratory.stage import Candidate
 from beltcomm.laboratory.start import start_model
 from beltcomm.laboratory.visible import Sight, visible
 from beltcomm.model import Model
+from beltcomm.recording import Recording
 from beltcomm.result import Result, plain
 from beltcomm.runfolder import RunFolder
 from beltcomm.session import ladder_words as words
@@ -110,27 +111,35 @@ def diagnose_run(
     start = model if model is not None else start_model(folder.axis, recordings)
     found = diagnose(recordings, folder.axis, start, progress=lambda fraction: talk.progress(fraction, None))
     data: dict[str, Any] = {"run": str(run), **diagnosis_data(found)}
-    text = words.diagnosis_lines(found, run)
+    text = words.diagnosis_lines(found)
     added_names = [step.added for step in found.steps if step.added]
     if cost and added_names:
         talk.phase(1, 1, "what it costs in tracking")
         data["cost"], lines = cost_of(folder, found.base.model, found.after.model, " and ".join(added_names))
-        text = text[:-1] + lines + text[-1:]
+        text += lines
+    seen, lines = sight(folder, found, recordings, following)
+    data |= seen
+    text += lines
+    folder.save_result("diagnosis", plain(data))
+    if not auto:
+        return Result(data, text + words.after_diagnosis(found, run))
+    added = climb(folder, found, model is not None, command, when)
+    data["revisions"] = [as_mapping(r) for r in added]
+    return Result(data, [*text, *words.climb_lines(added), f"Next: beltcomm design {run}"])
+
+
+def sight(folder: RunFolder, found: Diagnosis, recordings: Sequence[Recording], following: bool) -> tuple[dict[str, Any], list[str]]:
+    """What these data could not have shown, and with ``following`` the plan of what to record next, saved."""
     sights = visible(found.base, ground_here(folder, found.base, found.base.problem.pieces))
-    data["visible"] = [seen_as(sight) for sight in sights]
-    text = text[:-1] + words.sight_lines(sights) + text[-1:]
+    data: dict[str, Any] = {"visible": [seen_as(one) for one in sights]}
+    lines = words.sight_lines(sights)
     if following:
         travel = float(folder.axis.travel.max_m or 1.0) - float(folder.axis.travel.min_m or 0.0)
-        wanted = plan_for(found.twins, [sight for sight in sights if not sight.seen], recorded_sets(recordings, travel))
+        wanted = plan_for(found.twins, [one for one in sights if not one.seen], recorded_sets(recordings, travel))
         data["next"] = wanted.to_dict()
         folder.save_result(NAME, plain(wanted.to_dict()))
-        text += wanted.lines(run)
-    folder.save_result("diagnosis", plain(data))
-    if auto:
-        added = climb(folder, found, model is not None, command, when)
-        data["revisions"] = [as_mapping(r) for r in added]
-        text += words.climb_lines(added)
-    return Result(data, text)
+        lines += wanted.lines(folder.path)
+    return data, lines
 
 
 def climb(folder: RunFolder, found: Diagnosis, known: bool, command: str, when: str) -> list[Revision]:
@@ -226,11 +235,11 @@ def ground_here(folder: RunFolder, fitted: Fitted, pieces: Sequence[Stretch]) ->
     return ground_of(fitted, pieces, teeth, axis.travel.driven_side_offset_m, distance)
 
 
-def seen_as(sight: Sight) -> dict[str, Any]:
+def seen_as(one: Sight) -> dict[str, Any]:
     """One line of what could have been seen; null for never."""
-    weakest, hardest = (None if math.isinf(v) else v for v in (sight.weakest, sight.hardest))
-    known = {"parameter": sight.parameter, "typical": sight.size, "unit": sight.unit, "seen": sight.seen}
-    return {"effect": sight.effect.name, "weakest": weakest, "usual": hardest, **known}
+    weakest, hardest = (None if math.isinf(v) else v for v in (one.weakest, one.hardest))
+    known = {"parameter": one.parameter, "typical": one.size, "unit": one.unit, "seen": one.seen}
+    return {"effect": one.effect.name, "weakest": weakest, "usual": hardest, **known}
 
 
 def grown_by(here: Opened, effect: str) -> Fitted:
