@@ -15,6 +15,7 @@ from beltcomm.laboratory.visible import Sight
 from beltcomm.model import load_plant
 from beltcomm.runfolder import RunFolder
 from beltcomm.session.next_plan import load_plan, plan_for
+from beltcomm.session.proof import doubts
 from beltcomm.session.revisions import new_revision, trusted_model
 
 
@@ -87,3 +88,11 @@ def test_a_design_rests_on_the_last_model_that_was_not_contradicted(tmp_path: Pa
     assert model.effects == better.effects
     assert name == "revision_2"
     assert "revision_3 (+backlash) is not confirmed" in sentence
+
+    gains = {"kp_nm_s_rad": 0.1}
+    folder.save_result("fit", {"suspect": True})
+    folder.save_result("verify_move_1", {"passed": True, "proof": {"gains": gains}})
+    folder.save_design("final", {"parameters": gains, "revision": ""})
+    assert doubts(folder) == ["the model does not explain what was measured"]
+    folder.save_design("final", {"parameters": gains, "revision": "revision_2"})
+    assert doubts(folder) == []
