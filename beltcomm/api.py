@@ -157,8 +157,8 @@ def fit(run: Path, *, solver: Solver | None = None, options: Options | None = No
 def follow(drive: str, run: Path, plan: Path, *, options: Options | None = None, talk: Talk | None = None) -> Result:
     """The records of a plan that ``diagnose`` wrote, into the run that it was written for."""
     options, talk = options or Options(), talk or Silence()
-    agree = partial(_agree, options=options, talk=talk)
-    return follow_plan(drive, run, plan, _settings(options), options.for_drive(), agree, talk, options.dry_run)
+    with open_drive(drive, options.for_drive()) as connected:
+        return follow_plan(connected, run, plan, _settings(options), partial(_agree, options=options, talk=talk), talk, options.dry_run)
 
 
 def friction(drive: str, run: Path, *, options: Options | None = None, talk: Talk | None = None) -> Result:

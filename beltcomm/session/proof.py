@@ -8,8 +8,10 @@ from typing import Any
 
 from beltcomm.control import Cascade
 from beltcomm.errors import Refused
+from beltcomm.identify.inverse_fit import SUSPECT_MISFIT
 from beltcomm.parameters import cascade_to_parameters
 from beltcomm.runfolder import RunFolder
+from beltcomm.session.revisions import revisions
 from beltcomm.talk import Talk
 from beltcomm.trajectory import Trajectory
 
@@ -95,4 +97,9 @@ def next_step(folder: RunFolder, drive: str, passed: bool) -> str:
 
 
 def _suspect(folder: RunFolder) -> bool:
+    """Whether the design's model leaves too much unexplained: its own revision's word where it has one, else the fit's."""
+    revision = folder.load("designs", "final").get("revision") if "final" in folder.names("designs") else None
+    for rung in revisions(folder):
+        if rung.name == revision:
+            return rung.confirmed is False or rung.ratio**2 > SUSPECT_MISFIT
     return bool((folder.load_result("fit") or {}).get("suspect"))

@@ -257,6 +257,8 @@ def verify_move(
     along = compensation(model, running.feedforward, rested, rested.sample_period_s, clock_s) if compensating else None
     path = predicted(machine, model, running, delay_s, rested, extra_torque_nm=along, time_s=clock_s)
     _check_path(machine, path)
+    if along is not None:
+        _check_along(machine, along, trajectory, model)
     lag = 2.0 * float(np.max(np.abs(rested.position_m - path.motor_m))) + phases.ASTRAY_M
     start = float(trajectory.position_m[0])
     if machine.folder.finished(name) is None and abs(machine.position_m - start) > 1e-4:
@@ -278,7 +280,26 @@ def verify_move(
         return tracking_error(path.t_s, rested.position_m, path.motor_m)
 
     spread = predict_range(model, error) if rested.duration_s <= LONGEST_RANGED_S else None
-    return judge(recording, machine.ratio, path, rested.position_m, predicted_range=spread), demand(trajectory, model)
+    verdict = judge(recording, machine.ratio, path, rested.position_m, predicted_range=spread)
+    if along is not None:
+        alone = predicted(machine, model, running, delay_s, rested, time_s=clock_s)
+        without = tracking_error(alone.t_s, rested.position_m, alone.motor_m)
+        sentence = (
+            f"up to {1e3 * float(np.max(np.abs(along))):.3g} mN m were sent along with the reference; a controller that sends none is "
+            f"predicted to have {1e3 * without.dynamic_m:.3g} mm and {1e6 * without.static_m:.3g} um with these gains"
+        )
+        verdict = replace(verdict, reasons=(*verdict.reasons, sentence))
+    return verdict, demand(trajectory, model)
+
+
+def _check_along(machine: Machine, along: Array, trajectory: Trajectory, model: Model) -> None:
+    """Raise Refused when the torque sent along would take the move beyond the torque that axis and drive allow."""
+    most, asked, limit = float(np.max(np.abs(along))), demand(trajectory, model).torque_nm, machine.full_room().torque_nm
+    if not most + asked <= limit:
+        raise Refused(
+            f"the move is refused: with the {most:.3g} N m that the model sends along, the motor torque would be {most + asked:.4g} N m, "
+            f"limit {limit:.4g} N m; slow the move down, look at the model's effects, or use --feedforward linear"
+        )
 
 
 def _check_path(machine: Machine, path: PredictedMove) -> None:

@@ -173,6 +173,25 @@ def test_friction_sweeps_with_a_loop_from_the_model(make_bench: MakeBench, copy_
     assert bench.stands_disabled()
 
 
+def test_identify_goes_on_by_a_plan(make_bench: MakeBench, copy_of_complete: Copy, tmp_path: Path) -> None:
+    run, bench, plan = copy_of_complete(), make_bench(start_m=0.4), tmp_path / "next.yaml"
+    plan.write_text(
+        "steps:\n- {kind: response, place: 0.6, share: 0.4}\n- {kind: strokes, place: 0.4, speeds_m_s: [0.02, 0.06], held_out: true}\n",
+        encoding="utf-8",
+    )
+    words = ("identify", *DRIVE, "--yes", "--run", run, "--plan", plan, "--json")
+    shown = json_of(call(*words, "--dry-run"))
+    assert len(shown["plan"]["experiments"]) == 2
+    assert bench.carriage_m == pytest.approx(0.4, abs=1e-6)
+    data = json_of(call(*words))
+    assert data["recordings"] == ["next_1_response", "next_2_strokes"]
+    folder = RunFolder.open(run)
+    assert folder.recording("next_2_strokes").sidecar.held_out
+    assert folder.recording("next_1_response").sidecar.experiment == "frf"
+    assert bench.parameters() == bench.initial
+    assert bench.stands_disabled()
+
+
 def test_apply_writes_the_gains_and_rollback_takes_them_back(make_bench: MakeBench, copy_of_complete: Copy) -> None:
     run, bench = copy_of_complete(), make_bench()
     designed = RunFolder.open(run).load("designs", "final")["parameters"]
