@@ -48,10 +48,10 @@ class Options:
     """What a command line gives beside its main arguments; every default is the safe choice.
 
     yes : no questions.   seed : of everything random in a virtual drive.   dry_run : plan only.   resume : go on with a run.
-    position_m : where the carriage stands.   home : let the drive find its zero.   payload_kg : heaviest further load.
-    apply : "keep", "restore" or "save" the new gains.   quick : one place only.   force : gains in doubt too.
-    prefilter, feedforward : None is the best one.
-    profile, node, bitrate, realtime : of the drive.   drive : further options for the adapter, by name.
+    position_m : where the carriage stands.   window_m : how far it may move from there, (low, high).   home : find the zero first.
+    payload_kg : heaviest further load.   apply : "keep", "restore" or "save" the new gains.   quick : one place only.
+    force : gains in doubt too.   prefilter, feedforward : None is the best one.   profile, node, bitrate, realtime : of the drive.
+    drive : further options for the adapter, by name.
     """
 
     yes: bool = False
@@ -59,6 +59,7 @@ class Options:
     dry_run: bool = False
     resume: bool = False
     position_m: float | None = None
+    window_m: tuple[float, float] | None = None
     home: bool = False
     payload_kg: float | None = None
     apply: Apply = "restore"
@@ -111,30 +112,25 @@ def commission(drive: str, axis: Axis | str, run: Path, *, options: Options | No
 
 
 def identify(drive: str, axis: Axis | str, run: Path, *, options: Options | None = None, talk: Talk | None = None) -> Result:
-    """Sign check, rising excitation and one open-loop frequency response at the present place; then a first model."""
+    """Sign check, rising excitation, one open-loop response here, a first model; without a reference inside ``Options.window_m``."""
     options, talk, axis = options or Options(), talk or Silence(), _axis(axis)
     sequence.suitable(axis)
     with open_drive(drive, options.for_drive()) as connected:
-        plan = identify_plan(axis, connected.capabilities)
         if options.dry_run:
-            return _planned(plan)
+            return _planned(identify_plan(axis, connected.capabilities, options.window_m))
         folder = _new_folder(run, axis, connected, options)
         findings = Findings()
         with Machine(connected, axis, folder, talk) as machine:
             machine.check_scaling()
-            sequence.reference(machine, _settings(options))
-            _agree(plan, options, talk)
+            window = sequence.reference(machine, _settings(options), needed=False)
+            _agree(identify_plan(axis, connected.capabilities, window), options, talk)
             try:
                 sequence.identify_here(machine, findings)
+                known = machine.place_known
             finally:
                 findings.machine_seconds = machine.machine_seconds
                 outcome.save(folder, findings)
-    text = [
-        *outcome.model_text(findings),
-        f"Recordings are in {folder.recordings_folder}.",
-        f"Next: beltcomm friction --drive {drive} --run {run}",
-    ]
-    return Result(outcome.data(folder, findings), text)
+    return Result(outcome.data(folder, findings), outcome.identify_text(folder, findings, drive, known))
 
 
 def fit(run: Path, *, solver: Solver | None = None, options: Options | None = None, talk: Talk | None = None) -> Result:
@@ -197,6 +193,8 @@ def design(
     analyse.offered(structure, options.prefilter, options.feedforward)
     settings = replace(_settings(options), specification=specification)
     findings.design, findings.cascade = sequence.design_for(folder.axis, model, structure, findings, settings)
+    if not offline.place_known(recordings):
+        findings.design = replace(findings.design, remarks=(*findings.design.remarks, offline.ONE_PLACE))
     mapping = outcome.design_dict(findings)
     folder.save_design("final", mapping)
     text = [
@@ -251,10 +249,12 @@ def apply(drive: str, run: Path, *, options: Options | None = None, talk: Talk |
     """
     options, talk = options or Options(), talk or Silence()
     folder = RunFolder.open(run)
-    wanted = cascade_to_parameters(cascade_from_dict(folder.load("designs", "final")))
+    saved = folder.load("designs", "final")
+    for line in words.remarks_lines(saved.get("remarks") or ()):
+        talk.say(line)
     if not options.dry_run:
         admit(folder, talk, yes=options.yes, force=options.force)
-    return _written(drive, folder, wanted, options, talk, "applied")
+    return _written(drive, folder, cascade_to_parameters(cascade_from_dict(saved)), options, talk, "applied")
 
 
 def rollback(drive: str, run: Path, *, options: Options | None = None, talk: Talk | None = None) -> Result:
@@ -329,6 +329,8 @@ def _settings(options: Options) -> Settings:
         apply=options.apply,
         position_m=options.position_m,
         home=options.home,
+        window_m=options.window_m,
+        ask=not options.yes,
         payloads_kg=payloads,
         quick=options.quick,
         prefilter=options.prefilter,

@@ -13,6 +13,7 @@ from beltcomm.cli.frame import Frame, api, axis_for, options_of, run_folder
 
 @click.command("identify")
 @shared.machine_options
+@shared.window_option
 @shared.axis_option
 @shared.new_run_option
 @shared.resume_option
@@ -21,7 +22,8 @@ from beltcomm.cli.frame import Frame, api, axis_for, options_of, run_folder
 def command(frame: Frame, /, drive: str, axis: str | None, run: Path | None, resume: bool, **given: Any) -> int:
     """Measure frequency responses; the machine moves by some millimetres.
 
-    The amplitude rises step by step inside limits that are predicted before each step.
+    The amplitude rises step by step inside limits that are predicted before each step. A drive that does not know where the carriage
+    stands needs --position or --home, or --window for a record at this place alone.
     """
     known = axis_for(axis, drive, run, resume)
     frame.run = run_folder(run, known.name)

@@ -57,6 +57,7 @@ class Settings:
     """What the user decides.  payloads_kg : further carriage loads the loop must hold for, added to what is mounted now.
 
     position_m : where the carriage stands, when the drive does not know.   home : run the drive's homing first.
+    window_m : how far the carriage may move from where it stands, (low < 0, high > 0).   ask : somebody can be asked.
     apply : what becomes of the new gains.   quick : one place only.   prefilter : None is the best one that the drive has.
     move : the user's own reference motion instead of the standard move.
     """
@@ -64,6 +65,8 @@ class Settings:
     apply: Apply = "restore"
     position_m: float | None = None
     home: bool = False
+    window_m: tuple[float, float] | None = None
+    ask: bool = False
     payloads_kg: tuple[float, ...] = ()
     prefilter: PrefilterKind | None = None
     feedforward: FeedforwardKind = "nonlinear"
@@ -170,9 +173,9 @@ def measure_places(machine: Machine, model: Model, amplitude_nm: float) -> None:
     """Phase 5: frequency responses at other places along the travel."""
     machine.talk.phase(6, len(TITLES), TITLES[5])
     low, high = machine.full_room().window_m
-    here = machine.folder.recording("frf_1").sidecar.start_position_m or 0.0
+    here = machine.folder.recording("frf_1").sidecar.start_position_m
     places = [low + share * (high - low) for share in PLACES]
-    others = [place for place in places if abs(place - here) >= SAME_PLACE_M]
+    others = [place for place in places if here is None or abs(place - here) >= SAME_PLACE_M]
     for number, place in enumerate(others, start=2):
         name = f"frf_{number}"
         if machine.folder.finished(name) is None:
@@ -279,8 +282,13 @@ def commission(machine: Machine, settings: Settings, findings: Findings) -> Find
     return findings
 
 
-def reference(machine: Machine, settings: Settings) -> None:
-    """Make the zero of the axis known: the drive knows it, or homing, or the operator's word.   Raises Refused without any."""
+def reference(machine: Machine, settings: Settings, *, needed: bool = True) -> tuple[float, float] | None:
+    """Make the zero of the axis known: the drive knows it, or homing, or the operator's word.  Returns the window that is kept, if any.
+
+    needed : False when a record at the present place will do, inside a window that the operator states or confirms.
+    Raises Refused without any, UsageError for a window that cannot be.
+    """
+    window = settings.window_m
     if settings.position_m is not None:
         machine.reference_at(settings.position_m)
     elif settings.home:
@@ -289,7 +297,28 @@ def reference(machine: Machine, settings: Settings) -> None:
         machine.drive.home(machine.drive_limits(machine.full_room()))
         machine.origin_rad = 0.0
     elif not machine.drive.capabilities.referenced:
-        raise Refused("the drive does not know where the carriage stands; give --position METRES, or --home to let the drive find its zero")
+        window = _stand_anywhere(machine, settings, needed)
+    if window is not None:
+        machine.keep_to(window)
+    return window
+
+
+def _stand_anywhere(machine: Machine, settings: Settings, needed: bool) -> tuple[float, float]:
+    """The window around a place that nobody knows."""
+    unknown = "the drive does not know where the carriage stands"
+    how = "give --position METRES, or --home to let the drive find its zero"
+    if needed:
+        raise Refused(f"{unknown}; {how}; without either, `beltcomm identify --window LOW..HIGH` records at this place alone")
+    window, half = settings.window_m, phases.EXCITATION_TRAVEL_M + phases.END_MARGIN_M
+    if window is None:
+        question = f"{unknown[0].upper()}{unknown[1:]}. Is it free to move by {1e3 * half:.0f} mm to either side from here?"
+        if not settings.ask or not machine.talk.confirm(question):
+            raise Refused(
+                f"{unknown}; {how}, or say with --window LOW..HIGH how far it may move from here (-20mm..30mm, or 25mm either way)"
+            )
+        window = (-half, half)
+    machine.stand_anywhere()
+    return window
 
 
 def suitable(axis: Axis) -> None:

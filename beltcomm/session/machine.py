@@ -58,7 +58,8 @@ class Room:
 class Machine:
     """The connected axis.  Use as a context manager.
 
-    position_m : carriage position; the zero of the axis is known after :meth:`reference_at` or when the drive is referenced.
+    position_m : carriage position; the zero of the axis is known after :meth:`reference_at` or when the drive is referenced, else
+    (``place_known`` False) positions count from where the carriage stood in :meth:`stand_anywhere`.
     keep_gains : set by the sequence when the user wants to keep the new gains in the drive (not saved).
     deceleration_m_s2 : of a quick stop, lent to the drive with every motion.   braking : what brakes the axis with the loop that is in
     the drive; None as long as only friction can be counted with.
@@ -68,6 +69,8 @@ class Machine:
         self.drive, self.axis, self.folder, self.talk = drive, axis, folder, talk
         self.ratio = axis.transmission_m_rad
         self.origin_rad = 0.0
+        self.place_known = True
+        self._window_m = (-math.inf, math.inf)
         self.keep_gains = False
         self.deceleration_m_s2 = first_deceleration(axis, drive.capabilities.peak_torque_nm).value_m_s2
         self.braking: Braking | None = None
@@ -140,13 +143,51 @@ class Machine:
             raise UsageError(f"position {position_m:.4g} m is outside the travel {low:g}..{high:g} m of axis.yaml")
         self.origin_rad = self.drive.read(["position_rad"])["position_rad"] - position_m / self.ratio
 
+    def stand_anywhere(self) -> None:
+        """Nobody knows where along its travel the carriage stands: positions count from here."""
+        self.origin_rad = self.drive.read(["position_rad"])["position_rad"]
+        self.place_known = False
+
+    def keep_to(self, window_m: tuple[float, float]) -> None:
+        """From now on the carriage stays within ``window_m`` of where it stands.  Raises UsageError for one longer than the travel."""
+        low, high = window_m
+        travel = float(self.axis.travel.max_m or 0.0) - float(self.axis.travel.min_m or 0.0)
+        if high - low > travel:
+            raise UsageError(
+                f"the window of {1e3 * (high - low):.0f} mm is longer than the travel of {1e3 * travel:.0f} mm; give what is free"
+            )
+        at = self.position_m
+        self._window_m = (at + low, at + high)
+
+    @property
+    def room_word(self) -> str:
+        """What bounds the carriage's way, in a word."""
+        return "travel" if math.isinf(self._window_m[0]) else "window"
+
+    @property
+    def more_room(self) -> str:
+        """What to do where the way is too short."""
+        further = "move the carriage further in"
+        return f"{further} or correct travel in axis.yaml" if self.room_word == "travel" else f"give a wider --window or {further}"
+
+    def where(self, position_m: float) -> str:
+        """A position in words."""
+        return f"{position_m:.4f} m" if self.place_known else f"{1e3 * position_m:+.1f} mm from where it stood"
+
+    def place_m(self, position_m: float) -> float | None:
+        """A position on the axis, None when that is not known."""
+        return position_m if self.place_known else None
+
     def full_room(self) -> Room:
-        """The whole travel, the speed that axis and drive allow, the torque that motor and drive allow."""
+        """The travel and the window that must be kept, the speed that axis and drive allow, the torque that motor and drive allow."""
         travel, limits = self.axis.travel, self.axis.limits
         torque = min(self.axis.motor.peak_torque_nm or math.inf, self.drive.capabilities.peak_torque_nm)
         self.axis.require("any motion", "travel.min_m", "travel.max_m", "limits.speed_m_s", "limits.feed_force_n")
         speed = min(limits.speed_m_s or math.inf, self.drive.capabilities.max_speed_rad_s * self.ratio)
-        return Room((float(travel.min_m or 0.0), float(travel.max_m or 0.0)), speed, torque)
+        low, high = self._window_m
+        if self.place_known:
+            low, high = max(low, float(travel.min_m or 0.0)), min(high, float(travel.max_m or 0.0))
+        return Room((low, high), speed, torque)
 
     def drive_limits(self, room: Room) -> Limits:
         """The same limits at the motor shaft in the drive's zero."""

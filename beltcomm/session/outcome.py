@@ -72,6 +72,19 @@ def model_text(findings: Findings) -> list[str]:
     return lines + words.thesis_lines(findings.thesis)
 
 
+def identify_text(folder: RunFolder, findings: Findings, drive: str, place_known: bool) -> list[str]:
+    """The first model, where the recordings are, and what to do next: with a reference, or to get one."""
+    text = [*model_text(findings), *words.remarks_lines(findings.remarks), f"Recordings are in {folder.recordings_folder}."]
+    if place_known:
+        return [*text, f"Next: beltcomm friction --drive {drive} --run {folder.path}"]
+    return [
+        *text,
+        "Not possible as long as nobody knows where the carriage stands: other places, the friction sweep, the move that verifies.",
+        f"Next: measure where the carriage stands, or let the drive find its zero: beltcomm commission --drive {drive} --position METRES "
+        f"(or --home); or go on with this run: beltcomm friction --drive {drive} --run {folder.path} --position METRES",
+    ]
+
+
 def commission_text(folder: RunFolder, findings: Findings, apply: str, drive: str) -> list[str]:
     """The verdict first, then everything behind it, where the files are, and what to do next."""
     passed = findings.verdict is not None and findings.verdict.passed

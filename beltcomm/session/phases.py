@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from beltcomm.axis_entries import TrajectoryLimits
 from beltcomm.errors import Refused, SafetyStop, UsageError
-from beltcomm.excitation import Excitation, choose_prbs, prbs
+from beltcomm.excitation import SHORT_ORDER, Excitation, choose_prbs, prbs
 from beltcomm.identify.amplitude import AmplitudeStep, MotionLimits, Prediction, around, largest_amplitude, unknown_payload
-from beltcomm.identify.first_estimate import data_sheet_model, first_estimate, moved_enough
+from beltcomm.identify.first_estimate import data_sheet_model, first_estimate, moved_enough, stiffness_range
 from beltcomm.linear import modes, operating_point
 from beltcomm.model import Model
 from beltcomm.recording import Recording
@@ -36,6 +36,9 @@ END_MARGIN_M = 5e-3
 BELT_SHARE = 0.9
 #: An excitation must reach this share of the breakaway torque; the ramp finds the latter some 20 % too high.
 OVER_BREAKAWAY = 1.0
+#: The short excitation: clocks that are tried until the limits allow more than the breakaway torque; a slower one leaves
+#: out the frequencies of a stiff belt.
+CLOCKS = (2, 3, 4)
 #: Growth of the amplitude from one record to the next.
 GROWTH = 1.7
 MOST_STEPS = 5
@@ -115,17 +118,19 @@ def sign_and_scale(machine: Machine) -> Breakaway:
     Raises Refused when nothing moves, DriveError when positive torque drives to negative position or the axis does not stop.
     """
     at = machine.position_m
-    full = machine.full_room()
-    if min(at - full.window_m[0], full.window_m[1] - at) < 2.0 * SIGN_TRAVEL_M:
+    low, high = machine.full_room().window_m
+    if min(at - low, high - at) < 2.0 * SIGN_TRAVEL_M:
         raise UsageError(
-            f"the carriage stands at {at:.4f} m, within {2e3 * SIGN_TRAVEL_M:.0f} mm of an end of its travel; move it further in by hand"
+            f"the carriage stands at {machine.where(at)}, within {2e3 * SIGN_TRAVEL_M:.0f} mm of an end of its {machine.room_word}; "
+            f"{machine.more_room}"
         )
-    room = room_around(machine, at, SIGN_REACH_M)
-    limits = machine.drive_limits(room)
+    limits = machine.drive_limits(room_around(machine, at, SIGN_REACH_M))
     begun = machine.drive.clock.now()
     found = {}
     for sign in (1.0, -1.0):
-        crept = creep(machine.drive, machine.axis, limits, sign * SIGN_TRAVEL_M, SIGN_REACH_M)
+        here = machine.position_m
+        reach = min(SIGN_REACH_M, high - here if sign > 0.0 else here - low)
+        crept = creep(machine.drive, machine.axis, limits, sign * SIGN_TRAVEL_M, reach)
         found[sign] = crept.onset_nm
     machine.machine_seconds += machine.drive.clock.now() - begun
     machine.folder.journal(f"breakaway {found[1.0]:.3f} N m forward, {found[-1.0]:.3f} N m backward")
@@ -139,8 +144,8 @@ def motion_limits(machine: Machine, position_m: float) -> MotionLimits:
     space = min(position_m - low, high - position_m) - END_MARGIN_M
     if space < 2e-3:
         raise Refused(
-            f"at {position_m:.4f} m only {1e3 * space:.1f} mm of travel are left beside the {1e3 * END_MARGIN_M:.0f} mm kept to the end; "
-            "move the carriage further in or correct travel in axis.yaml"
+            f"at {machine.where(position_m)} only {1e3 * space:.1f} mm of {machine.room_word} are left beside the "
+            f"{1e3 * END_MARGIN_M:.0f} mm kept to the end; {machine.more_room}"
         )
     return MotionLimits(
         min(space, EXCITATION_TRAVEL_M),
@@ -158,28 +163,33 @@ def raise_amplitude(machine: Machine, breakaway: Breakaway) -> Excited:
     """
     period = machine.drive.capabilities.sample_period_s
     counts = machine.drive.capabilities.counts_per_rev
-    sheet = data_sheet_model(machine.axis, machine.position_m, breakaway.coulomb_nm)
-    family = unknown_payload(sheet)
-    shape = prbs(9, 2, 2.0, period, 1)
+    sheet = data_sheet_model(machine.axis, machine.place_m(machine.position_m), breakaway.coulomb_nm)
+    window = machine.full_room().window_m
+    family = unknown_payload(sheet, (1.0, 1.0) if machine.place_known else stiffness_range(machine.axis, window))
     at_most = 2.0 * breakaway.coulomb_nm
     recordings: list[Recording] = []
     while True:
         at = machine.position_m  # every excitation leaves the carriage a little beside where it began
         limits = motion_limits(machine, at)
-        unit = shape.torque / shape.amplitude_nm
         braking = stops.braking_of(machine, breakaway.sliding_nm)
-        step = largest_amplitude(family, unit, period, at, limits, min(at_most, limits.torque_nm), braking)
-        if step.amplitude_nm < OVER_BREAKAWAY * breakaway.coulomb_nm:
+        for clock in CLOCKS:
+            shape = prbs(SHORT_ORDER, clock, 2.0, period, 1)
+            unit = shape.torque / shape.amplitude_nm
+            step = largest_amplitude(family, unit, period, at, limits, min(at_most, limits.torque_nm), braking)
+            if step.amplitude_nm >= OVER_BREAKAWAY * breakaway.coulomb_nm:
+                break
+        else:
             raise Refused(
                 f"friction holds the axis up to {breakaway.coulomb_nm:.3f} N m, but the limit on {step.binds} allows only "
-                f"±{step.amplitude_nm:.3f} N m of excitation; reduce the friction or raise the limit in axis.yaml"
+                f"±{step.amplitude_nm:.3f} N m of excitation; reduce the friction, or "
+                f"{machine.more_room if 'travel' in step.binds else 'raise the limit in axis.yaml'}"
             )
         machine.talk.say(
             f"excitation ±{step.amplitude_nm:.3f} N m: up to {1e3 * step.prediction.travel_m:.1f} mm, "
             f"{step.prediction.belt_force_n:.0f} N in the belt (bound by {step.binds}); a stop takes up to "
             f"{1e3 * step.prediction.stop_m:.1f} mm"
         )
-        excitation = prbs(9, 2, 2.0 * step.amplitude_nm, period, 1, torque_step_nm=machine.drive.capabilities.torque_step_nm)
+        excitation = prbs(SHORT_ORDER, clock, 2.0 * step.amplitude_nm, period, 1, torque_step_nm=machine.drive.capabilities.torque_step_nm)
         recordings.append(_excite(machine, f"amplitude_{len(recordings) + 1}", excitation, at, step.prediction))
         if len(recordings) < MOST_STEPS and step.binds == "step" and not moved_enough(recordings[-1], sheet, counts):
             at_most = GROWTH * step.amplitude_nm  # an axis without Coulomb friction breaks away long before it moves visibly
@@ -242,7 +252,7 @@ def _excite(machine: Machine, name: str, excitation: Excitation, at: float, pred
         period_samples=excitation.period_samples,
         first_sample=excitation.first_sample,
     )
-    sidecar = Sidecar(experiment="frf", start_position_m=at, session_time_s=machine.session_time_s, excitation=note)
+    sidecar = Sidecar(experiment="frf", start_position_m=machine.place_m(at), session_time_s=machine.session_time_s, excitation=note)
     return machine.record(name, machine.torque_motion(excitation.torque), room, sidecar, watch)
 
 

@@ -57,13 +57,19 @@ class Plan:
         return [self.text, "", head, *rows, f"{'on the machine, at most':34} {self.seconds:57.0f} s"]
 
 
-def identify_plan(axis: Axis, capabilities: Capabilities) -> Plan:
-    """Sign check, rising excitation and one frequency response at the present place."""
+def identify_plan(axis: Axis, capabilities: Capabilities, window_m: tuple[float, float] | None = None) -> Plan:
+    """Sign check, rising excitation and one frequency response at the present place.   window_m : to be kept, from where it stands."""
+    kept = ""
+    if window_m is not None:
+        kept = (
+            f"It stays between {1e3 * window_m[0]:+.0f} mm and {1e3 * window_m[1]:+.0f} mm of where it stands now (plus is where the "
+            "drive's position counts up). "
+        )
     return Plan(
         f"The carriage of {axis.name or 'the axis'} will creep some millimetres both ways, then shake around where it stands with rising "
         f"torque. No loop is closed but to stop it. Keep people and tools out of its travel; Ctrl-C stops it at any time. "
-        f"{_stop_words(axis, capabilities)}",
-        _here(axis, capabilities),
+        f"{kept}{_stop_words(axis, capabilities)}",
+        _here(axis, capabilities, window_m),
     )
 
 
@@ -182,7 +188,8 @@ def _stop_words(axis: Axis, capabilities: Capabilities) -> str:
     )
 
 
-def _here(axis: Axis, capabilities: Capabilities) -> tuple[Experiment, ...]:
+def _here(axis: Axis, capabilities: Capabilities, window_m: tuple[float, float] | None = None) -> tuple[Experiment, ...]:
+    widest = max(-window_m[0], window_m[1]) if window_m is not None else math.inf
     torque = min(axis.torque_limit_nm, capabilities.peak_torque_nm)
     force = axis.belt_force_limit_n
     shaking = phases.BELT_SHARE * force
@@ -190,12 +197,13 @@ def _here(axis: Axis, capabilities: Capabilities) -> tuple[Experiment, ...]:
     rising = creep.BREAKAWAY_SHARE * torque
     top = _top_speed_m_s(axis, capabilities)
     shaken = min(phases.EXCITATION_SPEED_M_S, top)
-    travel, reach = phases.EXCITATION_TRAVEL_M, phases.EXCITATION_TRAVEL_M + phases.END_MARGIN_M
+    travel = min(phases.EXCITATION_TRAVEL_M, widest)
+    reach = min(phases.EXCITATION_TRAVEL_M + phases.END_MARGIN_M, widest)
     return (
         Experiment(
             "sign and breakaway",
             phases.SIGN_TRAVEL_M,
-            phases.SIGN_REACH_M,
+            min(phases.SIGN_REACH_M, widest),
             min(creep.CREEP_SPEED_M_S, top),
             rising,
             min(rising / ratio, force),

@@ -42,6 +42,7 @@ class Options:
     dry_run: bool = False
     resume: bool = False
     position_m: float | None = None
+    window_m: tuple[float, float] | None = None
     home: bool = False
     payload_kg: float | None = None
     apply: str = "restore"
@@ -137,6 +138,15 @@ def test_each_verb_calls_its_function(api: StandIn, words: list[str], name: str,
     called, called_args, called_given = api.calls[0]
     assert (called, called_args) == (name, args)
     assert given.items() <= called_given.items()
+
+
+@pytest.mark.parametrize(
+    ("text", "window_m"),
+    [("-20mm..30mm", (-0.02, 0.03)), ("-20..30 mm", (-0.02, 0.03)), ("25mm", (-0.025, 0.025)), ("-0.02..0.03", (-0.02, 0.03))],
+)
+def test_identify_takes_a_window(api: StandIn, text: str, window_m: tuple[float, float]) -> None:
+    assert call("identify", "--drive", "virtual", "--window", text, "--run", "R").exit_code == 0
+    assert api.calls[0][2]["options"].window_m == pytest.approx(window_m)
 
 
 def test_move_and_simulate_take_quantities_and_plants(api: StandIn) -> None:
@@ -251,6 +261,10 @@ def test_an_unexpected_error_leaves_its_traceback_in_the_run_folder(api: StandIn
         (["commission", "--drive", "virtual", "--apply", "kep"], "keep"),
         (["commission", "--drive", "virtual", "--position", "0.3 kg"], "'kg' is not a unit of it"),
         (["verify", "--drive", "virtual", "--run", "R", "--move", "m.csv", "--trajectory", "T_A"], "give one of them"),
+        (["identify", "--drive", "virtual", "--window", "20mm..30mm"], "does not reach to both sides"),
+        (["identify", "--drive", "virtual", "--window", "-20mm"], "does not reach to both sides"),
+        (["identify", "--drive", "virtual", "--window", "-20mm..3 kg"], "'kg' is not a unit of it"),
+        (["identify", "--drive", "virtual", "--window", "wide"], "give a number in m"),
         (["friction", "--drive", "virtual"], "--run"),
     ],
 )

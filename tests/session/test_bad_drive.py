@@ -289,7 +289,7 @@ def test_a_carriage_at_the_end_of_its_travel(make_bench: MakeBench, tmp_path: Pa
     bench = make_bench(start_m=at_m)
     words = fails(UsageError, bench, tmp_path / "run")
     assert f"the carriage stands at {at_m:.4f} m" in words
-    assert "move it further in" in words
+    assert "move the carriage further in" in words
     assert bench.plant.cart_position_m == 0.0
 
 
