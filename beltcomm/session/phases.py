@@ -5,7 +5,10 @@ Every phase predicts what its motion will do before it asks the machine to move,
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +29,7 @@ from beltcomm.sidecar import ExcitationNote, Sidecar
 from beltcomm.trajectory import Strokes, Trajectory, at_rest, constant_speed_strokes, join, plan_trajectory
 
 Array = NDArray[np.float64]
+M = TypeVar("M", Trajectory, Strokes)
 
 #: m; how far the carriage goes in the sign check, and with the way of its stop.
 SIGN_TRAVEL_M = 2e-3
@@ -55,6 +59,8 @@ SWEEP_LONGEST_S = 0.6
 ARRIVED_M = 1e-3
 ASTRAY_M = 2e-2
 POSITIONING_TRIES = 4
+#: Shares of speed that a motion is slowed down by until every stop ends inside the travel.
+STOPPABLE_SHARES = tuple(float(share) for share in np.geomspace(1.0, 0.1, 16))
 #: m: a loop that is further off its reference has lost it; until it is tuned, all that is asked.  Share of the speed that axis and
 #: drive allow which a reference may use: what overshoots it must not be stopped.
 LOST_M = 5e-2
@@ -271,9 +277,8 @@ def move_to(machine: Machine, target_m: float, model: Model, slow_m_s: float = P
     for _ in range(POSITIONING_TRIES):  # the velocity loop ends a little beside its goal
         if abs(machine.position_m - target_m) < ARRIVED_M:
             return
-        trajectory = plan_trajectory(
-            machine.position_m, target_m, gentle_limits(machine, model, slow_m_s), machine.drive.capabilities.sample_period_s
-        )
+        plan = partial(plan_trajectory, machine.position_m, target_m, sample_period_s=machine.drive.capabilities.sample_period_s)
+        trajectory = _stoppable(machine, gentle_limits(machine, model, slow_m_s), plan)
         machine.run(machine.follow(held(trajectory, 0.3), machine.stroking()), loose_room(machine))
     if abs(machine.position_m - target_m) > ASTRAY_M:
         raise SafetyStop(
@@ -292,6 +297,29 @@ def gentle_limits(machine: Machine, model: Model, speed_m_s: float) -> Trajector
     limits, top = machine.axis.limits, SPEED_SHARE * machine.full_room().speed_m_s
     acceleration = min(limits.acceleration_m_s2 or np.inf, machine.axis.belt_force_limit_n / 3.0 / model["cart.mass"])
     return TrajectoryLimits(jerk_m_s3=20.0 * acceleration, acceleration_m_s2=acceleration, speed_m_s=min(speed_m_s, top))
+
+
+def _stoppable(machine: Machine, limits: TrajectoryLimits, plan: Callable[[TrajectoryLimits], M]) -> M:
+    """The motion with these limits, or with slower ones, such that a stop at any moment of it ends inside the travel.
+
+    Of the slowest one tried the machine itself says what is wrong.
+    """
+    for share in STOPPABLE_SHARES:
+        motion = plan(slower(limits, share))
+        path = motion.trajectory if isinstance(motion, Strokes) else motion
+        if not machine.stops_beyond(path.position_m, path.velocity_m_s):
+            break
+    return motion
+
+
+def slower(limits: TrajectoryLimits, share: float) -> TrajectoryLimits:
+    """Limits of the same path with its time stretched by 1/share: speed, acceleration and jerk fall with its powers."""
+    return replace(
+        limits,
+        jerk_m_s3=limits.jerk_m_s3 * share**3,
+        acceleration_m_s2=limits.acceleration_m_s2 * share**2,
+        speed_m_s=limits.speed_m_s * share,
+    )
 
 
 def held(trajectory: Trajectory, seconds: float) -> Trajectory:
@@ -322,17 +350,19 @@ def sweep(machine: Machine, model: Model) -> Strokes:
     low, high = stroke_ends(machine)
     at = machine.position_m
     far = high if high - at > at - low else low
-    limits = gentle_limits(machine, model, np.inf)
-    fastest = fastest_stroke_m_s(limits.speed_m_s, limits.acceleration_m_s2, abs(far - at))
-    speeds = [float(v) for v in np.geomspace(SWEEP_SLOWEST_M_S, fastest, SWEEP_SPEEDS)]
-    speeds += speeds[1::2]  # how well friction repeats
-    return constant_speed_strokes(
-        at,
-        far,
-        speeds,
-        limits,
-        machine.drive.capabilities.sample_period_s,
-        run_in_s=SWEEP_RUN_IN_S,
-        rest_s=0.15,
-        longest_plateau_s=SWEEP_RUN_IN_S + SWEEP_LONGEST_S,
-    )
+
+    def strokes(limits: TrajectoryLimits) -> Strokes:
+        fastest = fastest_stroke_m_s(limits.speed_m_s, limits.acceleration_m_s2, abs(far - at))
+        speeds = [float(v) for v in np.geomspace(SWEEP_SLOWEST_M_S, fastest, SWEEP_SPEEDS)]
+        return constant_speed_strokes(
+            at,
+            far,
+            speeds + speeds[1::2],  # how well friction repeats
+            limits,
+            machine.drive.capabilities.sample_period_s,
+            run_in_s=SWEEP_RUN_IN_S,
+            rest_s=0.15,
+            longest_plateau_s=SWEEP_RUN_IN_S + SWEEP_LONGEST_S,
+        )
+
+    return _stoppable(machine, gentle_limits(machine, model, np.inf), strokes)

@@ -59,7 +59,7 @@ class StandardMove:
 
     def at(self, share: float, period_s: float) -> Trajectory:
         """The move with its time stretched by 1/share."""
-        return plan_trajectory(self.start_m, self.end_m, _slower(self.limits, share), period_s)
+        return plan_trajectory(self.start_m, self.end_m, phases.slower(self.limits, share), period_s)
 
 
 def standard_move(machine: Machine, model: Model) -> StandardMove:
@@ -98,14 +98,13 @@ def admissible(machine: Machine, model: Model, start: float, end: float, limits:
     low, high = 0.0, 1.0
     for _ in range(20):
         middle = 0.5 * (low + high)
-        slower = _slower(limits, middle)
-        if broken_limits(machine, model, plan_trajectory(start, end, slower, period)):
+        if broken_limits(machine, model, plan_trajectory(start, end, phases.slower(limits, middle), period)):
             high = middle
         else:
             low = middle
     if low == 0.0:
         raise Refused(f"no move from {start:g} m to {end:g} m keeps the limits: {'; '.join(broken)}")
-    return _slower(limits, low), f"the move was slowed down, because at the speed asked for {'; '.join(broken)}"
+    return phases.slower(limits, low), f"the move was slowed down, because at the speed asked for {'; '.join(broken)}"
 
 
 def predicted(
@@ -189,16 +188,6 @@ def within_target(machine: Machine, model: Model, cascade: Cascade, delay_s: flo
     move = short(low)
     way = 1e3 * abs(float(move.position_m[-1]) - start)
     return move, f"{text}; too long here, so {way:.2g} mm were driven, at {1e3 * low:.3g} mm/s from the start on"
-
-
-def _slower(limits: TrajectoryLimits, share: float) -> TrajectoryLimits:
-    """Time stretched by 1/share: speed, acceleration and jerk fall with its powers."""
-    return replace(
-        limits,
-        jerk_m_s3=limits.jerk_m_s3 * share**3,
-        acceleration_m_s2=limits.acceleration_m_s2 * share**2,
-        speed_m_s=limits.speed_m_s * share,
-    )
 
 
 def broken_limits(machine: Machine, model: Model, trajectory: Trajectory) -> list[str]:
