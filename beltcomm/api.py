@@ -24,14 +24,14 @@ from beltcomm.model import Model, load_model, load_plant
 from beltcomm.parameters import cascade_to_parameters
 from beltcomm.result import Result, plain
 from beltcomm.runfolder import RunFolder
-from beltcomm.session import analyse, gains, offline, outcome, stops, verification, words
+from beltcomm.session import analyse, gains, offline, outcome, referencing, stops, verification, words
 from beltcomm.session import commission as sequence
 from beltcomm.session.commission import Apply, Findings, Settings
 from beltcomm.session.creep import BREAKAWAY_SHARE, CREEP_SPEED_M_S, MARGIN_M, RAMP_S, small_move
 from beltcomm.session.experiment import run_experiment
 from beltcomm.session.laboratory import add_to_run, compare_run, diagnose_run, ladder_of_run, remove_from_run
 from beltcomm.session.machine import Machine, backed_up
-from beltcomm.session.plan import Plan, commission_plan, friction_plan, identify_plan, move_plan, verification_plan
+from beltcomm.session.plan import Plan, commission_plan, friction_plan, identify_plan, move_plan, verification_plan, with_homing
 from beltcomm.session.proof import admit, next_step, proof
 from beltcomm.session.store import cascade_from_dict, drive_to_dict, verdict_to_dict
 from beltcomm.talk import Silence, Talk
@@ -88,42 +88,40 @@ def commission(drive: str, axis: Axis | str, run: Path, *, options: Options | No
     Raises UsageError, Refused (also a user's no), DataError, SafetyStop, DriveError.
     """
     options, talk, axis = options or Options(), talk or Silence(), _axis(axis)
-    sequence.suitable(axis)
+    referencing.suitable(axis, options.position_m)
     with open_drive(drive, options.for_drive()) as connected:
         analyse.offered(connected.capabilities.structure, options.prefilter, options.feedforward)
         plan = commission_plan(axis, connected.capabilities, options.quick)
         if options.dry_run:
-            return _planned(plan)
+            return _planned(plan, connected, options, axis)
         folder = _new_folder(run, axis, connected, options)
         findings = Findings()
         with Machine(connected, axis, folder, talk) as machine:
             settings = _settings(options)
             machine.check_scaling()
-            sequence.reference(machine, settings)
-            _agree(plan, options, talk)
+            referencing.reference(machine, settings)
+            _agree(plan, options, talk, machine)
             try:
                 sequence.commission(machine, settings, findings)
             finally:  # an interrupted run keeps what it found
                 outcome.save(folder, findings)
-    trusted = findings.final is not None and not findings.final.fit.suspect
-    passed = findings.verdict is not None and findings.verdict.passed and trusted
     text = outcome.commission_text(folder, findings, options.apply, drive)
-    return Result(outcome.data(folder, findings), text, 0 if passed else 1)
+    return Result(outcome.data(folder, findings), text, 0 if findings.succeeded else 1)
 
 
 def identify(drive: str, axis: Axis | str, run: Path, *, options: Options | None = None, talk: Talk | None = None) -> Result:
     """Sign check, rising excitation, one open-loop response here, a first model; without a reference inside ``Options.window_m``."""
     options, talk, axis = options or Options(), talk or Silence(), _axis(axis)
-    sequence.suitable(axis)
+    referencing.suitable(axis, options.position_m)
     with open_drive(drive, options.for_drive()) as connected:
         if options.dry_run:
-            return _planned(identify_plan(axis, connected.capabilities, options.window_m))
+            return _planned(identify_plan(axis, connected.capabilities, options.window_m), connected, options, axis)
         folder = _new_folder(run, axis, connected, options)
         findings = Findings()
         with Machine(connected, axis, folder, talk) as machine:
             machine.check_scaling()
-            window = sequence.reference(machine, _settings(options), needed=False)
-            _agree(identify_plan(axis, connected.capabilities, window), options, talk)
+            window = referencing.reference(machine, _settings(options), needed=False)
+            _agree(identify_plan(axis, connected.capabilities, window), options, talk, machine)
             try:
                 sequence.identify_here(machine, findings)
                 known = machine.place_known
@@ -155,13 +153,13 @@ def friction(drive: str, run: Path, *, options: Options | None = None, talk: Tal
     with open_drive(drive, options.for_drive()) as connected:
         plan = friction_plan(folder.axis, connected.capabilities)
         if options.dry_run:
-            return _planned(plan)
+            return _planned(plan, connected, options, folder.axis)
         folder.claim_drive(connected.capabilities.identity)
         findings = offline.fitted(folder, "lm", Silence(), model)
         with Machine(connected, folder.axis, folder, talk) as machine:
-            sequence.reference(machine, _settings(options))
-            _agree(plan, options, talk)
-            sequence.close_first_loop(machine, findings, model)
+            referencing.reference(machine, _settings(options))
+            _agree(plan, options, talk, machine)
+            sequence.close_first_loop(machine, findings, model, ask=not options.yes)
             number = 1 + sum(name.startswith("sweep") for name in folder.finished_names())
             sequence.measure_friction(machine, model, "sweep" if number == 1 else f"sweep_{number}")
         findings.friction = analyse.friction_of(folder.recordings())
@@ -227,13 +225,13 @@ def verify(
         analyse.offered(structure, None, options.feedforward)
         cascade, delay_s = offline.cascade_of(saved, model, structure, options.feedforward)
         with Machine(connected, folder.axis, folder, talk) as machine:
-            sequence.reference(machine, _settings(options))
+            referencing.reference(machine, _settings(options))
             braking = stops.count_on_loop(machine, [model], cascade, delay_s)
             path, remark = verification.move_asked_for(machine, model, move, trajectory)
             plan = verification_plan(machine.axis, model, path, braking)
             if options.dry_run:
-                return _planned(plan)
-            _agree(plan, options, talk)
+                return _planned(plan, connected, options, folder.axis)
+            _agree(plan, options, talk, machine)
             name = f"move_{1 + sum(n.startswith('move_') for n in folder.finished_names())}"
             verdict, asked = verification.verify_move(machine, model, cascade, delay_s, path, name)
     folder.save_result(f"verify_{name}", {**verdict_to_dict(verdict), "proof": proof(cascade, path, ())})
@@ -345,14 +343,20 @@ def _new_folder(run: Path, axis: Axis, drive: Drive, options: Options) -> RunFol
     return folder
 
 
-def _agree(plan: Plan, options: Options, talk: Talk) -> None:
-    """Say what will happen and ask, unless told not to.   Raises Refused for a no."""
+def _agree(plan: Plan, options: Options, talk: Talk, machine: Machine | None = None) -> None:
+    """Say what will happen and ask, unless told not to; then let the drive home if it shall.   Raises Refused for a no."""
+    if machine is not None and options.home:
+        plan = with_homing(plan, machine.axis, machine.drive.capabilities)
     talk.say("\n".join(plan.lines()))
     if not options.yes and not talk.confirm("May the axis move like this?"):
         raise Refused("nothing was moved, as you said; --dry-run shows the plan without asking")
+    if machine is not None and options.home:
+        referencing.home(machine)
 
 
-def _planned(plan: Plan) -> Result:
+def _planned(plan: Plan, drive: Drive | None = None, options: Options | None = None, axis: Axis | None = None) -> Result:
+    if drive and axis and options and options.home:
+        plan = with_homing(plan, axis, drive.capabilities)
     return Result({"plan": plain(plan), "seconds": plan.seconds}, [*plan.lines(), "Nothing was moved (--dry-run)."])
 
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from beltcomm.axis import Axis
-from beltcomm.axis_entries import COMMISSION_NEEDS
 from beltcomm.control import Cascade, CascadeStructure
 from beltcomm.design.cascade import DesignResult
 from beltcomm.design.feedforward import FeedforwardKind
@@ -23,7 +22,7 @@ from beltcomm.model import Model
 from beltcomm.recording import Recording
 from beltcomm.session import analyse, phases, sameness, stops, verification
 from beltcomm.session.machine import Machine
-from beltcomm.session.proof import move_name, proof
+from beltcomm.session.proof import SURE_MARGIN_DEG, move_name, proof, thin_margins
 from beltcomm.sidecar import Sidecar
 from beltcomm.trajectory import Trajectory
 from beltcomm.verify import Demand, Verdict
@@ -77,7 +76,10 @@ class Settings:
 
 @dataclass
 class Findings:
-    """What is known so far; every phase adds to it, and an interrupted run keeps what it has."""
+    """What is known so far; every phase adds to it, and an interrupted run keeps what it has.
+
+    reservations : in words, why it is no success although the move that was driven met its targets.
+    """
 
     breakaway: phases.Breakaway | None = None
     excited: phases.Excited | None = None
@@ -94,7 +96,14 @@ class Findings:
     move_name: str = ""
     proof: Mapping[str, Any] = field(default_factory=dict)
     remarks: list[str] = field(default_factory=list)
+    reservations: list[str] = field(default_factory=list)
     machine_seconds: float = 0.0
+
+    @property
+    def succeeded(self) -> bool:
+        """Whether the axis meets its targets, by a model that explains it and with nothing that speaks against it."""
+        trusted = self.final is not None and not self.final.fit.suspect
+        return trusted and self.verdict is not None and self.verdict.passed and not self.reservations
 
 
 def identify_here(machine: Machine, findings: Findings) -> Model:
@@ -140,8 +149,11 @@ def measure_delay_and_damping(findings: Findings, recordings: Sequence[Recording
         findings.remarks.append(str(problem))
 
 
-def close_first_loop(machine: Machine, findings: Findings, model: Model) -> Cascade:
-    """Phase 4: a cautious loop for the uncertain first model, written into the drive."""
+def close_first_loop(machine: Machine, findings: Findings, model: Model, *, ask: bool = False) -> Cascade:
+    """Phase 4: a cautious loop for the uncertain first model, written into the drive.
+
+    ask : before a loop with thin margins is closed.   Raises Refused for a no.
+    """
     machine.talk.phase(5, len(TITLES), TITLES[4])
     structure = machine.drive.capabilities.structure
     assume_delay(findings, structure)
@@ -149,6 +161,12 @@ def close_first_loop(machine: Machine, findings: Findings, model: Model) -> Casc
     cascade = analyse.with_feedforward(result.cascade, model, structure, delay(findings))
     margin = min(m.phase_margin_deg for m in result.margins)
     machine.talk.say(f"first loop: K_P {cascade.kp_nm_s_rad:.4f} N m s/rad, smallest phase margin {margin:.0f} deg on an uncertain model")
+    if margin < SURE_MARGIN_DEG:
+        machine.talk.say(
+            f"That is little, {SURE_MARGIN_DEG:.0f} deg are usual: this drive's structure gives no more. The axis may ring as it travels."
+        )
+        if ask and not machine.talk.confirm("Close this loop and travel with it?"):
+            raise Refused("the loop was not closed, as you said; the recordings so far are kept, `beltcomm fit` makes a model of them")
     stops.count_on_loop(machine, around(model), machine.write_cascade(cascade), delay(findings))
     return cascade
 
@@ -213,7 +231,9 @@ def fit_and_design(machine: Machine, findings: Findings, settings: Settings) -> 
         findings.friction = analyse.friction_of(recordings)
     except DataError as problem:
         findings.remarks.append(f"friction sweep: {problem}")
+        findings.reservations.append("the friction sweep could not be used")
     findings.design, findings.cascade = design_for(machine.axis, model, machine.drive.capabilities.structure, findings, settings)
+    findings.reservations += thin_margins(findings.design.margins)
     return findings.cascade
 
 
@@ -248,7 +268,7 @@ def commission(machine: Machine, settings: Settings, findings: Findings) -> Find
     machine.talk.phase(1, len(TITLES), TITLES[0])
     try:
         model = identify_here(machine, findings)
-        close_first_loop(machine, findings, model)
+        close_first_loop(machine, findings, model, ask=settings.ask)
         if not settings.quick:
             measure_places(machine, model, findings.excited.step.amplitude_nm if findings.excited else 0.0)
         measure_friction(machine, model)
@@ -263,64 +283,24 @@ def commission(machine: Machine, settings: Settings, findings: Findings) -> Find
             trajectory, remark = verification.within_target(machine, model, cascade, delay(findings), standard)
             if remark:
                 findings.remarks.append(remark)
+            if trajectory.duration_s > standard.at(1.0, trajectory.sample_period_s).duration_s:
+                findings.reservations.append("this drive cannot follow the standard move within the target, only slower ones")
         findings.proof = proof(cascade, trajectory, settings.payloads_kg)
         name = move_name(machine.folder, findings.proof)
         verdict, findings.demand = verification.verify_move(
             machine, model, cascade, delay(findings), trajectory, name, settings.payloads_kg
         )
         findings.verdict, findings.move_name = verdict, name
-        trusted = verdict.passed and findings.final is not None and not findings.final.fit.suspect
-        machine.keep_gains = settings.apply in ("keep", "save") and trusted
-        if settings.apply in ("keep", "save") and not trusted:
-            why = "the model does not explain the measurements" if verdict.passed else "the verification missed its target"
-            findings.remarks.append(f"the new gains were not kept, because {why}; `beltcomm apply` writes them all the same")
-        if settings.apply == "save" and trusted:
+        machine.keep_gains = settings.apply in ("keep", "save") and findings.succeeded
+        if settings.apply in ("keep", "save") and not findings.succeeded:
+            why = "; ".join(findings.reservations) or "the model does not explain the measurements"
+            why = why if verdict.passed else "the verification missed its target"
+            findings.remarks.append(
+                f"the new gains were not kept, because {why}; `beltcomm apply --force` writes them until power-off all the same"
+            )
+        if settings.apply == "save" and findings.succeeded:
             machine.write_cascade(cascade)
             machine.drive.save()
     finally:
         findings.machine_seconds = machine.machine_seconds
     return findings
-
-
-def reference(machine: Machine, settings: Settings, *, needed: bool = True) -> tuple[float, float] | None:
-    """Make the zero of the axis known: the drive knows it, or homing, or the operator's word.  Returns the window that is kept, if any.
-
-    needed : False when a record at the present place will do, inside a window that the operator states or confirms.
-    Raises Refused without any, UsageError for a window that cannot be.
-    """
-    window = settings.window_m
-    if settings.position_m is not None:
-        machine.reference_at(settings.position_m)
-    elif settings.home:
-        if not machine.drive.capabilities.can_home:
-            raise Refused("this drive cannot home by itself; measure where the carriage stands and give --position")
-        machine.drive.home(machine.drive_limits(machine.full_room()))
-        machine.origin_rad = 0.0
-    elif not machine.drive.capabilities.referenced:
-        window = _stand_anywhere(machine, settings, needed)
-    if window is not None:
-        machine.keep_to(window)
-    return window
-
-
-def _stand_anywhere(machine: Machine, settings: Settings, needed: bool) -> tuple[float, float]:
-    """The window around a place that nobody knows."""
-    unknown = "the drive does not know where the carriage stands"
-    how = "give --position METRES, or --home to let the drive find its zero"
-    if needed:
-        raise Refused(f"{unknown}; {how}; without either, `beltcomm identify --window LOW..HIGH` records at this place alone")
-    window, half = settings.window_m, phases.EXCITATION_TRAVEL_M + phases.END_MARGIN_M
-    if window is None:
-        question = f"{unknown[0].upper()}{unknown[1:]}. Is it free to move by {1e3 * half:.0f} mm to either side from here?"
-        if not settings.ask or not machine.talk.confirm(question):
-            raise Refused(
-                f"{unknown}; {how}, or say with --window LOW..HIGH how far it may move from here (-20mm..30mm, or 25mm either way)"
-            )
-        window = (-half, half)
-    machine.stand_anywhere()
-    return window
-
-
-def suitable(axis: Axis) -> None:
-    """Raise UsageError unless the axis file has what the whole job needs."""
-    axis.require("commission", *COMMISSION_NEEDS)

@@ -194,7 +194,7 @@ class Machine:
         low, high = sorted(self.origin_rad + x / self.ratio for x in room.window_m)
         speed = min(room.speed_m_s / self.ratio, self.drive.capabilities.max_speed_rad_s)
         lag = None if room.lag_m is None else room.lag_m / self.ratio
-        return Limits(low, high, speed, room.torque_nm, self.deceleration_m_s2 / self.ratio, lag)
+        return Limits(low, high, speed, room.torque_nm, self.deceleration_m_s2 / self.ratio, lag, self.ratio, self.origin_rad)
 
     def brake_with(self, braking: Braking) -> None:
         """From now on a stop is counted with, and set in the drive to, what a loop can do."""

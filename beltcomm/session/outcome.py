@@ -22,7 +22,8 @@ def save(folder: RunFolder, findings: Findings) -> None:
     if findings.design is not None:
         folder.save_design("final", design_dict(findings))
     if findings.verdict is not None:
-        folder.save_result(f"verify_{findings.move_name}", {**verdict_to_dict(findings.verdict), "proof": plain(findings.proof)})
+        verdict = {**verdict_to_dict(findings.verdict), "proof": plain(findings.proof), "reservations": findings.reservations}
+        folder.save_result(f"verify_{findings.move_name}", verdict)
 
 
 def fit_dict(final: FinalModel, findings: Findings) -> dict[str, Any]:
@@ -47,7 +48,12 @@ def design_dict(findings: Findings) -> dict[str, Any]:
 
 def data(folder: RunFolder, findings: Findings) -> dict[str, Any]:
     """Everything that was found, for ``--json``."""
-    found: dict[str, Any] = {"run": str(folder.path), "machine_seconds": findings.machine_seconds, "remarks": findings.remarks}
+    found: dict[str, Any] = {
+        "run": str(folder.path),
+        "machine_seconds": findings.machine_seconds,
+        "remarks": findings.remarks,
+        "reservations": findings.reservations,
+    }
     if findings.final is not None:
         found["model"] = findings.final.fit.model.to_dict()
         found["fit"] = fit_dict(findings.final, findings)
@@ -90,13 +96,15 @@ def commission_text(folder: RunFolder, findings: Findings, apply: str, drive: st
     passed = findings.verdict is not None and findings.verdict.passed
     suspect = findings.final is None or findings.final.fit.suspect
     kept = {"restore": "The drive has its old gains again", "keep": "The new gains are in the drive until power-off"}
-    state = kept.get(apply, "The new gains are saved in the drive") if passed and not suspect else kept["restore"]
+    state = kept.get(apply, "The new gains are saved in the drive") if findings.succeeded else kept["restore"]
     headline = {
         (True, False): "The axis meets its targets.",
         (False, False): "The axis misses its targets.",
         (True, True): "The move met its targets, but the model does not explain what was measured: do not trust its numbers yet.",
         (False, True): "The axis misses its targets, and the model does not explain what was measured.",
     }[passed, suspect]
+    if passed and not suspect and findings.reservations:
+        headline = f"The move that was driven met its targets, but the axis does not: {'; '.join(findings.reservations)}."
     text = [
         headline,
         "",
@@ -107,15 +115,23 @@ def commission_text(folder: RunFolder, findings: Findings, apply: str, drive: st
         *words.remarks_lines(findings.remarks),
         "",
         f"{findings.machine_seconds:.0f} s on the machine. Everything is in {folder.path}.",
-        f"{state}. Next: "
-        + (
-            f"beltcomm diagnose {folder.path}"
-            if suspect
-            else f"beltcomm apply --drive {drive} --run {folder.path}"
-            if passed and apply == "restore"
-            else f"beltcomm rollback --drive {drive} --run {folder.path} undoes it"
-            if passed
-            else f"look at the remarks above, then beltcomm design {folder.path} and beltcomm verify --drive {drive} --run {folder.path}"
-        ),
+        f"{state}. Next: {_following(folder, findings, apply, drive)}",
     ]
     return text
+
+
+def _following(folder: RunFolder, findings: Findings, apply: str, drive: str) -> str:
+    """The command after a commissioning."""
+    if findings.final is None or findings.final.fit.suspect:
+        return f"beltcomm diagnose {folder.path}"
+    if not findings.succeeded:
+        return (
+            "what would help stands above: other parts of the drive's controller, a drive that has them, or slower moves "
+            f"(beltcomm verify --drive {drive} --run {folder.path} --move FILE)"
+            if findings.reservations
+            else f"look at the remarks above, then beltcomm design {folder.path} and beltcomm verify --drive {drive} --run {folder.path}"
+        )
+    if apply == "restore":
+        return f"beltcomm apply --drive {drive} --run {folder.path} (--save keeps them beyond power-off)"
+    undo = " --save" if apply == "save" else ""
+    return f"beltcomm rollback --drive {drive} --run {folder.path}{undo} undoes it"

@@ -106,6 +106,16 @@ def commission_plan(axis: Axis, capabilities: Capabilities, quick: bool = False)
     )
 
 
+def with_homing(plan: Plan, axis: Axis, capabilities: Capabilities) -> Plan:
+    """The plan with the search of the drive's zero before everything else."""
+    whole = float(axis.travel.max_m or 0.0) - float(axis.travel.min_m or 0.0)
+    torque = min(axis.motor.peak_torque_nm or math.inf, capabilities.peak_torque_nm)
+    speed = _top_speed_m_s(axis, capabilities)
+    first = Experiment("homing, until the zero is found", whole, whole, speed, torque, axis.belt_force_limit_n, HOMING_SECONDS)
+    text = "First the drive searches its zero, along the whole axis if need be, and the carriage creeps off the end where it was found. "
+    return Plan(text + plan.text, (first, *plan.experiments))
+
+
 def friction_plan(axis: Axis, capabilities: Capabilities) -> Plan:
     """The sweep alone."""
     whole = float(axis.travel.max_m or 0.0) - float(axis.travel.min_m or 0.0)
@@ -175,6 +185,7 @@ RESPONSE_SECONDS = 7.5
 MOVE_SECONDS = 2.0
 SWEEP_SECONDS = 28.0
 REST_SECONDS = 2.0
+HOMING_SECONDS = 60.0
 
 
 def _stop_words(axis: Axis, capabilities: Capabilities) -> str:

@@ -43,6 +43,9 @@ SLOWEST_MOVE_S = 600.0
 LONGEST_SLOW_MOVE_S = 8.0
 SLOWEST_M_S = 2e-4
 RAMP_S = 0.2
+#: An axis this many times further off its reference than predicted, and by the dynamic target more, is not the one predicted: it is
+#: stopped, in the drive and on the host.
+SURPRISE = 3.0
 
 
 @dataclass(frozen=True)
@@ -229,7 +232,7 @@ def verify_move(
     rested = phases.held(trajectory, REST_S)
     path = predicted(machine, model, running, delay_s, rested)
     _check_path(machine, path)
-    lag = 2.0 * float(np.max(np.abs(rested.position_m - path.motor_m))) + phases.ASTRAY_M
+    lag = SURPRISE * float(np.max(np.abs(rested.position_m - path.motor_m))) + DYNAMIC_TARGET_M
     start = float(trajectory.position_m[0])
     if machine.folder.finished(name) is None and abs(machine.position_m - start) > 1e-4:
         phases.move_to(machine, start, model)

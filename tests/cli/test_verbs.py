@@ -18,7 +18,7 @@ from beltcomm.cli.main import cli
 from beltcomm.cli.talk import PlainTalk, RichTalk
 from beltcomm.effects import EFFECTS
 from beltcomm.errors import DataError, UsageError
-from beltcomm.session.commission import suitable
+from beltcomm.session.referencing import suitable
 
 
 def call(*words: str, answer: str | None = None) -> Result:
