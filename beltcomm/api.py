@@ -7,13 +7,11 @@ Each opens what it needs, does one job, saves its results in the run folder, and
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 
 from beltcomm.axis import Axis, load_axis
 from beltcomm.control import Cascade
-from beltcomm.design.feedforward import FeedforwardKind
-from beltcomm.design.prefilters import PrefilterKind
 from beltcomm.design.specification import Specification
 from beltcomm.drive import Drive, open_drive
 from beltcomm.errors import BeltcommError, DataError, Refused, UsageError
@@ -26,11 +24,12 @@ from beltcomm.result import Result, plain
 from beltcomm.runfolder import RunFolder
 from beltcomm.session import analyse, gains, offline, outcome, referencing, stops, verification, words
 from beltcomm.session import commission as sequence
-from beltcomm.session.commission import Apply, Findings, Settings
+from beltcomm.session.commission import Findings, Settings
 from beltcomm.session.creep import BREAKAWAY_SHARE, CREEP_SPEED_M_S, MARGIN_M, RAMP_S, small_move
 from beltcomm.session.experiment import run_experiment
 from beltcomm.session.laboratory import add_to_run, compare_run, diagnose_run, ladder_of_run, remove_from_run
 from beltcomm.session.machine import Machine, backed_up
+from beltcomm.session.options import Options
 from beltcomm.session.plan import Plan, commission_plan, friction_plan, identify_plan, move_plan, verification_plan, with_homing
 from beltcomm.session.proof import admit, next_step, proof
 from beltcomm.session.store import cascade_from_dict, drive_to_dict, verdict_to_dict
@@ -43,52 +42,13 @@ compare, diagnose, add, remove, ladder = compare_run, diagnose_run, add_to_run, 
 LONGEST_MOVE_M = 0.1
 
 
-@dataclass(frozen=True)
-class Options:
-    """What a command line gives beside its main arguments; every default is the safe choice.
-
-    yes : no questions.   seed : of everything random in a virtual drive.   dry_run : plan only.   resume : go on with a run.
-    position_m : where the carriage stands.   window_m : how far it may move from there, (low, high).   home : find the zero first.
-    payload_kg : heaviest further load.   apply : "keep", "restore" or "save" the new gains.   quick : one place only.
-    force : gains in doubt too.   prefilter, feedforward : None is the best one.   profile, node, bitrate, realtime : of the drive.
-    drive : further options for the adapter, by name.
-    """
-
-    yes: bool = False
-    seed: int | None = None
-    dry_run: bool = False
-    resume: bool = False
-    position_m: float | None = None
-    window_m: tuple[float, float] | None = None
-    home: bool = False
-    payload_kg: float | None = None
-    apply: Apply = "restore"
-    quick: bool = False
-    force: bool = False
-    prefilter: PrefilterKind | None = None
-    feedforward: FeedforwardKind | None = None
-    profile: str | None = None
-    node: int | None = None
-    bitrate: int | None = None
-    realtime: bool = False
-    drive: Mapping[str, object] = field(default_factory=dict)
-
-    def for_drive(self) -> dict[str, object]:
-        """The adapter's options: those that were given."""
-        given = {"seed": self.seed, "profile": self.profile, "node": self.node, "bitrate": self.bitrate}
-        found: dict[str, object] = {name: value for name, value in given.items() if value is not None}
-        if self.realtime:
-            found["realtime"] = True
-        return {**found, **self.drive}
-
-
 def commission(drive: str, axis: Axis | str, run: Path, *, options: Options | None = None, talk: Talk | None = None) -> Result:
     """The whole job: identify, fit, friction, design, verify.   Exit code 1 for a missed target or a model that does not explain the data.
 
     Raises UsageError, Refused (also a user's no), DataError, SafetyStop, DriveError.
     """
     options, talk, axis = options or Options(), talk or Silence(), _axis(axis)
-    referencing.suitable(axis, options.position_m)
+    referencing.suitable(axis)
     with open_drive(drive, options.for_drive()) as connected:
         analyse.offered(connected.capabilities.structure, options.prefilter, options.feedforward)
         plan = commission_plan(axis, connected.capabilities, options.quick)
@@ -105,14 +65,14 @@ def commission(drive: str, axis: Axis | str, run: Path, *, options: Options | No
                 sequence.commission(machine, settings, findings)
             finally:  # an interrupted run keeps what it found
                 outcome.save(folder, findings)
-    text = outcome.commission_text(folder, findings, options.apply, drive)
+    text = outcome.commission_text(folder, findings, drive)
     return Result(outcome.data(folder, findings), text, 0 if findings.succeeded else 1)
 
 
 def identify(drive: str, axis: Axis | str, run: Path, *, options: Options | None = None, talk: Talk | None = None) -> Result:
     """Sign check, rising excitation, one open-loop response here, a first model; without a reference inside ``Options.window_m``."""
     options, talk, axis = options or Options(), talk or Silence(), _axis(axis)
-    referencing.suitable(axis, options.position_m)
+    referencing.suitable(axis)
     with open_drive(drive, options.for_drive()) as connected:
         if options.dry_run:
             return _planned(identify_plan(axis, connected.capabilities, options.window_m), connected, options, axis)
@@ -248,11 +208,12 @@ def apply(drive: str, run: Path, *, options: Options | None = None, talk: Talk |
     options, talk = options or Options(), talk or Silence()
     folder = RunFolder.open(run)
     saved = folder.load("designs", "final")
+    wanted = cascade_to_parameters(cascade_from_dict(saved))
     for line in words.remarks_lines(saved.get("remarks") or ()):
         talk.say(line)
     if not options.dry_run:
         admit(folder, talk, yes=options.yes, force=options.force)
-    return _written(drive, folder, cascade_to_parameters(cascade_from_dict(saved)), options, talk, "applied")
+    return _written(drive, folder, wanted, options, talk, "applied")
 
 
 def rollback(drive: str, run: Path, *, options: Options | None = None, talk: Talk | None = None) -> Result:
@@ -355,8 +316,9 @@ def _agree(plan: Plan, options: Options, talk: Talk, machine: Machine | None = N
 
 
 def _planned(plan: Plan, drive: Drive | None = None, options: Options | None = None, axis: Axis | None = None) -> Result:
-    if drive and axis and options and options.home:
-        plan = with_homing(plan, axis, drive.capabilities)
+    if drive and axis and options:
+        referencing.inside(axis, options.position_m)
+        plan = with_homing(plan, axis, drive.capabilities) if options.home else plan
     return Result({"plan": plain(plan), "seconds": plan.seconds}, [*plan.lines(), "Nothing was moved (--dry-run)."])
 
 
@@ -381,7 +343,8 @@ def _written(drive: str, folder: RunFolder, wanted: Mapping[str, float], options
     if options.dry_run:
         return Result(data, ["Would change:", *done.table(), "Nothing was written (--dry-run)."])
     how = "and saved" if save else "until power-off (--save makes it permanent)"
-    return Result(data, [f"{len(done.changes)} parameters {verb}, read back, {how}:", *done.table()])
+    nothing = "" if done.changes else " (nothing differed from what the drive had)"
+    return Result(data, [f"{len(done.changes)} parameters {verb}, read back, {how}{nothing}{words.lasting(drive)}."])
 
 
 __all__ = [

@@ -7,8 +7,10 @@ import importlib
 import json
 import math
 import os
+import shutil
 import sys
 import tempfile
+import textwrap
 import traceback
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
@@ -121,12 +123,12 @@ class Frame:
 
     def print(self, data: Mapping[str, Any], lines: Iterable[str]) -> None:
         """The same from a mapping and lines."""
-        self._end_talk()
+        self._end_talk(done=True)
         if self.json:
             click.echo(json.dumps(_jsonable(data), ensure_ascii=False, allow_nan=False))
             return
         for line in lines:
-            click.echo(line)
+            click.echo(_fitted(line))
 
     def line(self) -> str:
         """The command as it was typed."""
@@ -140,18 +142,25 @@ class Frame:
             self._talk = terminal_talk(self.verbose)
         return self._talk
 
-    def _end_talk(self) -> None:
-        """Before anything else is printed: a progress line must not stay in the terminal."""
+    def _end_talk(self, done: bool = False) -> None:
+        """Before anything else is printed: a progress line must not stay in the terminal.   done : the last phase came to its end."""
         if self._talk is not None:
-            self._talk.close()
+            self._talk.close(done)
 
     def note_end(self) -> None:
         """Somebody ends this program from outside; perhaps nobody reads any more."""
         self.ended = True
 
     def _interrupted(self) -> int:
-        kept = f"; what was recorded is kept in {self.run}, --resume goes on" if self.run and self.run.is_dir() else ""
-        return self._failed(f"interrupted{self._left_behind()}{kept}", INTERRUPTED)
+        return self._failed(f"interrupted{self._left_behind()}{self._kept()}", INTERRUPTED)
+
+    def _kept(self) -> str:
+        """What is left of an interrupted run, in words: only a verb that can resume promises to go on."""
+        if not self.run or not self.run.is_dir() or self.words[:1] not in (["commission"], ["identify"]):
+            return ""
+        if not any((self.run / "recordings").glob("*.csv*")):
+            return "; nothing was recorded yet"
+        return f"; what was recorded is kept in {self.run}, --resume goes on"
 
     def _failed(self, sentence: str, code: int) -> int:
         try:
@@ -179,6 +188,15 @@ class Frame:
             except OSError:
                 continue
         return ""
+
+
+def _fitted(line: str) -> str:
+    """A line no wider than the terminal, broken between words and indented; whoever reads from a pipe gets it whole."""
+    width = shutil.get_terminal_size().columns
+    if not sys.stdout.isatty() or len(line) <= width:
+        return line
+    indent = " " * (len(line) - len(line.lstrip()) + 2)
+    return textwrap.fill(line, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False, replace_whitespace=False)
 
 
 def api() -> Any:

@@ -80,10 +80,10 @@ def final_model(
     if spread < STIFFNESS_SPREAD or not apart:
         progress(1.0)
         reason = f"stiffness differs by {100 * spread:.1f} % between places at most: taken as constant"
+        if len(places) < 2 or not apart:
+            reason = "measured at one place: stiffness taken as constant"
         if not at:
             reason = "nobody knows where along the travel this was measured: the stiffness holds for that place alone"
-        elif spread >= STIFFNESS_SPREAD:
-            reason = "measured at one place: stiffness taken as constant"
         return FinalModel(constant, None, reason)
     varying_start = by_position(constant.model, axis, recordings, places)
     varying = fit_inverse(

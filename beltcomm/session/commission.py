@@ -57,11 +57,12 @@ class Settings:
 
     position_m : where the carriage stands, when the drive does not know.   home : run the drive's homing first.
     window_m : how far the carriage may move from where it stands, (low < 0, high > 0).   ask : somebody can be asked.
-    apply : what becomes of the new gains.   quick : one place only.   prefilter : None is the best one that the drive has.
+    apply : what becomes of the new gains; None asks when somebody can be asked.
+     quick : one place only.   prefilter : None is the best one that the drive has.
     move : the user's own reference motion instead of the standard move.
     """
 
-    apply: Apply = "restore"
+    apply: Apply | None = "restore"
     position_m: float | None = None
     home: bool = False
     window_m: tuple[float, float] | None = None
@@ -97,6 +98,7 @@ class Findings:
     proof: Mapping[str, Any] = field(default_factory=dict)
     remarks: list[str] = field(default_factory=list)
     reservations: list[str] = field(default_factory=list)
+    applied: Apply = "restore"
     machine_seconds: float = 0.0
 
     @property
@@ -291,16 +293,34 @@ def commission(machine: Machine, settings: Settings, findings: Findings) -> Find
             machine, model, cascade, delay(findings), trajectory, name, settings.payloads_kg
         )
         findings.verdict, findings.move_name = verdict, name
-        machine.keep_gains = settings.apply in ("keep", "save") and findings.succeeded
-        if settings.apply in ("keep", "save") and not findings.succeeded:
-            why = "; ".join(findings.reservations) or "the model does not explain the measurements"
-            why = why if verdict.passed else "the verification missed its target"
-            findings.remarks.append(
-                f"the new gains were not kept, because {why}; `beltcomm apply --force` writes them until power-off all the same"
-            )
-        if settings.apply == "save" and findings.succeeded:
-            machine.write_cascade(cascade)
-            machine.drive.save()
+        dispose(machine, settings, findings, cascade)
     finally:
         findings.machine_seconds = machine.machine_seconds
     return findings
+
+
+def dispose(machine: Machine, settings: Settings, findings: Findings, cascade: Cascade) -> None:
+    """Phase 8: keep, restore or save the gains that were proven; asked for where nothing was said."""
+    wanted = settings.apply
+    if wanted is None:
+        wanted = "restore"
+        if settings.ask and findings.succeeded:
+            error = 1e3 * findings.verdict.measured.dynamic_m if findings.verdict else 0.0
+            machine.talk.say(
+                f"The move met its targets, {error:.3g} mm of dynamic error; the drive has the new gains until they are restored."
+            )
+            if machine.talk.confirm("Keep the new gains in the drive until power-off?"):
+                wanted = "save" if machine.talk.confirm("Save them for good, beyond power-off?") else "keep"
+    if wanted in ("keep", "save") and not findings.succeeded:
+        missed = findings.verdict is None or not findings.verdict.passed
+        why = "the verification missed its target" if missed else "; ".join(findings.reservations)
+        findings.remarks.append(
+            f"the new gains were not kept, because {why or 'the model does not explain the measurements'}; "
+            "`beltcomm apply --force` writes them all the same"
+        )
+        wanted = "restore"
+    findings.applied = wanted
+    machine.keep_gains = wanted in ("keep", "save")
+    if wanted == "save":
+        machine.write_cascade(cascade)
+        machine.drive.save()

@@ -45,6 +45,7 @@ def write(drive: Drive, folder: RunFolder, wanted: Mapping[str, float], talk: Ta
     present = drive.backup()
     if folder.load_result("backup") is None:
         folder.save_result("backup", {"drive": dict(drive.capabilities.identity), "parameters": present})
+    folder.journal(f"{verb}: writing {len(plan.changes)} parameters")  # a folder that cannot be written stops it here, before the drive
     stored = drive.write({n: v for n, v in wanted.items() if n in present})
     if save:
         drive.save()

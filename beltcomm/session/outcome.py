@@ -91,12 +91,15 @@ def identify_text(folder: RunFolder, findings: Findings, drive: str, place_known
     ]
 
 
-def commission_text(folder: RunFolder, findings: Findings, apply: str, drive: str) -> list[str]:
+def commission_text(folder: RunFolder, findings: Findings, drive: str) -> list[str]:
     """The verdict first, then everything behind it, where the files are, and what to do next."""
     passed = findings.verdict is not None and findings.verdict.passed
     suspect = findings.final is None or findings.final.fit.suspect
-    kept = {"restore": "The drive has its old gains again", "keep": "The new gains are in the drive until power-off"}
-    state = kept.get(apply, "The new gains are saved in the drive") if findings.succeeded else kept["restore"]
+    state = {
+        "restore": "The drive has its old gains again",
+        "keep": "The new gains are in the drive until power-off",
+        "save": "The new gains are saved in the drive",
+    }[findings.applied]
     headline = {
         (True, False): "The axis meets its targets.",
         (False, False): "The axis misses its targets.",
@@ -115,12 +118,12 @@ def commission_text(folder: RunFolder, findings: Findings, apply: str, drive: st
         *words.remarks_lines(findings.remarks),
         "",
         f"{findings.machine_seconds:.0f} s on the machine. Everything is in {folder.path}.",
-        f"{state}. Next: {_following(folder, findings, apply, drive)}",
+        f"{state}. Next: {_following(folder, findings, drive)}",
     ]
     return text
 
 
-def _following(folder: RunFolder, findings: Findings, apply: str, drive: str) -> str:
+def _following(folder: RunFolder, findings: Findings, drive: str) -> str:
     """The command after a commissioning."""
     if findings.final is None or findings.final.fit.suspect:
         return f"beltcomm diagnose {folder.path}"
@@ -131,7 +134,7 @@ def _following(folder: RunFolder, findings: Findings, apply: str, drive: str) ->
             if findings.reservations
             else f"look at the remarks above, then beltcomm design {folder.path} and beltcomm verify --drive {drive} --run {folder.path}"
         )
-    if apply == "restore":
+    if findings.applied == "restore":
         return f"beltcomm apply --drive {drive} --run {folder.path} (--save keeps them beyond power-off)"
-    undo = " --save" if apply == "save" else ""
-    return f"beltcomm rollback --drive {drive} --run {folder.path}{undo} undoes it"
+    undo = " --save" if findings.applied == "save" else ""
+    return f"beltcomm rollback --drive {drive} --run {folder.path}{undo} undoes it" + words.lasting(drive)

@@ -78,12 +78,16 @@ def _stand_anywhere(machine: Machine, settings: Settings, needed: bool) -> tuple
     return window
 
 
-def suitable(axis: Axis, position_m: float | None = None) -> None:
-    """Raise UsageError unless the axis file has what the whole job needs, Refused for a tilted axis.   position_m : as stated."""
-    axis.require("commission", *COMMISSION_NEEDS)
+def inside(axis: Axis, position_m: float | None) -> None:
+    """Raise UsageError for a stated position outside the travel."""
     low, high = float(axis.travel.min_m or 0.0), float(axis.travel.max_m or 0.0)
     if position_m is not None and not low <= position_m <= high:
         raise UsageError(f"position {position_m:.4g} m is outside the travel {low:g}..{high:g} m of axis.yaml")
+
+
+def suitable(axis: Axis) -> None:
+    """Raise UsageError unless the axis file has what the whole job needs, Refused for a tilted axis."""
+    axis.require("commission", *COMMISSION_NEEDS)
     tilt = axis.mounting.tilt_deg
     if abs(tilt) > MOST_TILT_DEG:
         raise Refused(

@@ -184,7 +184,7 @@ def outcome_of(command: Callable[[], api.Result]) -> tuple[int, str]:
 def test_an_encoder_that_counts_the_wrong_way_round(make_bench: MakeBench, tmp_path: Path) -> None:
     bench = make_bench(faults=Faults(encoder_sign=-1), referenced=False)
     words = fails(DriveError, bench, tmp_path / "run", options=replace(YES, position_m=0.25))
-    assert "moves to negative under positive torque" in words
+    assert "moves to negative under 0.1" in words
     assert "607Eh" in words
     assert abs(bench.plant.cart_position_m) < 5e-3
     assert bench.parameters() == bench.initial
