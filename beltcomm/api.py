@@ -25,13 +25,13 @@ from beltcomm.runfolder import RunFolder
 from beltcomm.session import analyse, gains, offline, outcome, referencing, stops, verification, words
 from beltcomm.session import commission as sequence
 from beltcomm.session.commission import Findings, Settings
-from beltcomm.session.creep import BREAKAWAY_SHARE, CREEP_SPEED_M_S, MARGIN_M, RAMP_S, small_move
+from beltcomm.session.creep import BREAKAWAY_SHARE, CREEP_SPEED_M_S, MARGIN_M, NEAR_M, RAMP_S, small_move
 from beltcomm.session.experiment import run_experiment
 from beltcomm.session.laboratory import add_to_run, compare_run, diagnose_run, ladder_of_run, remove_from_run
 from beltcomm.session.machine import Machine, backed_up
 from beltcomm.session.options import Options
 from beltcomm.session.plan import Plan, commission_plan, friction_plan, identify_plan, move_plan, verification_plan, with_homing
-from beltcomm.session.proof import admit, next_step, proof
+from beltcomm.session.proof import admit, next_step, proof, thin_margins
 from beltcomm.session.store import cascade_from_dict, drive_to_dict, verdict_to_dict
 from beltcomm.talk import Silence, Talk
 
@@ -82,6 +82,7 @@ def identify(drive: str, axis: Axis | str, run: Path, *, options: Options | None
             machine.check_scaling()
             window = referencing.reference(machine, _settings(options), needed=False)
             _agree(identify_plan(axis, connected.capabilities, window), options, talk, machine)
+            machine.titles = sequence.TITLES[1:4]
             try:
                 sequence.identify_here(machine, findings)
                 known = machine.place_known
@@ -119,6 +120,7 @@ def friction(drive: str, run: Path, *, options: Options | None = None, talk: Tal
         with Machine(connected, folder.axis, folder, talk) as machine:
             referencing.reference(machine, _settings(options))
             _agree(plan, options, talk, machine)
+            machine.titles = (sequence.TITLES[4], sequence.TITLES[6])
             sequence.close_first_loop(machine, findings, model, ask=not options.yes)
             number = 1 + sum(name.startswith("sweep") for name in folder.finished_names())
             sequence.measure_friction(machine, model, "sweep" if number == 1 else f"sweep_{number}")
@@ -158,9 +160,10 @@ def design(
     text = [
         *words.design_lines(findings.design, findings.cascade),
         *words.remarks_lines(findings.remarks),
+        *(f"This design is in doubt: {thin}." for thin in thin_margins(findings.design.margins)),
         f"Next: beltcomm verify --drive DRIVE --run {run}",
     ]
-    return Result({"run": str(run), **mapping}, text)
+    return Result({"run": str(run), **mapping}, text, 1 if findings.design.relaxed else 0)
 
 
 def verify(
@@ -188,6 +191,7 @@ def verify(
             referencing.reference(machine, _settings(options))
             braking = stops.count_on_loop(machine, [model], cascade, delay_s)
             path, remark = verification.move_asked_for(machine, model, move, trajectory)
+            verification.refuse_broken(machine, model, path)
             plan = verification_plan(machine.axis, model, path, braking)
             if options.dry_run:
                 return _planned(plan, connected, options, folder.axis)
@@ -226,8 +230,9 @@ def rollback(drive: str, run: Path, *, options: Options | None = None, talk: Tal
 def move(drive: str, axis: Axis | str, by_m: float, *, options: Options | None = None, talk: Talk | None = None) -> Result:
     """Move the carriage slowly by a small distance with the gains that are in the drive.   Raises UsageError beyond 100 mm."""
     options, talk, axis = options or Options(), talk or Silence(), _axis(axis)
-    if not 0.0 < abs(by_m) <= LONGEST_MOVE_M:
-        raise UsageError(f"a move by {1e3 * by_m:g} mm is not a small one; give 0 to {1e3 * LONGEST_MOVE_M:.0f} mm, either way")
+    if not 2.0 * NEAR_M <= abs(by_m) <= LONGEST_MOVE_M:
+        ways = f"{2e3 * NEAR_M:g} to {1e3 * LONGEST_MOVE_M:.0f} mm, either way"
+        raise UsageError(f"a move by {1e3 * by_m:g} mm cannot be crept: give {ways} (it ends within {1e3 * NEAR_M:g} mm)")
     axis.require("move", "pulley.effective_radius_m", "travel.min_m", "travel.max_m")
     plan = move_plan(
         axis,
@@ -271,7 +276,10 @@ def simulate(
             name = run_experiment(machine, model, experiment)
     return Result(
         {"run": str(run), "recording": name, "plant": plant},
-        [f"Recorded {name} of plant {plant} in {folder.recordings_folder}.", f"Next: beltcomm fit {run}"],
+        [
+            f"Recorded {name} of plant {plant} in {folder.recordings_folder}.",
+            f"Next: beltcomm fit {run}" if experiment == "frf" else f"A fit needs an excited record too: beltcomm simulate {plant}",
+        ],
     )
 
 

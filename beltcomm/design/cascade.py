@@ -33,6 +33,7 @@ class DesignResult:
 
     margins : one per plant, in the order of ``plants``.   binding : the conditions that stopped the gains from growing.
     remarks : what a drive with more of the thesis's cascade would have reached, in words.
+    relaxed : it has less than the margins that were asked for at first.
     """
 
     cascade: Cascade
@@ -42,6 +43,7 @@ class DesignResult:
     margins: tuple[Margins, ...]
     binding: tuple[str, ...]
     remarks: tuple[str, ...]
+    relaxed: bool = False
 
     @property
     def stiffness(self) -> float:

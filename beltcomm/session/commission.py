@@ -58,7 +58,7 @@ class Settings:
     position_m : where the carriage stands, when the drive does not know.   home : run the drive's homing first.
     window_m : how far the carriage may move from where it stands, (low < 0, high > 0).   ask : somebody can be asked.
     apply : what becomes of the new gains; None asks when somebody can be asked.
-     quick : one place only.   prefilter : None is the best one that the drive has.
+    quick : one place only.   prefilter : None is the best one that the drive has.
     move : the user's own reference motion instead of the standard move.
     """
 
@@ -110,14 +110,13 @@ class Findings:
 
 def identify_here(machine: Machine, findings: Findings) -> Model:
     """Phases 1 to 3: sign, rising excitation, one open-loop frequency response at the present place; returns a first model."""
-    talk = machine.talk
-    talk.phase(2, len(TITLES), TITLES[1])
+    machine.begin(TITLES[1])
     findings.breakaway = phases.sign_and_scale(machine)
     sameness.check_breakaway(machine, findings.breakaway.coulomb_nm)
     sameness.repeat_first_excitation(machine, phases.excitation_room(machine, machine.position_m))
-    talk.phase(3, len(TITLES), TITLES[2])
+    machine.begin(TITLES[2])
     findings.excited = phases.raise_amplitude(machine, findings.breakaway)
-    talk.phase(4, len(TITLES), TITLES[3])
+    machine.begin(TITLES[3])
     excited = findings.excited
     phases.frequency_response(machine, "frf_1", excited.model, excited.step.amplitude_nm, RESPONSE_S)
     return first_model(machine, findings)
@@ -156,7 +155,7 @@ def close_first_loop(machine: Machine, findings: Findings, model: Model, *, ask:
 
     ask : before a loop with thin margins is closed.   Raises Refused for a no.
     """
-    machine.talk.phase(5, len(TITLES), TITLES[4])
+    machine.begin(TITLES[4])
     structure = machine.drive.capabilities.structure
     assume_delay(findings, structure)
     result = analyse.first_loop(model, structure, machine.position_m, delay(findings), analyse.apparent_damping(findings.thesis))
@@ -191,7 +190,7 @@ def assume_delay(findings: Findings, structure: CascadeStructure) -> None:
 
 def measure_places(machine: Machine, model: Model, amplitude_nm: float) -> None:
     """Phase 5: frequency responses at other places along the travel."""
-    machine.talk.phase(6, len(TITLES), TITLES[5])
+    machine.begin(TITLES[5])
     low, high = machine.full_room().window_m
     here = machine.folder.recording("frf_1").sidecar.start_position_m
     places = [low + share * (high - low) for share in PLACES]
@@ -205,7 +204,7 @@ def measure_places(machine: Machine, model: Model, amplitude_nm: float) -> None:
 
 def measure_friction(machine: Machine, model: Model, name: str = "sweep") -> Recording:
     """Phase 5b: the constant-speed sweep with the loop closed."""
-    machine.talk.phase(7, len(TITLES), TITLES[6])
+    machine.begin(TITLES[6])
     if machine.folder.finished(name) is None:
         phases.move_to(machine, phases.stroke_ends(machine)[0], model)
     strokes = phases.sweep(machine, model)
@@ -220,7 +219,7 @@ def measure_friction(machine: Machine, model: Model, name: str = "sweep") -> Rec
 
 def fit_and_design(machine: Machine, findings: Findings, settings: Settings) -> Cascade:
     """Phase 6: final fit over all records, final design; returns what goes into the drive."""
-    machine.talk.phase(8, len(TITLES), TITLES[7])
+    machine.begin(TITLES[7])
     recordings = machine.folder.recordings()
     counts = machine.drive.capabilities.counts_per_rev
     first = findings.final.fit.model if findings.final else None
@@ -267,7 +266,8 @@ def known_model(findings: Findings) -> Model:
 
 def commission(machine: Machine, settings: Settings, findings: Findings) -> Findings:
     """The whole job on a connected, referenced axis.  ``findings`` is filled as it goes, so an interruption loses nothing."""
-    machine.talk.phase(1, len(TITLES), TITLES[0])
+    machine.titles = TITLES
+    machine.begin(TITLES[0])
     try:
         model = identify_here(machine, findings)
         close_first_loop(machine, findings, model, ask=settings.ask)
@@ -275,7 +275,7 @@ def commission(machine: Machine, settings: Settings, findings: Findings) -> Find
             measure_places(machine, model, findings.excited.step.amplitude_nm if findings.excited else 0.0)
         measure_friction(machine, model)
         cascade = fit_and_design(machine, findings, settings)
-        machine.talk.phase(9, len(TITLES), TITLES[8])
+        machine.begin(TITLES[8])
         model = known_model(findings)
         stops.count_on_loop(machine, [model], cascade, delay(findings))
         if settings.move is not None:

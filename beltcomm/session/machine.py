@@ -18,11 +18,12 @@ from numpy.typing import NDArray
 
 from beltcomm.axis import Axis
 from beltcomm.control import Cascade
-from beltcomm.drive import COLUMNS, Drive, Limits, Motion, Row
+from beltcomm.drive import COLUMNS, Capabilities, Drive, Limits, Motion, Row
 from beltcomm.errors import BeltcommError, DamagedRecord, DataError, Refused, UsageError
 from beltcomm.parameters import GAIN_NAMES, cascade_to_parameters, parameters_to_cascade
 from beltcomm.recording import Recording
 from beltcomm.runfolder import RunFolder
+from beltcomm.session.expectation import BeltWatch
 from beltcomm.sidecar import Sidecar
 from beltcomm.stopping import Braking, first_deceleration
 from beltcomm.talk import Talk
@@ -60,6 +61,8 @@ class Machine:
 
     position_m : carriage position; the zero of the axis is known after :meth:`reference_at` or when the drive is referenced, else
     (``place_known`` False) positions count from where the carriage stood in :meth:`stand_anywhere`.
+    friction_nm : breakaway torque, N m, as far as it is known.
+    titles : of the phases to come, so that :meth:`begin` can number them.
     keep_gains : set by the sequence when the user wants to keep the new gains in the drive (not saved).
     deceleration_m_s2 : of a quick stop, lent to the drive with every motion.   braking : what brakes the axis with the loop that is in
     the drive; None as long as only friction can be counted with.
@@ -72,6 +75,8 @@ class Machine:
         self.place_known = True
         self._window_m = (-math.inf, math.inf)
         self.keep_gains = False
+        self.titles: tuple[str, ...] = ()
+        self.friction_nm = 0.0
         self.deceleration_m_s2 = first_deceleration(axis, drive.capabilities.peak_torque_nm).value_m_s2
         self.braking: Braking | None = None
         self.machine_seconds = 0.0
@@ -106,6 +111,11 @@ class Machine:
             self.talk.say(f"The drive's parameters could not be restored ({problem}); `beltcomm rollback` writes the backup again.")
         else:
             self.folder.journal("limits restored, new gains kept" if keep else "all parameters restored")
+
+    def begin(self, title: str) -> None:
+        """Tell that a phase begins, numbered among those to come."""
+        number = self.titles.index(title) + 1 if title in self.titles else 1
+        self.talk.phase(number, max(len(self.titles), 1), title)
 
     @property
     def position_m(self) -> float:
@@ -250,6 +260,7 @@ class Machine:
             return self.folder.recording(name)
         self._check_stops(motion)
         writer = self.folder.new_recording(name, sidecar, COLUMNS)
+        belt = self._belt_watch()
         zero, begun, total = self.origin_rad, self.drive.clock.now(), len(motion.torque_nm)
         rows = 0
 
@@ -257,6 +268,7 @@ class Machine:
             nonlocal rows
             t, torque, setpoint, position, velocity, reference, reference_velocity = row
             writer.write((t, torque, setpoint, position - zero, velocity, reference - zero, reference_velocity))
+            belt(row)
             watch(row)
             rows += 1
             if rows % 200 == 0:
@@ -280,6 +292,10 @@ class Machine:
             self.folder.withdraw(name)  # what cannot be used is no finished record: --resume makes it again
             raise
 
+    def _belt_watch(self) -> BeltWatch:
+        inertia, limit = self.axis.motor_side_inertia_kg_m2, self.axis.belt_force_limit_n
+        return BeltWatch(self.ratio, inertia, limit, self.friction_nm / self.ratio)
+
     @contextmanager
     def withdrawing(self) -> Iterator[None]:
         """A recording that an analysis calls damaged is no finished record: it is kept aside, and --resume makes it again."""
@@ -293,16 +309,20 @@ class Machine:
     def run(self, motion: Motion, room: Room, watch: Watch = unwatched) -> None:
         """Run a motion that is only a means (positioning, creeping), watched row by row; nothing is kept."""
         self._check_stops(motion)
-        begun = self.drive.clock.now()
+        belt, begun = self._belt_watch(), self.drive.clock.now()
+
+        def sink(row: Row) -> None:
+            belt(row)
+            watch(row)
+
         try:
-            self.drive.record(motion, self.drive_limits(room), watch)
+            self.drive.record(motion, self.drive_limits(room), sink)
         finally:
             self.machine_seconds += self.drive.clock.now() - begun
 
     def stroking(self) -> Literal["position", "velocity"]:
-        """The loop that follows strokes without lag: the position loop where it has a velocity feedforward, else the velocity loop."""
-        capabilities = self.drive.capabilities
-        return "position" if capabilities.structure.velocity_feedforward and "position" in capabilities.kinds else "velocity"
+        """See :func:`stroking`."""
+        return stroking(self.drive.capabilities)
 
     def write_cascade(self, cascade: Cascade) -> Cascade:
         """Put a controller into the drive, as far as it has the parts; returns the controller it now runs (quantised)."""
@@ -311,6 +331,11 @@ class Machine:
         stored = self.drive.write(values)
         self.folder.journal("wrote " + ", ".join(f"{n}={v:.6g}" for n, v in stored.items()))
         return parameters_to_cascade({**offered, **stored})
+
+
+def stroking(capabilities: Capabilities) -> Literal["position", "velocity"]:
+    """The loop that follows strokes without lag: the position loop where it has a velocity feedforward, else the velocity loop."""
+    return "position" if capabilities.structure.velocity_feedforward and "position" in capabilities.kinds else "velocity"
 
 
 def backed_up(folder: RunFolder) -> Mapping[str, float]:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.axis_entries import TrajectoryLimits
+from beltcomm.drive import Capabilities
 from beltcomm.errors import Refused, SafetyStop, UsageError
 from beltcomm.excitation import SHORT_ORDER, Excitation, choose_prbs, prbs
 from beltcomm.identify.amplitude import AmplitudeStep, MotionLimits, Prediction, around, largest_amplitude, unknown_payload
@@ -24,7 +25,7 @@ from beltcomm.recording import Recording
 from beltcomm.session import stops
 from beltcomm.session.creep import MOVED_M, SLIDING_SHARE, creep
 from beltcomm.session.expectation import Expectation
-from beltcomm.session.machine import Machine, Room
+from beltcomm.session.machine import Machine, Room, stroking
 from beltcomm.sidecar import ExcitationNote, Sidecar
 from beltcomm.trajectory import Strokes, Trajectory, at_rest, constant_speed_strokes, join, plan_trajectory
 
@@ -140,7 +141,9 @@ def sign_and_scale(machine: Machine) -> Breakaway:
         found[sign] = crept.onset_nm
     machine.machine_seconds += machine.drive.clock.now() - begun
     machine.folder.journal(f"breakaway {found[1.0]:.3f} N m forward, {found[-1.0]:.3f} N m backward")
-    return Breakaway(found[1.0], found[-1.0], crept.slope_nm_s)
+    breakaway = Breakaway(found[1.0], found[-1.0], crept.slope_nm_s)
+    machine.friction_nm = breakaway.coulomb_nm
+    return breakaway
 
 
 def motion_limits(machine: Machine, position_m: float) -> MotionLimits:
@@ -331,8 +334,13 @@ def held(trajectory: Trajectory, seconds: float) -> Trajectory:
 def stroke_ends(machine: Machine) -> tuple[float, float]:
     """Where strokes may turn: near the ends of the travel in a position loop, well inside in a velocity loop, which drifts."""
     low, high = machine.full_room().window_m
-    margin = (OVERSHOOT_SHARE if machine.stroking() == "position" else DRIFT_SHARE) * (high - low)
+    margin = stroke_share(machine.drive.capabilities) * (high - low)
     return low + margin, high - margin
+
+
+def stroke_share(capabilities: Capabilities) -> float:
+    """Share of the travel that strokes leave free at either end."""
+    return OVERSHOOT_SHARE if stroking(capabilities) == "position" else DRIFT_SHARE
 
 
 def fastest_stroke_m_s(top_m_s: float, acceleration_m_s2: float, window_m: float) -> float:

@@ -12,6 +12,7 @@ from beltcomm.drive import Capabilities
 from beltcomm.identify.amplitude import UNKNOWN_MASSES_KG
 from beltcomm.model import Model
 from beltcomm.session import creep, phases
+from beltcomm.session.commission import PLACES
 from beltcomm.session.verification import MOVE_M
 from beltcomm.stopping import Braking, first_deceleration
 from beltcomm.trajectory import Trajectory, plan_trajectory
@@ -81,20 +82,23 @@ def commission_plan(axis: Axis, capabilities: Capabilities, quick: bool = False)
     torque = min(axis.motor.peak_torque_nm or math.inf, capabilities.peak_torque_nm)
     gentle = force / 3.0
     shaking = phases.BELT_SHARE * force
+    ends = phases.stroke_share(capabilities)
     places = 0 if quick else 2
     moved = _move_speed_m_s(axis, capabilities)
     experiments = [
         *_here(axis, capabilities),
         Experiment(
             f"frequency response, {places} places" if places else "positioning",
-            whole,
+            max(PLACES) * whole,
             whole,
             min(phases.POSITIONING_SPEED_M_S, speed),
             torque,
             shaking,
             places * (RESPONSE_SECONDS + MOVE_SECONDS),
         ),
-        Experiment("constant-speed sweep", whole, whole, _sweep_speed_m_s(axis, capabilities), torque, gentle, SWEEP_SECONDS),
+        Experiment(
+            "constant-speed sweep", (1.0 - 2.0 * ends) * whole, whole, _sweep_speed_m_s(axis, capabilities), torque, gentle, SWEEP_SECONDS
+        ),
         Experiment("move that verifies the result", min(whole, MOVE_M), whole, moved, torque, force, 3.0 + MOVE_SECONDS),
     ]
     return Plan(
@@ -126,7 +130,13 @@ def friction_plan(axis: Axis, capabilities: Capabilities) -> Plan:
         "designed from the run's model. Ctrl-C stops it at any time.",
         (
             Experiment(
-                "constant-speed sweep", whole, whole, _sweep_speed_m_s(axis, capabilities), torque, force, SWEEP_SECONDS + MOVE_SECONDS
+                "constant-speed sweep",
+                (1.0 - 2.0 * phases.stroke_share(capabilities)) * whole,
+                whole,
+                _sweep_speed_m_s(axis, capabilities),
+                torque,
+                force,
+                SWEEP_SECONDS + MOVE_SECONDS,
             ),
         ),
     )

@@ -212,6 +212,13 @@ def broken_limits(machine: Machine, model: Model, trajectory: Trajectory) -> lis
     return broken
 
 
+def refuse_broken(machine: Machine, model: Model, trajectory: Trajectory) -> None:
+    """Raise Refused for a move that would break a limit, with the limits and the fastest admissible version of it."""
+    broken = broken_limits(machine, model, trajectory)
+    if broken:
+        raise Refused("the move is refused: " + "; ".join(broken) + _fastest(machine, model, trajectory))
+
+
 def verify_move(
     machine: Machine,
     model: Model,
@@ -225,9 +232,7 @@ def verify_move(
 
     payloads_kg : further ones that the design holds for, noted with the record, see :mod:`beltcomm.session.proof`.
     """
-    broken = broken_limits(machine, model, trajectory)
-    if broken:
-        raise Refused("the move is refused: " + "; ".join(broken) + _fastest(machine, model, trajectory))
+    refuse_broken(machine, model, trajectory)
     running = machine.write_cascade(cascade)
     rested = phases.held(trajectory, REST_S)
     path = predicted(machine, model, running, delay_s, rested)

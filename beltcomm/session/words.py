@@ -129,8 +129,8 @@ def design_lines(design: DesignResult, cascade: Cascade) -> list[str]:
         if feedforward.inertia_kg_m2 or feedforward.coulomb_nm or feedforward.viscous_nm_s_rad or feedforward.velocity
         else "  feedforward: none" + ("" if design.structure.velocity_feedforward else ", this drive has none"),
         f"  holds by calculation on {len(design.plants)} variants of the model (both ends, payloads, damping down to none): "
-        f"velocity phase margin at least {worst.phase_margin_deg:.0f} deg, position {slowest.position_phase_margin_deg:.0f} deg, resonance at most "
-        f"{max(m.suppression_db for m in design.margins):.1f} dB, sensitivity at most {sensitivity:.1f} dB",
+        f"velocity phase margin at least {worst.phase_margin_deg:.0f} deg, position {slowest.position_phase_margin_deg:.0f} deg, "
+        f"resonance at most {max(m.suppression_db for m in design.margins):.1f} dB, sensitivity at most {sensitivity:.1f} dB",
     ]
     lines += [f"  bound by: {reason}" for reason in design.binding]
     return lines + [f"  {remark}" for remark in design.remarks]
