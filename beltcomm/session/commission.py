@@ -282,6 +282,7 @@ def commission(machine: Machine, settings: Settings, findings: Findings) -> Find
             trajectory = settings.move
         else:
             standard = verification.standard_move(machine, model)
+            standard = verification.kept_by_belt(machine, model, cascade, delay(findings), standard)
             trajectory, remark = verification.within_target(machine, model, cascade, delay(findings), standard)
             if remark:
                 findings.remarks.append(remark)

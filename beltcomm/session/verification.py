@@ -43,6 +43,9 @@ SLOWEST_MOVE_S = 600.0
 LONGEST_SLOW_MOVE_S = 8.0
 SLOWEST_M_S = 2e-4
 RAMP_S = 0.2
+#: By how much the force of a belt that swings may exceed that of a rigid one, and how often a move is slowed down for it.
+BELT_SWING = 1.05
+BELT_TRIES = 8
 #: An axis this many times further off its reference than predicted, and by the dynamic target more, is not the one predicted: it is
 #: stopped, in the drive and on the host.
 SURPRISE = 3.0
@@ -72,6 +75,32 @@ def standard_move(machine: Machine, model: Model) -> StandardMove:
     return StandardMove(start, end, *admissible(machine, model, start, end, limits))
 
 
+def belt_force_limit_n(machine: Machine, model: Model, speed_m_s: float) -> float:
+    """What the belt may carry in a move, N: the feed force of the data sheet, which lists friction of the guide apart, and the swing.
+
+    F_max = s (F_feed + F_c + d_c v),   s = ``BELT_SWING``
+    """
+    friction = model.get("cart_friction.level") + model.get("viscous_cart.damping") * speed_m_s
+    return BELT_SWING * (machine.axis.belt_force_limit_n + friction)
+
+
+def kept_by_belt(machine: Machine, model: Model, cascade: Cascade, delay_s: float, standard: StandardMove) -> StandardMove:
+    """The standard move, slowed down until the belt is predicted to keep its limit as it swings with this controller."""
+    share = 1.0
+    for _ in range(BELT_TRIES):
+        move = standard.at(share, machine.drive.capabilities.sample_period_s)
+        force = predicted(machine, model, cascade, delay_s, phases.held(move, REST_S)).belt_force_n
+        limit = belt_force_limit_n(machine, model, float(np.max(np.abs(move.velocity_m_s))))
+        if force <= limit:
+            break
+        share *= 0.99 * math.sqrt(limit / force)
+    if share == 1.0:
+        return standard
+    why = f"slowed down to {100 * share:.0f} % of its speed, because the belt would carry more than {limit:.0f} N as it swings"
+    remark = f"{standard.remark}; {why}" if standard.remark else f"the move was {why}"
+    return replace(standard, limits=phases.slower(standard.limits, share), remark=remark)
+
+
 def _way(machine: Machine) -> tuple[float, float]:
     """0 to 0.5 m; where travel or a loop that drifts while positioning forbid that, what of it lies well inside."""
     low, high = machine.full_room().window_m
@@ -81,13 +110,15 @@ def _way(machine: Machine) -> tuple[float, float]:
     return start, min(start + MOVE_M, end)
 
 
-def move_asked_for(machine: Machine, model: Model, file: Path | None, name: str | None) -> tuple[Trajectory, str]:
+def move_asked_for(
+    machine: Machine, model: Model, cascade: Cascade, delay_s: float, file: Path | None, name: str | None
+) -> tuple[Trajectory, str]:
     """The user's own move from a file, the 0 to 0.5 m move with limits named in axis.yaml, or the standard move; and a remark."""
     period = machine.drive.capabilities.sample_period_s
     if file is not None:
         return load_move(file, period, machine.axis), ""
     if name is None:
-        move = standard_move(machine, model)
+        move = kept_by_belt(machine, model, cascade, delay_s, standard_move(machine, model))
         return move.at(1.0, period), move.remark
     return plan_trajectory(*_way(machine), machine.axis.trajectory(name), period), ""
 
@@ -237,6 +268,7 @@ def verify_move(
     rested = phases.held(trajectory, REST_S)
     path = predicted(machine, model, running, delay_s, rested)
     _check_path(machine, path)
+    _check_belt(machine, model, path, trajectory)
     lag = SURPRISE * float(np.max(np.abs(rested.position_m - path.motor_m))) + DYNAMIC_TARGET_M
     start = float(trajectory.position_m[0])
     if machine.folder.finished(name) is None and abs(machine.position_m - start) > 1e-4:
@@ -270,6 +302,16 @@ def _check_path(machine: Machine, path: PredictedMove) -> None:
                 f"the move is refused: with these gains the {where} is predicted to go from {np.min(places):.4g} m to "
                 f"{np.max(places):.4g} m, the travel is {low:g}..{high:g} m; slow the move down or design other gains"
             )
+
+
+def _check_belt(machine: Machine, model: Model, path: PredictedMove, trajectory: Trajectory) -> None:
+    """Raise Refused when the belt is predicted to carry too much as it swings."""
+    limit = belt_force_limit_n(machine, model, float(np.max(np.abs(trajectory.velocity_m_s))))
+    if path.belt_force_n > limit:
+        raise Refused(
+            f"the move is refused: the belt is predicted to carry {path.belt_force_n:.1f} N as it swings, limit {limit:.1f} N (feed force, "
+            f"friction of the carriage and {100 * (BELT_SWING - 1):.0f} % of swing); stretch the move by {path.belt_force_n / limit:.2f}"
+        )
 
 
 def _fastest(machine: Machine, model: Model, trajectory: Trajectory) -> str:
