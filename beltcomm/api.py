@@ -51,8 +51,13 @@ def commission(drive: str, axis: Axis | str, run: Path, *, options: Options | No
     referencing.suitable(axis)
     with open_drive(drive, options.for_drive()) as connected:
         analyse.offered(connected.capabilities.structure, options.prefilter, options.feedforward)
+        if options.window_m is not None:
+            referencing.only_here(connected.capabilities, options.position_m, home=options.home)
+            return _identify(connected, drive, axis, run, options, talk, whole=True)
         plan = commission_plan(axis, connected.capabilities, options.quick)
         if options.dry_run:
+            if options.resume:
+                RunFolder.create(run, axis, resume=True)  # says whether it could go on
             return _planned(plan, connected, options, axis)
         folder = _new_folder(run, axis, connected, options)
         findings = Findings()
@@ -66,6 +71,7 @@ def commission(drive: str, axis: Axis | str, run: Path, *, options: Options | No
             finally:  # an interrupted run keeps what it found
                 outcome.save(folder, findings)
     text = outcome.commission_text(folder, findings, drive)
+    outcome.keep_text(folder, text)
     return Result(outcome.data(folder, findings), text, 0 if findings.succeeded else 1)
 
 
@@ -74,22 +80,30 @@ def identify(drive: str, axis: Axis | str, run: Path, *, options: Options | None
     options, talk, axis = options or Options(), talk or Silence(), _axis(axis)
     referencing.suitable(axis)
     with open_drive(drive, options.for_drive()) as connected:
-        if options.dry_run:
-            return _planned(identify_plan(axis, connected.capabilities, options.window_m), connected, options, axis)
-        folder = _new_folder(run, axis, connected, options)
-        findings = Findings()
-        with Machine(connected, axis, folder, talk) as machine:
-            machine.check_scaling()
-            window = referencing.reference(machine, _settings(options), needed=False)
-            _agree(identify_plan(axis, connected.capabilities, window), options, talk, machine)
-            machine.titles = sequence.TITLES[1:4]
-            try:
-                sequence.identify_here(machine, findings)
-                known = machine.place_known
-            finally:
-                findings.machine_seconds = machine.machine_seconds
-                outcome.save(folder, findings)
-    return Result(outcome.data(folder, findings), outcome.identify_text(folder, findings, drive, known))
+        return _identify(connected, drive, axis, run, options, talk)
+
+
+def _identify(connected: Drive, drive: str, axis: Axis, run: Path, options: Options, talk: Talk, *, whole: bool = False) -> Result:
+    """What :func:`identify` does on a connected drive.   whole : the whole job was asked for, so that this is not success."""
+    if options.dry_run:
+        return _planned(identify_plan(axis, connected.capabilities, options.window_m), connected, options, axis)
+    folder = _new_folder(run, axis, connected, options)
+    findings = Findings()
+    with Machine(connected, axis, folder, talk) as machine:
+        machine.check_scaling()
+        window = referencing.reference(machine, _settings(options), needed=False)
+        _agree(identify_plan(axis, connected.capabilities, window), options, talk, machine)
+        machine.titles = sequence.TITLES[1:4]
+        try:
+            sequence.identify_here(machine, findings)
+            known = machine.place_known
+        finally:
+            findings.machine_seconds = machine.machine_seconds
+            outcome.save(folder, findings)
+    text = outcome.identify_text(folder, findings, drive, known)
+    if whole:
+        text = ["Only the record at this place was made: the rest of the job needs to know where the carriage stands.", "", *text]
+    return Result(outcome.data(folder, findings), text, int(whole))
 
 
 def fit(run: Path, *, solver: Solver | None = None, options: Options | None = None, talk: Talk | None = None) -> Result:
@@ -325,6 +339,8 @@ def _agree(plan: Plan, options: Options, talk: Talk, machine: Machine | None = N
 
 def _planned(plan: Plan, drive: Drive | None = None, options: Options | None = None, axis: Axis | None = None) -> Result:
     if drive and axis and options:
+        if options.resume:
+            plan = replace(plan, text="Finished records are kept, only the others are driven again. " + plan.text)
         referencing.inside(axis, options.position_m)
         plan = with_homing(plan, axis, drive.capabilities) if options.home else plan
     return Result({"plan": plain(plan), "seconds": plan.seconds}, [*plan.lines(), "Nothing was moved (--dry-run)."])

@@ -209,6 +209,8 @@ def axis_for(axis: str | None, drive: str, run: Path | None, resume: bool) -> Ax
 
     Raises UsageError when there is none, or its file is wrong.
     """
+    from difflib import get_close_matches
+
     from beltcomm.axis import load_axis
 
     if axis is not None:
@@ -217,6 +219,8 @@ def axis_for(axis: str | None, drive: str, run: Path | None, resume: bool) -> Ax
         return load_axis(run / "axis.yaml")
     if drive.partition(":")[0] == "virtual":
         return load_axis(VIRTUAL_AXIS)
+    if get_close_matches(drive.partition(":")[0], ["virtual"], cutoff=0.7):
+        raise UsageError(f"there is no drive {drive}, did you mean virtual?")
     raise UsageError(f"--drive {drive} moves a real axis, so --axis is needed; write its axis.yaml with `beltcomm init`")
 
 

@@ -80,6 +80,7 @@ class Machine:
         self.deceleration_m_s2 = first_deceleration(axis, drive.capabilities.peak_torque_nm).value_m_s2
         self.braking: Braking | None = None
         self.machine_seconds = 0.0
+        self._occupied = folder.occupy()
         self._started = drive.clock.now()
         self._backup = drive.backup()
         if folder.load_result("backup") is None:  # a resumed run keeps what was there before the first one
@@ -100,6 +101,7 @@ class Machine:
                 break
             except KeyboardInterrupt as again:  # an impatient user must not leave a half-restored drive behind
                 interrupted = again
+        self._occupied.close()
         if interrupted is not None and kind is None:
             raise interrupted
 

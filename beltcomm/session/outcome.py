@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from beltcomm.configfiles import write_text
 from beltcomm.identify.final import FinalModel
 from beltcomm.result import plain
 from beltcomm.runfolder import RunFolder
@@ -91,6 +92,11 @@ def identify_text(folder: RunFolder, findings: Findings, drive: str, place_known
     ]
 
 
+def keep_text(folder: RunFolder, text: list[str]) -> None:
+    """What is shown at the end, as ``verdict.txt`` in the run folder."""
+    write_text(folder.path / "verdict.txt", "\n".join(text) + "\n")
+
+
 def commission_text(folder: RunFolder, findings: Findings, drive: str) -> list[str]:
     """The verdict first, then everything behind it, where the files are, and what to do next."""
     passed = findings.verdict is not None and findings.verdict.passed
@@ -117,7 +123,7 @@ def commission_text(folder: RunFolder, findings: Findings, drive: str) -> list[s
         *(words.verdict_lines(findings.verdict, findings.demand) if findings.verdict else []),
         *words.remarks_lines(findings.remarks),
         "",
-        f"{findings.machine_seconds:.0f} s on the machine. Everything is in {folder.path}.",
+        f"{findings.machine_seconds:.0f} s on the machine. Everything is in {folder.path}, these lines in verdict.txt.",
         f"{state}. Next: {_following(folder, findings, drive)}",
     ]
     return text

@@ -190,8 +190,7 @@ def raise_amplitude(machine: Machine, breakaway: Breakaway) -> Excited:
         else:
             raise Refused(
                 f"friction holds the axis up to {breakaway.coulomb_nm:.3f} N m, but the limit on {step.binds} allows only "
-                f"±{step.amplitude_nm:.3f} N m of excitation; reduce the friction, or "
-                f"{machine.more_room if 'travel' in step.binds else 'raise the limit in axis.yaml'}"
+                f"±{step.amplitude_nm:.3f} N m of excitation; reduce the friction, or {_remedy(machine, step, breakaway)}"
             )
         machine.talk.say(
             f"excitation ±{step.amplitude_nm:.3f} N m: up to {1e3 * step.prediction.travel_m:.1f} mm, "
@@ -215,6 +214,17 @@ def raise_amplitude(machine: Machine, breakaway: Breakaway) -> Excited:
         following = largest_amplitude(family, unit, period, at, limits, min(at_most, limits.torque_nm), stops.braking_of(machine))
         if following.amplitude_nm < 1.1 * step.amplitude_nm or len(recordings) >= MOST_STEPS:
             return Excited(following, tuple(recordings), model)
+
+
+def _remedy(machine: Machine, step: AmplitudeStep, breakaway: Breakaway) -> str:
+    """What to do about a limit that lets no excitation move the axis, in words."""
+    if "travel" in step.binds:
+        return machine.more_room
+    factor = breakaway.coulomb_nm / step.amplitude_nm if step.amplitude_nm else np.inf
+    return (
+        f"check that limit in axis.yaml: it would have to be {factor:.2g} times as high, which only the data sheets of belt, axis and "
+        "motor can allow"
+    )
 
 
 def frequency_response(

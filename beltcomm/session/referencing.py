@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from beltcomm.axis import Axis
 from beltcomm.axis_entries import COMMISSION_NEEDS
+from beltcomm.drive import Capabilities
 from beltcomm.errors import Refused, UsageError
 from beltcomm.session import phases
 from beltcomm.session.commission import Settings
@@ -65,7 +66,7 @@ def _stand_anywhere(machine: Machine, settings: Settings, needed: bool) -> tuple
     unknown = "the drive does not know where the carriage stands"
     how = "give --position METRES, or --home to let the drive find its zero"
     if needed:
-        raise Refused(f"{unknown}; {how}; without either, `beltcomm identify --window LOW..HIGH` records at this place alone")
+        raise Refused(f"{unknown}; {how}; without either, --window LOW..HIGH (of `beltcomm identify` too) records at this place alone")
     window, half = settings.window_m, phases.EXCITATION_TRAVEL_M + phases.END_MARGIN_M
     if window is None:
         question = f"{unknown[0].upper()}{unknown[1:]}. Is it free to move by {1e3 * half:.0f} mm to either side from here?"
@@ -83,6 +84,15 @@ def inside(axis: Axis, position_m: float | None) -> None:
     low, high = float(axis.travel.min_m or 0.0), float(axis.travel.max_m or 0.0)
     if position_m is not None and not low <= position_m <= high:
         raise UsageError(f"position {position_m:.4g} m is outside the travel {low:g}..{high:g} m of axis.yaml")
+
+
+def only_here(capabilities: Capabilities, position_m: float | None, *, home: bool) -> None:
+    """Raise UsageError for a window where the whole travel will be used."""
+    if position_m is not None or home or capabilities.referenced:
+        raise UsageError(
+            "--window keeps the carriage near where it stands, but the place is known and commissioning uses the whole travel; leave "
+            "--window out, or use `beltcomm identify --window`"
+        )
 
 
 def suitable(axis: Axis) -> None:

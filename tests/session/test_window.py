@@ -106,11 +106,19 @@ def test_fit_and_design_cope_with_it_and_what_needs_a_reference_says_so(here: He
     assert "proven for the belt stiffness of that place alone" in outcome.stderr
 
 
-def test_commission_refuses_and_points_to_the_record_here(make_bench: MakeBench, tmp_path: Path) -> None:
+def test_commission_without_any_reference(make_bench: MakeBench, tmp_path: Path) -> None:
+    """Refused with every way out; inside a window it records here, and does not call that success; a known place has no window."""
     bench = make_bench(referenced=False)
-    with pytest.raises(Refused, match=r"--position METRES, or --home .* `beltcomm identify --window LOW..HIGH`"):
-        api.commission(bench.name, AXIS, tmp_path / "run", options=replace(YES, window_m=(LOW_M, HIGH_M)))
-    assert bench.plant.cart_position_m == 0.0
+    with pytest.raises(Refused, match=r"--position METRES, or --home .* --window LOW\.\.HIGH"):
+        api.commission(bench.name, AXIS, tmp_path / "run", options=YES)
+    stuck = make_bench(referenced=False, faults=Faults(stuck_from_s=0.0))
+    with pytest.raises(Refused, match="does not move"):
+        api.commission(stuck.name, AXIS, tmp_path / "here", options=replace(YES, window_m=(LOW_M, HIGH_M)))
+    known = make_bench()
+    with pytest.raises(UsageError, match=r"the place is known .* `beltcomm identify --window`"):
+        api.commission(known.name, AXIS, tmp_path / "known", options=replace(YES, window_m=(LOW_M, HIGH_M)))
+    for each in (bench, known):
+        assert each.plant.cart_position_m == 0.0
 
 
 def test_without_a_window_the_operator_is_asked_for_one(make_bench: MakeBench, tmp_path: Path) -> None:
