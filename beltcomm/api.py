@@ -38,6 +38,10 @@ from beltcomm.talk import Silence, Talk
 #: The laboratory's commands on a run folder; see :mod:`beltcomm.session.laboratory`.
 compare, diagnose, add, remove, ladder = compare_run, diagnose_run, add_to_run, remove_from_run, ladder_of_run
 
+#: Before the plan of a resumed run.
+KEPT = (
+    "Finished records are kept and what stands below is the most that is driven again, after a short check that this is still the machine. "
+)
 #: m: the longest way of ``beltcomm move``.
 LONGEST_MOVE_M = 0.1
 
@@ -330,6 +334,7 @@ def _agree(plan: Plan, options: Options, talk: Talk, machine: Machine | None = N
     """Say what will happen and ask, unless told not to; then let the drive home if it shall.   Raises Refused for a no."""
     if machine is not None and options.home:
         plan = with_homing(plan, machine.axis, machine.drive.capabilities)
+    plan = replace(plan, text=KEPT + plan.text) if options.resume else plan
     talk.say("\n".join(plan.lines()))
     if not options.yes and not talk.confirm("May the axis move like this?"):
         raise Refused("nothing was moved, as you said; --dry-run shows the plan without asking")
@@ -339,8 +344,7 @@ def _agree(plan: Plan, options: Options, talk: Talk, machine: Machine | None = N
 
 def _planned(plan: Plan, drive: Drive | None = None, options: Options | None = None, axis: Axis | None = None) -> Result:
     if drive and axis and options:
-        if options.resume:
-            plan = replace(plan, text="Finished records are kept, only the others are driven again. " + plan.text)
+        plan = replace(plan, text=KEPT + plan.text) if options.resume else plan
         referencing.inside(axis, options.position_m)
         plan = with_homing(plan, axis, drive.capabilities) if options.home else plan
     return Result({"plan": plain(plan), "seconds": plan.seconds}, [*plan.lines(), "Nothing was moved (--dry-run)."])

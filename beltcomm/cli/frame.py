@@ -14,7 +14,7 @@ import textwrap
 import traceback
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, TextIO
 
 import click
 
@@ -128,7 +128,7 @@ class Frame:
             click.echo(json.dumps(_jsonable(data), ensure_ascii=False, allow_nan=False))
             return
         for line in lines:
-            click.echo(_fitted(line))
+            click.echo(_fitted(line, sys.stdout))
 
     def line(self) -> str:
         """The command as it was typed."""
@@ -165,7 +165,7 @@ class Frame:
     def _failed(self, sentence: str, code: int) -> int:
         try:
             self._end_talk()
-            click.echo(f"beltcomm: {sentence}", err=True)
+            click.echo(_fitted(f"beltcomm: {sentence}", sys.stderr), err=True)
             if self.json:
                 click.echo(json.dumps({"error": sentence, "exit_code": code}, ensure_ascii=False))
         except OSError:
@@ -190,10 +190,10 @@ class Frame:
         return ""
 
 
-def _fitted(line: str) -> str:
+def _fitted(line: str, stream: TextIO) -> str:
     """A line no wider than the terminal, broken between words and indented; whoever reads from a pipe gets it whole."""
     width = shutil.get_terminal_size().columns
-    if not sys.stdout.isatty() or len(line) <= width:
+    if not stream.isatty() or len(line) <= width:
         return line
     indent = " " * (len(line) - len(line.lstrip()) + 2)
     return textwrap.fill(line, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False, replace_whitespace=False)

@@ -113,7 +113,7 @@ class RichTalk:
 
     def confirm(self, text: str) -> bool:
         """Ask below everything.   Raises UsageError when stdin is closed."""
-        self.close()
+        self.close(done=True)
         return _ask(text, sys.stderr)
 
     def close(self, done: bool = False) -> None:

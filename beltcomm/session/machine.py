@@ -262,7 +262,7 @@ class Machine:
             return self.folder.recording(name)
         self._check_stops(motion)
         writer = self.folder.new_recording(name, sidecar, COLUMNS)
-        belt = self._belt_watch()
+        belt = self._belt_watch(motion)
         zero, begun, total = self.origin_rad, self.drive.clock.now(), len(motion.torque_nm)
         rows = 0
 
@@ -294,7 +294,10 @@ class Machine:
             self.folder.withdraw(name)  # what cannot be used is no finished record: --resume makes it again
             raise
 
-    def _belt_watch(self) -> BeltWatch:
+    def _belt_watch(self, motion: Motion) -> Watch:
+        """Of a closed loop, which may ring; what an excitation may do is watched by its own prediction, whatever axis.yaml says."""
+        if motion.kind == "torque":
+            return unwatched
         inertia, limit = self.axis.motor_side_inertia_kg_m2, self.axis.belt_force_limit_n
         return BeltWatch(self.ratio, inertia, limit, self.friction_nm / self.ratio)
 
@@ -311,7 +314,7 @@ class Machine:
     def run(self, motion: Motion, room: Room, watch: Watch = unwatched) -> None:
         """Run a motion that is only a means (positioning, creeping), watched row by row; nothing is kept."""
         self._check_stops(motion)
-        belt, begun = self._belt_watch(), self.drive.clock.now()
+        belt, begun = self._belt_watch(motion), self.drive.clock.now()
 
         def sink(row: Row) -> None:
             belt(row)

@@ -276,8 +276,8 @@ def test_move_does_not_leave_the_travel_by_going_too_far(make_bench: MakeBench) 
 @pytest.mark.parametrize(
     ("start_m", "by", "code", "words"),
     [
-        (0.25, "101mm", 2, "is not a small one"),
-        (0.25, "0", 2, "is not a small one"),
+        (0.25, "101mm", 2, "cannot be crept"),
+        (0.25, "0", 2, "cannot be crept"),
         (0.25, "5 kg", 2, "kg"),
         (0.568, "5mm", 1, "would leave the travel -0.01..0.57 m"),
         (-0.009, "-5mm", 1, "would leave the travel -0.01..0.57 m"),
