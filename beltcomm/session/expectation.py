@@ -17,7 +17,7 @@ TRAVEL_SLACK_M = 1e-3
 FEWEST_ROWS = 6
 WRONG_INERTIA = 2.0
 
-#: The belt's force as the rows show it may exceed the axis' limit by this factor, and by what friction takes of the torque, over so many
+#: The belt's force as the rows show it may exceed the axis' limit by this factor, beside friction, over so many
 #: rows: torque noise and encoder steps are no force.
 BELT_BEYOND = 1.25
 BELT_ROWS = 4
@@ -26,13 +26,14 @@ BELT_ROWS = 4
 class BeltWatch:
     """Call it with every row of any motion: the force in the belt as the motor shows it,  F = (τ - Θ_e φ̈)/i_t, friction in it.
 
-    ratio : m/rad.   inertia_kg_m2 : motor side, as axis.yaml says.   limit_n : of the axis.   friction_n : what the motor's own friction
-    may take, at the belt.   Raises SafetyStop when the mean of ``BELT_ROWS`` rows is beyond ``BELT_BEYOND`` times the limit.
+    ratio : m/rad.   inertia_kg_m2 : motor side, as axis.yaml says.   limit_n : of the axis.   friction : Coulomb, N m, and viscous, N m s/rad,
+    of motor and carriage at the motor: what limits of belts leave out.
+    Raises SafetyStop when the mean of ``BELT_ROWS`` rows is beyond  1.25 F_max + (τ_c + d |φ̇|)/i_t.
     """
 
-    def __init__(self, ratio: float, inertia_kg_m2: float, limit_n: float, friction_n: float) -> None:
+    def __init__(self, ratio: float, inertia_kg_m2: float, limit_n: float, friction: tuple[float, float]) -> None:
         self.ratio, self.inertia_kg_m2, self.limit_n = ratio, inertia_kg_m2, limit_n
-        self.highest_n = BELT_BEYOND * limit_n + friction_n
+        self.friction = friction
         self._rows: list[tuple[float, float, float]] = []
         self._forces: list[float] = []
 
@@ -54,7 +55,8 @@ class BeltWatch:
             return
         force = abs(sum(forces) / BELT_ROWS)
         del forces[0]
-        if force > self.highest_n:
+        coulomb, viscous = self.friction
+        if force > BELT_BEYOND * self.limit_n + (coulomb + viscous * abs(row[4])) / self.ratio:
             raise SafetyStop(
                 f"the belt carries about {force:.0f} N, the limit of axis.yaml is {self.limit_n:.0f} N; the axis was stopped; if the loop "
                 "rings, look at its gains; else look at motor.inertia_kg_m2 and the pulley's radius in axis.yaml",

@@ -61,7 +61,7 @@ class Machine:
 
     position_m : carriage position; the zero of the axis is known after :meth:`reference_at` or when the drive is referenced, else
     (``place_known`` False) positions count from where the carriage stood in :meth:`stand_anywhere`.
-    friction_nm : breakaway torque, N m, as far as it is known.
+    friction : Coulomb, N m, and viscous, N m s/rad, of the whole axis at the motor, as far as it is known.
     titles : of the phases to come, so that :meth:`begin` can number them.
     keep_gains : set by the sequence when the user wants to keep the new gains in the drive (not saved).
     deceleration_m_s2 : of a quick stop, lent to the drive with every motion.   braking : what brakes the axis with the loop that is in
@@ -76,7 +76,7 @@ class Machine:
         self._window_m = (-math.inf, math.inf)
         self.keep_gains = False
         self.titles: tuple[str, ...] = ()
-        self.friction_nm = 0.0
+        self.friction = (0.0, 0.0)
         self.deceleration_m_s2 = first_deceleration(axis, drive.capabilities.peak_torque_nm).value_m_s2
         self.braking: Braking | None = None
         self.machine_seconds = 0.0
@@ -299,7 +299,7 @@ class Machine:
         if motion.kind == "torque":
             return unwatched
         inertia, limit = self.axis.motor_side_inertia_kg_m2, self.axis.belt_force_limit_n
-        return BeltWatch(self.ratio, inertia, limit, self.friction_nm / self.ratio)
+        return BeltWatch(self.ratio, inertia, limit, self.friction)
 
     @contextmanager
     def withdrawing(self) -> Iterator[None]:

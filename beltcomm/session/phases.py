@@ -141,9 +141,7 @@ def sign_and_scale(machine: Machine) -> Breakaway:
         found[sign] = crept.onset_nm
     machine.machine_seconds += machine.drive.clock.now() - begun
     machine.folder.journal(f"breakaway {found[1.0]:.3f} N m forward, {found[-1.0]:.3f} N m backward")
-    breakaway = Breakaway(found[1.0], found[-1.0], crept.slope_nm_s)
-    machine.friction_nm = breakaway.coulomb_nm
-    return breakaway
+    return Breakaway(found[1.0], found[-1.0], crept.slope_nm_s)
 
 
 def motion_limits(machine: Machine, position_m: float) -> MotionLimits:
