@@ -26,8 +26,8 @@ BELT_ROWS = 4
 class BeltWatch:
     """Call it with every row of any motion: the force in the belt as the motor shows it,  F = (τ - Θ_e φ̈)/i_t, friction in it.
 
-    ratio : m/rad.   inertia_kg_m2 : motor side, as axis.yaml says.   limit_n : of the axis.   friction : Coulomb, N m, and viscous, N m s/rad,
-    of motor and carriage at the motor: what limits of belts leave out.
+    ratio : m/rad.   inertia_kg_m2 : motor side, as axis.yaml says.   limit_n : of the axis.   friction : Coulomb, N m, and viscous,
+    N m s/rad, of motor and carriage at the motor: what limits of belts leave out.
     Raises SafetyStop when the mean of ``BELT_ROWS`` rows is beyond  1.25 F_max + (τ_c + d |φ̇|)/i_t.
     """
 
