@@ -173,6 +173,8 @@ def design(
     findings.design, findings.cascade = sequence.design_for(folder.axis, model, structure, findings, settings)
     if not offline.place_known(recordings):
         findings.design = replace(findings.design, remarks=(*findings.design.remarks, offline.ONE_PLACE))
+    if (remark := referencing.slow_payload(folder.axis, model["cart.mass"], options.payload_kg)) is not None:
+        findings.remarks.append(remark)
     mapping = outcome.design_dict(findings)
     folder.save_design("final", mapping)
     text = [

@@ -13,6 +13,8 @@ from beltcomm.session.machine import Machine
 
 #: m: nearer than this the drive and the operator mean the same place.
 SAME_POSITION_M = 5e-3
+#: m/s²: an axis that gets no faster than this within its belt's limit carries too much.
+SLOW_M_S2 = 1.0
 #: Tilt, degrees, that friction can be hoped to hold.
 MOST_TILT_DEG = 3.0
 
@@ -84,6 +86,17 @@ def inside(axis: Axis, position_m: float | None) -> None:
     low, high = float(axis.travel.min_m or 0.0), float(axis.travel.max_m or 0.0)
     if position_m is not None and not low <= position_m <= high:
         raise UsageError(f"position {position_m:.4g} m is outside the travel {low:g}..{high:g} m of axis.yaml")
+
+
+def slow_payload(axis: Axis, mass_kg: float, payload_kg: float | None) -> str | None:
+    """In words, that the belt can hardly accelerate a further payload; None when it can.   mass_kg : of the carriage as it is."""
+    allowed = axis.belt_force_limit_n / (mass_kg + (payload_kg or 0.0))
+    if not payload_kg or allowed >= SLOW_M_S2:
+        return None
+    return (
+        f"with {payload_kg:g} kg further the belt's {axis.belt_force_limit_n:.0f} N allow {allowed:.2g} m/s² only; check the payload, or "
+        "whether the axis is meant for it"
+    )
 
 
 def only_here(capabilities: Capabilities, position_m: float | None, *, home: bool) -> None:
