@@ -210,7 +210,7 @@ def verify(
         with Machine(connected, folder.axis, folder, talk) as machine:
             referencing.reference(machine, _settings(options))
             braking = stops.count_on_loop(machine, [model], cascade, delay_s)
-            path, remark = verification.move_asked_for(machine, model, cascade, delay_s, move, trajectory)
+            path, remark = verification.move_asked_for(machine, model, move, trajectory)
             verification.refuse_broken(machine, model, path)
             plan = verification_plan(machine.axis, model, path, braking)
             if options.dry_run:

@@ -80,9 +80,9 @@ class Machine:
         self.deceleration_m_s2 = first_deceleration(axis, drive.capabilities.peak_torque_nm).value_m_s2
         self.braking: Braking | None = None
         self.machine_seconds = 0.0
-        self._occupied = folder.occupy()
         self._started = drive.clock.now()
         self._backup = drive.backup()
+        self._occupied = folder.occupy()
         if folder.load_result("backup") is None:  # a resumed run keeps what was there before the first one
             folder.save_result("backup", {"drive": dict(drive.capabilities.identity), "parameters": dict(self._backup)})
         folder.journal(f"connected to {drive.capabilities.name}; parameters saved as backup")

@@ -14,6 +14,7 @@ from beltcomm.control import Cascade
 from beltcomm.errors import Refused
 from beltcomm.model import Model
 from beltcomm.session import phases
+from beltcomm.session.expectation import BELT_BEYOND
 from beltcomm.session.machine import Machine
 from beltcomm.session.proof import proof
 from beltcomm.sidecar import Sidecar
@@ -43,12 +44,14 @@ SLOWEST_MOVE_S = 600.0
 LONGEST_SLOW_MOVE_S = 8.0
 SLOWEST_M_S = 2e-4
 RAMP_S = 0.2
-#: By how much the force of a belt that swings may exceed that of a rigid one, and how often a move is slowed down for it.
+#: By how much the force of a belt that swings may exceed that of a rigid one in the move that commissioning chooses, and how often it
+#: is slowed down for that.  A move that somebody asks for is refused beyond ``BELT_BEYOND`` only, where it would be stopped.
 BELT_SWING = 1.05
 BELT_TRIES = 8
-#: An axis this many times further off its reference than predicted, and by the dynamic target more, is not the one predicted: it is
-#: stopped, in the drive and on the host.
+#: An axis this many times further off its reference than predicted, and by so many m more, is not the one predicted: it is stopped, in
+#: the drive and on the host.
 SURPRISE = 3.0
+LAG_SLACK_M = 2e-3
 
 
 @dataclass(frozen=True)
@@ -75,13 +78,13 @@ def standard_move(machine: Machine, model: Model) -> StandardMove:
     return StandardMove(start, end, *admissible(machine, model, start, end, limits))
 
 
-def belt_force_limit_n(machine: Machine, model: Model, speed_m_s: float) -> float:
-    """What the belt may carry in a move, N: the feed force of the data sheet, which lists friction of the guide apart, and the swing.
+def belt_force_limit_n(machine: Machine, model: Model, speed_m_s: float, swing: float) -> float:
+    """What the belt may carry in a move, N: the feed force of the data sheet, which lists friction of the guide apart, and its swing.
 
-    F_max = s (F_feed + F_c + d_c v),   s = ``BELT_SWING``
+    F_max = s (F_feed + F_c + d_c v)
     """
     friction = model.get("cart_friction.level") + model.get("viscous_cart.damping") * speed_m_s
-    return BELT_SWING * (machine.axis.belt_force_limit_n + friction)
+    return swing * (machine.axis.belt_force_limit_n + friction)
 
 
 def kept_by_belt(machine: Machine, model: Model, cascade: Cascade, delay_s: float, standard: StandardMove) -> StandardMove:
@@ -90,7 +93,7 @@ def kept_by_belt(machine: Machine, model: Model, cascade: Cascade, delay_s: floa
     for _ in range(BELT_TRIES):
         move = standard.at(share, machine.drive.capabilities.sample_period_s)
         force = predicted(machine, model, cascade, delay_s, phases.held(move, REST_S)).belt_force_n
-        limit = belt_force_limit_n(machine, model, float(np.max(np.abs(move.velocity_m_s))))
+        limit = belt_force_limit_n(machine, model, float(np.max(np.abs(move.velocity_m_s))), BELT_SWING)
         if force <= limit:
             break
         share *= 0.99 * math.sqrt(limit / force)
@@ -110,15 +113,13 @@ def _way(machine: Machine) -> tuple[float, float]:
     return start, min(start + MOVE_M, end)
 
 
-def move_asked_for(
-    machine: Machine, model: Model, cascade: Cascade, delay_s: float, file: Path | None, name: str | None
-) -> tuple[Trajectory, str]:
+def move_asked_for(machine: Machine, model: Model, file: Path | None, name: str | None) -> tuple[Trajectory, str]:
     """The user's own move from a file, the 0 to 0.5 m move with limits named in axis.yaml, or the standard move; and a remark."""
     period = machine.drive.capabilities.sample_period_s
     if file is not None:
         return load_move(file, period, machine.axis), ""
     if name is None:
-        move = kept_by_belt(machine, model, cascade, delay_s, standard_move(machine, model))
+        move = standard_move(machine, model)
         return move.at(1.0, period), move.remark
     return plan_trajectory(*_way(machine), machine.axis.trajectory(name), period), ""
 
@@ -269,7 +270,7 @@ def verify_move(
     path = predicted(machine, model, running, delay_s, rested)
     _check_path(machine, path)
     _check_belt(machine, model, path, trajectory)
-    lag = SURPRISE * float(np.max(np.abs(rested.position_m - path.motor_m))) + DYNAMIC_TARGET_M
+    lag = SURPRISE * float(np.max(np.abs(rested.position_m - path.motor_m))) + LAG_SLACK_M
     start = float(trajectory.position_m[0])
     if machine.folder.finished(name) is None and abs(machine.position_m - start) > 1e-4:
         phases.move_to(machine, start, model)
@@ -306,11 +307,11 @@ def _check_path(machine: Machine, path: PredictedMove) -> None:
 
 def _check_belt(machine: Machine, model: Model, path: PredictedMove, trajectory: Trajectory) -> None:
     """Raise Refused when the belt is predicted to carry too much as it swings."""
-    limit = belt_force_limit_n(machine, model, float(np.max(np.abs(trajectory.velocity_m_s))))
+    limit = belt_force_limit_n(machine, model, float(np.max(np.abs(trajectory.velocity_m_s))), BELT_BEYOND)
     if path.belt_force_n > limit:
         raise Refused(
             f"the move is refused: the belt is predicted to carry {path.belt_force_n:.1f} N as it swings, limit {limit:.1f} N (feed force, "
-            f"friction of the carriage and {100 * (BELT_SWING - 1):.0f} % of swing); stretch the move by {path.belt_force_n / limit:.2f}"
+            f"friction of the carriage and {100 * (BELT_BEYOND - 1):.0f} % of swing); stretch the move by {path.belt_force_n / limit:.2f}"
         )
 
 
