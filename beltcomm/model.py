@@ -288,7 +288,7 @@ def model_from_dict(data: Mapping[str, Any]) -> Model:
                 raise UsageError(f"{name} is given in {parameters[name].unit!r}; it must be in {known.unit!r}")
         return Model(str(data["name"]), effects, parameters, base_bodies, str(data.get("source", "")), side)
     except KeyError as error:
-        raise UsageError(f"no plant or model file: it has no entry {error.args[0]!r}; it holds name, effects and parameters") from error
+        raise UsageError(f"not a model file (it has no entry {error.args[0]!r}); it holds name, effects and parameters") from error
     except (AttributeError, TypeError, ValueError) as error:
         raise UsageError(f"not a model file ({error}); it holds name, effects and parameters") from error
 
