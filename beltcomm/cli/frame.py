@@ -30,6 +30,9 @@ if TYPE_CHECKING:
 INTERRUPTED = 4
 #: What a file system that refuses says: not allowed, read-only, full.
 UNWRITABLE = (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOSPC, errno.EDQUOT)
+#: Verbs that go on with ``--resume``, and all that record.
+RESUMABLE = ("commission", "identify")
+RECORDING = (*RESUMABLE, "friction", "verify", "simulate")
 #: The shipped axis that a virtual drive is commissioned with when no other is given.
 VIRTUAL_AXIS = "egc-70-600"
 
@@ -156,11 +159,12 @@ class Frame:
 
     def _kept(self) -> str:
         """What is left of an interrupted run, in words: only a verb that can resume promises to go on."""
-        if not self.run or not self.run.is_dir() or self.words[:1] not in (["commission"], ["identify"]):
+        verb = self.words[0] if self.words else ""
+        if not self.run or not self.run.is_dir() or verb not in RECORDING:
             return ""
-        if not any((self.run / "recordings").glob("*.csv*")):
+        if verb in RESUMABLE and not any((self.run / "recordings").glob("*.csv*")):
             return "; nothing was recorded yet"
-        return f"; what was recorded is kept in {self.run}, --resume goes on"
+        return f"; what was recorded is kept in {self.run}" + (", --resume goes on" if verb in RESUMABLE else "")
 
     def _failed(self, sentence: str, code: int) -> int:
         try:

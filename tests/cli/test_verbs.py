@@ -142,7 +142,7 @@ def test_plain_talk_reports_each_quarter_once() -> None:
         "      25 %, 15 s left",
         "      50 %, 10 s left",
         "      75 %, 5 s left",
-        "      100 %, 0 s left",
+        "      100 %",
     ]
 
 
