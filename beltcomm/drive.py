@@ -68,6 +68,10 @@ class Limits:
     ratio_m_rad: float = 0.0
     zero_rad: float = 0.0
 
+    def where(self, angle_rad: float) -> str:
+        """An angle of the motor in words: where the carriage is, in mm, when its ratio is known."""
+        return f"{1e3 * self.ratio_m_rad * (angle_rad - self.zero_rad):.1f} mm" if self.ratio_m_rad else f"{angle_rad:.4g} rad"
+
 
 @dataclass(frozen=True)
 class Motion:
