@@ -169,10 +169,7 @@ def test_a_breached_limit_stops_the_axis_within_two_cycles(opened, limits, reaso
 @pytest.mark.parametrize(
     ("limits", "words"),
     [
-        (
-            Limits(0.95, 1.05, 50.0, 0.5, ratio_m_rad=0.01, zero_rad=1.0),
-            r"the carriage at -\d+\.\d mm is outside its window of -0\.5 to 0\.5 mm",
-        ),
+        (Limits(-0.1, 0.1, 50.0, 0.5, ratio_m_rad=0.01, zero_rad=-0.1), r"carriage at 2\.\d mm is outside its window of 0\.0 to 2\.0 mm"),
         (Limits(-10.0, 10.0, 5.0, 0.5, ratio_m_rad=0.01), r"the carriage's speed of 0\.05\d* m/s is beyond the limit of 0\.05 m/s"),
     ],
 )
