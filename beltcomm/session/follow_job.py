@@ -8,8 +8,7 @@ from pathlib import Path
 from beltcomm.drive import Drive
 from beltcomm.result import Result, plain
 from beltcomm.runfolder import RunFolder
-from beltcomm.session import commission as sequence
-from beltcomm.session import offline
+from beltcomm.session import offline, referencing
 from beltcomm.session.commission import Settings
 from beltcomm.session.following import follow, motion_plan
 from beltcomm.session.machine import Machine
@@ -28,7 +27,7 @@ def follow_plan(
     folder.claim_drive(drive.capabilities.identity)
     findings = offline.fitted(folder, "lm", Silence(), model)
     with Machine(drive, folder.axis, folder, talk) as machine:
-        sequence.reference(machine, settings)
+        referencing.reference(machine, settings)
         shown = motion_plan(machine, model, wanted)
         if dry_run:
             return Result({"plan": plain(shown), "seconds": shown.seconds}, [*shown.lines(), "Nothing was moved (--dry-run)."])

@@ -156,7 +156,7 @@ def test_verify_misses_a_target_with_exit_code_1(make_bench: MakeBench, copy_of_
     weak = ["  ff_inertia_kg_m2: 0.0" if line.startswith("  ff_inertia_kg_m2:") else line for line in lines]
     path.write_text("\n".join(weak), encoding="utf-8")
     outcome = call("verify", *DRIVE, "--yes", "--run", run)
-    assert outcome.exit_code == 1
+    assert outcome.exit_code == 1, outcome.output
     assert "misses the target of 1 mm" in outcome.stdout
     assert f"Next: beltcomm design {run}" in outcome.stdout
     assert bench.parameters() == bench.initial
@@ -295,8 +295,8 @@ def test_move_does_not_leave_the_travel_by_going_too_far(make_bench: MakeBench) 
 @pytest.mark.parametrize(
     ("start_m", "by", "code", "words"),
     [
-        (0.25, "101mm", 2, "is not a small one"),
-        (0.25, "0", 2, "is not a small one"),
+        (0.25, "101mm", 2, "cannot be crept"),
+        (0.25, "0", 2, "cannot be crept"),
         (0.25, "5 kg", 2, "kg"),
         (0.568, "5mm", 1, "would leave the travel -0.01..0.57 m"),
         (-0.009, "-5mm", 1, "would leave the travel -0.01..0.57 m"),
