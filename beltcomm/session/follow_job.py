@@ -32,6 +32,8 @@ def follow_plan(
         if dry_run:
             return Result({"plan": plain(shown), "seconds": shown.seconds}, [*shown.lines(), "Nothing was moved (--dry-run)."])
         agree(shown)
+        if settings.home:
+            referencing.home(machine)
         made = follow(machine, model, findings, wanted)
     text = [f"Recorded {', '.join(made)} in {folder.recordings_folder}.", f"Next: beltcomm diagnose {run}"]
     return Result({"run": str(run), "recordings": made, "reasons": dict(wanted.reasons)}, text)
