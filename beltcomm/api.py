@@ -7,15 +7,13 @@ Each opens what it needs, does one job, saves its results in the run folder, and
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 from beltcomm.axis import Axis, load_axis
 from beltcomm.control import Cascade
 from beltcomm.design.compensation import compensated
-from beltcomm.design.feedforward import FeedforwardKind
-from beltcomm.design.prefilters import PrefilterKind
 from beltcomm.design.specification import Specification
 from beltcomm.drive import Drive, open_drive
 from beltcomm.errors import BeltcommError, Refused, UsageError
@@ -26,62 +24,29 @@ from beltcomm.model import load_plant
 from beltcomm.parameters import cascade_to_parameters
 from beltcomm.result import Result, plain
 from beltcomm.runfolder import RunFolder
-from beltcomm.session import analyse, gains, offline, outcome, stops, verification, words
+from beltcomm.session import analyse, gains, offline, outcome, referencing, stops, verification, words
 from beltcomm.session import commission as sequence
-from beltcomm.session.commission import Apply, Findings, Settings
-from beltcomm.session.creep import BREAKAWAY_SHARE, CREEP_SPEED_M_S, MARGIN_M, RAMP_S, small_move
+from beltcomm.session.commission import Findings, Settings
+from beltcomm.session.creep import BREAKAWAY_SHARE, CREEP_SPEED_M_S, MARGIN_M, NEAR_M, RAMP_S, small_move
 from beltcomm.session.experiment import run_experiment
 from beltcomm.session.follow_job import follow_plan
 from beltcomm.session.laboratory import add_to_run, compare_run, diagnose_run, ladder_of_run, remove_from_run
 from beltcomm.session.machine import Machine, backed_up
-from beltcomm.session.plan import Plan, commission_plan, friction_plan, identify_plan, move_plan, verification_plan
-from beltcomm.session.proof import admit, next_step, proof
+from beltcomm.session.options import Options
+from beltcomm.session.plan import Plan, commission_plan, friction_plan, identify_plan, move_plan, verification_plan, with_homing
+from beltcomm.session.proof import admit, next_step, proof, thin_margins
 from beltcomm.session.store import cascade_from_dict, drive_to_dict, verdict_to_dict
 from beltcomm.talk import Silence, Talk
 
 #: The laboratory's commands on a run folder; see :mod:`beltcomm.session.laboratory`.
 compare, diagnose, add, remove, ladder = compare_run, diagnose_run, add_to_run, remove_from_run, ladder_of_run
 
+#: Before the plan of a resumed run.
+KEPT = (
+    "Finished records are kept and what stands below is the most that is driven again, after a short check that this is still the machine. "
+)
 #: m: the longest way of ``beltcomm move``.
 LONGEST_MOVE_M = 0.1
-
-
-@dataclass(frozen=True)
-class Options:
-    """What a command line gives beside its main arguments; every default is the safe choice.
-
-    yes : no questions.   seed : of everything random in a virtual drive.   dry_run : plan only.   resume : go on with a run.
-    position_m : where the carriage stands.   home : let the drive find its zero.   payload_kg : heaviest further load.
-    apply : "keep", "restore" or "save" the new gains.   quick : one place only.   force : gains in doubt too.
-    prefilter, feedforward : None is the best one.
-    profile, node, bitrate, realtime : of the drive.   drive : further options for the adapter, by name.
-    """
-
-    yes: bool = False
-    seed: int | None = None
-    dry_run: bool = False
-    resume: bool = False
-    position_m: float | None = None
-    home: bool = False
-    payload_kg: float | None = None
-    apply: Apply = "restore"
-    quick: bool = False
-    force: bool = False
-    prefilter: PrefilterKind | None = None
-    feedforward: FeedforwardKind | None = None
-    profile: str | None = None
-    node: int | None = None
-    bitrate: int | None = None
-    realtime: bool = False
-    drive: Mapping[str, object] = field(default_factory=dict)
-
-    def for_drive(self) -> dict[str, object]:
-        """The adapter's options: those that were given."""
-        given = {"seed": self.seed, "profile": self.profile, "node": self.node, "bitrate": self.bitrate}
-        found: dict[str, object] = {name: value for name, value in given.items() if value is not None}
-        if self.realtime:
-            found["realtime"] = True
-        return {**found, **self.drive}
 
 
 def commission(drive: str, axis: Axis | str, run: Path, *, options: Options | None = None, talk: Talk | None = None) -> Result:
@@ -90,54 +55,62 @@ def commission(drive: str, axis: Axis | str, run: Path, *, options: Options | No
     Raises UsageError, Refused (also a user's no), DataError, SafetyStop, DriveError.
     """
     options, talk, axis = options or Options(), talk or Silence(), _axis(axis)
-    sequence.suitable(axis)
+    referencing.suitable(axis)
     with open_drive(drive, options.for_drive()) as connected:
         analyse.offered(connected.capabilities.structure, options.prefilter, options.feedforward)
+        if options.window_m is not None:
+            referencing.only_here(connected.capabilities, options.position_m, home=options.home)
+            return _identify(connected, drive, axis, run, options, talk, whole=True)
         plan = commission_plan(axis, connected.capabilities, options.quick)
         if options.dry_run:
-            return _planned(plan)
+            if options.resume:
+                RunFolder.create(run, axis, resume=True)  # says whether it could go on
+            return _planned(plan, connected, options, axis)
         folder = _new_folder(run, axis, connected, options)
         findings = Findings()
         with Machine(connected, axis, folder, talk) as machine:
             settings = _settings(options)
             machine.check_scaling()
-            sequence.reference(machine, settings)
-            _agree(plan, options, talk)
+            referencing.reference(machine, settings)
+            _agree(plan, options, talk, machine)
             try:
                 sequence.commission(machine, settings, findings)
             finally:  # an interrupted run keeps what it found
                 outcome.save(folder, findings)
-    trusted = findings.final is not None and not findings.final.fit.suspect
-    passed = findings.verdict is not None and findings.verdict.passed and trusted
-    text = outcome.commission_text(folder, findings, options.apply, drive)
-    return Result(outcome.data(folder, findings), text, 0 if passed else 1)
+    text = outcome.commission_text(folder, findings, drive)
+    outcome.keep_text(folder, text)
+    return Result(outcome.data(folder, findings), text, 0 if findings.succeeded else 1)
 
 
 def identify(drive: str, axis: Axis | str, run: Path, *, options: Options | None = None, talk: Talk | None = None) -> Result:
-    """Sign check, rising excitation and one open-loop frequency response at the present place; then a first model."""
+    """Sign check, rising excitation, one open-loop response here, a first model; without a reference inside ``Options.window_m``."""
     options, talk, axis = options or Options(), talk or Silence(), _axis(axis)
-    sequence.suitable(axis)
+    referencing.suitable(axis)
     with open_drive(drive, options.for_drive()) as connected:
-        plan = identify_plan(axis, connected.capabilities)
-        if options.dry_run:
-            return _planned(plan)
-        folder = _new_folder(run, axis, connected, options)
-        findings = Findings()
-        with Machine(connected, axis, folder, talk) as machine:
-            machine.check_scaling()
-            sequence.reference(machine, _settings(options))
-            _agree(plan, options, talk)
-            try:
-                sequence.identify_here(machine, findings)
-            finally:
-                findings.machine_seconds = machine.machine_seconds
-                outcome.save(folder, findings)
-    text = [
-        *outcome.model_text(findings),
-        f"Recordings are in {folder.recordings_folder}.",
-        f"Next: beltcomm friction --drive {drive} --run {run}",
-    ]
-    return Result(outcome.data(folder, findings), text)
+        return _identify(connected, drive, axis, run, options, talk)
+
+
+def _identify(connected: Drive, drive: str, axis: Axis, run: Path, options: Options, talk: Talk, *, whole: bool = False) -> Result:
+    """What :func:`identify` does on a connected drive.   whole : the whole job was asked for, so that this is not success."""
+    if options.dry_run:
+        return _planned(identify_plan(axis, connected.capabilities, options.window_m), connected, options, axis)
+    folder = _new_folder(run, axis, connected, options)
+    findings = Findings()
+    with Machine(connected, axis, folder, talk) as machine:
+        machine.check_scaling()
+        window = referencing.reference(machine, _settings(options), needed=False)
+        _agree(identify_plan(axis, connected.capabilities, window), options, talk, machine)
+        machine.titles = sequence.TITLES[1:4]
+        try:
+            sequence.identify_here(machine, findings)
+            known = machine.place_known
+        finally:
+            findings.machine_seconds = machine.machine_seconds
+            outcome.save(folder, findings)
+    text = outcome.identify_text(folder, findings, drive, known)
+    if whole:
+        text = ["Only the record at this place was made: the rest of the job needs to know where the carriage stands.", "", *text]
+    return Result(outcome.data(folder, findings), text, int(whole))
 
 
 def fit(run: Path, *, solver: Solver | None = None, options: Options | None = None, talk: Talk | None = None) -> Result:
@@ -157,8 +130,8 @@ def fit(run: Path, *, solver: Solver | None = None, options: Options | None = No
 def follow(drive: str, run: Path, plan: Path, *, options: Options | None = None, talk: Talk | None = None) -> Result:
     """The records of a plan that ``diagnose`` wrote, into the run that it was written for."""
     options, talk = options or Options(), talk or Silence()
-    agree = partial(_agree, options=options, talk=talk)
-    return follow_plan(drive, run, plan, _settings(options), options.for_drive(), agree, talk, options.dry_run)
+    with open_drive(drive, options.for_drive()) as connected:
+        return follow_plan(connected, run, plan, _settings(options), partial(_agree, options=options, talk=talk), talk, options.dry_run)
 
 
 def friction(drive: str, run: Path, *, options: Options | None = None, talk: Talk | None = None) -> Result:
@@ -169,13 +142,14 @@ def friction(drive: str, run: Path, *, options: Options | None = None, talk: Tal
     with open_drive(drive, options.for_drive()) as connected:
         plan = friction_plan(folder.axis, connected.capabilities)
         if options.dry_run:
-            return _planned(plan)
+            return _planned(plan, connected, options, folder.axis)
         folder.claim_drive(connected.capabilities.identity)
         findings = offline.fitted(folder, "lm", Silence(), model)
         with Machine(connected, folder.axis, folder, talk) as machine:
-            sequence.reference(machine, _settings(options))
-            _agree(plan, options, talk)
-            sequence.close_first_loop(machine, findings, model)
+            referencing.reference(machine, _settings(options))
+            _agree(plan, options, talk, machine)
+            machine.titles = (sequence.TITLES[4], sequence.TITLES[6])
+            sequence.close_first_loop(machine, findings, model, ask=not options.yes)
             number = 1 + sum(name.startswith("sweep") for name in folder.finished_names())
             sequence.measure_friction(machine, model, "sweep" if number == 1 else f"sweep_{number}")
         findings.friction = analyse.friction_of(folder.recordings())
@@ -205,15 +179,20 @@ def design(
     settings = replace(_settings(options), specification=specification)
     findings.design, findings.cascade = sequence.design_for(folder.axis, model, structure, findings, settings)
     along = compensated(model) if structure.torque_feedforward and settings.feedforward == "nonlinear" else ()
+    if not offline.place_known(recordings):
+        findings.design = replace(findings.design, remarks=(*findings.design.remarks, offline.ONE_PLACE))
+    if (remark := referencing.slow_payload(folder.axis, model["cart.mass"], options.payload_kg)) is not None:
+        findings.remarks.append(remark)
     mapping = {**outcome.design_dict(findings), "revision": revision, "compensated": list(along)}
     folder.save_design("final", mapping)
     text = [
         *words.design_lines(findings.design, findings.cascade),
         *words.knowledge_lines(model, along, which),
         *words.remarks_lines(findings.remarks),
+        *(f"This design is in doubt: {thin}." for thin in thin_margins(findings.design.margins)),
         f"Next: beltcomm verify --drive DRIVE --run {run}",
     ]
-    return Result({"run": str(run), **mapping}, text)
+    return Result({"run": str(run), **mapping}, text, 1 if findings.design.relaxed else 0)
 
 
 def verify(
@@ -240,13 +219,14 @@ def verify(
         cascade, delay_s = offline.cascade_of(saved, model, structure, options.feedforward)
         along = bool(saved.get("compensated")) and structure.torque_feedforward and options.feedforward in (None, "nonlinear")
         with Machine(connected, folder.axis, folder, talk) as machine:
-            sequence.reference(machine, _settings(options))
+            referencing.reference(machine, _settings(options))
             braking = stops.count_on_loop(machine, [model], cascade, delay_s)
             path, remark = verification.move_asked_for(machine, model, move, trajectory)
+            verification.refuse_broken(machine, model, path)
             plan = verification_plan(machine.axis, model, path, braking)
             if options.dry_run:
-                return _planned(plan)
-            _agree(plan, options, talk)
+                return _planned(plan, connected, options, folder.axis)
+            _agree(plan, options, talk, machine)
             name = f"move_{1 + sum(n.startswith('move_') for n in folder.finished_names())}"
             verdict, asked = verification.verify_move(machine, model, cascade, delay_s, path, name, compensating=along)
     folder.save_result(f"verify_{name}", {**verdict_to_dict(verdict), "proof": proof(cascade, path, ())})
@@ -262,7 +242,10 @@ def apply(drive: str, run: Path, *, options: Options | None = None, talk: Talk |
     """
     options, talk = options or Options(), talk or Silence()
     folder = RunFolder.open(run)
-    wanted = cascade_to_parameters(cascade_from_dict(folder.load("designs", "final")))
+    saved = folder.load("designs", "final")
+    wanted = cascade_to_parameters(cascade_from_dict(saved))
+    for line in words.remarks_lines(saved.get("remarks") or ()):
+        talk.say(line)
     if not options.dry_run:
         admit(folder, talk, yes=options.yes, force=options.force)
     return _written(drive, folder, wanted, options, talk, "applied")
@@ -278,8 +261,9 @@ def rollback(drive: str, run: Path, *, options: Options | None = None, talk: Tal
 def move(drive: str, axis: Axis | str, by_m: float, *, options: Options | None = None, talk: Talk | None = None) -> Result:
     """Move the carriage slowly by a small distance with the gains that are in the drive.   Raises UsageError beyond 100 mm."""
     options, talk, axis = options or Options(), talk or Silence(), _axis(axis)
-    if not 0.0 < abs(by_m) <= LONGEST_MOVE_M:
-        raise UsageError(f"a move by {1e3 * by_m:g} mm is not a small one; give 0 to {1e3 * LONGEST_MOVE_M:.0f} mm, either way")
+    if not 2.0 * NEAR_M <= abs(by_m) <= LONGEST_MOVE_M:
+        ways = f"{2e3 * NEAR_M:g} to {1e3 * LONGEST_MOVE_M:.0f} mm, either way"
+        raise UsageError(f"a move by {1e3 * by_m:g} mm cannot be crept: give {ways} (it ends within {1e3 * NEAR_M:g} mm)")
     axis.require("move", "pulley.effective_radius_m", "travel.min_m", "travel.max_m")
     plan = move_plan(
         axis,
@@ -323,7 +307,10 @@ def simulate(
             name = run_experiment(machine, model, experiment)
     return Result(
         {"run": str(run), "recording": name, "plant": plant},
-        [f"Recorded {name} of plant {plant} in {folder.recordings_folder}.", f"Next: beltcomm fit {run}"],
+        [
+            f"Recorded {name} of plant {plant} in {folder.recordings_folder}.",
+            f"Next: beltcomm fit {run}" if experiment == "frf" else f"A fit needs an excited record too: beltcomm simulate {plant}",
+        ],
     )
 
 
@@ -339,6 +326,8 @@ def _settings(options: Options) -> Settings:
         apply=options.apply,
         position_m=options.position_m,
         home=options.home,
+        window_m=options.window_m,
+        ask=not options.yes,
         payloads_kg=(payload,) if payload else (),
         quick=options.quick,
         prefilter=options.prefilter,
@@ -353,14 +342,23 @@ def _new_folder(run: Path, axis: Axis, drive: Drive, options: Options) -> RunFol
     return folder
 
 
-def _agree(plan: Plan, options: Options, talk: Talk) -> None:
-    """Say what will happen and ask, unless told not to.   Raises Refused for a no."""
+def _agree(plan: Plan, options: Options, talk: Talk, machine: Machine | None = None) -> None:
+    """Say what will happen and ask, unless told not to; then let the drive home if it shall.   Raises Refused for a no."""
+    if machine is not None and options.home:
+        plan = with_homing(plan, machine.axis, machine.drive.capabilities)
+    plan = replace(plan, text=KEPT + plan.text) if options.resume else plan
     talk.say("\n".join(plan.lines()))
     if not options.yes and not talk.confirm("May the axis move like this?"):
         raise Refused("nothing was moved, as you said; --dry-run shows the plan without asking")
+    if machine is not None and options.home:
+        referencing.home(machine)
 
 
-def _planned(plan: Plan) -> Result:
+def _planned(plan: Plan, drive: Drive | None = None, options: Options | None = None, axis: Axis | None = None) -> Result:
+    if drive and axis and options:
+        plan = replace(plan, text=KEPT + plan.text) if options.resume else plan
+        referencing.inside(axis, options.position_m)
+        plan = with_homing(plan, axis, drive.capabilities) if options.home else plan
     return Result({"plan": plain(plan), "seconds": plan.seconds}, [*plan.lines(), "Nothing was moved (--dry-run)."])
 
 
@@ -375,7 +373,8 @@ def _written(drive: str, folder: RunFolder, wanted: Mapping[str, float], options
     if options.dry_run:
         return Result(data, ["Would change:", *done.table(), "Nothing was written (--dry-run)."])
     how = "and saved" if save else "until power-off (--save makes it permanent)"
-    return Result(data, [f"{len(done.changes)} parameters {verb}, read back, {how}:", *done.table()])
+    nothing = "" if done.changes else " (nothing differed from what the drive had)"
+    return Result(data, [f"{len(done.changes)} parameters {verb}, read back, {how}{nothing}{words.lasting(drive)}."])
 
 
 __all__ = [

@@ -56,6 +56,7 @@ class Limits:
     speed_rad_s : float, rad/s, motor shaft.     torque_nm : float, N m, motor shaft.
     deceleration_rad_s2 : float, rad/s², motor shaft, along which a quick stop brakes; inf leaves it to the drive.
     lag_rad : rad, largest distance from the reference in a motion of kind "position"; None leaves it to the drive's own setting.
+    ratio_m_rad, zero_rad : carriage = ratio (angle - zero), m, only for messages; 0 when there is no carriage to speak of.
     """
 
     position_min_rad: float
@@ -64,6 +65,12 @@ class Limits:
     torque_nm: float
     deceleration_rad_s2: float = math.inf
     lag_rad: float | None = None
+    ratio_m_rad: float = 0.0
+    zero_rad: float = 0.0
+
+    def where(self, angle_rad: float) -> str:
+        """An angle of the motor in words: where the carriage is, in mm, when its ratio is known."""
+        return f"{1e3 * self.ratio_m_rad * (angle_rad - self.zero_rad):.1f} mm" if self.ratio_m_rad else f"{angle_rad:.4g} rad"
 
 
 @dataclass(frozen=True)

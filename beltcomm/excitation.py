@@ -50,6 +50,8 @@ FEWEST_REPEATS = 3
 #: Rest before and after the motion: effects-and-diagnosis.md, 3.
 REST_BEFORE_S = 0.25
 REST_AFTER_S = 0.45
+#: Order of the short excitations with which the amplitude rises.
+SHORT_ORDER = 9
 
 
 @dataclass(frozen=True, eq=False)

@@ -289,8 +289,10 @@ def model_from_dict(data: Mapping[str, Any]) -> Model:
             if parameters[name].unit != known.unit:
                 raise UsageError(f"{name} is given in {parameters[name].unit!r}; it must be in {known.unit!r}")
         return Model(str(data["name"]), effects, parameters, base_bodies, str(data.get("source", "")), side)
-    except (AttributeError, KeyError, TypeError, ValueError) as error:
-        raise UsageError(f"not a model file ({type(error).__name__}: {error}); it holds name, effects and parameters") from error
+    except KeyError as error:
+        raise UsageError(f"not a model file (it has no entry {error.args[0]!r}); it holds name, effects and parameters") from error
+    except (AttributeError, TypeError, ValueError) as error:
+        raise UsageError(f"not a model file ({error}); it holds name, effects and parameters") from error
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ import os
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 from beltcomm import __version__
 from beltcomm.axis import Axis, load_axis, save_axis
@@ -31,6 +31,8 @@ from beltcomm.recording_writer import MOTOR_COLUMNS
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 #: How an unfinished record is called after a second attempt was begun.
 _MOVED_ASIDE = re.compile(r"\.unfinished\d+$")
+#: What the journal of a run says that was left before anything moved.
+_HARMLESS = ("connected to ", "all parameters restored")
 _KINDS = {"models": "model", "designs": "design", "results": "result"}
 
 
@@ -48,13 +50,14 @@ class RunFolder:
     def create(cls, path: Path, axis: Axis, *, resume: bool = False) -> RunFolder:
         """A new folder for ``axis``, or with ``resume`` the existing one, when its axis has not changed.
 
-        An empty folder counts as new.   Raises UsageError when the folder exists and ``resume`` is not asked for, when it does
-        not exist and ``resume`` is, when the axis has changed (with the entries), or when it cannot be written.
+        An empty folder counts as new, and one whose run ended before anything moved.   Raises UsageError when the folder exists and
+        ``resume`` is not asked for, when it does not exist and ``resume`` is, when the axis has changed (with the entries), or when it
+        cannot be written.
         """
         if resume:
             return cls._resumed(path, axis)
-        if path.exists() and (not path.is_dir() or any(path.iterdir())):
-            raise UsageError(f"{path} exists; choose another --run folder, or continue this run with --resume")
+        if path.exists() and (not path.is_dir() or any(path.iterdir())) and not _untouched(path):
+            raise UsageError(f"{path} exists; choose another folder, or go on with that run (--resume of commission and identify)")
         run = cls(path, axis)
         for folder in (path, run.recordings_folder):
             _make_folder(folder)
@@ -240,6 +243,22 @@ class RunFolder:
         """The mapping in ``results/NAME.yaml``, None when there is none.   Raises DataError when it is unreadable."""
         return self.load("results", name) if (self.path / "results" / f"{checked_name(name)}.yaml").is_file() else None
 
+    def occupy(self) -> IO[str]:
+        """Keep other sessions out of this folder until the file given back is closed.   Raises UsageError when one is in it already."""
+        import fcntl  # not on every system, and only machines need it
+
+        path = self.path / "journal.txt"
+        try:
+            file = open(path, "a", encoding="utf-8")  # noqa: SIM115  # stays open as long as the session
+        except OSError as error:
+            raise UsageError(f"{path} cannot be written: {error.strerror or error}; choose another --run folder") from error
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            file.close()
+            raise UsageError(f"another session is at work in {self.path}; wait for its end, or choose another folder") from None
+        return file
+
     def journal(self, line: str) -> None:
         """Append one line to the session's journal.   Raises UsageError when it cannot be written."""
         path = self.path / "journal.txt"
@@ -262,6 +281,19 @@ class RunFolder:
     def _write_about(self, drive: Mapping[str, str]) -> None:
         about = {"beltcomm": __version__, "axis_fingerprint": self.axis.fingerprint(), "drive": dict(drive)}
         write_text(self.path / "run.yaml", to_yaml(about))
+
+
+def _untouched(path: Path) -> bool:
+    """Whether a run in this folder ended before anything was recorded or written to a drive, as after a no; its few files are removed."""
+    results = [path / "results" / f"{name}.yaml" for name in ("backup", "drive")]
+    own = {path / "axis.yaml", path / "run.yaml", path / "journal.txt", *results}
+    found = {item for item in path.rglob("*") if not item.is_dir()} if path.is_dir() else {path}
+    journal = (path / "journal.txt").read_text(encoding="utf-8").splitlines() if path / "journal.txt" in found else []
+    if not found <= own or path / "run.yaml" not in found or not all(line.startswith(_HARMLESS) for line in journal):
+        return False
+    for item in found:
+        item.unlink()
+    return True
 
 
 def _make_folder(path: Path) -> None:

@@ -81,6 +81,8 @@ class Sidecar:
         if self.finished:  # the contract knows no such key: a finished record needs none
             del data["finished"]
         known = {key: value for key, value in data.items() if value is not None and value != {} and value != ""}
+        if self.experiment != "free" and self.start_position_m is None:
+            known["start_position_m"] = None  # what an experiment does not know of its place, it says
         return known | dict(self.extra)
 
 

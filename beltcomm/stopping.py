@@ -112,6 +112,11 @@ def total_friction(model: Model) -> float:
     return model.get("coulomb.level") + model["transmission.ratio"] * model.get("cart_friction.level")
 
 
+def total_viscous(model: Model) -> float:
+    """Viscous friction of a rigid axis at the motor shaft:  d_m + i_t² d_c, N m s/rad."""
+    return model.get("viscous.damping") + model["transmission.ratio"] ** 2 * model.get("viscous_cart.damping")
+
+
 def braked_by_friction(model: Model, friction_nm: float, reaction_s: float) -> Braking:
     """What Coulomb friction alone does to a rigid axis without torque:  a = i_t τ_C/J."""
     return Braking(model["transmission.ratio"] * friction_nm / total_inertia(model), reaction_s, reaction_s)

@@ -208,6 +208,18 @@ def tracking_error(t_s: Array, reference_m: Array, position_m: Array) -> Trackin
     return TrackingError(float(np.max(error[first : last + 1])), float(np.max(error[still])))
 
 
+def _against(measured_m: float, expected_m: float) -> str:
+    """The measured dynamic error beside the predicted one, in words."""
+    share = measured_m / expected_m - 1.0
+    if abs(share) < 0.005:
+        how = "as much as"
+    elif share < 1.0:
+        how = f"{100 * abs(share):.0f} % {'more' if share > 0.0 else 'less'} than"
+    else:
+        how = f"{measured_m / expected_m:.3g} times"
+    return f"the measured dynamic error is {how} the predicted {1e3 * expected_m:.3g} mm"
+
+
 def judge(
     recording: Recording,
     ratio: float,
@@ -242,7 +254,6 @@ def judge(
         reasons.append(f"{what} {scale * value:.3g} {unit} {word} the target of {scale * target:.3g} {unit}")
     if predicted.saturated:
         reasons.append(f"the controller reaches {' and '.join(predicted.saturated)}")
-    share = measured.dynamic_m / expected.dynamic_m - 1.0
-    reasons.append(f"predicted were {1e3 * expected.dynamic_m:.3g} mm: the measured error is {100 * share:+.0f} % off")
+    reasons.append(_against(measured.dynamic_m, expected.dynamic_m))
     passed = measured.dynamic_m <= dynamic_target_m and measured.static_m <= static_target_m
     return Verdict(passed, measured, expected, measured_cart, expected_cart, tuple(reasons), predicted_range)

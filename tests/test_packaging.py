@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 CHECKOUT = Path(__file__).parent.parent
-HEAVY = ("numpy", "numba", "scipy", "can", "canopen", "ruckig")
+HEAVY = ("numpy", "numba", "scipy", "can", "canopen", "ruckig", "matplotlib")
 
 
 @pytest.fixture(scope="module")

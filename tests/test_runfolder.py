@@ -75,7 +75,12 @@ def test_the_journal_grows_line_by_line(tmp_path: Path) -> None:
 def test_an_existing_folder_is_refused_unless_it_is_resumed(tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     RunFolder.create(tmp_path / "empty", RIG)
-    with pytest.raises(UsageError, match="exists; choose another --run folder, or continue this run with --resume"):
+    run = RunFolder.create(tmp_path / "empty", RIG)  # nothing has happened in it yet
+    run.journal("connected to a drive; parameters saved as backup")
+    run = RunFolder.create(tmp_path / "empty", RIG)
+    assert not (run.path / "journal.txt").exists()
+    record(run, "a", finished=False)
+    with pytest.raises(UsageError, match="exists; choose another folder, or go on with that run"):
         RunFolder.create(tmp_path / "empty", RIG)
     (tmp_path / "file").touch()
     with pytest.raises(UsageError, match="exists"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import math
 import re
 import time
@@ -54,7 +55,8 @@ class Address:
         if colon and channel and interface in can.VALID_INTERFACES:
             return cls(interface, channel)
         raise UsageError(
-            f"{text!r} is no CAN interface; write can0 (SocketCAN), slcan:/dev/ttyACM0 (serial CAN adapter) or "
+            f"{text or 'a drive without an address'} is no CAN interface; write can0 (SocketCAN), "
+            "slcan:/dev/ttyACM0 (serial CAN adapter) or "
             "can:INTERFACE:CHANNEL with an interface of python-can"
         )
 
@@ -74,7 +76,9 @@ def open_bus(address: Address, bitrate: int) -> can.BusABC:
     except (can.CanError, OSError, ValueError) as error:
         remedy = f"plug it in and check the name; ports in use cannot be opened twice ({bitrate} bit/s)"
         if address.interface == "socketcan":
-            remedy = f"bring it up with `ip link set {address.channel} up type can bitrate {bitrate}`"
+            remedy = f"bring it up with `sudo ip link set {address.channel} up type can bitrate {bitrate}`, with the bit rate of the drive"
+            if getattr(error, "errno", None) == errno.EAFNOSUPPORT:
+                remedy = "this system's kernel has no CAN (on Linux: `sudo modprobe can can_raw`); containers mostly have none"
         raise BusError(f"the CAN interface {address.channel} cannot be opened: {error}; {remedy}") from error
 
 

@@ -51,8 +51,8 @@ def check_motion(
         raise UsageError(f"these limits leave no room to move: {limits}")
     if not limits.position_min_rad <= here_rad <= limits.position_max_rad:
         raise UsageError(
-            f"the motor stands at {here_rad:.4g} rad, outside the window {limits.position_min_rad:.4g} to "
-            f"{limits.position_max_rad:.4g} rad; move the carriage into it first"
+            f"{'the carriage' if limits.ratio_m_rad else 'the motor'} stands at {limits.where(here_rad)}, outside the window "
+            f"{limits.where(limits.position_min_rad)} to {limits.where(limits.position_max_rad)}; move the carriage into it first"
         )
     for name in ("position_rad", "velocity_rad_s", "torque_nm"):
         if not np.all(np.isfinite(getattr(motion, name))):
@@ -105,8 +105,8 @@ def _check_path(motion: Motion, limits: Limits, here_rad: float) -> None:
     low, high = float(path.min()), float(path.max())
     if low < limits.position_min_rad or high > limits.position_max_rad:
         raise UsageError(
-            f"the motion goes from {low:.4g} to {high:.4g} rad, the window is {limits.position_min_rad:.4g} to "
-            f"{limits.position_max_rad:.4g} rad; shorten it"
+            f"the motion goes from {limits.where(low)} to {limits.where(high)}, the window is "
+            f"{limits.where(limits.position_min_rad)} to {limits.where(limits.position_max_rad)}; shorten it"
         )
     if abs(path[0] - here_rad) > limits.speed_rad_s * motion.period_s:
         raise UsageError(f"the motion starts at {path[0]:.4g} rad, but the motor stands at {here_rad:.4g} rad; start it where the axis is")

@@ -34,7 +34,7 @@ def _open(address: str, options: Mapping[str, object]) -> Drive:
     faults : a :class:`beltcomm.virtual.faults.Faults`.     log : called with every frame.
     """
     if unknown := sorted(set(options) - set(_OPTIONS)):
-        raise UsageError(f"the virtual drive has no option {', '.join(unknown)}; it has {', '.join(_OPTIONS)}")
+        raise UsageError(f"the virtual drive has no option {', '.join(unknown)}; leave it out")
     file = load_plant(address or DEFAULT_PLANT)
     start_m = _number(options, "start_position", DEFAULT_START_M)
     plant = options.get("plant") or SimulatedPlant(file.model, position_m=start_m)

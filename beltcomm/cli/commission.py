@@ -13,6 +13,7 @@ from beltcomm.cli.frame import Frame, api, axis_for, options_of, run_folder
 
 @click.command("commission")
 @shared.machine_options
+@shared.window_option
 @shared.axis_option
 @shared.new_run_option
 @shared.resume_option

@@ -40,5 +40,5 @@ def command(frame: Frame, /) -> int:
     ]
     if not found:
         lines = ["no adapters installed; run `pip install -e .` in the beltcomm folder"]
-    frame.print(data, [*lines, f"drive profiles (--profile): {', '.join(profiles)}"])
+    frame.print(data, [*lines, f"drive profiles (--profile): {', '.join(profiles)}; virtual drives have reference and cmmp-as"])
     return 0

@@ -7,12 +7,14 @@ import importlib
 import json
 import math
 import os
+import shutil
 import sys
 import tempfile
+import textwrap
 import traceback
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, TextIO
 
 import click
 
@@ -28,6 +30,9 @@ if TYPE_CHECKING:
 INTERRUPTED = 4
 #: What a file system that refuses says: not allowed, read-only, full.
 UNWRITABLE = (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOSPC, errno.EDQUOT)
+#: Verbs that go on with ``--resume``, and all that record.
+RESUMABLE = ("commission", "identify")
+RECORDING = (*RESUMABLE, "friction", "verify", "simulate")
 #: The shipped axis that a virtual drive is commissioned with when no other is given.
 VIRTUAL_AXIS = "egc-70-600"
 
@@ -121,12 +126,12 @@ class Frame:
 
     def print(self, data: Mapping[str, Any], lines: Iterable[str]) -> None:
         """The same from a mapping and lines."""
-        self._end_talk()
+        self._end_talk(done=True)
         if self.json:
             click.echo(json.dumps(_jsonable(data), ensure_ascii=False, allow_nan=False))
             return
         for line in lines:
-            click.echo(line)
+            click.echo(_fitted(line, sys.stdout))
 
     def line(self) -> str:
         """The command as it was typed."""
@@ -140,23 +145,31 @@ class Frame:
             self._talk = terminal_talk(self.verbose)
         return self._talk
 
-    def _end_talk(self) -> None:
-        """Before anything else is printed: a progress line must not stay in the terminal."""
+    def _end_talk(self, done: bool = False) -> None:
+        """Before anything else is printed: a progress line must not stay in the terminal.   done : the last phase came to its end."""
         if self._talk is not None:
-            self._talk.close()
+            self._talk.close(done)
 
     def note_end(self) -> None:
         """Somebody ends this program from outside; perhaps nobody reads any more."""
         self.ended = True
 
     def _interrupted(self) -> int:
-        kept = f"; what was recorded is kept in {self.run}, --resume goes on" if self.run and self.run.is_dir() else ""
-        return self._failed(f"interrupted{self._left_behind()}{kept}", INTERRUPTED)
+        return self._failed(f"interrupted{self._left_behind()}{self._kept()}", INTERRUPTED)
+
+    def _kept(self) -> str:
+        """What is left of an interrupted run, in words: only a verb that can resume promises to go on."""
+        verb = self.words[0] if self.words else ""
+        if not self.run or not self.run.is_dir() or verb not in RECORDING:
+            return ""
+        if verb in RESUMABLE and not any((self.run / "recordings").glob("*.csv*")):
+            return "; nothing was recorded yet"
+        return f"; what was recorded is kept in {self.run}" + (", --resume goes on" if verb in RESUMABLE else "")
 
     def _failed(self, sentence: str, code: int) -> int:
         try:
             self._end_talk()
-            click.echo(f"beltcomm: {sentence}", err=True)
+            click.echo(_fitted(f"beltcomm: {sentence}", sys.stderr), err=True)
             if self.json:
                 click.echo(json.dumps({"error": sentence, "exit_code": code}, ensure_ascii=False))
         except OSError:
@@ -181,6 +194,15 @@ class Frame:
         return ""
 
 
+def _fitted(line: str, stream: TextIO) -> str:
+    """A line no wider than the terminal, broken between words and indented; whoever reads from a pipe gets it whole."""
+    width = shutil.get_terminal_size().columns
+    if not stream.isatty() or len(line) <= width:
+        return line
+    indent = " " * (len(line) - len(line.lstrip()) + 2)
+    return textwrap.fill(line, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False, replace_whitespace=False)
+
+
 def api() -> Any:
     """:mod:`beltcomm.api`, imported when a verb runs: numba takes longer to import than ``--help`` may last."""
     return importlib.import_module("beltcomm.api")
@@ -191,6 +213,8 @@ def axis_for(axis: str | None, drive: str, run: Path | None, resume: bool) -> Ax
 
     Raises UsageError when there is none, or its file is wrong.
     """
+    from difflib import get_close_matches
+
     from beltcomm.axis import load_axis
 
     if axis is not None:
@@ -199,6 +223,8 @@ def axis_for(axis: str | None, drive: str, run: Path | None, resume: bool) -> Ax
         return load_axis(run / "axis.yaml")
     if drive.partition(":")[0] == "virtual":
         return load_axis(VIRTUAL_AXIS)
+    if get_close_matches(drive.partition(":")[0], ["virtual"], cutoff=0.7):
+        raise UsageError(f"there is no drive {drive}, did you mean virtual?")
     raise UsageError(f"--drive {drive} moves a real axis, so --axis is needed; write its axis.yaml with `beltcomm init`")
 
 

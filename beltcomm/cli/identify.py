@@ -14,6 +14,7 @@ from beltcomm.errors import UsageError
 
 @click.command("identify")
 @shared.machine_options
+@shared.window_option
 @shared.axis_option
 @shared.new_run_option
 @shared.resume_option
@@ -25,7 +26,8 @@ from beltcomm.errors import UsageError
 def command(frame: Frame, /, drive: str, axis: str | None, run: Path | None, resume: bool, plan: Path | None, **given: Any) -> int:
     """Measure frequency responses; the machine moves by some millimetres.
 
-    The amplitude rises step by step inside limits that are predicted before each step.
+    The amplitude rises step by step inside limits that are predicted before each step. A drive that does not know where the carriage
+    stands needs --position or --home, or --window for a record at this place alone.
     """
     if plan is not None:
         if run is None:

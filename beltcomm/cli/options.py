@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -13,9 +14,11 @@ from beltcomm.quantities import parse_quantity, unit_of
 
 if TYPE_CHECKING:
     Numbers = click.ParamType[float]
+    Pairs = click.ParamType[tuple[float, float]]
 else:  # before click 8.2 the class takes no type argument
-    Numbers = click.ParamType
+    Numbers = Pairs = click.ParamType
 
+_UNIT = re.compile(r"[a-zA-Zµμ]*\s*$")
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
@@ -37,6 +40,32 @@ class Quantity(Numbers):
             return parse_quantity(str(value), self.name)
         except UsageError as error:
             self.fail(str(error), param, ctx)
+
+
+class Window(Pairs):
+    """How far the carriage may move from where it stands: ``-20mm..30mm``, or ``25mm`` either way."""
+
+    name = "window"
+
+    def get_metavar(self, param: click.Parameter, ctx: click.Context | None = None) -> str:
+        """``LOW..HIGH``."""
+        return "LOW..HIGH"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[float, float]:
+        """(low, high) in m.  Raises click.BadParameter for anything else than low < 0 < high."""
+        if isinstance(value, tuple):
+            return value
+        low, _, high = str(value).partition("..")
+        if high and not _UNIT.findall(low)[0]:  # a unit after HIGH alone is meant for both
+            low += _UNIT.findall(high)[0]
+        try:
+            first = parse_quantity(low, "window_m")
+            ends = (first, parse_quantity(high, "window_m")) if high else (-first, first)
+        except UsageError as error:
+            self.fail(str(error), param, ctx)
+        if not ends[0] < 0.0 < ends[1]:
+            self.fail(f"{value} does not reach to both sides of where the carriage stands; write -20mm..30mm, or 25mm for both", param, ctx)
+        return ends
 
 
 def output_options(function: Function) -> Function:
@@ -123,6 +152,13 @@ feedforward_option = click.option(
     "--feedforward",
     type=click.Choice(["nonlinear", "linear", "none"]),
     help="nonlinear: inertia, viscous and Coulomb friction; linear: all friction as damping; none: no velocity either.",
+)
+window_option = click.option(
+    "--window",
+    "window_m",
+    type=Window(),
+    help="How far the carriage may move from where it stands, stops included: -20mm..30mm, or 25mm either way. Plus is where the drive's "
+    "position counts up. With it a record is possible where nobody knows the carriage's place.",
 )
 apply_option = click.option(
     "--apply",

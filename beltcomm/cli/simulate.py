@@ -22,7 +22,7 @@ from beltcomm.cli.frame import VIRTUAL_AXIS, Frame, api, options_of, run_folder
     help="What is recorded.",
 )
 @click.option("--seed", type=click.IntRange(0), help="Seed of the noise: equal seeds give equal records.")
-@shared.payload_option
+@click.option("--payload", "payload_kg", type=shared.Quantity("payload_kg"), help="Mass carried beside the plant's own carriage.")
 @shared.output_options
 @click.pass_obj
 def command(

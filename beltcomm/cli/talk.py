@@ -38,7 +38,7 @@ class _Pace:
     def left(self, fraction: float, seconds_left: float | None) -> str:
         """In words; nothing while it cannot be told."""
         if seconds_left is not None:
-            return f", {seconds_left:.0f} s left"
+            return f", {seconds_left:.0f} s left" if seconds_left >= 1.0 else ""
         passed_s = self._clock() - self._begun_s
         if not PACE_SHARE <= fraction < 1.0 or passed_s < PACE_S:
             return ""
@@ -73,7 +73,7 @@ class PlainTalk:
         """Ask and read a line from stdin.   Raises UsageError when stdin is closed."""
         return _ask(text, self._stream)
 
-    def close(self) -> None:
+    def close(self, done: bool = False) -> None:
         """Nothing to put back."""
 
 
@@ -92,7 +92,7 @@ class RichTalk:
         """Begin a new line for the phase; the line of the one before stays as its record."""
         from rich.progress import BarColumn, Progress, TextColumn
 
-        self.close()
+        self.close(done=True)
         self._pace.begin()
         columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:>3.0f} %{task.fields[left]}"))
         self._live = Progress(*columns, console=self._console)
@@ -113,12 +113,14 @@ class RichTalk:
 
     def confirm(self, text: str) -> bool:
         """Ask below everything.   Raises UsageError when stdin is closed."""
-        self.close()
+        self.close(done=True)
         return _ask(text, sys.stderr)
 
-    def close(self) -> None:
-        """End the progress line and give the terminal its cursor back.   Idempotent."""
+    def close(self, done: bool = False) -> None:
+        """End the progress line and give the terminal its cursor back.   done : the phase came to its end.   Idempotent."""
         if self._live is not None:
+            if done:
+                self._live.update(self._task, completed=1.0, left="")
             self._live.stop()
             self._live = None
 

@@ -33,6 +33,7 @@ class DesignResult:
 
     margins : one per plant, in the order of ``plants``.   binding : the conditions that stopped the gains from growing.
     remarks : what a drive with more of the thesis's cascade would have reached, in words.
+    relaxed : it has less than the margins that were asked for at first.
     """
 
     cascade: Cascade
@@ -42,6 +43,7 @@ class DesignResult:
     margins: tuple[Margins, ...]
     binding: tuple[str, ...]
     remarks: tuple[str, ...]
+    relaxed: bool = False
 
     @property
     def stiffness(self) -> float:
@@ -230,7 +232,7 @@ def _binding(cascade: Cascade, achieved: Sequence[Margins], structure: CascadeSt
         value = float(getattr(worst, name))
         if sign * (value - limit) < near:
             where = f" at {worst.plant}" if worst.plant else ""
-            lines.append(f"{words} {value:.1f} {unit} (asked {limit:g}){where}")
+            lines.append(f"{words} {value:.1f} {unit} (asked {limit:.4g}){where}")
     values = {
         "kp_nm_s_rad": cascade.kp_nm_s_rad,
         "ki_nm_rad": cascade.ki_nm_rad,
@@ -261,7 +263,7 @@ def _remarks(
             remarks.append(f"with a {kind} prefilter the drive could have reached {factor:.1f} times the stiffness K_I K_PP")
     if not structure.velocity_feedforward:
         remarks.append(
-            f"without velocity feedforward the motor trails by {1.0 / cascade.kpp_1_s:.3g} rad for every rad/s of speed "
+            f"without velocity feedforward the carriage trails by {1e3 / cascade.kpp_1_s:.3g} mm for every m/s of speed "
             f"(speed over K_PP); with it this part of the error would vanish"
         )
     elif not structure.reference_filter:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -52,28 +52,39 @@ def final_model(
     ``start`` replaces the start values found from the excited records.
     Raises DataError when there is no excited record to start from, or none is usable; DamagedRecord when the angle of one jumps.
     """
+    excited = [r for r in recordings if r.sidecar.experiment == "frf" and not r.sidecar.held_out]
     if start is None:
-        excited = [r for r in recordings if r.sidecar.experiment == "frf" and not r.sidecar.held_out]
         if not excited:
             raise DataError(
                 "no recording with an excitation (experiment: frf); record one with `beltcomm identify`, or if one of the recordings "
                 "is excited, say so in its sidecar"
             )
         longest = max(excited, key=lambda r: len(r.t_s))
-        place = longest.sidecar.start_position_m or 0.0
+        place = longest.sidecar.start_position_m
         # Twice, because the share of the carriage in the friction is assumed and not found: first its level must be known.
         level = first_estimate([longest], data_sheet_model(axis, place, 0.0), counts_per_rev)["coulomb.level"]
         start = first_estimate([longest], data_sheet_model(axis, place, level), counts_per_rev)
-    start = as_constant(start, float(np.median([r.sidecar.start_position_m or 0.0 for r in recordings])))
-    constant = fit_inverse(recordings, start, counts_per_rev=counts_per_rev, progress=lambda f: progress(0.5 * f))
+    at = [place for r in excited if (place := r.sidecar.start_position_m) is not None]
+    apart = max(at) - min(at) >= PLACES_APART_M if at else False
+    if apart and len(at) < len(excited):  # a record that does not say where it was made can only disturb a law along the travel
+        nowhere = [r.name for r in excited if r.sidecar.start_position_m is None]
+        told = [r for r in recordings if r.name not in nowhere]
+        found = final_model(told, axis, counts_per_rev, start=start, progress=progress)
+        return replace(found, reason=f"{found.reason}; left out, because nobody knows where it was made: {', '.join(nowhere)}")
+    start = as_constant(start, float(np.median(at)) if at else 0.0)
+    share = 0.5 if apart else 1.0
+    constant = fit_inverse(recordings, start, counts_per_rev=counts_per_rev, progress=lambda f: progress(share * f))
     refuse_jumps(recordings, constant, counts_per_rev)
     places = stiffness_by_record(recordings, constant.model, counts_per_rev, constant.noise_nm)
     spread = clear_spread(places)
-    at = [r.sidecar.start_position_m or 0.0 for r in recordings if r.name in places]
-    if spread < STIFFNESS_SPREAD or max(at) - min(at) < PLACES_APART_M:
+    if spread < STIFFNESS_SPREAD or not apart:
         progress(1.0)
-        equal = f"stiffness differs by {100 * spread:.1f} % between places at most: taken as constant"
-        return FinalModel(constant, None, equal if spread < STIFFNESS_SPREAD else "measured at one place: stiffness taken as constant")
+        reason = f"stiffness differs by {100 * spread:.1f} % between places at most: taken as constant"
+        if len(places) < 2 or not apart:
+            reason = "measured at one place: stiffness taken as constant"
+        if not at:
+            reason = "nobody knows where along the travel this was measured: the stiffness holds for that place alone"
+        return FinalModel(constant, None, reason)
     varying_start = by_position(constant.model, axis, recordings, places)
     varying = fit_inverse(
         recordings,

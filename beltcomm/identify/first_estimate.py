@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -37,19 +38,37 @@ _LINEAR = ("coulomb.level", "viscous.damping")
 _NONLINEAR = ("cart.mass", "belt_stiffness.stiffness", "cart_friction.level")
 
 
-def data_sheet_model(axis: Axis, position_m: float, coulomb_nm: float, tilt_rad: float = 0.0) -> Model:
+def stiffness_range(axis: Axis, window_m: tuple[float, float]) -> tuple[float, float]:
+    """Smallest and largest belt stiffness at a place that nobody knows, by the data sheet, as shares of that at ``position_m`` None.
+
+    window_m : (low < 0, high > 0), m, how far the carriage is free to move from there: so far it is from the ends of its travel.
+    """
+    places = float(axis.travel.min_m or 0.0) - window_m[0], float(axis.travel.max_m or 0.0) - window_m[1]
+    found = [axis.belt_stiffness_n_m(place) / _usual_stiffness(axis) for place in places]
+    return min(found), max(found)
+
+
+def _usual_stiffness(axis: Axis) -> float:
+    """Geometric mean of the belt stiffness at both ends of the travel, N/m."""
+    ends = (float(axis.travel.min_m or 0.0), float(axis.travel.max_m or 0.0))
+    return math.sqrt(axis.belt_stiffness_n_m(ends[0]) * axis.belt_stiffness_n_m(ends[1]))
+
+
+def data_sheet_model(axis: Axis, position_m: float | None, coulomb_nm: float, tilt_rad: float = 0.0) -> Model:
     """The model before anything was measured: inertia, transmission and belt from data sheets, friction from a breakaway test.
 
-    position_m : m, where the stiffness is taken.    coulomb_nm : N m at the motor, of motor and carriage together; the split is not
-    known and set to 70 % at the motor.    Raises UsageError when the axis file lacks what the job needs.
+    position_m : m, where the stiffness is taken; None takes the geometric mean of both ends of the travel.
+    coulomb_nm : N m at the motor, of motor and carriage together; the split is not known and set to 70 % at the motor.
+    Raises UsageError when the axis file lacks what the job needs.
     """
     axis.require("identify", "motor.inertia_kg_m2", "pulley.effective_radius_m", "belt.specific_stiffness_n", "belt.pulley_distance_m")
     ratio = axis.transmission_m_rad
+    stiffness = _usual_stiffness(axis) if position_m is None else axis.belt_stiffness_n_m(position_m)
     values = {
         "motor.inertia": axis.motor_side_inertia_kg_m2,
         "cart.mass": axis.payload.mass_kg or 2.0,
         "transmission.ratio": ratio,
-        "belt_stiffness.stiffness": axis.belt_stiffness_n_m(position_m),
+        "belt_stiffness.stiffness": stiffness,
         "coulomb.level": 0.7 * coulomb_nm,
         "cart_friction.level": 0.3 * coulomb_nm / ratio,
         "viscous_cart.damping": 0.0,  # unknown: a prediction of the belt force must not count on it

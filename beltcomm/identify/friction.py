@@ -244,7 +244,7 @@ def _remarks(fit: FrictionFit, left_out_rad_s: Sequence[float], speed: Array, to
     for name, item in (("viscous", fit.viscous), ("Coulomb", fit.coulomb)):
         if item.interval is not None and item.value <= item.interval:
             remarks.append(
-                f"{name} friction is not determined by this sweep: {item.value:.3g} ± {item.interval:.2g} {item.unit}; "
+                f"{name} friction is not determined by this sweep: {1e3 * item.value:.2g} ± {1e3 * item.interval:.2g} m{item.unit}; "
                 "spread the speeds wider and repeat them"
             )
     if fit.offset.interval is not None and abs(fit.offset.value) > fit.offset.interval:

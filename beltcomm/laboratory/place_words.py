@@ -25,7 +25,7 @@ def in_words(place: Place, landmarks: Mapping[str, float] | None = None) -> str:
     torque = torque_words(place)
     rest = "" if place.elsewhere >= place.ratio else f", elsewhere {place.elsewhere:.2f}"
     record = f", most of it in {place.record}" if place.record else ""
-    where = span_words(place) + landmark_words(place, landmarks or {})
+    where = span_words(place) + also_words(place) + landmark_words(place, landmarks or {})
     return f"{where}: {place.ratio:.2f} times the noise{rest}{'; ' if torque else ''}{torque}{record}"
 
 
@@ -44,6 +44,11 @@ def span_words(place: Place) -> str:
         "amplitude": f"{word} below {high:.2g} {place.unit}" if low <= 0.0 else f"{word} of {low:.2g} to {high:.2g} {place.unit}",
         "frequency": f"{low:.0f} to {high:.0f} Hz",
     }[place.dimension]
+
+
+def also_words(place: Place) -> str:
+    """Other ranges nearly as bad."""
+    return "".join(f", also {low:.3g} to {high:.3g} {place.unit}" for low, high in place.also)
 
 
 def landmark_words(place: Place, landmarks: Mapping[str, float]) -> str:

@@ -32,6 +32,8 @@ Array = NDArray[np.float64]
 DEVIATIONS = 4.0
 #: A range that holds more of all samples is no place.
 MOST = 0.75
+#: Most other ranges that are told.
+ALSO = 2
 #: Neighbours with this share of the worst bin's excess belong to the place.
 AS_BAD = 0.4
 #: A mean torque is told where it makes up this share of what the place has too much.
@@ -50,7 +52,8 @@ class Place:
     share : of all squares above the noise.   forward, backward : measured minus model's torque in units of the axis, mean over motion in
     positive and in negative direction (over positive and negative torque for the amplitude); None where the mean does not matter.
     record : the one that most of it comes from, "" for several.   samples : in it.   swing : amplitude of a ripple.   units : of the axis.
-    weight : sum of its squares above the noise over all samples, what it adds to the square of the overall ratio.
+    weight : sum of its squares above the noise over all samples, what it adds to the square of the overall ratio.   also : other ranges
+    nearly as bad, not in the numbers.
     """
 
     dimension: str
@@ -67,6 +70,7 @@ class Place:
     swing: float = 0.0
     weight: float = 0.0
     units: Units = CARRIAGE_BY_MOTOR
+    also: tuple[tuple[float, float], ...] = ()
 
     @property
     def contrast(self) -> float:
@@ -94,14 +98,30 @@ def worst_places(judged: Sequence[Judged]) -> list[Place]:
     found = []
     for dimension, (values, edges, unit) in dimensions(samples).items():
         bins = bins_of(dimension, values, edges, unit, squares)
-        span = worst_span(bins.ratio, bins.count)
-        if span is not None:
-            inside = (values >= edges[span[0]]) & (values < edges[span[1]])
-            if inside.mean() > MOST:
-                continue
-            found.append(place_of(dimension, edges[span[0]], edges[span[1]], unit, inside, samples))
+        spans = bad_spans(bins.ratio, bins.count)
+        if not spans:
+            continue
+        inside = [(values >= edges[first]) & (values < edges[last]) for first, last in spans]
+        bad = np.any(inside, axis=0)
+        if bad.mean() > MOST:
+            continue
+        place = place_of(dimension, edges[spans[0][0]], edges[spans[0][1]], unit, inside[0], ~bad, samples)
+        found.append(replace(place, also=tuple((float(edges[first]), float(edges[last])) for first, last in spans[1 : 1 + ALSO])))
     found += [p for p in (worst_band(judged), by_direction(samples), by_angle(judged, samples)) if p is not None]
     return sorted(found, key=lambda p: -p.rank)
+
+
+def bad_spans(ratio: Array, count: Array) -> list[tuple[int, int]]:
+    """First and last edges of the worst place and of others nearly as bad, apart from it; the worst first."""
+    left, spans = ratio.copy(), list[tuple[int, int]]()
+    span = worst_span(left, count)
+    excess = np.nan_to_num(ratio, nan=1.0) ** 2 - 1.0
+    least = AS_BAD * float(np.max(excess))
+    while span is not None and (not spans or float(np.max(excess[span[0] : span[1]])) > least):
+        spans.append(span)
+        left[span[0] : span[1]] = np.nan
+        span = worst_span(left, count)
+    return spans
 
 
 def worst_span(ratio: Array, count: Array) -> tuple[int, int] | None:
@@ -119,11 +139,13 @@ def worst_span(ratio: Array, count: Array) -> tuple[int, int] | None:
     return first, last + 1
 
 
-def place_of(dimension: str, low: float, high: float, unit: str, inside: NDArray[np.bool_], samples: Samples) -> Place:
-    """The samples of a range as a place."""
+def place_of(
+    dimension: str, low: float, high: float, unit: str, inside: NDArray[np.bool_], outside: NDArray[np.bool_], samples: Samples
+) -> Place:
+    """The samples of a range as a place.   outside : what it is compared with."""
     squares = samples.white**2
     here = float(np.mean(squares[inside]))
-    rest = squares[~inside]
+    rest = squares[outside]
     elsewhere = float(np.sqrt(np.mean(rest))) if len(rest) >= FEWEST else 1.0
     side = samples.load if dimension == "amplitude" else samples.speed
     means: list[float | None] = []
@@ -161,7 +183,7 @@ def by_direction(samples: Samples) -> Place | None:
     for half in (samples.speed > 0.0, samples.speed < 0.0):
         if half.sum() >= FEWEST:
             left[half] -= np.mean(left[half])
-    place = place_of("direction", -1.0, 1.0, "", np.ones(len(squares), dtype=bool), samples)
+    place = place_of("direction", -1.0, 1.0, "", np.ones(len(squares), dtype=bool), np.zeros(len(squares), dtype=bool), samples)
     forward, backward = samples.speed > 0.0, samples.speed < 0.0
     if min(forward.sum(), backward.sum()) < FEWEST:
         return None

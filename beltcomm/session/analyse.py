@@ -202,7 +202,7 @@ def design(
         if specification is not None or nearest is None or nearest.phase_margin_deg < LEAST_PHASE_MARGIN_DEG:
             raise
         result = design_cascade(plants, structure, nearest)
-        result = replace(result, remarks=(f"the usual margins cannot be had: {refusal}", *result.remarks))
+        result = replace(result, remarks=(f"the usual margins cannot be had: {refusal}", *result.remarks), relaxed=True)
     return result, with_feedforward(result.cascade, model, structure, dead_time_s, feedforward, apparent_damping_nm_s_rad)
 
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from beltcomm.axis import Axis
-from beltcomm.axis_entries import COMMISSION_NEEDS
 from beltcomm.control import Cascade, CascadeStructure
 from beltcomm.design.cascade import DesignResult
 from beltcomm.design.feedforward import FeedforwardKind
@@ -23,7 +22,7 @@ from beltcomm.model import Model
 from beltcomm.recording import Recording
 from beltcomm.session import analyse, phases, sameness, stops, verification
 from beltcomm.session.machine import Machine
-from beltcomm.session.proof import move_name, proof
+from beltcomm.session.proof import SURE_MARGIN_DEG, move_name, proof, thin_margins
 from beltcomm.sidecar import Sidecar
 from beltcomm.trajectory import Trajectory
 from beltcomm.verify import Demand, Verdict
@@ -57,13 +56,17 @@ class Settings:
     """What the user decides.  payloads_kg : further carriage loads the loop must hold for, added to what is mounted now.
 
     position_m : where the carriage stands, when the drive does not know.   home : run the drive's homing first.
-    apply : what becomes of the new gains.   quick : one place only.   prefilter : None is the best one that the drive has.
+    window_m : how far the carriage may move from where it stands, (low < 0, high > 0).   ask : somebody can be asked.
+    apply : what becomes of the new gains; None asks when somebody can be asked.
+    quick : one place only.   prefilter : None is the best one that the drive has.
     move : the user's own reference motion instead of the standard move.
     """
 
-    apply: Apply = "restore"
+    apply: Apply | None = "restore"
     position_m: float | None = None
     home: bool = False
+    window_m: tuple[float, float] | None = None
+    ask: bool = False
     payloads_kg: tuple[float, ...] = ()
     prefilter: PrefilterKind | None = None
     feedforward: FeedforwardKind = "nonlinear"
@@ -74,7 +77,10 @@ class Settings:
 
 @dataclass
 class Findings:
-    """What is known so far; every phase adds to it, and an interrupted run keeps what it has."""
+    """What is known so far; every phase adds to it, and an interrupted run keeps what it has.
+
+    reservations : in words, why it is no success although the move that was driven met its targets.
+    """
 
     breakaway: phases.Breakaway | None = None
     excited: phases.Excited | None = None
@@ -91,19 +97,26 @@ class Findings:
     move_name: str = ""
     proof: Mapping[str, Any] = field(default_factory=dict)
     remarks: list[str] = field(default_factory=list)
+    reservations: list[str] = field(default_factory=list)
+    applied: Apply = "restore"
     machine_seconds: float = 0.0
+
+    @property
+    def succeeded(self) -> bool:
+        """Whether the axis meets its targets, by a model that explains it and with nothing that speaks against it."""
+        trusted = self.final is not None and not self.final.fit.suspect
+        return trusted and self.verdict is not None and self.verdict.passed and not self.reservations
 
 
 def identify_here(machine: Machine, findings: Findings) -> Model:
     """Phases 1 to 3: sign, rising excitation, one open-loop frequency response at the present place; returns a first model."""
-    talk = machine.talk
-    talk.phase(2, len(TITLES), TITLES[1])
+    machine.begin(TITLES[1])
     findings.breakaway = phases.sign_and_scale(machine)
     sameness.check_breakaway(machine, findings.breakaway.coulomb_nm)
     sameness.repeat_first_excitation(machine, phases.excitation_room(machine, machine.position_m))
-    talk.phase(3, len(TITLES), TITLES[2])
+    machine.begin(TITLES[2])
     findings.excited = phases.raise_amplitude(machine, findings.breakaway)
-    talk.phase(4, len(TITLES), TITLES[3])
+    machine.begin(TITLES[3])
     excited = findings.excited
     phases.frequency_response(machine, "frf_1", excited.model, excited.step.amplitude_nm, RESPONSE_S)
     return first_model(machine, findings)
@@ -137,15 +150,24 @@ def measure_delay_and_damping(findings: Findings, recordings: Sequence[Recording
         findings.remarks.append(str(problem))
 
 
-def close_first_loop(machine: Machine, findings: Findings, model: Model) -> Cascade:
-    """Phase 4: a cautious loop for the uncertain first model, written into the drive."""
-    machine.talk.phase(5, len(TITLES), TITLES[4])
+def close_first_loop(machine: Machine, findings: Findings, model: Model, *, ask: bool = False) -> Cascade:
+    """Phase 4: a cautious loop for the uncertain first model, written into the drive.
+
+    ask : before a loop with thin margins is closed.   Raises Refused for a no.
+    """
+    machine.begin(TITLES[4])
     structure = machine.drive.capabilities.structure
     assume_delay(findings, structure)
     result = analyse.first_loop(model, structure, machine.position_m, delay(findings), analyse.apparent_damping(findings.thesis))
     cascade = analyse.with_feedforward(result.cascade, model, structure, delay(findings))
     margin = min(m.phase_margin_deg for m in result.margins)
     machine.talk.say(f"first loop: K_P {cascade.kp_nm_s_rad:.4f} N m s/rad, smallest phase margin {margin:.0f} deg on an uncertain model")
+    if margin < SURE_MARGIN_DEG:
+        machine.talk.say(
+            f"That is little, {SURE_MARGIN_DEG:.0f} deg are usual: this drive's structure gives no more. The axis may ring as it travels."
+        )
+        if ask and not machine.talk.confirm("Close this loop and travel with it?"):
+            raise Refused("the loop was not closed, as you said; the recordings so far are kept, `beltcomm fit` makes a model of them")
     stops.count_on_loop(machine, around(model), machine.write_cascade(cascade), delay(findings))
     return cascade
 
@@ -168,11 +190,11 @@ def assume_delay(findings: Findings, structure: CascadeStructure) -> None:
 
 def measure_places(machine: Machine, model: Model, amplitude_nm: float) -> None:
     """Phase 5: frequency responses at other places along the travel."""
-    machine.talk.phase(6, len(TITLES), TITLES[5])
+    machine.begin(TITLES[5])
     low, high = machine.full_room().window_m
-    here = machine.folder.recording("frf_1").sidecar.start_position_m or 0.0
+    here = machine.folder.recording("frf_1").sidecar.start_position_m
     places = [low + share * (high - low) for share in PLACES]
-    others = [place for place in places if abs(place - here) >= SAME_PLACE_M]
+    others = [place for place in places if here is None or abs(place - here) >= SAME_PLACE_M]
     for number, place in enumerate(others, start=2):
         name = f"frf_{number}"
         if machine.folder.finished(name) is None:
@@ -182,7 +204,7 @@ def measure_places(machine: Machine, model: Model, amplitude_nm: float) -> None:
 
 def measure_friction(machine: Machine, model: Model, name: str = "sweep") -> Recording:
     """Phase 5b: the constant-speed sweep with the loop closed."""
-    machine.talk.phase(7, len(TITLES), TITLES[6])
+    machine.begin(TITLES[6])
     if machine.folder.finished(name) is None:
         phases.move_to(machine, phases.stroke_ends(machine)[0], model)
     strokes = phases.sweep(machine, model)
@@ -197,7 +219,7 @@ def measure_friction(machine: Machine, model: Model, name: str = "sweep") -> Rec
 
 def fit_and_design(machine: Machine, findings: Findings, settings: Settings) -> Cascade:
     """Phase 6: final fit over all records, final design; returns what goes into the drive."""
-    machine.talk.phase(8, len(TITLES), TITLES[7])
+    machine.begin(TITLES[7])
     recordings = machine.folder.recordings()
     counts = machine.drive.capabilities.counts_per_rev
     first = findings.final.fit.model if findings.final else None
@@ -210,7 +232,9 @@ def fit_and_design(machine: Machine, findings: Findings, settings: Settings) -> 
         findings.friction = analyse.friction_of(recordings)
     except DataError as problem:
         findings.remarks.append(f"friction sweep: {problem}")
+        findings.reservations.append("the friction sweep could not be used")
     findings.design, findings.cascade = design_for(machine.axis, model, machine.drive.capabilities.structure, findings, settings)
+    findings.reservations += thin_margins(findings.design.margins)
     return findings.cascade
 
 
@@ -242,56 +266,60 @@ def known_model(findings: Findings) -> Model:
 
 def commission(machine: Machine, settings: Settings, findings: Findings) -> Findings:
     """The whole job on a connected, referenced axis.  ``findings`` is filled as it goes, so an interruption loses nothing."""
-    machine.talk.phase(1, len(TITLES), TITLES[0])
+    machine.titles = TITLES
+    machine.begin(TITLES[0])
     try:
         model = identify_here(machine, findings)
-        close_first_loop(machine, findings, model)
+        close_first_loop(machine, findings, model, ask=settings.ask)
         if not settings.quick:
             measure_places(machine, model, findings.excited.step.amplitude_nm if findings.excited else 0.0)
         measure_friction(machine, model)
         cascade = fit_and_design(machine, findings, settings)
-        machine.talk.phase(9, len(TITLES), TITLES[8])
+        machine.begin(TITLES[8])
         model = known_model(findings)
         stops.count_on_loop(machine, [model], cascade, delay(findings))
         if settings.move is not None:
             trajectory = settings.move
         else:
             standard = verification.standard_move(machine, model)
+            standard = verification.kept_by_belt(machine, model, cascade, delay(findings), standard)
             trajectory, remark = verification.within_target(machine, model, cascade, delay(findings), standard)
             if remark:
                 findings.remarks.append(remark)
+            if trajectory.duration_s > standard.at(1.0, trajectory.sample_period_s).duration_s:
+                findings.reservations.append("this drive cannot follow the standard move within the target, only slower ones")
         findings.proof = proof(cascade, trajectory, settings.payloads_kg)
         name = move_name(machine.folder, findings.proof)
         verdict, findings.demand = verification.verify_move(
             machine, model, cascade, delay(findings), trajectory, name, settings.payloads_kg
         )
         findings.verdict, findings.move_name = verdict, name
-        trusted = verdict.passed and findings.final is not None and not findings.final.fit.suspect
-        machine.keep_gains = settings.apply in ("keep", "save") and trusted
-        if settings.apply in ("keep", "save") and not trusted:
-            why = "the model does not explain the measurements" if verdict.passed else "the verification missed its target"
-            findings.remarks.append(f"the new gains were not kept, because {why}; `beltcomm apply` writes them all the same")
-        if settings.apply == "save" and trusted:
-            machine.write_cascade(cascade)
-            machine.drive.save()
+        dispose(machine, settings, findings, cascade)
     finally:
         findings.machine_seconds = machine.machine_seconds
     return findings
 
 
-def reference(machine: Machine, settings: Settings) -> None:
-    """Make the zero of the axis known: the drive knows it, or homing, or the operator's word.   Raises Refused without any."""
-    if settings.position_m is not None:
-        machine.reference_at(settings.position_m)
-    elif settings.home:
-        if not machine.drive.capabilities.can_home:
-            raise Refused("this drive cannot home by itself; measure where the carriage stands and give --position")
-        machine.drive.home(machine.drive_limits(machine.full_room()))
-        machine.origin_rad = 0.0
-    elif not machine.drive.capabilities.referenced:
-        raise Refused("the drive does not know where the carriage stands; give --position METRES, or --home to let the drive find its zero")
-
-
-def suitable(axis: Axis) -> None:
-    """Raise UsageError unless the axis file has what the whole job needs."""
-    axis.require("commission", *COMMISSION_NEEDS)
+def dispose(machine: Machine, settings: Settings, findings: Findings, cascade: Cascade) -> None:
+    """Phase 8: keep, restore or save the gains that were proven; asked for where nothing was said."""
+    wanted = settings.apply
+    if wanted is None:
+        wanted = "restore"
+        if settings.ask and findings.succeeded:
+            error = 1e3 * findings.verdict.measured.dynamic_m if findings.verdict else 0.0
+            machine.talk.say(f"The move met its targets, {error:.3g} mm of dynamic error.")
+            if machine.talk.confirm("Keep the new gains in the drive until power-off?"):
+                wanted = "save" if machine.talk.confirm("Save them for good, beyond power-off?") else "keep"
+    if wanted in ("keep", "save") and not findings.succeeded:
+        missed = findings.verdict is None or not findings.verdict.passed
+        why = "the verification missed its target" if missed else "; ".join(findings.reservations)
+        findings.remarks.append(
+            f"the new gains were not kept, because {why or 'the model does not explain the measurements'}; "
+            "`beltcomm apply --force` writes them all the same"
+        )
+        wanted = "restore"
+    findings.applied = wanted
+    machine.keep_gains = wanted in ("keep", "save")
+    if wanted == "save":
+        machine.write_cascade(cascade)
+        machine.drive.save()

@@ -27,6 +27,8 @@ NEAR_M = 5e-4
 GOES = 30
 #: Share of the way left that one go is to bring: a creeping carriage is not stopped at once.
 GO_SHARE = 0.6
+#: Share of the ramp's torque below which the torque cannot have moved the carriage.
+BY_ITSELF = 0.02
 #: s, to look whether the axis stays where it was stopped.
 STILL_S = 0.1
 
@@ -71,10 +73,7 @@ def creep(drive: Drive, axis: Axis, limits: Limits, by_m: float, reach_m: float)
         if moved > MOVED_M and not onset:
             onset.append(sign * row[2])
         if moved < -4.0 * MOVED_M:
-            raise DriveError(
-                f"the carriage moves to {'negative' if sign > 0 else 'positive'} under {'positive' if sign > 0 else 'negative'} "
-                "torque: change the polarity of the drive (607Eh) or of its encoder, or the tilt of the axis moves it by itself"
-            )
+            raise DriveError(_backwards(sign, abs(row[2]), top))
         coasting = onset and moved * sign * row[2] > SLIDING_SHARE * onset[0] * reach_m
         if moved > abs(by_m) or coasting or (moved > MOVED_M and moved - before[0] > CREEP_SPEED_M_S * period):
             raise Enough
@@ -106,6 +105,22 @@ def creep(drive: Drive, axis: Axis, limits: Limits, by_m: float, reach_m: float)
             "position",
         )
     return Crept(onset[0] if onset else top, moved_m, top / RAMP_S)
+
+
+def _backwards(sign: float, torque_nm: float, top_nm: float) -> str:
+    """What is said when the carriage goes against the torque.   torque_nm : at that moment, N m.   top_nm : at the end of the ramp."""
+    ways = ("positive", "negative")
+    under, to = ways if sign > 0 else ways[::-1]
+    if torque_nm < BY_ITSELF * top_nm:
+        return (
+            f"the carriage moved to {to} by itself, under hardly any torque ({torque_nm:.3f} N m to {under}): a tilt, a hanging load or a "
+            "spring moves it as soon as the brake opens. Secure the carriage; such axes cannot be commissioned. Do not change any polarity"
+        )
+    return (
+        f"the carriage moves to {to} under {torque_nm:.3f} N m of {under} torque. On a level axis torque and encoder count in opposite "
+        "directions: set the drive's polarity (607Eh) or the direction of its encoder. If the axis is tilted or a load hangs on it, "
+        "change nothing: the load moves it"
+    )
 
 
 def small_move(drive: Drive, axis: Axis, by_m: float, position_m: float | None) -> float:

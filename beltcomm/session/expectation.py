@@ -17,6 +17,52 @@ TRAVEL_SLACK_M = 1e-3
 FEWEST_ROWS = 6
 WRONG_INERTIA = 2.0
 
+#: The belt's force as the rows show it may exceed the axis' limit by this factor, beside friction, over so many
+#: rows: torque noise and encoder steps are no force.
+BELT_BEYOND = 1.25
+BELT_ROWS = 4
+
+
+class BeltWatch:
+    """Call it with every row of any motion: the force in the belt as the motor shows it,  F = (τ - Θ_e φ̈)/i_t, friction in it.
+
+    ratio : m/rad.   inertia_kg_m2 : motor side, as axis.yaml says.   limit_n : of the axis.   friction : Coulomb, N m, and viscous,
+    N m s/rad, of motor and carriage at the motor: what limits of belts leave out.
+    Raises SafetyStop when the mean of ``BELT_ROWS`` rows is beyond  1.25 F_max + (τ_c + d |φ̇|)/i_t.
+    """
+
+    def __init__(self, ratio: float, inertia_kg_m2: float, limit_n: float, friction: tuple[float, float]) -> None:
+        self.ratio, self.inertia_kg_m2, self.limit_n = ratio, inertia_kg_m2, limit_n
+        self.friction = friction
+        self._rows: list[tuple[float, float, float]] = []
+        self._forces: list[float] = []
+
+    def __call__(self, row: Row) -> None:
+        """One row as the drive gives it.   Raises SafetyStop."""
+        rows = self._rows
+        rows.append((row[0], row[1], row[3]))
+        if len(rows) < 3:
+            return
+        (t0, torque0, at0), (t1, torque1, at1), (t2, _, at2) = rows
+        del rows[0]
+        if t2 - t1 > 1.5 * (t1 - t0) or t1 - t0 > 1.5 * (t2 - t1):  # a row was lost
+            self._forces.clear()
+            return
+        acceleration = (at2 - 2.0 * at1 + at0) / ((t2 - t1) * (t1 - t0))
+        forces = self._forces
+        forces.append((0.5 * (torque0 + torque1) - self.inertia_kg_m2 * acceleration) / self.ratio)
+        if len(forces) < BELT_ROWS:
+            return
+        force = abs(sum(forces) / BELT_ROWS)
+        del forces[0]
+        coulomb, viscous = self.friction
+        if force > BELT_BEYOND * self.limit_n + (coulomb + viscous * abs(row[4])) / self.ratio:
+            raise SafetyStop(
+                f"the belt carries about {force:.0f} N, the limit of axis.yaml is {self.limit_n:.0f} N; the axis was stopped; if the loop "
+                "rings, look at its gains; else look at motor.inertia_kg_m2 and the pulley's radius in axis.yaml",
+                "belt force",
+            )
+
 
 class Expectation:
     """Call it with every row of a record.

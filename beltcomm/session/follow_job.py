@@ -1,15 +1,14 @@
-"""``beltcomm identify --plan``: open what is needed, run a plan of records, save what was found."""
+"""``beltcomm identify --plan``: run a plan of records on a connected drive, into the run that it was written for."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
 
-from beltcomm.drive import open_drive
+from beltcomm.drive import Drive
 from beltcomm.result import Result, plain
 from beltcomm.runfolder import RunFolder
-from beltcomm.session import commission as sequence
-from beltcomm.session import offline
+from beltcomm.session import offline, referencing
 from beltcomm.session.commission import Settings
 from beltcomm.session.following import follow, motion_plan
 from beltcomm.session.machine import Machine
@@ -19,28 +18,22 @@ from beltcomm.talk import Silence, Talk
 
 
 def follow_plan(
-    drive: str,
-    run: Path,
-    file: Path,
-    settings: Settings,
-    for_drive: dict[str, object],
-    agree: Callable[[Plan], None],
-    talk: Talk,
-    dry_run: bool = False,
+    drive: Drive, run: Path, file: Path, settings: Settings, agree: Callable[[Plan], None], talk: Talk, dry_run: bool = False
 ) -> Result:
     """Run the records of a plan file into an existing run.   agree : shows what will move and raises Refused for a no."""
     wanted = load_plan(file)
     folder = RunFolder.open(run)
     model = offline.trusted(folder)[0]
-    with open_drive(drive, for_drive) as connected:
-        folder.claim_drive(connected.capabilities.identity)
-        findings = offline.fitted(folder, "lm", Silence(), model)
-        with Machine(connected, folder.axis, folder, talk) as machine:
-            sequence.reference(machine, settings)
-            shown = motion_plan(machine, model, wanted)
-            if dry_run:
-                return Result({"plan": plain(shown), "seconds": shown.seconds}, [*shown.lines(), "Nothing was moved (--dry-run)."])
-            agree(shown)
-            made = follow(machine, model, findings, wanted)
+    folder.claim_drive(drive.capabilities.identity)
+    findings = offline.fitted(folder, "lm", Silence(), model)
+    with Machine(drive, folder.axis, folder, talk) as machine:
+        referencing.reference(machine, settings)
+        shown = motion_plan(machine, model, wanted)
+        if dry_run:
+            return Result({"plan": plain(shown), "seconds": shown.seconds}, [*shown.lines(), "Nothing was moved (--dry-run)."])
+        agree(shown)
+        if settings.home:
+            referencing.home(machine)
+        made = follow(machine, model, findings, wanted)
     text = [f"Recorded {', '.join(made)} in {folder.recordings_folder}.", f"Next: beltcomm diagnose {run}"]
     return Result({"run": str(run), "recordings": made, "reasons": dict(wanted.reasons)}, text)

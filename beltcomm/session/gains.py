@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from beltcomm.drive import Drive
 from beltcomm.errors import Refused
+from beltcomm.parameters import PREFILTER_KINDS
 from beltcomm.runfolder import RunFolder
 from beltcomm.talk import Talk
 
@@ -23,8 +24,13 @@ class Written:
 
     def table(self) -> list[str]:
         """The differences as plain text."""
-        lines = [f"  {n:24} {old:>12.6g} -> {new:.6g}" for n, (old, new) in self.changes.items()] or ["  nothing differs"]
+        lines = [f"  {n:24} {_shown(n, old):>12} -> {_shown(n, new)}" for n, (old, new) in self.changes.items()] or ["  nothing differs"]
         return lines + ([f"  the drive has no {', '.join(self.left_out)}"] if self.left_out else [])
+
+
+def _shown(name: str, value: float) -> str:
+    """A value in words where its number is a code."""
+    return PREFILTER_KINDS[int(value)] if name == "prefilter_kind" and value in range(len(PREFILTER_KINDS)) else f"{value:.6g}"
 
 
 def differences(drive: Drive, wanted: Mapping[str, float]) -> Written:
@@ -45,6 +51,7 @@ def write(drive: Drive, folder: RunFolder, wanted: Mapping[str, float], talk: Ta
     present = drive.backup()
     if folder.load_result("backup") is None:
         folder.save_result("backup", {"drive": dict(drive.capabilities.identity), "parameters": present})
+    folder.journal(f"{verb}: writing {len(plan.changes)} parameters")  # a folder that cannot be written stops it here, before the drive
     stored = drive.write({n: v for n, v in wanted.items() if n in present})
     if save:
         drive.save()

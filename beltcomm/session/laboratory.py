@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,13 +21,14 @@ from beltcomm.laboratory.stage import Candidate, with_effect
 from beltcomm.laboratory.start import start_model
 from beltcomm.laboratory.visible import Sight, visible
 from beltcomm.model import Model
+from beltcomm.recording import Recording
 from beltcomm.result import Result, plain
 from beltcomm.runfolder import RunFolder
 from beltcomm.session import ladder_words as words
 from beltcomm.session import pictures as drawn
 from beltcomm.session.cost import cost_lines, cost_or_reason
 from beltcomm.session.cross_check_words import as_data, check_lines, cross_checked
-from beltcomm.session.next_plan import NAME, plan_for
+from beltcomm.session.next_plan import NAME, plan_for, recorded_sets
 from beltcomm.session.revisions import Revision, as_mapping, changed_recordings, current_model, current_revision, new_revision, revisions
 from beltcomm.talk import Silence, Talk
 
@@ -110,27 +112,35 @@ def diagnose_run(
     found = diagnose(recordings, folder.axis, start, progress=lambda fraction: talk.progress(fraction, None))
     checked = cross_checked(found, recordings, folder.axis)
     data: dict[str, Any] = {"run": str(run), **diagnosis_data(found), **as_data(checked)}
-    text = words.diagnosis_lines(found, run)
-    text = text[:-1] + check_lines(checked) + text[-1:]
+    text = words.diagnosis_lines(found) + check_lines(checked)
     added_names = [step.added for step in found.steps if step.added]
     if cost and added_names:
         talk.phase(1, 1, "what it costs in tracking")
         data["cost"], lines = cost_of(folder, found.base.model, found.after.model, " and ".join(added_names))
-        text = text[:-1] + lines + text[-1:]
+        text += lines
+    seen, lines = sight(folder, found, recordings, following)
+    data |= seen
+    text += lines
+    folder.save_result("diagnosis", plain(data))
+    if not auto:
+        return Result(data, text + words.after_diagnosis(found, run))
+    added = climb(folder, found, model is not None, command, when)
+    data["revisions"] = [as_mapping(r) for r in added]
+    return Result(data, [*text, *words.climb_lines(added), f"Next: beltcomm design {run}"])
+
+
+def sight(folder: RunFolder, found: Diagnosis, recordings: Sequence[Recording], following: bool) -> tuple[dict[str, Any], list[str]]:
+    """What these data could not have shown, and with ``following`` the plan of what to record next, saved."""
     sights = visible(found.base, ground_of(found.base, found.base.problem.pieces, folder.axis))
-    data["visible"] = [seen_as(sight) for sight in sights]
-    text = text[:-1] + words.sight_lines(sights) + text[-1:]
+    data: dict[str, Any] = {"visible": [seen_as(one) for one in sights]}
+    lines = words.sight_lines(sights)
     if following:
-        wanted = plan_for(found.twins, [sight for sight in sights if not sight.seen])
+        travel = float(folder.axis.travel.max_m or 1.0) - float(folder.axis.travel.min_m or 0.0)
+        wanted = plan_for(found.twins, [one for one in sights if not one.seen], recorded_sets(recordings, travel))
         data["next"] = wanted.to_dict()
         folder.save_result(NAME, plain(wanted.to_dict()))
-        text += wanted.lines(run)
-    folder.save_result("diagnosis", plain(data))
-    if auto:
-        added = climb(folder, found, model is not None, command, when)
-        data["revisions"] = [as_mapping(r) for r in added]
-        text += words.climb_lines(added)
-    return Result(data, text)
+        lines += wanted.lines(folder.path)
+    return data, lines
 
 
 def climb(folder: RunFolder, found: Diagnosis, known: bool, command: str, when: str) -> list[Revision]:
@@ -219,11 +229,11 @@ def ladder_of_run(run: Path, *, pictures: bool = True, command: str = "") -> Res
     return Result(data, words.ladder_lines(rungs, changed) + drawn.lines(folder, made, remarks))
 
 
-def seen_as(sight: Sight) -> dict[str, Any]:
+def seen_as(one: Sight) -> dict[str, Any]:
     """One line of what could have been seen; null for never."""
-    weakest, hardest = (None if math.isinf(v) else v for v in (sight.weakest, sight.hardest))
-    known = {"parameter": sight.parameter, "typical": sight.size, "unit": sight.unit, "seen": sight.seen}
-    return {"effect": sight.effect.name, "weakest": weakest, "usual": hardest, **known}
+    weakest, hardest = (None if math.isinf(v) else v for v in (one.weakest, one.hardest))
+    known = {"parameter": one.parameter, "typical": one.size, "unit": one.unit, "seen": one.seen}
+    return {"effect": one.effect.name, "weakest": weakest, "usual": hardest, **known}
 
 
 def confirmed(before: Fitted, after: Fitted) -> bool | None:

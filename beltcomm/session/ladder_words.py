@@ -34,7 +34,7 @@ def comparison_lines(comparison: Comparison, places: Sequence[str], model: Model
     return [*lines, f"Next: beltcomm diagnose {run}"]
 
 
-def diagnosis_lines(found: Diagnosis, run: Path) -> list[str]:
+def diagnosis_lines(found: Diagnosis) -> list[str]:
     """``beltcomm diagnose``."""
     lines = [f"Error before: {found.base.ratio:.2f} times the noise{held_words(found.base)}."]
     first = found.steps[0].candidates if found.steps else ()
@@ -55,11 +55,17 @@ def diagnosis_lines(found: Diagnosis, run: Path) -> list[str]:
     if found.twins:
         effect = effect_named(found.twins[0])
         lines.append(f"These data cannot tell {' from '.join(found.twins)}: {effect.separate}.")
-    if added:
-        lines.append(f"Next: beltcomm add {added[0]} {run}")
-    elif found.verdict != "nothing missing":
-        lines.append(f"Next: beltcomm compare {run} shows where the error sits; look there on the machine.")
     return lines
+
+
+def after_diagnosis(found: Diagnosis, run: Path) -> list[str]:
+    """What to do next."""
+    added = [step.added for step in found.steps if step.added]
+    if added:
+        return [f"Next: beltcomm add {added[0]} {run}"]
+    if found.verdict != "nothing missing":
+        return [f"Next: beltcomm compare {run} shows where the error sits; look there on the machine."]
+    return []
 
 
 def sight_lines(sights: Sequence[Sight]) -> list[str]:

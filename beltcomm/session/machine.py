@@ -18,11 +18,12 @@ from numpy.typing import NDArray
 
 from beltcomm.axis import Axis
 from beltcomm.control import Cascade
-from beltcomm.drive import COLUMNS, Drive, Limits, Motion, Row
+from beltcomm.drive import COLUMNS, Capabilities, Drive, Limits, Motion, Row
 from beltcomm.errors import BeltcommError, DamagedRecord, DataError, Refused, UsageError
 from beltcomm.parameters import GAIN_NAMES, cascade_to_parameters, parameters_to_cascade
 from beltcomm.recording import Recording
 from beltcomm.runfolder import RunFolder
+from beltcomm.session.expectation import BeltWatch
 from beltcomm.sidecar import Sidecar
 from beltcomm.stopping import Braking, first_deceleration
 from beltcomm.talk import Talk
@@ -58,7 +59,10 @@ class Room:
 class Machine:
     """The connected axis.  Use as a context manager.
 
-    position_m : carriage position; the zero of the axis is known after :meth:`reference_at` or when the drive is referenced.
+    position_m : carriage position; the zero of the axis is known after :meth:`reference_at` or when the drive is referenced, else
+    (``place_known`` False) positions count from where the carriage stood in :meth:`stand_anywhere`.
+    friction : Coulomb, N m, and viscous, N m s/rad, of the whole axis at the motor, as far as it is known.
+    titles : of the phases to come, so that :meth:`begin` can number them.
     keep_gains : set by the sequence when the user wants to keep the new gains in the drive (not saved).
     deceleration_m_s2 : of a quick stop, lent to the drive with every motion.   braking : what brakes the axis with the loop that is in
     the drive; None as long as only friction can be counted with.
@@ -68,12 +72,17 @@ class Machine:
         self.drive, self.axis, self.folder, self.talk = drive, axis, folder, talk
         self.ratio = axis.transmission_m_rad
         self.origin_rad = 0.0
+        self.place_known = True
+        self._window_m = (-math.inf, math.inf)
         self.keep_gains = False
+        self.titles: tuple[str, ...] = ()
+        self.friction = (0.0, 0.0)
         self.deceleration_m_s2 = first_deceleration(axis, drive.capabilities.peak_torque_nm).value_m_s2
         self.braking: Braking | None = None
         self.machine_seconds = 0.0
         self._started = drive.clock.now()
         self._backup = drive.backup()
+        self._occupied = folder.occupy()
         if folder.load_result("backup") is None:  # a resumed run keeps what was there before the first one
             folder.save_result("backup", {"drive": dict(drive.capabilities.identity), "parameters": dict(self._backup)})
         folder.journal(f"connected to {drive.capabilities.name}; parameters saved as backup")
@@ -92,6 +101,7 @@ class Machine:
                 break
             except KeyboardInterrupt as again:  # an impatient user must not leave a half-restored drive behind
                 interrupted = again
+        self._occupied.close()
         if interrupted is not None and kind is None:
             raise interrupted
 
@@ -103,6 +113,11 @@ class Machine:
             self.talk.say(f"The drive's parameters could not be restored ({problem}); `beltcomm rollback` writes the backup again.")
         else:
             self.folder.journal("limits restored, new gains kept" if keep else "all parameters restored")
+
+    def begin(self, title: str) -> None:
+        """Tell that a phase begins, numbered among those to come."""
+        number = self.titles.index(title) + 1 if title in self.titles else 1
+        self.talk.phase(number, max(len(self.titles), 1), title)
 
     @property
     def position_m(self) -> float:
@@ -140,20 +155,58 @@ class Machine:
             raise UsageError(f"position {position_m:.4g} m is outside the travel {low:g}..{high:g} m of axis.yaml")
         self.origin_rad = self.drive.read(["position_rad"])["position_rad"] - position_m / self.ratio
 
+    def stand_anywhere(self) -> None:
+        """Nobody knows where along its travel the carriage stands: positions count from here."""
+        self.origin_rad = self.drive.read(["position_rad"])["position_rad"]
+        self.place_known = False
+
+    def keep_to(self, window_m: tuple[float, float]) -> None:
+        """From now on the carriage stays within ``window_m`` of where it stands.  Raises UsageError for one longer than the travel."""
+        low, high = window_m
+        travel = float(self.axis.travel.max_m or 0.0) - float(self.axis.travel.min_m or 0.0)
+        if high - low > travel:
+            raise UsageError(
+                f"the window of {1e3 * (high - low):.0f} mm is longer than the travel of {1e3 * travel:.0f} mm; give what is free"
+            )
+        at = self.position_m
+        self._window_m = (at + low, at + high)
+
+    @property
+    def room_word(self) -> str:
+        """What bounds the carriage's way, in a word."""
+        return "travel" if math.isinf(self._window_m[0]) else "window"
+
+    @property
+    def more_room(self) -> str:
+        """What to do where the way is too short."""
+        further = "move the carriage further in"
+        return f"{further} or correct travel in axis.yaml" if self.room_word == "travel" else f"give a wider --window or {further}"
+
+    def where(self, position_m: float) -> str:
+        """A position in words."""
+        return f"{position_m:.4f} m" if self.place_known else f"{1e3 * position_m:+.1f} mm from where it stood"
+
+    def place_m(self, position_m: float) -> float | None:
+        """A position on the axis, None when that is not known."""
+        return position_m if self.place_known else None
+
     def full_room(self) -> Room:
-        """The whole travel, the speed that axis and drive allow, the torque that motor and drive allow."""
+        """The travel and the window that must be kept, the speed that axis and drive allow, the torque that motor and drive allow."""
         travel, limits = self.axis.travel, self.axis.limits
         torque = min(self.axis.motor.peak_torque_nm or math.inf, self.drive.capabilities.peak_torque_nm)
         self.axis.require("any motion", "travel.min_m", "travel.max_m", "limits.speed_m_s", "limits.feed_force_n")
         speed = min(limits.speed_m_s or math.inf, self.drive.capabilities.max_speed_rad_s * self.ratio)
-        return Room((float(travel.min_m or 0.0), float(travel.max_m or 0.0)), speed, torque)
+        low, high = self._window_m
+        if self.place_known:
+            low, high = max(low, float(travel.min_m or 0.0)), min(high, float(travel.max_m or 0.0))
+        return Room((low, high), speed, torque)
 
     def drive_limits(self, room: Room) -> Limits:
         """The same limits at the motor shaft in the drive's zero."""
         low, high = sorted(self.origin_rad + x / self.ratio for x in room.window_m)
         speed = min(room.speed_m_s / self.ratio, self.drive.capabilities.max_speed_rad_s)
         lag = None if room.lag_m is None else room.lag_m / self.ratio
-        return Limits(low, high, speed, room.torque_nm, self.deceleration_m_s2 / self.ratio, lag)
+        return Limits(low, high, speed, room.torque_nm, self.deceleration_m_s2 / self.ratio, lag, self.ratio, self.origin_rad)
 
     def brake_with(self, braking: Braking) -> None:
         """From now on a stop is counted with, and set in the drive to, what a loop can do."""
@@ -209,6 +262,7 @@ class Machine:
             return self.folder.recording(name)
         self._check_stops(motion)
         writer = self.folder.new_recording(name, sidecar, COLUMNS)
+        belt = self._belt_watch(motion)
         zero, begun, total = self.origin_rad, self.drive.clock.now(), len(motion.torque_nm)
         rows = 0
 
@@ -216,6 +270,7 @@ class Machine:
             nonlocal rows
             t, torque, setpoint, position, velocity, reference, reference_velocity = row
             writer.write((t, torque, setpoint, position - zero, velocity, reference - zero, reference_velocity))
+            belt(row)
             watch(row)
             rows += 1
             if rows % 200 == 0:
@@ -239,6 +294,13 @@ class Machine:
             self.folder.withdraw(name)  # what cannot be used is no finished record: --resume makes it again
             raise
 
+    def _belt_watch(self, motion: Motion) -> Watch:
+        """Of a closed loop, which may ring; what an excitation may do is watched by its own prediction, whatever axis.yaml says."""
+        if motion.kind == "torque":
+            return unwatched
+        inertia, limit = self.axis.motor_side_inertia_kg_m2, self.axis.belt_force_limit_n
+        return BeltWatch(self.ratio, inertia, limit, self.friction)
+
     @contextmanager
     def withdrawing(self) -> Iterator[None]:
         """A recording that an analysis calls damaged is no finished record: it is kept aside, and --resume makes it again."""
@@ -252,16 +314,20 @@ class Machine:
     def run(self, motion: Motion, room: Room, watch: Watch = unwatched) -> None:
         """Run a motion that is only a means (positioning, creeping), watched row by row; nothing is kept."""
         self._check_stops(motion)
-        begun = self.drive.clock.now()
+        belt, begun = self._belt_watch(motion), self.drive.clock.now()
+
+        def sink(row: Row) -> None:
+            belt(row)
+            watch(row)
+
         try:
-            self.drive.record(motion, self.drive_limits(room), watch)
+            self.drive.record(motion, self.drive_limits(room), sink)
         finally:
             self.machine_seconds += self.drive.clock.now() - begun
 
     def stroking(self) -> Literal["position", "velocity"]:
-        """The loop that follows strokes without lag: the position loop where it has a velocity feedforward, else the velocity loop."""
-        capabilities = self.drive.capabilities
-        return "position" if capabilities.structure.velocity_feedforward and "position" in capabilities.kinds else "velocity"
+        """See :func:`stroking`."""
+        return stroking(self.drive.capabilities)
 
     def write_cascade(self, cascade: Cascade) -> Cascade:
         """Put a controller into the drive, as far as it has the parts; returns the controller it now runs (quantised)."""
@@ -270,6 +336,11 @@ class Machine:
         stored = self.drive.write(values)
         self.folder.journal("wrote " + ", ".join(f"{n}={v:.6g}" for n, v in stored.items()))
         return parameters_to_cascade({**offered, **stored})
+
+
+def stroking(capabilities: Capabilities) -> Literal["position", "velocity"]:
+    """The loop that follows strokes without lag: the position loop where it has a velocity feedforward, else the velocity loop."""
+    return "position" if capabilities.structure.velocity_feedforward and "position" in capabilities.kinds else "velocity"
 
 
 def backed_up(folder: RunFolder) -> Mapping[str, float]:

@@ -8,10 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
+
 from beltcomm.configfiles import read_yaml
 from beltcomm.effects import Effect, effect_named
 from beltcomm.errors import UsageError
 from beltcomm.laboratory.visible import Sight
+from beltcomm.recording import Recording
 
 Kind = Literal["response", "strokes", "sweep"]
 KINDS = ("response", "strokes", "sweep")
@@ -43,6 +46,8 @@ BY_NAME: Mapping[str, tuple[str, ...]] = {
     "warmup": ("sweep", "places", "sweep again"),
     "quadratic_drag": ("sweep",),
 }
+#: s between a first and a last sweep; share of the travel that three places span; a quiet record has less than this share of the torque.
+LATER_S, SPREAD, QUIETER = 30.0, 0.5, 0.55
 SETS = ("sweep", "places", "quiet", "slow", "sweep again")
 
 
@@ -88,6 +93,8 @@ class NextPlan:
         if not self.reasons:
             return ["Nothing more needs to be recorded: every effect of typical size would have been seen."]
         lines = ["Record next, for " + ", ".join(self.reasons) + ":"]
+        if not self.steps:
+            return ["Nothing that this axis may do would show more.", *(f"  {text}" for text in self.by_hand)]
         lines += [f"  {number}. {step.words()}" for number, step in enumerate(self.steps, start=1)]
         lines += [f"  by hand: {text}" for text in self.by_hand]
         where = run / "results" / f"{NAME}.yaml"
@@ -95,8 +102,27 @@ class NextPlan:
         return lines
 
 
-def plan_for(twins: Sequence[str], blind: Sequence[Sight]) -> NextPlan:
-    """The plan that tells twins apart, or where there are none shows what could not be seen."""
+def recorded_sets(recordings: Sequence[Recording], travel_m: float) -> frozenset[str]:
+    """Which sets of records a run has already, so that more of them would show nothing new."""
+    excited = [r for r in recordings if r.sidecar.experiment == "frf"]
+    at = [r.sidecar.start_position_m or 0.0 for r in excited]
+    loud = [float(np.max(np.abs(r.torque))) for r in excited]
+    strokes = [r for r in recordings if r.sidecar.experiment == "friction_sweep"]
+    when = [r.sidecar.session_time_s or 0.0 for r in strokes]
+    found = set()
+    if strokes:
+        found.add("sweep")
+    if strokes and max(when) - min(when) > LATER_S:
+        found.add("sweep again")
+    if len(excited) >= len(PLACES) and max(at) - min(at) > SPREAD * travel_m:
+        found.add("places")
+    if excited and min(loud) < QUIETER * max(loud):
+        found.add("quiet")
+    return frozenset(found)
+
+
+def plan_for(twins: Sequence[str], blind: Sequence[Sight], recorded: frozenset[str] = frozenset()) -> NextPlan:
+    """The plan that tells twins apart, or where there are none shows what could not be seen.   recorded : sets that are there."""
     reasons, by_hand, sets = {}, [], set[str]()
     for name in twins:
         effect = effect_named(name)
@@ -107,7 +133,10 @@ def plan_for(twins: Sequence[str], blind: Sequence[Sight]) -> NextPlan:
         for sight in blind:
             seen = f"it would be seen from {sight.hardest:.2g} x a typical one on"
             reasons[sight.effect.name] = "these data say nothing of it" if math.isinf(sight.hardest) else seen
-            sets |= set(shown_by(sight.effect))
+            wanted = set(shown_by(sight.effect)) - recorded
+            sets |= wanted
+            if not wanted:
+                by_hand.append(f"{sight.effect.name}: such records are here already; it shows only beyond the limits in axis.yaml")
     steps: list[Step] = []
     for name in SETS:
         if name in sets:

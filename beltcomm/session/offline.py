@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from beltcomm.axis import Axis
@@ -41,6 +41,18 @@ def trusted(folder: RunFolder, revision: str = "") -> tuple[Model, str, str]:
     current = saved_model(folder)
     model, name, sentence = trusted_model(folder)
     return model or current, name, sentence
+
+
+#: What a design says whose recordings do not say where they were made.
+ONE_PLACE = (
+    "nobody knows where along the travel the axis was measured: the gains are proven for the belt stiffness of that place alone, elsewhere "
+    "the belt may be several times softer or stiffer; reference the axis and run `beltcomm commission` before it moves fast"
+)
+
+
+def place_known(recordings: Sequence[Recording]) -> bool:
+    """Whether some excited recording says where along the travel it was made."""
+    return any(r.sidecar.start_position_m is not None for r in recordings if r.sidecar.experiment == "frf")
 
 
 def structure_of(folder: RunFolder, findings: Findings) -> CascadeStructure:

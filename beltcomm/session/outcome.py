@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from beltcomm.configfiles import write_text
 from beltcomm.identify.final import FinalModel
 from beltcomm.result import plain
 from beltcomm.runfolder import RunFolder
@@ -22,7 +23,8 @@ def save(folder: RunFolder, findings: Findings) -> None:
     if findings.design is not None:
         folder.save_design("final", design_dict(findings))
     if findings.verdict is not None:
-        folder.save_result(f"verify_{findings.move_name}", {**verdict_to_dict(findings.verdict), "proof": plain(findings.proof)})
+        verdict = {**verdict_to_dict(findings.verdict), "proof": plain(findings.proof), "reservations": findings.reservations}
+        folder.save_result(f"verify_{findings.move_name}", verdict)
 
 
 def fit_dict(final: FinalModel, findings: Findings) -> dict[str, Any]:
@@ -47,7 +49,12 @@ def design_dict(findings: Findings) -> dict[str, Any]:
 
 def data(folder: RunFolder, findings: Findings) -> dict[str, Any]:
     """Everything that was found, for ``--json``."""
-    found: dict[str, Any] = {"run": str(folder.path), "machine_seconds": findings.machine_seconds, "remarks": findings.remarks}
+    found: dict[str, Any] = {
+        "run": str(folder.path),
+        "machine_seconds": findings.machine_seconds,
+        "remarks": findings.remarks,
+        "reservations": findings.reservations,
+    }
     if findings.final is not None:
         found["model"] = findings.final.fit.model.to_dict()
         found["fit"] = fit_dict(findings.final, findings)
@@ -72,18 +79,41 @@ def model_text(findings: Findings) -> list[str]:
     return lines + words.thesis_lines(findings.thesis)
 
 
-def commission_text(folder: RunFolder, findings: Findings, apply: str, drive: str) -> list[str]:
+def identify_text(folder: RunFolder, findings: Findings, drive: str, place_known: bool) -> list[str]:
+    """The first model, where the recordings are, and what to do next: with a reference, or to get one."""
+    text = [*model_text(findings), *words.remarks_lines(findings.remarks), f"Recordings are in {folder.recordings_folder}."]
+    if place_known:
+        return [*text, f"Next: beltcomm friction --drive {drive} --run {folder.path}"]
+    return [
+        *text,
+        "Not possible as long as nobody knows where the carriage stands: other places, the friction sweep, the move that verifies.",
+        f"Next: measure where the carriage stands, or let the drive find its zero: beltcomm commission --drive {drive} --position METRES "
+        f"(or --home); or go on with this run: beltcomm friction --drive {drive} --run {folder.path} --position METRES",
+    ]
+
+
+def keep_text(folder: RunFolder, text: list[str]) -> None:
+    """What is shown at the end, as ``verdict.txt`` in the run folder."""
+    write_text(folder.path / "verdict.txt", "\n".join(text) + "\n")
+
+
+def commission_text(folder: RunFolder, findings: Findings, drive: str) -> list[str]:
     """The verdict first, then everything behind it, where the files are, and what to do next."""
     passed = findings.verdict is not None and findings.verdict.passed
     suspect = findings.final is None or findings.final.fit.suspect
-    kept = {"restore": "The drive has its old gains again", "keep": "The new gains are in the drive until power-off"}
-    state = kept.get(apply, "The new gains are saved in the drive") if passed and not suspect else kept["restore"]
+    state = {
+        "restore": "The drive has its old gains again",
+        "keep": "The new gains are in the drive until power-off",
+        "save": "The new gains are saved in the drive",
+    }[findings.applied]
     headline = {
         (True, False): "The axis meets its targets.",
         (False, False): "The axis misses its targets.",
         (True, True): "The move met its targets, but the model does not explain what was measured: do not trust its numbers yet.",
         (False, True): "The axis misses its targets, and the model does not explain what was measured.",
     }[passed, suspect]
+    if passed and not suspect and findings.reservations:
+        headline = f"The move that was driven met its targets, but the axis does not: {'; '.join(findings.reservations)}."
     text = [
         headline,
         "",
@@ -93,16 +123,24 @@ def commission_text(folder: RunFolder, findings: Findings, apply: str, drive: st
         *(words.verdict_lines(findings.verdict, findings.demand) if findings.verdict else []),
         *words.remarks_lines(findings.remarks),
         "",
-        f"{findings.machine_seconds:.0f} s on the machine. Everything is in {folder.path}.",
-        f"{state}. Next: "
-        + (
-            f"beltcomm diagnose {folder.path}"
-            if suspect
-            else f"beltcomm apply --drive {drive} --run {folder.path}"
-            if passed and apply == "restore"
-            else f"beltcomm rollback --drive {drive} --run {folder.path} undoes it"
-            if passed
-            else f"look at the remarks above, then beltcomm design {folder.path} and beltcomm verify --drive {drive} --run {folder.path}"
-        ),
+        f"{findings.machine_seconds:.0f} s on the machine. Everything is in {folder.path}, these lines in verdict.txt.",
+        f"{state}. Next: {_following(folder, findings, drive)}",
     ]
     return text
+
+
+def _following(folder: RunFolder, findings: Findings, drive: str) -> str:
+    """The command after a commissioning."""
+    if findings.final is None or findings.final.fit.suspect:
+        return f"beltcomm diagnose {folder.path}"
+    if not findings.succeeded:
+        return (
+            "what would help stands above: other parts of the drive's controller, a drive that has them, or slower moves "
+            f"(beltcomm verify --drive {drive} --run {folder.path} --move FILE)"
+            if findings.reservations
+            else f"look at the remarks above, then beltcomm design {folder.path} and beltcomm verify --drive {drive} --run {folder.path}"
+        )
+    if findings.applied == "restore":
+        return f"beltcomm apply --drive {drive} --run {folder.path} (--save keeps them beyond power-off)"
+    undo = " --save" if findings.applied == "save" else ""
+    return f"beltcomm rollback --drive {drive} --run {folder.path}{undo} undoes it" + words.lasting(drive)

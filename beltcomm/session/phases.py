@@ -5,27 +5,32 @@ Every phase predicts what its motion will do before it asks the machine to move,
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.axis_entries import TrajectoryLimits
+from beltcomm.drive import Capabilities
 from beltcomm.errors import Refused, SafetyStop, UsageError
-from beltcomm.excitation import Excitation, choose_prbs, prbs
+from beltcomm.excitation import SHORT_ORDER, Excitation, choose_prbs, prbs
 from beltcomm.identify.amplitude import AmplitudeStep, MotionLimits, Prediction, around, largest_amplitude, unknown_payload
-from beltcomm.identify.first_estimate import data_sheet_model, first_estimate, moved_enough
+from beltcomm.identify.first_estimate import data_sheet_model, first_estimate, moved_enough, stiffness_range
 from beltcomm.linear import modes, operating_point
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 from beltcomm.session import stops
 from beltcomm.session.creep import MOVED_M, SLIDING_SHARE, creep
 from beltcomm.session.expectation import Expectation
-from beltcomm.session.machine import Machine, Room
+from beltcomm.session.machine import Machine, Room, stroking
 from beltcomm.sidecar import ExcitationNote, Sidecar
 from beltcomm.trajectory import Strokes, Trajectory, at_rest, constant_speed_strokes, join, plan_trajectory
 
 Array = NDArray[np.float64]
+M = TypeVar("M", Trajectory, Strokes)
 
 #: m; how far the carriage goes in the sign check, and with the way of its stop.
 SIGN_TRAVEL_M = 2e-3
@@ -36,6 +41,9 @@ END_MARGIN_M = 5e-3
 BELT_SHARE = 0.9
 #: An excitation must reach this share of the breakaway torque; the ramp finds the latter some 20 % too high.
 OVER_BREAKAWAY = 1.0
+#: The short excitation: clocks that are tried until the limits allow more than the breakaway torque; a slower one leaves
+#: out the frequencies of a stiff belt.
+CLOCKS = (2, 3, 4)
 #: Growth of the amplitude from one record to the next.
 GROWTH = 1.7
 MOST_STEPS = 5
@@ -52,6 +60,8 @@ SWEEP_LONGEST_S = 0.6
 ARRIVED_M = 1e-3
 ASTRAY_M = 2e-2
 POSITIONING_TRIES = 4
+#: Shares of speed that a motion is slowed down by until every stop ends inside the travel.
+STOPPABLE_SHARES = tuple(float(share) for share in np.geomspace(1.0, 0.1, 16))
 #: m: a loop that is further off its reference has lost it; until it is tuned, all that is asked.  Share of the speed that axis and
 #: drive allow which a reference may use: what overshoots it must not be stopped.
 LOST_M = 5e-2
@@ -115,17 +125,19 @@ def sign_and_scale(machine: Machine) -> Breakaway:
     Raises Refused when nothing moves, DriveError when positive torque drives to negative position or the axis does not stop.
     """
     at = machine.position_m
-    full = machine.full_room()
-    if min(at - full.window_m[0], full.window_m[1] - at) < 2.0 * SIGN_TRAVEL_M:
+    low, high = machine.full_room().window_m
+    if min(at - low, high - at) < 2.0 * SIGN_TRAVEL_M:
         raise UsageError(
-            f"the carriage stands at {at:.4f} m, within {2e3 * SIGN_TRAVEL_M:.0f} mm of an end of its travel; move it further in by hand"
+            f"the carriage stands at {machine.where(at)}, within {2e3 * SIGN_TRAVEL_M:.0f} mm of an end of its {machine.room_word}; "
+            f"{machine.more_room}"
         )
-    room = room_around(machine, at, SIGN_REACH_M)
-    limits = machine.drive_limits(room)
+    limits = machine.drive_limits(room_around(machine, at, SIGN_REACH_M))
     begun = machine.drive.clock.now()
     found = {}
     for sign in (1.0, -1.0):
-        crept = creep(machine.drive, machine.axis, limits, sign * SIGN_TRAVEL_M, SIGN_REACH_M)
+        here = machine.position_m
+        reach = min(SIGN_REACH_M, high - here if sign > 0.0 else here - low)
+        crept = creep(machine.drive, machine.axis, limits, sign * SIGN_TRAVEL_M, reach)
         found[sign] = crept.onset_nm
     machine.machine_seconds += machine.drive.clock.now() - begun
     machine.folder.journal(f"breakaway {found[1.0]:.3f} N m forward, {found[-1.0]:.3f} N m backward")
@@ -139,8 +151,8 @@ def motion_limits(machine: Machine, position_m: float) -> MotionLimits:
     space = min(position_m - low, high - position_m) - END_MARGIN_M
     if space < 2e-3:
         raise Refused(
-            f"at {position_m:.4f} m only {1e3 * space:.1f} mm of travel are left beside the {1e3 * END_MARGIN_M:.0f} mm kept to the end; "
-            "move the carriage further in or correct travel in axis.yaml"
+            f"at {machine.where(position_m)} only {1e3 * space:.1f} mm of {machine.room_word} are left beside the "
+            f"{1e3 * END_MARGIN_M:.0f} mm kept to the end; {machine.more_room}"
         )
     return MotionLimits(
         min(space, EXCITATION_TRAVEL_M),
@@ -158,28 +170,32 @@ def raise_amplitude(machine: Machine, breakaway: Breakaway) -> Excited:
     """
     period = machine.drive.capabilities.sample_period_s
     counts = machine.drive.capabilities.counts_per_rev
-    sheet = data_sheet_model(machine.axis, machine.position_m, breakaway.coulomb_nm)
-    family = unknown_payload(sheet)
-    shape = prbs(9, 2, 2.0, period, 1)
+    sheet = data_sheet_model(machine.axis, machine.place_m(machine.position_m), breakaway.coulomb_nm)
+    window = machine.full_room().window_m
+    family = unknown_payload(sheet, (1.0, 1.0) if machine.place_known else stiffness_range(machine.axis, window))
     at_most = 2.0 * breakaway.coulomb_nm
     recordings: list[Recording] = []
     while True:
         at = machine.position_m  # every excitation leaves the carriage a little beside where it began
         limits = motion_limits(machine, at)
-        unit = shape.torque / shape.amplitude_nm
         braking = stops.braking_of(machine, breakaway.sliding_nm)
-        step = largest_amplitude(family, unit, period, at, limits, min(at_most, limits.torque_nm), braking)
-        if step.amplitude_nm < OVER_BREAKAWAY * breakaway.coulomb_nm:
+        for clock in CLOCKS:
+            shape = prbs(SHORT_ORDER, clock, 2.0, period, 1)
+            unit = shape.torque / shape.amplitude_nm
+            step = largest_amplitude(family, unit, period, at, limits, min(at_most, limits.torque_nm), braking)
+            if step.amplitude_nm >= OVER_BREAKAWAY * breakaway.coulomb_nm:
+                break
+        else:
             raise Refused(
                 f"friction holds the axis up to {breakaway.coulomb_nm:.3f} N m, but the limit on {step.binds} allows only "
-                f"±{step.amplitude_nm:.3f} N m of excitation; reduce the friction or raise the limit in axis.yaml"
+                f"±{step.amplitude_nm:.3f} N m of excitation; reduce the friction, or {_remedy(machine, step, breakaway)}"
             )
         machine.talk.say(
             f"excitation ±{step.amplitude_nm:.3f} N m: up to {1e3 * step.prediction.travel_m:.1f} mm, "
             f"{step.prediction.belt_force_n:.0f} N in the belt (bound by {step.binds}); a stop takes up to "
             f"{1e3 * step.prediction.stop_m:.1f} mm"
         )
-        excitation = prbs(9, 2, 2.0 * step.amplitude_nm, period, 1, torque_step_nm=machine.drive.capabilities.torque_step_nm)
+        excitation = prbs(SHORT_ORDER, clock, 2.0 * step.amplitude_nm, period, 1, torque_step_nm=machine.drive.capabilities.torque_step_nm)
         recordings.append(_excite(machine, f"amplitude_{len(recordings) + 1}", excitation, at, step.prediction))
         if len(recordings) < MOST_STEPS and step.binds == "step" and not moved_enough(recordings[-1], sheet, counts):
             at_most = GROWTH * step.amplitude_nm  # an axis without Coulomb friction breaks away long before it moves visibly
@@ -196,6 +212,17 @@ def raise_amplitude(machine: Machine, breakaway: Breakaway) -> Excited:
         following = largest_amplitude(family, unit, period, at, limits, min(at_most, limits.torque_nm), stops.braking_of(machine))
         if following.amplitude_nm < 1.1 * step.amplitude_nm or len(recordings) >= MOST_STEPS:
             return Excited(following, tuple(recordings), model)
+
+
+def _remedy(machine: Machine, step: AmplitudeStep, breakaway: Breakaway) -> str:
+    """What to do about a limit that lets no excitation move the axis, in words."""
+    if "travel" in step.binds:
+        return machine.more_room
+    factor = breakaway.coulomb_nm / step.amplitude_nm if step.amplitude_nm else np.inf
+    return (
+        f"check that limit in axis.yaml: it would have to be {factor:.2g} times as high, which only the data sheets of belt, axis and "
+        "motor can allow"
+    )
 
 
 def frequency_response(
@@ -242,7 +269,7 @@ def _excite(machine: Machine, name: str, excitation: Excitation, at: float, pred
         period_samples=excitation.period_samples,
         first_sample=excitation.first_sample,
     )
-    sidecar = Sidecar(experiment="frf", start_position_m=at, session_time_s=machine.session_time_s, excitation=note)
+    sidecar = Sidecar(experiment="frf", start_position_m=machine.place_m(at), session_time_s=machine.session_time_s, excitation=note)
     return machine.record(name, machine.torque_motion(excitation.torque), room, sidecar, watch)
 
 
@@ -261,9 +288,8 @@ def move_to(machine: Machine, target_m: float, model: Model, slow_m_s: float = P
     for _ in range(POSITIONING_TRIES):  # the velocity loop ends a little beside its goal
         if abs(machine.position_m - target_m) < ARRIVED_M:
             return
-        trajectory = plan_trajectory(
-            machine.position_m, target_m, gentle_limits(machine, model, slow_m_s), machine.drive.capabilities.sample_period_s
-        )
+        plan = partial(plan_trajectory, machine.position_m, target_m, sample_period_s=machine.drive.capabilities.sample_period_s)
+        trajectory = _stoppable(machine, gentle_limits(machine, model, slow_m_s), plan)
         machine.run(machine.follow(held(trajectory, 0.3), machine.stroking()), loose_room(machine))
     if abs(machine.position_m - target_m) > ASTRAY_M:
         raise SafetyStop(
@@ -284,6 +310,29 @@ def gentle_limits(machine: Machine, model: Model, speed_m_s: float) -> Trajector
     return TrajectoryLimits(jerk_m_s3=20.0 * acceleration, acceleration_m_s2=acceleration, speed_m_s=min(speed_m_s, top))
 
 
+def _stoppable(machine: Machine, limits: TrajectoryLimits, plan: Callable[[TrajectoryLimits], M]) -> M:
+    """The motion with these limits, or with slower ones, such that a stop at any moment of it ends inside the travel.
+
+    Of the slowest one tried the machine itself says what is wrong.
+    """
+    for share in STOPPABLE_SHARES:
+        motion = plan(slower(limits, share))
+        path = motion.trajectory if isinstance(motion, Strokes) else motion
+        if not machine.stops_beyond(path.position_m, path.velocity_m_s):
+            break
+    return motion
+
+
+def slower(limits: TrajectoryLimits, share: float) -> TrajectoryLimits:
+    """Limits of the same path with its time stretched by 1/share: speed, acceleration and jerk fall with its powers."""
+    return replace(
+        limits,
+        jerk_m_s3=limits.jerk_m_s3 * share**3,
+        acceleration_m_s2=limits.acceleration_m_s2 * share**2,
+        speed_m_s=limits.speed_m_s * share,
+    )
+
+
 def held(trajectory: Trajectory, seconds: float) -> Trajectory:
     """The same with a rest at its end."""
     period = trajectory.sample_period_s
@@ -293,8 +342,13 @@ def held(trajectory: Trajectory, seconds: float) -> Trajectory:
 def stroke_ends(machine: Machine) -> tuple[float, float]:
     """Where strokes may turn: near the ends of the travel in a position loop, well inside in a velocity loop, which drifts."""
     low, high = machine.full_room().window_m
-    margin = (OVERSHOOT_SHARE if machine.stroking() == "position" else DRIFT_SHARE) * (high - low)
+    margin = stroke_share(machine.drive.capabilities) * (high - low)
     return low + margin, high - margin
+
+
+def stroke_share(capabilities: Capabilities) -> float:
+    """Share of the travel that strokes leave free at either end."""
+    return OVERSHOOT_SHARE if stroking(capabilities) == "position" else DRIFT_SHARE
 
 
 def fastest_stroke_m_s(top_m_s: float, acceleration_m_s2: float, window_m: float) -> float:
@@ -312,17 +366,19 @@ def sweep(machine: Machine, model: Model) -> Strokes:
     low, high = stroke_ends(machine)
     at = machine.position_m
     far = high if high - at > at - low else low
-    limits = gentle_limits(machine, model, np.inf)
-    fastest = fastest_stroke_m_s(limits.speed_m_s, limits.acceleration_m_s2, abs(far - at))
-    speeds = [float(v) for v in np.geomspace(SWEEP_SLOWEST_M_S, fastest, SWEEP_SPEEDS)]
-    speeds += speeds[1::2]  # how well friction repeats
-    return constant_speed_strokes(
-        at,
-        far,
-        speeds,
-        limits,
-        machine.drive.capabilities.sample_period_s,
-        run_in_s=SWEEP_RUN_IN_S,
-        rest_s=0.15,
-        longest_plateau_s=SWEEP_RUN_IN_S + SWEEP_LONGEST_S,
-    )
+
+    def strokes(limits: TrajectoryLimits) -> Strokes:
+        fastest = fastest_stroke_m_s(limits.speed_m_s, limits.acceleration_m_s2, abs(far - at))
+        speeds = [float(v) for v in np.geomspace(SWEEP_SLOWEST_M_S, fastest, SWEEP_SPEEDS)]
+        return constant_speed_strokes(
+            at,
+            far,
+            speeds + speeds[1::2],  # how well friction repeats
+            limits,
+            machine.drive.capabilities.sample_period_s,
+            run_in_s=SWEEP_RUN_IN_S,
+            rest_s=0.15,
+            longest_plateau_s=SWEEP_RUN_IN_S + SWEEP_LONGEST_S,
+        )
+
+    return _stoppable(machine, gentle_limits(machine, model, np.inf), strokes)

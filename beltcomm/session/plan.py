@@ -12,6 +12,7 @@ from beltcomm.drive import Capabilities
 from beltcomm.identify.amplitude import UNKNOWN_MASSES_KG
 from beltcomm.model import Model
 from beltcomm.session import creep, phases
+from beltcomm.session.commission import PLACES
 from beltcomm.session.verification import MOVE_M
 from beltcomm.stopping import Braking, first_deceleration
 from beltcomm.trajectory import Trajectory, plan_trajectory
@@ -57,13 +58,19 @@ class Plan:
         return [self.text, "", head, *rows, f"{'on the machine, at most':34} {self.seconds:57.0f} s"]
 
 
-def identify_plan(axis: Axis, capabilities: Capabilities) -> Plan:
-    """Sign check, rising excitation and one frequency response at the present place."""
+def identify_plan(axis: Axis, capabilities: Capabilities, window_m: tuple[float, float] | None = None) -> Plan:
+    """Sign check, rising excitation and one frequency response at the present place.   window_m : to be kept, from where it stands."""
+    kept = ""
+    if window_m is not None:
+        kept = (
+            f"It stays between {1e3 * window_m[0]:+.0f} mm and {1e3 * window_m[1]:+.0f} mm of where it stands now (plus is where the "
+            "drive's position counts up). "
+        )
     return Plan(
         f"The carriage of {axis.name or 'the axis'} will creep some millimetres both ways, then shake around where it stands with rising "
         f"torque. No loop is closed but to stop it. Keep people and tools out of its travel; Ctrl-C stops it at any time. "
-        f"{_stop_words(axis, capabilities)}",
-        _here(axis, capabilities),
+        f"{kept}{_stop_words(axis, capabilities)}",
+        _here(axis, capabilities, window_m),
     )
 
 
@@ -75,20 +82,23 @@ def commission_plan(axis: Axis, capabilities: Capabilities, quick: bool = False)
     torque = min(axis.motor.peak_torque_nm or math.inf, capabilities.peak_torque_nm)
     gentle = force / 3.0
     shaking = phases.BELT_SHARE * force
+    ends = phases.stroke_share(capabilities)
     places = 0 if quick else 2
     moved = _move_speed_m_s(axis, capabilities)
     experiments = [
         *_here(axis, capabilities),
         Experiment(
             f"frequency response, {places} places" if places else "positioning",
-            whole,
+            max(PLACES) * whole,
             whole,
             min(phases.POSITIONING_SPEED_M_S, speed),
             torque,
             shaking,
             places * (RESPONSE_SECONDS + MOVE_SECONDS),
         ),
-        Experiment("constant-speed sweep", whole, whole, _sweep_speed_m_s(axis, capabilities), torque, gentle, SWEEP_SECONDS),
+        Experiment(
+            "constant-speed sweep", (1.0 - 2.0 * ends) * whole, whole, _sweep_speed_m_s(axis, capabilities), torque, gentle, SWEEP_SECONDS
+        ),
         Experiment("move that verifies the result", min(whole, MOVE_M), whole, moved, torque, force, 3.0 + MOVE_SECONDS),
     ]
     return Plan(
@@ -98,6 +108,16 @@ def commission_plan(axis: Axis, capabilities: Capabilities, quick: bool = False)
         f"was found unless you keep the new gains. {_stop_words(axis, capabilities)}",
         tuple(e for e in experiments if e.seconds > 0.0),
     )
+
+
+def with_homing(plan: Plan, axis: Axis, capabilities: Capabilities) -> Plan:
+    """The plan with the search of the drive's zero before everything else."""
+    whole = float(axis.travel.max_m or 0.0) - float(axis.travel.min_m or 0.0)
+    torque = min(axis.motor.peak_torque_nm or math.inf, capabilities.peak_torque_nm)
+    speed = _top_speed_m_s(axis, capabilities)
+    first = Experiment("homing, until the zero is found", whole, whole, speed, torque, axis.belt_force_limit_n, HOMING_SECONDS)
+    text = "First the drive searches its zero, along the whole axis if need be, and the carriage creeps off the end where it was found. "
+    return Plan(text + plan.text, (first, *plan.experiments))
 
 
 def friction_plan(axis: Axis, capabilities: Capabilities) -> Plan:
@@ -110,7 +130,13 @@ def friction_plan(axis: Axis, capabilities: Capabilities) -> Plan:
         "designed from the run's model. Ctrl-C stops it at any time.",
         (
             Experiment(
-                "constant-speed sweep", whole, whole, _sweep_speed_m_s(axis, capabilities), torque, force, SWEEP_SECONDS + MOVE_SECONDS
+                "constant-speed sweep",
+                (1.0 - 2.0 * phases.stroke_share(capabilities)) * whole,
+                whole,
+                _sweep_speed_m_s(axis, capabilities),
+                torque,
+                force,
+                SWEEP_SECONDS + MOVE_SECONDS,
             ),
         ),
     )
@@ -169,6 +195,7 @@ RESPONSE_SECONDS = 7.5
 MOVE_SECONDS = 2.0
 SWEEP_SECONDS = 28.0
 REST_SECONDS = 2.0
+HOMING_SECONDS = 60.0
 
 
 def _stop_words(axis: Axis, capabilities: Capabilities) -> str:
@@ -182,7 +209,8 @@ def _stop_words(axis: Axis, capabilities: Capabilities) -> str:
     )
 
 
-def _here(axis: Axis, capabilities: Capabilities) -> tuple[Experiment, ...]:
+def _here(axis: Axis, capabilities: Capabilities, window_m: tuple[float, float] | None = None) -> tuple[Experiment, ...]:
+    widest = max(-window_m[0], window_m[1]) if window_m is not None else math.inf
     torque = min(axis.torque_limit_nm, capabilities.peak_torque_nm)
     force = axis.belt_force_limit_n
     shaking = phases.BELT_SHARE * force
@@ -190,12 +218,13 @@ def _here(axis: Axis, capabilities: Capabilities) -> tuple[Experiment, ...]:
     rising = creep.BREAKAWAY_SHARE * torque
     top = _top_speed_m_s(axis, capabilities)
     shaken = min(phases.EXCITATION_SPEED_M_S, top)
-    travel, reach = phases.EXCITATION_TRAVEL_M, phases.EXCITATION_TRAVEL_M + phases.END_MARGIN_M
+    travel = min(phases.EXCITATION_TRAVEL_M, widest)
+    reach = min(phases.EXCITATION_TRAVEL_M + phases.END_MARGIN_M, widest)
     return (
         Experiment(
             "sign and breakaway",
             phases.SIGN_TRAVEL_M,
-            phases.SIGN_REACH_M,
+            min(phases.SIGN_REACH_M, widest),
             min(creep.CREEP_SPEED_M_S, top),
             rising,
             min(rising / ratio, force),

@@ -7,16 +7,32 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from beltcomm.control import Cascade
+from beltcomm.design.margins import Margins
 from beltcomm.errors import Refused
+from beltcomm.identify.inverse_fit import SUSPECT_MISFIT
 from beltcomm.parameters import cascade_to_parameters
 from beltcomm.runfolder import RunFolder
+from beltcomm.session.revisions import revisions
 from beltcomm.talk import Talk
 from beltcomm.trajectory import Trajectory
 
 #: Gains that differ by less are the same: a resumed fit begins elsewhere and ends within its own tolerance.
 SAME_GAIN = 1e-3
+#: Phase margin of the velocity loop, degrees, below which a controller is no success: |1/(1 + L)| is then above 6 dB.
+SURE_MARGIN_DEG = 30.0
 #: m: ends of a path that differ by less are the same.
 SAME_PLACE_M = 1e-4
+
+
+def thin_margins(margins: Sequence[Margins]) -> list[str]:
+    """In words, that a design leaves its velocity loop too little phase margin; empty when it leaves enough."""
+    return _thin(min(one.phase_margin_deg for one in margins))
+
+
+def _thin(margin_deg: float) -> list[str]:
+    if margin_deg >= SURE_MARGIN_DEG:
+        return []
+    return [f"the velocity loop is left with {margin_deg:.0f} deg of phase margin, a sound one has {SURE_MARGIN_DEG:.0f} or more"]
 
 
 def proof(cascade: Cascade, trajectory: Trajectory, payloads_kg: Sequence[float]) -> dict[str, Any]:
@@ -61,13 +77,17 @@ def doubts(folder: RunFolder) -> list[str]:
     found = []
     if _suspect(folder):
         found.append("the model does not explain what was measured")
-    gains = folder.load("designs", "final").get("parameters")
+    designed = folder.load("designs", "final")
+    gains = designed.get("parameters")
+    found += _thin(min((float(one["phase_margin_deg"]) for one in designed.get("margins") or ()), default=math.inf))
     results = [folder.load("results", name) for name in folder.names("results") if name.startswith("verify_")]
     driven = [result for result in results if same_gains((result.get("proof") or {}).get("gains"), gains)]
     if not driven:
         found.append("no verification move was driven with these gains")
     elif not driven[-1].get("passed"):
         found.append("the verification move with these gains missed its target")
+    else:
+        found += [reservation for reservation in driven[-1].get("reservations") or () if reservation not in found]
     return found
 
 
@@ -95,4 +115,9 @@ def next_step(folder: RunFolder, drive: str, passed: bool) -> str:
 
 
 def _suspect(folder: RunFolder) -> bool:
+    """Whether the design's model leaves too much unexplained: its own revision's word where it has one, else the fit's."""
+    revision = folder.load("designs", "final").get("revision") if "final" in folder.names("designs") else None
+    for rung in revisions(folder):
+        if rung.name == revision:
+            return rung.confirmed is False or rung.ratio**2 > SUSPECT_MISFIT
     return bool((folder.load_result("fit") or {}).get("suspect"))

@@ -21,6 +21,7 @@ from beltcomm.stopping import (
     rigid_deceleration,
     total_friction,
     total_inertia,
+    total_viscous,
 )
 
 #: Share of the travel that a rigid stop takes from the speed at which stops are simulated.
@@ -90,6 +91,7 @@ def count_on_loop(machine: Machine, family: Sequence[Model], cascade: Cascade, d
         counts_per_rev=capabilities.counts_per_rev,
     )
     machine.brake_with(braking)
+    machine.friction = max(map(total_friction, family)), max(map(total_viscous, family))
     machine.folder.journal(
         f"a stop brakes with {braking.deceleration_m_s2:.4g} m/s² after {1e3 * braking.lag_s:.1f} ms: {1e3 * braking.way_m(speed):.0f} mm "
         f"from {speed:.3g} m/s, {stop.belt_force_n:.0f} N in the belt"

@@ -16,6 +16,7 @@ from beltcomm.design.compensation import compensation
 from beltcomm.errors import Refused
 from beltcomm.model import Model
 from beltcomm.session import phases
+from beltcomm.session.expectation import BELT_BEYOND
 from beltcomm.session.machine import Machine
 from beltcomm.session.proof import proof
 from beltcomm.sidecar import Sidecar
@@ -47,6 +48,14 @@ SLOWEST_MOVE_S = 600.0
 LONGEST_SLOW_MOVE_S = 8.0
 SLOWEST_M_S = 2e-4
 RAMP_S = 0.2
+#: By how much the force of a belt that swings may exceed that of a rigid one in the move that commissioning chooses, and how often it
+#: is slowed down for that.  A move that somebody asks for is refused beyond ``BELT_BEYOND`` only, where it would be stopped.
+BELT_SWING = 1.05
+BELT_TRIES = 8
+#: An axis this many times further off its reference than predicted, and by so many m more, is not the one predicted: it is stopped, in
+#: the drive and on the host.
+SURPRISE = 3.0
+LAG_SLACK_M = 2e-3
 
 
 @dataclass(frozen=True)
@@ -63,7 +72,7 @@ class StandardMove:
 
     def at(self, share: float, period_s: float) -> Trajectory:
         """The move with its time stretched by 1/share."""
-        return plan_trajectory(self.start_m, self.end_m, _slower(self.limits, share), period_s)
+        return plan_trajectory(self.start_m, self.end_m, phases.slower(self.limits, share), period_s)
 
 
 def standard_move(machine: Machine, model: Model) -> StandardMove:
@@ -71,6 +80,32 @@ def standard_move(machine: Machine, model: Model) -> StandardMove:
     start, end = _way(machine)
     limits = machine.axis.trajectories.get("T_A") or phases.gentle_limits(machine, model, math.inf)
     return StandardMove(start, end, *admissible(machine, model, start, end, limits))
+
+
+def belt_force_limit_n(machine: Machine, model: Model, speed_m_s: float, swing: float) -> float:
+    """What the belt may carry in a move, N: the feed force of the data sheet, which lists friction of the guide apart, and its swing.
+
+    F_max = s (F_feed + F_c + d_c v)
+    """
+    friction = model.get("cart_friction.level") + model.get("viscous_cart.damping") * speed_m_s
+    return swing * (machine.axis.belt_force_limit_n + friction)
+
+
+def kept_by_belt(machine: Machine, model: Model, cascade: Cascade, delay_s: float, standard: StandardMove) -> StandardMove:
+    """The standard move, slowed down until the belt is predicted to keep its limit as it swings with this controller."""
+    share = 1.0
+    for _ in range(BELT_TRIES):
+        move = standard.at(share, machine.drive.capabilities.sample_period_s)
+        force = predicted(machine, model, cascade, delay_s, phases.held(move, REST_S)).belt_force_n
+        limit = belt_force_limit_n(machine, model, float(np.max(np.abs(move.velocity_m_s))), BELT_SWING)
+        if force <= limit:
+            break
+        share *= 0.99 * math.sqrt(limit / force)
+    if share == 1.0:
+        return standard
+    why = f"slowed down to {100 * share:.0f} % of its speed, because the belt would carry more than {limit:.0f} N as it swings"
+    remark = f"{standard.remark}; {why}" if standard.remark else f"the move was {why}"
+    return replace(standard, limits=phases.slower(standard.limits, share), remark=remark)
 
 
 def _way(machine: Machine) -> tuple[float, float]:
@@ -102,14 +137,13 @@ def admissible(machine: Machine, model: Model, start: float, end: float, limits:
     low, high = 0.0, 1.0
     for _ in range(20):
         middle = 0.5 * (low + high)
-        slower = _slower(limits, middle)
-        if broken_limits(machine, model, plan_trajectory(start, end, slower, period)):
+        if broken_limits(machine, model, plan_trajectory(start, end, phases.slower(limits, middle), period)):
             high = middle
         else:
             low = middle
     if low == 0.0:
         raise Refused(f"no move from {start:g} m to {end:g} m keeps the limits: {'; '.join(broken)}")
-    return _slower(limits, low), f"the move was slowed down, because at the speed asked for {'; '.join(broken)}"
+    return phases.slower(limits, low), f"the move was slowed down, because at the speed asked for {'; '.join(broken)}"
 
 
 def predicted(
@@ -204,16 +238,6 @@ def within_target(machine: Machine, model: Model, cascade: Cascade, delay_s: flo
     return move, f"{text}; too long here, so {way:.2g} mm were driven, at {1e3 * low:.3g} mm/s from the start on"
 
 
-def _slower(limits: TrajectoryLimits, share: float) -> TrajectoryLimits:
-    """Time stretched by 1/share: speed, acceleration and jerk fall with its powers."""
-    return replace(
-        limits,
-        jerk_m_s3=limits.jerk_m_s3 * share**3,
-        acceleration_m_s2=limits.acceleration_m_s2 * share**2,
-        speed_m_s=limits.speed_m_s * share,
-    )
-
-
 def broken_limits(machine: Machine, model: Model, trajectory: Trajectory) -> list[str]:
     """Limits of axis, motor and drive that a move would break, each with value and limit."""
     asked, axis, room = demand(trajectory, model), machine.axis.limits, machine.full_room()
@@ -233,6 +257,13 @@ def broken_limits(machine: Machine, model: Model, trajectory: Trajectory) -> lis
     return broken
 
 
+def refuse_broken(machine: Machine, model: Model, trajectory: Trajectory) -> None:
+    """Raise Refused for a move that would break a limit, with the limits and the fastest admissible version of it."""
+    broken = broken_limits(machine, model, trajectory)
+    if broken:
+        raise Refused("the move is refused: " + "; ".join(broken) + _fastest(machine, model, trajectory))
+
+
 def verify_move(
     machine: Machine,
     model: Model,
@@ -248,16 +279,17 @@ def verify_move(
     payloads_kg : further ones that the design holds for, noted with the record, see :mod:`beltcomm.session.proof`.
     compensating : the torque of :mod:`beltcomm.design.compensation` is sent along.
     """
-    broken = broken_limits(machine, model, trajectory)
-    if broken:
-        raise Refused("the move is refused: " + "; ".join(broken) + _fastest(machine, model, trajectory))
+    refuse_broken(machine, model, trajectory)
     running = machine.write_cascade(cascade)
     rested = phases.held(trajectory, REST_S)
     clock_s = machine.session_time_s
     along = compensation(model, running.feedforward, rested, rested.sample_period_s, clock_s) if compensating else None
     path = predicted(machine, model, running, delay_s, rested, extra_torque_nm=along, time_s=clock_s)
     _check_path(machine, path)
-    lag = 2.0 * float(np.max(np.abs(rested.position_m - path.motor_m))) + phases.ASTRAY_M
+    if along is not None:
+        _check_along(machine, along, trajectory, model)
+    _check_belt(machine, model, path, trajectory)
+    lag = SURPRISE * float(np.max(np.abs(rested.position_m - path.motor_m))) + LAG_SLACK_M
     start = float(trajectory.position_m[0])
     if machine.folder.finished(name) is None and abs(machine.position_m - start) > 1e-4:
         phases.move_to(machine, start, model)
@@ -278,7 +310,26 @@ def verify_move(
         return tracking_error(path.t_s, rested.position_m, path.motor_m)
 
     spread = predict_range(model, error) if rested.duration_s <= LONGEST_RANGED_S else None
-    return judge(recording, machine.ratio, path, rested.position_m, predicted_range=spread), demand(trajectory, model)
+    verdict = judge(recording, machine.ratio, path, rested.position_m, predicted_range=spread)
+    if along is not None:
+        alone = predicted(machine, model, running, delay_s, rested, time_s=clock_s)
+        without = tracking_error(alone.t_s, rested.position_m, alone.motor_m)
+        sentence = (
+            f"up to {1e3 * float(np.max(np.abs(along))):.3g} mN m were sent along with the reference; a controller that sends none is "
+            f"predicted to have {1e3 * without.dynamic_m:.3g} mm and {1e6 * without.static_m:.3g} um with these gains"
+        )
+        verdict = replace(verdict, reasons=(*verdict.reasons, sentence))
+    return verdict, demand(trajectory, model)
+
+
+def _check_along(machine: Machine, along: Array, trajectory: Trajectory, model: Model) -> None:
+    """Raise Refused when the torque sent along would take the move beyond the torque that axis and drive allow."""
+    most, asked, limit = float(np.max(np.abs(along))), demand(trajectory, model).torque_nm, machine.full_room().torque_nm
+    if not most + asked <= limit:
+        raise Refused(
+            f"the move is refused: with the {most:.3g} N m that the model sends along, the motor torque would be {most + asked:.4g} N m, "
+            f"limit {limit:.4g} N m; slow the move down, look at the model's effects, or use --feedforward linear"
+        )
 
 
 def _check_path(machine: Machine, path: PredictedMove) -> None:
@@ -290,6 +341,16 @@ def _check_path(machine: Machine, path: PredictedMove) -> None:
                 f"the move is refused: with these gains the {where} is predicted to go from {np.min(places):.4g} m to "
                 f"{np.max(places):.4g} m, the travel is {low:g}..{high:g} m; slow the move down or design other gains"
             )
+
+
+def _check_belt(machine: Machine, model: Model, path: PredictedMove, trajectory: Trajectory) -> None:
+    """Raise Refused when the belt is predicted to carry too much as it swings."""
+    limit = belt_force_limit_n(machine, model, float(np.max(np.abs(trajectory.velocity_m_s))), BELT_BEYOND)
+    if path.belt_force_n > limit:
+        raise Refused(
+            f"the move is refused: the belt is predicted to carry {path.belt_force_n:.1f} N as it swings, limit {limit:.1f} N (feed force, "
+            f"friction of the carriage and {100 * (BELT_BEYOND - 1):.0f} % of swing); stretch the move by {path.belt_force_n / limit:.2f}"
+        )
 
 
 def _fastest(machine: Machine, model: Model, trajectory: Trajectory) -> str:

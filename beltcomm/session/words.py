@@ -60,14 +60,24 @@ def model_lines(fit: InverseFit, characteristics: Mapping[str, Characteristic]) 
     lines.append(f"  unexplained torque is {level:.2f} x the noise ({1e3 * fit.noise_nm:.1f} mN m) over {fit.samples} samples")
     if level > 1.3:
         lines.append("  the model does not explain everything that was measured: look at the recordings before trusting it")
-    return lines + [f"  {remark}" for remark in fit.remarks]
+    return lines + [f"  {_named(remark)}" for remark in fit.remarks]
+
+
+def _named(remark: str) -> str:
+    """A remark with the parameters' names as in the table above it."""
+    for name, words, *_ in _SHOWN:
+        remark = remark.replace(name, words)
+    return remark
 
 
 def thesis_lines(fits: Mapping[str, MagnitudeFit]) -> list[str]:
     """The log-magnitude fits beside the final one."""
     if not fits:
         return []
-    lines = ["Log-magnitude fit of the frequency responses (for the picture; friction around standstill poses as damping):"]
+    lines = [
+        "For comparison, the usual fit to the frequency responses. Friction biases it by some per cent (mass, stiffness) and poses as "
+        "damping; the model above holds:"
+    ]
     for name, fit in fits.items():
         two = fit.two_mass
         apparent = 1e3 * two.transmission_m_rad**2 * (two.motor_damping_n_s_m + two.cart_damping_n_s_m)
@@ -117,10 +127,12 @@ def design_lines(design: DesignResult, cascade: Cascade) -> list[str]:
         f"T_R {1e3 * cascade.velocity_filter_s:.2g} ms, prefilter {shown}",
         f"  feedforward: inertia {1e6 * feedforward.inertia_kg_m2:.0f} kg mm², viscous {1e3 * feedforward.viscous_nm_s_rad:.2f} "
         f"mN m s/rad, Coulomb {1e3 * feedforward.coulomb_nm:.1f} mN m, velocity {feedforward.velocity:g}, "
-        f"{1e3 * feedforward.advance_s:.2f} ms ahead",
-        f"  proven on {len(design.plants)} plants (places, payloads, every damping down to none): velocity phase margin at least "
-        f"{worst.phase_margin_deg:.0f} deg, position {slowest.position_phase_margin_deg:.0f} deg, resonance at most "
-        f"{max(m.suppression_db for m in design.margins):.1f} dB, sensitivity at most {sensitivity:.1f} dB",
+        f"{1e3 * feedforward.advance_s:.2f} ms ahead"
+        if feedforward.inertia_kg_m2 or feedforward.coulomb_nm or feedforward.viscous_nm_s_rad or feedforward.velocity
+        else "  feedforward: none" + ("" if design.structure.velocity_feedforward else ", this drive has none"),
+        f"  holds by calculation on {len(design.plants)} variants of the model (both ends, payloads, damping down to none): "
+        f"velocity phase margin at least {worst.phase_margin_deg:.0f} deg, position {slowest.position_phase_margin_deg:.0f} deg, "
+        f"resonance at most {max(m.suppression_db for m in design.margins):.1f} dB, sensitivity at most {sensitivity:.1f} dB",
     ]
     lines += [f"  bound by: {reason}" for reason in design.binding]
     return lines + [f"  {remark}" for remark in design.remarks]
@@ -146,7 +158,7 @@ def verdict_lines(verdict: Verdict, demand: Demand | None, feedforward: str | No
     lines = [f"Verification move, with feedforward {feedforward} for this move only:" if feedforward else "Verification move:"]
     if demand is not None:
         lines.append(
-            f"  up to {demand.speed_m_s:.3g} m/s, {demand.acceleration_m_s2:.3g} m/s², {demand.feed_force_n:.3g} N feed force, "
+            f"  planned: up to {demand.speed_m_s:.3g} m/s, {demand.acceleration_m_s2:.3g} m/s², {demand.feed_force_n:.3g} N feed force, "
             f"{demand.torque_nm:.2f} N m at the motor"
         )
     for words, measured, expected, spread in (
@@ -155,11 +167,13 @@ def verdict_lines(verdict: Verdict, demand: Demand | None, feedforward: str | No
     ):
         parts = []
         for what, name, unit, factor in (("dynamic", "dynamic_m", "mm", 1e3), ("static", "static_m", "um", 1e6)):
-            seen = "not measured" if measured is None else f"{_short(factor * getattr(measured, name))} {unit}"
-            between = f", {' to '.join(_short(factor * getattr(end, name)) for end in spread)}" if spread else ""
-            missing = f" {unit}" if measured is None else ""
-            parts.append(f"{what} {seen} (predicted {_short(factor * getattr(expected, name))}{missing}{between})")
-        lines.append(f"  {words:16} {', '.join(parts)}")
+            between = f", range {' to '.join(_short(factor * getattr(end, name)) for end in spread)}" if spread else ""
+            guess = f"{_short(factor * getattr(expected, name))} {unit}"
+            if measured is None:
+                parts.append(f"{what} {guess}")
+            else:
+                parts.append(f"{what} {_short(factor * getattr(measured, name))} {unit} (predicted {guess}{between})")
+        lines.append(f"  {words:16} {', '.join(parts)}{' (predicted; nothing measures there)' if measured is None else ''}")
     return lines + [f"  {reason}" for reason in verdict.reasons]
 
 
@@ -171,3 +185,8 @@ def _short(value: float) -> str:
 def remarks_lines(remarks: Sequence[str]) -> list[str]:
     """Everything else worth knowing."""
     return [f"Note: {remark}" for remark in remarks]
+
+
+def lasting(drive: str) -> str:
+    """What a virtual drive keeps of what is written to it; nothing is said of a real one."""
+    return ". A virtual drive begins anew with every command and forgets what was written" if drive.split(":")[0] == "virtual" else ""

@@ -56,7 +56,7 @@ class VirtualDrive:
         faults: Faults | None = None,
     ) -> None:
         if profile not in PROFILES:
-            raise UsageError(f"there is no virtual drive {profile!r}; choose one of {', '.join(PROFILES)}")
+            raise UsageError(f"there is no virtual drive with the profile {profile!r}; there are {', '.join(PROFILES)}")
         if not 1 <= node_id <= 127:
             raise UsageError(f"the node ID {node_id} is not a CANopen one; choose 1 to 127")
         if setpoint_delay_s < 0.0:

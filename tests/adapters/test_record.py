@@ -166,6 +166,18 @@ def test_a_breached_limit_stops_the_axis_within_two_cycles(opened, limits, reaso
     assert node.position_rad <= (speed + 2 * T * 200) ** 2 / (2 * 200) + T * (speed + 1)
 
 
+@pytest.mark.parametrize(
+    ("limits", "words"),
+    [
+        (Limits(-0.1, 0.1, 50.0, 0.5, ratio_m_rad=0.01, zero_rad=-0.1), r"carriage at 2\.\d mm is outside its window of 0\.0 to 2\.0 mm"),
+        (Limits(-10.0, 10.0, 5.0, 0.5, ratio_m_rad=0.01), r"the carriage's speed of 0\.05\d* m/s is beyond the limit of 0\.05 m/s"),
+    ],
+)
+def test_a_breach_is_told_in_terms_of_the_carriage(opened, limits, words):
+    with pytest.raises(SafetyStop, match=words):
+        opened(StubNode()).record(torque([0.2] * 2000), limits, lambda row: None)
+
+
 def test_a_torque_the_drive_should_have_clamped_is_a_breach(opened):
     node = StubNode()
     node.put(0x6072, 0, 10)  # a limit that this stub does not obey
@@ -187,7 +199,7 @@ def test_a_motion_that_falls_behind_its_reference_is_stopped_by_the_host_and_wat
     """The drive stands still while its reference goes off at 1 rad/s: 0.02 rad are reached after 20 ms."""
     node, rows = StubNode(jammed=True), []
     node.objects[0x6065, 0] = ("<I", 65536)
-    with pytest.raises(SafetyStop, match=r"lag 0\.02\d* rad at the motor is outside the limit 0\.02 rad") as caught:
+    with pytest.raises(SafetyStop, match=r"lag 0\.02\d* rad at the motor is beyond the limit of 0\.02 rad") as caught:
         opened(node).record(position(np.linspace(0.0, 0.2, 201)), replace(LIMITS, lag_rad=0.02), rows.append)
     assert caught.value.reason == "lag"
     assert node.states[-2:] == [QUICK, DISABLED]

@@ -68,7 +68,7 @@ def examine(rig: str, ratio: float, folder: Path) -> None:
     force, torque = np.abs(plant.belt_force_n), np.abs(plant.torque_nm)
     print(
         f"  belt at most {force[:first].max():.1f} N before the move, {force[first:].max():.1f} N in it, "
-        f"limit {axis.belt_force_limit_n:.1f} N beside {truth['coulomb_cart_n']:.1f} N of friction; "
+        f"limit 1.05 x ({axis.belt_force_limit_n:.1f} N + {truth['coulomb_cart_n']:.1f} N of friction); "
         f"motor at most {torque.max():.3f} N m of {axis.motor.peak_torque_nm:g} N m"
     )
     gains = record.load("designs", "final")["parameters"]

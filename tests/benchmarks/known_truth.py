@@ -33,9 +33,9 @@ from beltcomm.session.commission import (
     identify_here,
     measure_friction,
     measure_places,
-    reference,
 )
 from beltcomm.session.machine import Machine
+from beltcomm.session.referencing import reference
 from beltcomm.talk import Silence
 from truth.rigs import draw
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import io
 import json
 import os
 import subprocess
@@ -16,6 +17,7 @@ from typing import Any
 import pytest
 from click.testing import CliRunner, Result
 
+from beltcomm.cli.frame import _fitted
 from beltcomm.cli.main import VERBS, cli
 from beltcomm.errors import DataError, DriveFault, Refused, SafetyStop, UsageError
 
@@ -42,6 +44,7 @@ class Options:
     dry_run: bool = False
     resume: bool = False
     position_m: float | None = None
+    window_m: tuple[float, float] | None = None
     home: bool = False
     payload_kg: float | None = None
     apply: str = "restore"
@@ -137,6 +140,15 @@ def test_each_verb_calls_its_function(api: StandIn, words: list[str], name: str,
     called, called_args, called_given = api.calls[0]
     assert (called, called_args) == (name, args)
     assert given.items() <= called_given.items()
+
+
+@pytest.mark.parametrize(
+    ("text", "window_m"),
+    [("-20mm..30mm", (-0.02, 0.03)), ("-20..30 mm", (-0.02, 0.03)), ("25mm", (-0.025, 0.025)), ("-0.02..0.03", (-0.02, 0.03))],
+)
+def test_identify_takes_a_window(api: StandIn, text: str, window_m: tuple[float, float]) -> None:
+    assert call("identify", "--drive", "virtual", "--window", text, "--run", "R").exit_code == 0
+    assert api.calls[0][2]["options"].window_m == pytest.approx(window_m)
 
 
 def test_move_and_simulate_take_quantities_and_plants(api: StandIn) -> None:
@@ -251,6 +263,10 @@ def test_an_unexpected_error_leaves_its_traceback_in_the_run_folder(api: StandIn
         (["commission", "--drive", "virtual", "--apply", "kep"], "keep"),
         (["commission", "--drive", "virtual", "--position", "0.3 kg"], "'kg' is not a unit of it"),
         (["verify", "--drive", "virtual", "--run", "R", "--move", "m.csv", "--trajectory", "T_A"], "give one of them"),
+        (["identify", "--drive", "virtual", "--window", "20mm..30mm"], "does not reach to both sides"),
+        (["identify", "--drive", "virtual", "--window", "-20mm"], "does not reach to both sides"),
+        (["identify", "--drive", "virtual", "--window", "-20mm..3 kg"], "'kg' is not a unit of it"),
+        (["identify", "--drive", "virtual", "--window", "wide"], "give a number in m"),
         (["friction", "--drive", "virtual"], "--run"),
     ],
 )
@@ -289,3 +305,20 @@ def test_help_loads_nothing_slow() -> None:
 def test_version_and_no_words() -> None:
     assert call("--version").stdout.startswith("beltcomm, version ")
     assert "commission" in call().output
+
+
+def test_a_line_is_no_wider_than_the_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Broken between words and indented; in a pipe nothing is broken."""
+
+    class Terminal(io.StringIO):
+        def isatty(self) -> bool:
+            return True
+
+    monkeypatch.setattr("shutil.get_terminal_size", lambda: os.terminal_size((40, 20)))
+    line = "  model:" + 20 * " word"
+    lines = _fitted(line, Terminal()).splitlines()
+    assert max(map(len, lines)) <= 40
+    assert all(each.startswith("    word") for each in lines[1:])
+    assert " ".join(" ".join(lines).split()) == line.strip()
+    assert _fitted(line, io.StringIO()) == line
+    assert _fitted("short", Terminal()) == "short"

@@ -333,7 +333,7 @@ def test_shipped_plants_run_behind_the_drive(plant):
     ("name", "options", "words"),
     [
         ("virtual:no_such_plant", {}, "no_such_plant"),
-        ("virtual", {"colour": "red"}, "no option colour; it has seed, profile"),
+        ("virtual", {"colour": "red"}, "no option colour; leave it out"),
         ("virtual", {"seed": "x"}, "seed must be a whole number"),
         ("virtual", {"start_position": "left"}, "start_position must be a number"),
         ("virtual", {"profile": "abb"}, "abb"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -22,6 +23,7 @@ from beltcomm.identify.amplitude import (
 )
 from beltcomm.identify.first_estimate import data_sheet_model
 from beltcomm.model import Model
+from beltcomm.stopping import Braking
 from identify.records import PERIOD_S, true_model
 from truth import TruthPlant
 from truth.rigs import draw
@@ -131,6 +133,20 @@ def test_the_limit_that_binds_is_reached_kept_and_named(family: Sequence[Model],
     assert max(use.values()) == use[binds]
     assert step.amplitude_nm < 0.6
     assert step.prediction == predict(family, step.amplitude_nm * UNIT, PERIOD_S, AT_M)
+
+
+def test_a_stop_ends_inside_the_window(family: Sequence[Model]) -> None:
+    """With 2 m/s² of braking the way of a stop from half as fast again as predicted binds before the travel does."""
+    braking, limits = Braking(2.0, 0.01), MotionLimits(0.03, 100.0, 100.0, 1e6, window_m=0.02)
+    free = largest_amplitude(family, UNIT, PERIOD_S, AT_M, replace(limits, window_m=np.inf), 0.6, lambda _: braking)
+    step = largest_amplitude(family, UNIT, PERIOD_S, AT_M, limits, 0.6, lambda _: braking)
+    found = step.prediction
+    assert step.binds == "travel with a stop"
+    assert step.amplitude_nm < free.amplitude_nm
+    assert found.stop_m == pytest.approx(braking.way_m(1.5 * found.speed_m_s))
+    assert 0.95 * limits.window_m < found.travel_m + found.stop_m <= limits.window_m
+    assert found.motor_m_s >= found.speed_m_s
+    assert found.watched_m_s > 1.5 * found.motor_m_s
 
 
 def test_a_torque_limit_that_is_just_reached_binds(family: Sequence[Model]) -> None:

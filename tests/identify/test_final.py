@@ -10,7 +10,10 @@ import pytest
 
 from beltcomm.axis import Gearbox, load_axis
 from beltcomm.errors import DataError
+from beltcomm.identify import final as module
 from beltcomm.identify.final import FinalModel, final_model, stiffness_by_record
+from beltcomm.identify.inverse_fit import InverseFit
+from beltcomm.model import Model
 from beltcomm.recording import Recording
 from identify.records import COUNTS, Recorder, true_model
 from truth import Axis, TruthPlant, TwoStrandBelt
@@ -108,6 +111,28 @@ def test_held_out_places_have_no_say(varying: tuple[list[Recording], FinalModel]
     away = [replace(r, name=f"{r.name} away", sidecar=replace(r.sidecar, held_out=True)) for r in records[:2]]
     model = (final.rejected or final.fit).model
     assert set(stiffness_by_record([*away, records[2]], model, COUNTS, 6e-3)) == {"place 2"}
+
+
+def test_a_record_from_nowhere_has_no_say_in_a_law_along_the_travel(
+    varying: tuple[list[Recording], FinalModel], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A second record of the first place, which does not say so: the fit is that without it, and says so."""
+    records, final = varying
+    nowhere = replace(records[0], name="nowhere", sidecar=replace(records[0].sidecar, start_position_m=None))
+    asked: list[list[str]] = []
+
+    def fit(used: Sequence[Recording], start: Model, **_: object) -> InverseFit:
+        asked.append([r.name for r in used])
+        return final.fit if "belt_spans" in start.effects else final.rejected or final.fit
+
+    monkeypatch.setattr(module, "fit_inverse", fit)
+    found = final_model([*records, nowhere], AXIS, COUNTS)
+    assert asked == 2 * [["place 0", "place 1", "place 2"]]
+    assert found.fit is final.fit
+    assert found.reason == f"{final.reason}; left out, because nobody knows where it was made: nowhere"
+    alone = final_model([nowhere], AXIS, COUNTS)
+    assert asked[2:] == [["nowhere"]]
+    assert "holds for that place alone" in alone.reason
 
 
 def test_nothing_excited_is_refused() -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from beltcomm.axis import axis_from_dict, load_axis
 from beltcomm.errors import DataError, UsageError
-from beltcomm.identify.first_estimate import data_sheet_model, first_estimate
+from beltcomm.identify.first_estimate import data_sheet_model, first_estimate, stiffness_range
 from beltcomm.model import Model
 from identify.records import COUNTS, Recorder, true_model
 from truth.rigs import draw
@@ -86,3 +86,16 @@ def test_data_sheets_with_gaps_are_refused_by_name() -> None:
     del data["belt"]
     with pytest.raises(UsageError, match=r"belt\.specific_stiffness_n"):
         data_sheet_model(axis_from_dict(data), 0.28, COULOMB_NM)
+
+
+def test_a_place_that_nobody_knows_lies_off_both_ends_by_its_window() -> None:
+    """(2.26) with the coupling in series falls along the travel: the free way to either side bounds the stiffness."""
+    rig = load_axis("egc-70-600")
+    stiffest, softest = rig.belt_stiffness_n_m(-0.01), rig.belt_stiffness_n_m(0.57)
+    model = data_sheet_model(rig, None, 0.1)
+    usual = model["belt_stiffness.stiffness"]
+    assert usual == pytest.approx((stiffest * softest) ** 0.5)
+    low, high = stiffness_range(rig, (0.0, 0.0))
+    assert (low * usual, high * usual) == (pytest.approx(softest), pytest.approx(stiffest))
+    low, high = stiffness_range(rig, (-0.03, 0.04))
+    assert (low * usual, high * usual) == (pytest.approx(rig.belt_stiffness_n_m(0.53)), pytest.approx(rig.belt_stiffness_n_m(0.02)))

@@ -8,8 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from beltcomm.configfiles import to_yaml
 from beltcomm.errors import DataError
 from beltcomm.recording import load_recording
+from beltcomm.sidecar import Sidecar, load_sidecar
 from recording.samples import csv_text, signals, write
 
 FILE_FAULTS: dict[str, tuple[bytes | Callable[[], str], str]] = {
@@ -105,3 +107,11 @@ def test_a_misspelt_key_of_the_sidecar_is_noted(tmp_path: Path) -> None:
     path = write(tmp_path / "a.csv", csv_text())
     write(tmp_path / "a.yaml", "start_positon_m: 0.3\nlicense: MIT\n")
     assert load_recording(path).notes == ("the sidecar's key start_positon_m means nothing here, did you mean start_position_m?",)
+
+
+def test_an_experiment_at_a_place_that_nobody_knows_says_so(tmp_path: Path) -> None:
+    for note, written in ((Sidecar("frf"), True), (Sidecar("frf", start_position_m=0.0), False), (Sidecar("free"), False)):
+        assert ("start_position_m" in note.to_dict() and note.to_dict()["start_position_m"] is None) == written
+        path = tmp_path / "one.yaml"
+        path.write_text(to_yaml(note.to_dict()), encoding="utf-8")
+        assert load_sidecar(path) == (note, ())

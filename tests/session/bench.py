@@ -239,5 +239,5 @@ class Listener:
         self.asked.append(text)
         return self.answer
 
-    def close(self) -> None:
+    def close(self, done: bool = False) -> None:
         """As the talk of the command line has it."""

@@ -156,7 +156,7 @@ def test_verify_misses_a_target_with_exit_code_1(make_bench: MakeBench, copy_of_
     weak = ["  ff_inertia_kg_m2: 0.0" if line.startswith("  ff_inertia_kg_m2:") else line for line in lines]
     path.write_text("\n".join(weak), encoding="utf-8")
     outcome = call("verify", *DRIVE, "--yes", "--run", run)
-    assert outcome.exit_code == 1
+    assert outcome.exit_code == 1, outcome.output
     assert "misses the target of 1 mm" in outcome.stdout
     assert f"Next: beltcomm design {run}" in outcome.stdout
     assert bench.parameters() == bench.initial
@@ -169,6 +169,25 @@ def test_friction_sweeps_with_a_loop_from_the_model(make_bench: MakeBench, copy_
     assert data["friction"]["coulomb"]["value"] == pytest.approx(truth["coulomb_total_nm"], rel=0.05)
     assert data["friction"]["viscous"]["value"] == pytest.approx(truth["viscous_nm_s_rad"], rel=0.05)
     assert RunFolder.open(run).finished("sweep") is not None
+    assert bench.parameters() == bench.initial
+    assert bench.stands_disabled()
+
+
+def test_identify_goes_on_by_a_plan(make_bench: MakeBench, copy_of_complete: Copy, tmp_path: Path) -> None:
+    run, bench, plan = copy_of_complete(), make_bench(start_m=0.4), tmp_path / "next.yaml"
+    plan.write_text(
+        "steps:\n- {kind: response, place: 0.6, share: 0.4}\n- {kind: strokes, place: 0.4, speeds_m_s: [0.02, 0.06], held_out: true}\n",
+        encoding="utf-8",
+    )
+    words = ("identify", *DRIVE, "--yes", "--run", run, "--plan", plan, "--json")
+    shown = json_of(call(*words, "--dry-run"))
+    assert len(shown["plan"]["experiments"]) == 2
+    assert bench.carriage_m == pytest.approx(0.4, abs=1e-6)
+    data = json_of(call(*words))
+    assert data["recordings"] == ["next_1_response", "next_2_strokes"]
+    folder = RunFolder.open(run)
+    assert folder.recording("next_2_strokes").sidecar.held_out
+    assert folder.recording("next_1_response").sidecar.experiment == "frf"
     assert bench.parameters() == bench.initial
     assert bench.stands_disabled()
 
@@ -276,8 +295,8 @@ def test_move_does_not_leave_the_travel_by_going_too_far(make_bench: MakeBench) 
 @pytest.mark.parametrize(
     ("start_m", "by", "code", "words"),
     [
-        (0.25, "101mm", 2, "is not a small one"),
-        (0.25, "0", 2, "is not a small one"),
+        (0.25, "101mm", 2, "cannot be crept"),
+        (0.25, "0", 2, "cannot be crept"),
         (0.25, "5 kg", 2, "kg"),
         (0.568, "5mm", 1, "would leave the travel -0.01..0.57 m"),
         (-0.009, "-5mm", 1, "would leave the travel -0.01..0.57 m"),

@@ -14,6 +14,7 @@ import pytest
 
 from beltcomm import api
 from beltcomm.axis import Axis, load_axis
+from beltcomm.errors import Refused
 from beltcomm.model import load_model
 from beltcomm.runfolder import RunFolder
 from beltcomm.session import phases, verification
@@ -60,9 +61,9 @@ def at_the_carriage(bench: Bench, run: Path) -> TrackingError:
     return tracking_error(move.t_s, bench.plant.ratio * move.reference_position, cart)
 
 
-def check_commissioned(bench: Bench, axis: Axis, run: Path, result: api.Result) -> None:
+def check_commissioned(bench: Bench, axis: Axis, run: Path, result: api.Result, exit_code: int = 0) -> None:
     """Model and prediction are right, the limits were kept, the drive is as it was found."""
-    assert result.exit_code == 0, result.text
+    assert result.exit_code == exit_code, result.text
     found = {name: item for name, item in result.data["model"]["parameters"].items()}
     found |= result.data["fit"]["characteristics"]
     for name, true, share in ALLOWED:
@@ -128,7 +129,13 @@ def test_a_drive_without_feedforward_gets_the_move_it_can_follow(connect: Connec
     bench = connect(Bench(rig, profile="cmmp-as"))
     run = tmp_path / "run"
     result = api.commission(bench.name, "egc-70-600", run, options=YES)
-    check_commissioned(bench, load_axis("egc-70-600"), run, result)
+    check_commissioned(bench, load_axis("egc-70-600"), run, result, exit_code=1)
+    assert "but the axis does not: " in result.text[0]
+    assert "this drive cannot follow the standard move within the target, only slower ones" in result.data["reservations"]
+    thin = min(one["phase_margin_deg"] for one in RunFolder.open(run).load("designs", "final")["margins"])
+    assert any("of phase margin" in reservation for reservation in result.data["reservations"]) is (thin < 30.0)
+    with pytest.raises(Refused, match="only slower ones"):
+        api.apply(bench.name, run, options=YES)
     verdict = result.data["verdict"]
     assert verdict.measured.dynamic_m == pytest.approx(verdict.predicted.dynamic_m, rel=0.05)
     assert any("the fastest over this way that is safely predicted within 1 mm takes" in remark for remark in result.data["remarks"])

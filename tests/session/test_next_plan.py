@@ -15,6 +15,7 @@ from beltcomm.laboratory.visible import Sight
 from beltcomm.model import load_plant
 from beltcomm.runfolder import RunFolder
 from beltcomm.session.next_plan import load_plan, plan_for
+from beltcomm.session.proof import doubts
 from beltcomm.session.revisions import new_revision, trusted_model
 
 
@@ -36,6 +37,13 @@ def test_what_was_not_seen_gets_its_records() -> None:
     assert {"response", "strokes"} <= set(kinds)
     assert any(step.held_out for step in plan.steps)
     assert "these data say nothing of it" in plan.reasons["end_pulley"]
+
+
+def test_records_that_are_there_are_not_made_again() -> None:
+    plan = plan_for((), [blind("belt_slack"), blind("stribeck")], frozenset({"places", "quiet", "sweep"}))
+    assert {step.kind for step in plan.steps} == {"strokes"}
+    assert any(text.startswith("belt_slack: such records are here already") for text in plan.by_hand)
+    assert plan_for((), [blind("belt_slack")], frozenset({"places", "quiet"})).steps == ()
 
 
 def test_nothing_to_record() -> None:
@@ -80,3 +88,11 @@ def test_a_design_rests_on_the_last_model_that_was_not_contradicted(tmp_path: Pa
     assert model.effects == better.effects
     assert name == "revision_2"
     assert "revision_3 (+backlash) is not confirmed" in sentence
+
+    gains = {"kp_nm_s_rad": 0.1}
+    folder.save_result("fit", {"suspect": True})
+    folder.save_result("verify_move_1", {"passed": True, "proof": {"gains": gains}})
+    folder.save_design("final", {"parameters": gains, "revision": ""})
+    assert doubts(folder) == ["the model does not explain what was measured"]
+    folder.save_design("final", {"parameters": gains, "revision": "revision_2"})
+    assert doubts(folder) == []

@@ -70,7 +70,7 @@ def test_a_stop_out_of_the_fastest_move_keeps_to_the_belts_limit(
     make_bench: MakeBench, copy_of_complete: Copy, rig: str, moment: str
 ) -> None:
     """The stop alone loads the belt by its limit at most; what the belt carries when it begins swings back by no more than itself."""
-    run, bench = run_of(rig, copy_of_complete()), make_bench(rig, start_m=0.0)
+    run, bench = run_of(rig, copy_of_complete()), make_bench(rig, start_m=0.0, name="virtual:g_a")
     at_m, acceleration = MOMENTS[moment]
     tick, speed = stopped_in_the_move(bench, run, at_m)
     force = bench.plant.belt_force_n

@@ -1,0 +1,50 @@
+"""What a command line gives beside its main arguments."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from beltcomm.design.feedforward import FeedforwardKind
+from beltcomm.design.prefilters import PrefilterKind
+from beltcomm.session.commission import Apply
+
+
+@dataclass(frozen=True)
+class Options:
+    """What a command line gives beside its main arguments; every default is the safe choice.
+
+    yes : no questions.   seed : of everything random in a virtual drive.   dry_run : plan only.   resume : go on with a run.
+    position_m : where the carriage stands.   window_m : how far it may move from there, (low, high).   home : find the zero first.
+    payload_kg : heaviest further load.   apply : "keep", "restore" or "save" the new gains; None asks, with ``yes`` it restores.
+    quick : one place only.
+    force : gains in doubt too.   prefilter, feedforward : None is the best one.   profile, node, bitrate, realtime : of the drive.
+    drive : further options for the adapter, by name.
+    """
+
+    yes: bool = False
+    seed: int | None = None
+    dry_run: bool = False
+    resume: bool = False
+    position_m: float | None = None
+    window_m: tuple[float, float] | None = None
+    home: bool = False
+    payload_kg: float | None = None
+    apply: Apply | None = None
+    quick: bool = False
+    force: bool = False
+    prefilter: PrefilterKind | None = None
+    feedforward: FeedforwardKind | None = None
+    profile: str | None = None
+    node: int | None = None
+    bitrate: int | None = None
+    realtime: bool = False
+    drive: Mapping[str, object] = field(default_factory=dict)
+
+    def for_drive(self) -> dict[str, object]:
+        """The adapter's options: those that were given."""
+        given = {"seed": self.seed, "profile": self.profile, "node": self.node, "bitrate": self.bitrate}
+        found: dict[str, object] = {name: value for name, value in given.items() if value is not None}
+        if self.realtime:
+            found["realtime"] = True
+        return {**found, **self.drive}

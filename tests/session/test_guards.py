@@ -1,0 +1,218 @@
+"""What keeps a session honest and a machine whole: limits watched in a loop, the operator's word, one session per folder."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from beltcomm import api
+from beltcomm.axis import load_axis
+from beltcomm.errors import Refused, SafetyStop, UsageError
+from beltcomm.runfolder import RunFolder
+from beltcomm.session import commission as sequence
+from beltcomm.session import creep, phases, referencing, verification
+from beltcomm.session.commission import Findings, Settings
+from beltcomm.session.expectation import BELT_BEYOND, BeltWatch
+from beltcomm.session.machine import Machine
+from beltcomm.session.proof import doubts
+from beltcomm.stopping import Braking
+from beltcomm.talk import Silence
+from identify.records import true_model
+from session.bench import Bench, Listener
+from session.conftest import Complete
+from truth.rigs import nominal
+
+MakeBench = Callable[..., Bench]
+Copy = Callable[..., Path]
+AXIS = "egc-70-600"
+YES = api.Options(yes=True, seed=1)
+RATIO, INERTIA, LIMIT_N = 0.01242, 7.17e-5, 100.0
+
+
+def force_rows(force_n: float, speed_rad_s: float = 50.0) -> list[tuple[float, ...]]:
+    """Rows of a motor that a belt force brakes while its torque keeps up with that and accelerates it."""
+    t = 1e-3 * np.arange(40)
+    position = speed_rad_s * t + 0.5 * 600.0 * t**2
+    torque = RATIO * force_n + INERTIA * 600.0
+    return [(float(a), torque, torque, float(b), speed_rad_s, math.nan, math.nan) for a, b in zip(t, position, strict=True)]
+
+
+@pytest.mark.parametrize(("share", "stops"), [(0.97, False), (1.03, True)])
+def test_the_belts_force_is_told_from_torque_and_motion(share: float, stops: bool) -> None:
+    """1.25 F_max beside friction, whatever the motor itself needs to accelerate."""
+    coulomb, viscous = 0.1, 2e-3
+    highest = BELT_BEYOND * LIMIT_N + (coulomb + viscous * 50.0) / RATIO
+    watch = BeltWatch(RATIO, INERTIA, LIMIT_N, (coulomb, viscous))
+
+    def run() -> None:
+        for row in force_rows(share * highest):
+            watch(row)
+
+    if stops:
+        with pytest.raises(SafetyStop, match=r"carries about 1\d\d N, the limit of axis.yaml is 100 N") as stop:
+            run()
+        assert stop.value.exit_code == 4
+    else:
+        run()
+
+
+def test_a_lost_row_is_no_force() -> None:
+    watch, rows = BeltWatch(RATIO, INERTIA, LIMIT_N, (0.0, 0.0)), force_rows(50.0)
+    for row in rows[:10] + rows[13:]:
+        watch(row)
+
+
+def test_an_axis_that_is_not_the_predicted_one_is_stopped(make_bench: MakeBench, copy_of_complete: Copy) -> None:
+    """The run's gains on a carriage of 1 kg instead of 13: off its reference by far more than predicted, it does not finish the move."""
+    run, bench = copy_of_complete(), make_bench("g_b", name="virtual:g_a")
+    with pytest.raises(SafetyStop, match=r"mm off its reference, [0-9.]+ mm are allowed|the belt carries about"):
+        api.verify(bench.name, run, options=YES)
+    assert RunFolder.open(run).finished("move_2") is None
+    assert bench.stands_disabled()
+    assert bench.parameters() == bench.initial
+
+
+def test_the_operators_word_against_a_drive_that_knows_its_zero(make_bench: MakeBench, tmp_path: Path) -> None:
+    bench, folder = make_bench(), RunFolder.create(tmp_path / "run", load_axis(AXIS))
+    for answer, ask in ((False, True), (True, False), (True, True)):
+        talk = Listener(answer=answer)
+        with bench.open(bench.name) as drive, Machine(drive, load_axis(AXIS), folder, talk) as machine:
+            settings = Settings(position_m=0.3, ask=ask)
+            if answer and ask:
+                referencing.reference(machine, settings)
+                assert machine.position_m == pytest.approx(0.3)
+            else:
+                with pytest.raises(Refused, match=r"at 0\.2500 m, --position says 0\.3000 m; leave --position out"):
+                    referencing.reference(machine, settings)
+                referencing.reference(machine, Settings(position_m=0.252))  # what both say needs no question
+            assert len(talk.asked) == ask
+    assert bench.plant.cart_position_m == 0.0
+
+
+def test_homing_ends_where_an_excitation_has_room(make_bench: MakeBench, tmp_path: Path) -> None:
+    """The virtual drive homes where it stands: near an end of the travel the carriage then creeps further in."""
+    bench, folder = make_bench(start_m=0.0, referenced=False), RunFolder.create(tmp_path / "run", load_axis(AXIS))
+    talk = Listener()
+    with bench.open(bench.name) as drive, Machine(drive, load_axis(AXIS), folder, talk) as machine:
+        referencing.home(machine)
+        assert phases.motion_limits(machine, machine.position_m).travel_m == pytest.approx(phases.EXCITATION_TRAVEL_M, abs=2e-3)
+        assert machine.machine_seconds > 0.0
+    assert "The drive found its zero; the carriage at 0 mm creeps" in "".join(talk.said)
+
+
+def test_homing_stands_in_the_plan_before_it_is_done(make_bench: MakeBench, tmp_path: Path) -> None:
+    bench, talk = make_bench(referenced=False), Listener(answer=False)
+    with pytest.raises(Refused, match="nothing was moved, as you said"):
+        api.identify(bench.name, AXIS, tmp_path / "run", options=api.Options(home=True), talk=talk)
+    assert "homing, until the zero is found" in talk.said[0]
+    assert not np.any(bench.plant.torque_nm)
+
+
+def test_a_tilted_axis_is_refused_before_the_drive_is_touched(make_bench: MakeBench, tmp_path: Path) -> None:
+    bench, axis = make_bench(), load_axis(AXIS)
+    tilted = replace(axis, mounting=replace(axis.mounting, tilt_deg=90.0))
+    with pytest.raises(Refused, match=r"a tilt of 90 deg.*nothing but friction"):
+        api.commission(bench.name, tilted, tmp_path / "run", options=YES)
+    assert bench.opened == 0
+
+
+def test_a_carriage_that_moves_by_itself_is_no_wrong_polarity() -> None:
+    by_itself, reversed_ = creep._backwards(1.0, 0.001, 0.7), creep._backwards(-1.0, 0.15, 0.7)
+    assert "by itself" in by_itself
+    assert "Do not change any polarity" in by_itself
+    assert "moves to positive under 0.150 N m of negative torque" in reversed_
+    assert "607Eh" in reversed_
+
+
+def test_one_session_at_a_time_and_a_no_leaves_the_folder_free(make_bench: MakeBench, tmp_path: Path) -> None:
+    bench, path = make_bench(), tmp_path / "run"
+    for _ in range(2):  # the second time the folder of the first no is no obstacle
+        with pytest.raises(Refused, match="nothing was moved"):
+            api.commission(bench.name, AXIS, path, options=api.Options(), talk=Listener(answer=False))
+    folder = RunFolder.open(path)
+    with (
+        bench.open(bench.name) as drive,
+        Machine(drive, load_axis(AXIS), folder, Silence()),
+        pytest.raises(UsageError, match="another session is at work in"),
+    ):
+        Machine(drive, load_axis(AXIS), folder, Silence())
+    Machine(bench.open(bench.name), load_axis(AXIS), folder, Silence()).__exit__(None, None, None)
+    folder.journal("breakaway 0.1 N m")
+    with pytest.raises(UsageError, match="exists; choose another folder"):
+        RunFolder.create(path, load_axis(AXIS))
+
+
+def test_motions_are_slowed_down_until_their_stops_end_inside(make_bench: MakeBench, tmp_path: Path) -> None:
+    """With a fifth of the usual braking the sweep is slower, and no stop out of it leaves the travel."""
+    bench, folder = make_bench(), RunFolder.create(tmp_path / "run", load_axis(AXIS))
+    model = true_model(nominal("g_a"))
+    with bench.open(bench.name) as drive, Machine(drive, load_axis(AXIS), folder, Silence()) as machine:
+        usual = phases.sweep(machine, model).trajectory
+        machine.brake_with(Braking(0.8, 0.05, 5e-3))
+        assert machine.stops_beyond(usual.position_m, usual.velocity_m_s)
+        slow = phases.sweep(machine, model).trajectory
+        assert not machine.stops_beyond(slow.position_m, slow.velocity_m_s)
+        assert 0.2 * np.abs(usual.velocity_m_s).max() < np.abs(slow.velocity_m_s).max() < np.abs(usual.velocity_m_s).max()
+
+
+def test_a_move_is_slowed_down_or_refused_for_a_belt_that_swings(
+    make_bench: MakeBench, complete: Complete, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench, folder = make_bench(), RunFolder.create(tmp_path / "run", load_axis(AXIS))
+    model, cascade = complete.final.fit.model, sequence.Cascade(0.08, 0.2, 14.0, 4e-3)
+    true = verification.predicted
+    with bench.open(bench.name) as drive, Machine(drive, load_axis(AXIS), folder, Silence()) as machine:
+        standard = verification.standard_move(machine, model)
+        monkeypatch.setattr(
+            verification,
+            "predicted",
+            lambda *args: replace(true(*args), belt_force_n=80.0 * float(np.max(np.abs(args[4].velocity_m_s)) / 1.0) ** 2),
+        )
+        kept = verification.kept_by_belt(machine, model, cascade, 1e-3, standard)
+        fast, slow = (move.at(1.0, 1e-3) for move in (standard, kept))
+        limit = verification.belt_force_limit_n(machine, model, 1.0, 1.05)
+        assert limit == pytest.approx(1.05 * (99.84 + model["cart_friction.level"]), abs=1.0)
+        assert 80.0 * np.abs(fast.velocity_m_s).max() ** 2 > limit
+        assert 0.9 * limit < 80.0 * np.abs(slow.velocity_m_s).max() ** 2 <= limit
+        assert "because the belt would carry more than" in kept.remark
+        with pytest.raises(Refused, match=r"the belt is predicted to carry 14\d\.\d N as it swings, limit 12\d\.\d N"):
+            verification._check_belt(machine, model, verification.predicted(machine, model, cascade, 1e-3, fast), fast)
+
+
+def test_success_needs_sound_margins_and_a_whole_move(complete: Complete, copy_of_complete: Copy) -> None:
+    design = complete.result.data["design"]
+    assert min(one["phase_margin_deg"] for one in design["margins"]) > 30.0
+    run = copy_of_complete()
+    folder = RunFolder.open(run)
+    assert doubts(folder) == []
+    saved = folder.load("designs", "final")
+    folder.save_design("final", {**saved, "margins": [{**saved["margins"][0], "phase_margin_deg": 16.0}]})
+    assert doubts(folder) == ["the velocity loop is left with 16 deg of phase margin, a sound one has 30 or more"]
+    folder.save_design("final", saved)
+    verdict = folder.load("results", "verify_move_1")
+    folder.save_result("verify_move_1", {**verdict, "reservations": ["only slower ones"]})
+    assert doubts(folder) == ["only slower ones"]
+
+
+def test_the_gains_are_asked_for_and_thin_ones_never_kept(complete: Complete, make_bench: MakeBench, tmp_path: Path) -> None:
+    bench, folder = make_bench(), RunFolder.create(tmp_path / "run", load_axis(AXIS))
+    verdict = complete.result.data["verdict"]
+    cascade = sequence.Cascade(0.08, 0.2, 14.0, 4e-3)
+    for answer, reservations, applied, asked in ((True, [], "save", 2), (False, [], "restore", 1), (True, ["thin"], "restore", 0)):
+        talk, findings = Listener(answer=answer), Findings(final=complete.final, verdict=verdict, reservations=reservations)
+        with bench.open(bench.name) as drive, Machine(drive, load_axis(AXIS), folder, talk) as machine:
+            sequence.dispose(machine, Settings(apply=None, ask=True), findings, cascade)
+            assert machine.keep_gains is (applied == "save")
+            machine.keep_gains = False
+        assert findings.applied == applied
+        assert len(talk.asked) == asked
+    findings = Findings(final=complete.final, verdict=verdict, reservations=["thin"])
+    with bench.open(bench.name) as drive, Machine(drive, load_axis(AXIS), folder, Silence()) as machine:
+        sequence.dispose(machine, Settings(apply="save"), findings, cascade)
+        assert not machine.keep_gains
+    assert findings.remarks == ["the new gains were not kept, because thin; `beltcomm apply --force` writes them all the same"]
