@@ -131,7 +131,7 @@ def test_law_agrees_with_its_slope(effect: Effect) -> None:
             checked += 1
     for at in (-0.03, -1e-5, 2e-6, 0.02, 1.3):
         if effect.slot in ("belt_law", "kinematics", "sensor"):
-            step = 1e-7
+            step = 1e-8  # small against the rounded corners of gap and slack
             assert difference(lambda q: effect.law(q, *values), at, step) == pytest.approx(effect.slope(at, *values), rel=1e-4, abs=1e-9)
             checked += 1
     if effect.slot == "torque_delay":
