@@ -15,10 +15,11 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from beltcomm.effects import Ground, effect_named
+from beltcomm.laboratory.acceptance import EVIDENCE
 from beltcomm.laboratory.diagnosis import fitted_base
 from beltcomm.laboratory.fitting import Fitted
 from beltcomm.laboratory.score import Scorer, ground_of
-from beltcomm.laboratory.stage import EVIDENCE, price
+from beltcomm.laboratory.stage import price
 from beltcomm.laboratory.start import start_model
 from beltcomm.laboratory.visible import visible
 from beltcomm.runfolder import RunFolder
@@ -50,8 +51,7 @@ def fitted(seed: int, effects: tuple[str, ...], strength: float) -> tuple[Fitted
         run = RunFolder.open(Path(folder))
         recordings = run.recordings()
         data, found = fitted_base(recordings, run.axis, start_model(run.axis, recordings))
-        offset, distance = run.axis.travel.driven_side_offset_m, float(run.axis.get("belt.pulley_distance_m") or 0.0)
-        return found, ground_of(found, data.fitted, int(run.axis.get("pulley.teeth") or 0), offset, distance), machine.hidden
+        return found, ground_of(found, data.fitted, run.axis), machine.hidden
 
 
 def main(first: int, last: int) -> None:

@@ -81,7 +81,7 @@ def test_a_poor_data_set_says_what_it_cannot_show(hidden_cogging: tuple[Path, fl
     for wanted in ("", "frf_p1"):
         recordings = [r for r in folder.recordings() if wanted in r.name]
         data, fitted = fitted_base(recordings, folder.axis, start_model(folder.axis, recordings))
-        ground = ground_of(fitted, data.fitted, 26, 0.1, 1.2)
+        ground = ground_of(fitted, data.fitted, folder.axis)
         weakest.append({sight.effect.name: sight for sight in visible(fitted, ground)})
     rich, poor = weakest
     for name in ("warmup", "cable_chain", "quadratic_drag"):

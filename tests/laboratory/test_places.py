@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from beltcomm.identify.residual import Stretch
 from beltcomm.laboratory.compare import Comparison, worst
 from beltcomm.laboratory.place_words import in_words
 from beltcomm.laboratory.places import worst_places
 from beltcomm.laboratory.samples import Judged, Units
+from beltcomm.simulate.inverse import FineMotion
 
 Array = NDArray[np.float64]
 RATIO, SAMPLE_S, NOISE = 0.0125, 1e-3, 0.01
@@ -37,9 +38,10 @@ def judged(missing: Any, seconds: float = 40.0, units: Units | None = None) -> l
     more = missing(place, speed, time, angle)
     white = random.standard_normal(n)
     torque = NOISE * white - more
-    motion = SimpleNamespace(time_s=0.0, sample_s=SAMPLE_S, theta=angle, omega=speed / RATIO, substeps=1, samples=n)
+    motion = FineMotion(angle, speed / RATIO, n, SAMPLE_S, 1, 0.0)
     load = 0.1 * np.sign(speed) + 0.05 * np.sin(time)
-    piece: Any = SimpleNamespace(record="sweep", held_out=False, motion=motion, keep=np.ones(n, dtype=bool), torque=load, whitener=Plain())
+    white_noise: Any = Plain()
+    piece = Stretch("sweep", False, angle, load, motion, np.ones(n, dtype=bool), NOISE, 0.0, 0.0, white_noise)
     return [Judged(piece, torque / NOISE, torque, RATIO, torque, units or Units())]
 
 
