@@ -317,7 +317,7 @@ def test_a_move_within_its_targets_passes_and_says_so() -> None:
     assert "reaches" not in "".join(verdict.reasons)
     at_the_limit = judge(recorded(reference, measured), RATIO, replace(expected, saturated=("the torque limit of 1 N m",)), reference)
     assert "the controller reaches the torque limit of 1 N m" in at_the_limit.reasons
-    assert "+25 %" in third
+    assert "25 % more" in third
 
 
 @pytest.mark.parametrize(("dynamic", "static", "missed"), [(1.2e-3, 40e-6, 0), (0.5e-3, 140e-6, 1)])

@@ -3,11 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import signal
-import subprocess
-import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -363,50 +358,3 @@ def test_nobody_can_be_asked(make_bench: MakeBench, tmp_path: Path) -> None:
     assert json_of(outcome, 2)["exit_code"] == 2
     assert "use --yes" in outcome.stderr
     assert bench.plant.cart_position_m == 0.0
-
-
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_ended_from_outside(tmp_path: Path, number: signal.Signals) -> None:
-    """The console command itself, in its own process, interrupted while it records."""
-    run = tmp_path / "run"
-    words = ["identify", "--drive", "virtual", "--yes", "--realtime", "--json", "--run", str(run)]
-    command = [sys.executable, "-c", "from beltcomm.cli.main import main; main()", *words]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path) as process:
-        give_up = time.monotonic() + 60.0
-        while not (run / "recordings" / "amplitude_1.csv.part").exists():
-            assert process.poll() is None, process.communicate()[1]
-            assert time.monotonic() < give_up
-            time.sleep(0.02)
-        time.sleep(0.5)
-        os.kill(process.pid, number)
-        if number != signal.SIGINT:  # closing a terminal sends several
-            time.sleep(0.02)
-            os.kill(process.pid, number)
-        stdout, stderr = process.communicate(timeout=30.0)
-    assert process.returncode == 4
-    assert json.loads(stdout)["exit_code"] == 4
-    assert stderr.strip().splitlines()[-1] == (
-        "beltcomm: interrupted; the axis is stopped and the drive's own gains are restored; "
-        f"what was recorded is kept in {run}, --resume goes on"
-    )
-    assert "Traceback" not in stderr
-    assert RunFolder.open(run).unfinished() == ["amplitude_1"]
-    assert (run / "journal.txt").read_text(encoding="utf-8").splitlines()[-1] == "all parameters restored"
-
-
-def test_stderr_holds_sentences_and_no_library_chatter(tmp_path: Path) -> None:
-    """A drive that does not answer, in a process of its own: what the CAN library logs is not for the user."""
-    script = (
-        "import functools, beltcomm.api as api, beltcomm.drive as drive\n"
-        "from beltcomm.virtual.faults import Faults\n"
-        "api.open_drive = lambda name, options: drive.open_drive(name, {**options, 'faults': Faults(silent_from_s=0.0)})\n"
-        "from beltcomm.cli.main import main\n"
-        "main()\n"
-    )
-    words = ["identify", "--drive", "virtual", "--yes", "--run", str(tmp_path / "run")]
-    outcome = subprocess.run(
-        [sys.executable, "-c", script, *words], capture_output=True, text=True, cwd=tmp_path, timeout=60.0, check=False
-    )
-    assert (outcome.returncode, outcome.stdout) == (5, "")
-    assert len(outcome.stderr.splitlines()) == 1
-    assert outcome.stderr.startswith("beltcomm: no drive answers on ")
