@@ -174,9 +174,16 @@ def verdict_of(base: Fitted, steps: Sequence[Step], twins: tuple[str, ...], left
     added = [step.added for step in steps if step.added]
     if not added:
         return "nothing missing" if level < MISSING and left < STRUCTURED else "none of the known effects explains this"
-    if level >= EXPLAINED_UP_TO or left >= STRUCTURED:
+    if level >= EXPLAINED_UP_TO or left >= STRUCTURED or run_away(after.model, base.model):
         return "partly explained"
     return "cannot tell" if twins else "explained"
+
+
+def run_away(model: Model, base: Model) -> list[str]:
+    """Parameters of added effects that grew until they met a bound: no size of the effect is right."""
+    added = {name: v for name, v in model.parameters.items() if name not in base.parameters and v.low < v.high}
+    near = {name: 1e-6 * (v.high - v.low) for name, v in added.items()}
+    return [n for n, v in added.items() if v.value >= v.high - near[n] or (v.low < 0.0 and v.value <= v.low + near[n])]
 
 
 def with_start_values(model: Model) -> Model:
