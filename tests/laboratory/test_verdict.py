@@ -30,5 +30,5 @@ def test_noise_has_no_structure_and_a_small_constant_has() -> None:
     number = np.repeat(np.arange(40), 500)
     noise = random.standard_normal(len(number))
     assert abs(excess(noise, number)) < 5.0
-    assert excess(noise + 0.15 * (number % 2), number) > 25.0
+    assert excess(noise + 0.2 * (number % 2), number) > 25.0
     assert excess(noise, np.arange(len(noise))) == 0.0, "bins of one value say nothing"
