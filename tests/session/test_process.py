@@ -60,3 +60,11 @@ def test_stderr_holds_sentences_and_no_library_chatter(tmp_path: Path) -> None:
     assert (outcome.returncode, outcome.stdout) == (5, "")
     assert len(outcome.stderr.splitlines()) == 1
     assert outcome.stderr.startswith("beltcomm: no drive answers on ")
+
+
+def test_the_package_runs_as_the_command_does(tmp_path: Path) -> None:
+    outcome = subprocess.run(
+        [sys.executable, "-m", "beltcomm", "design"], capture_output=True, text=True, cwd=tmp_path, timeout=60.0, check=False
+    )
+    assert (outcome.returncode, outcome.stdout) == (2, "")
+    assert outcome.stderr.startswith("beltcomm: ") or "beltcomm design" in outcome.stderr

@@ -1,0 +1,8 @@
+"""``python -m beltcomm``: the same as the ``beltcomm`` command."""
+
+from __future__ import annotations
+
+from beltcomm.cli.main import cli
+
+if __name__ == "__main__":
+    cli(prog_name="beltcomm")
