@@ -171,7 +171,7 @@ def encoder_eccentricity(rng: np.random.Generator, base: Base, strength: float, 
 
 
 def backlash(rng: np.random.Generator, base: Base, strength: float, p: Array) -> Mapping[str, Any]:
-    """Loose clamp, contact over a softplus of 2 to 5 % of the gap (catalogue: sharp dead zone)."""
+    """Loose clamp, rough contact whose force grows as a square at first (catalogue: ln(1 + e^x)), 2 to 5 % of the gap."""
     gap, soft = strength * rng.uniform(40e-6, 150e-6), rng.uniform(0.02, 0.05)
     p[at.GAP], p[at.GAP_SOFT] = gap, max(soft * gap, 1e-7)
     if p[at.TOPOLOGY] == at.LIGHT_IDLER:  # the pair with stiffness_position: one spring that follows the carriage
@@ -180,9 +180,9 @@ def backlash(rng: np.random.Generator, base: Base, strength: float, p: Array) ->
 
 
 def belt_slack(rng: np.random.Generator, base: Base, strength: float, p: Array) -> Mapping[str, Any]:
-    """A strand that lost its preload sags and keeps 1 - strength of its stiffness, over a rounded corner.
+    """A strand that lost its preload sags and keeps 1 - strength of its stiffness, over a hyperbola (catalogue: ln(1 + e^x)).
 
-    Unlike strands: the two directions differ (catalogue: a symmetric knee). The preload is such that the mean knee lies at
+    Unlike strands: the two directions differ. The preload is such that the mean knee lies at
     25 to 55 % of the largest belt force.
     """
     largest = min(PEAK_TORQUE_NM / base.radius_m, base.belt_force_limit_n)

@@ -11,47 +11,53 @@ from truth.hidden.layout import Array
 Two = tuple[float, float]
 
 
-@compiled
-def soft_plus(x: float) -> float:
-    """ln(1 + exp(x)), safe for large arguments."""
-    return max(x, 0.0) + math.log1p(math.exp(-abs(x)))
+#: Half the way over which contact builds up, in units of the softness.
+CONTACT = 4.0 * math.log(2.0)
 
 
 @compiled
-def sigmoid(x: float) -> float:
-    """1/(1 + exp(-x)), slope of :func:`soft_plus`."""
-    if x < 0.0:
-        rising = math.exp(x)
-        return rising / (1.0 + rising)
-    return 1.0 / (1.0 + math.exp(-x))
+def contact(x: float) -> Two:
+    """Force of a rough contact and its slope: more and more asperities touch, (x + w)²/(4 w) for |x| < w = ``CONTACT``; 0 before, x after."""
+    if x <= -CONTACT:
+        return 0.0, 0.0
+    if x >= CONTACT:
+        return x, 1.0
+    return (x + CONTACT) ** 2 / (4.0 * CONTACT), (x + CONTACT) / (2.0 * CONTACT)
+
+
+@compiled
+def sagging(x: float) -> Two:
+    """What a sagging span gives up and its slope: a hyperbola, (x + √(x² + 4 c²))/2, c = ln 2; sag fades with a power of the tension."""
+    root = math.sqrt(x * x + 4.0 * math.log(2.0) ** 2)
+    return 0.5 * (x + root), 0.5 * (1.0 + x / root)
 
 
 @compiled
 def play(y: float, p: Array) -> Two:
     """What the loose clamp takes of the deflection y, m, and its slope: y minus a dead zone with smooth contact.
 
-    contact = e softplus((y - g/2)/e) - e softplus((-y - g/2)/e),   g : gap, e : softness.   Without a gap 0, 0.
+    transmitted = e contact((y - g/2)/e) - e contact((-y - g/2)/e),   g : gap, e : softness.   Without a gap 0, 0.
     """
     gap = 0.5 * p[at.GAP]
     if gap <= 0.0:
         return 0.0, 0.0
     soft = p[at.GAP_SOFT]
-    contact = soft * (soft_plus((y - gap) / soft) - soft_plus((-y - gap) / soft))
-    return y - contact, 1.0 - sigmoid((y - gap) / soft) - sigmoid((-y - gap) / soft)
+    right, left = contact((y - gap) / soft), contact((-y - gap) / soft)
+    return y - soft * (right[0] - left[0]), 1.0 - right[1] - left[1]
 
 
 @compiled
 def tension(force: float, p: Array) -> Two:
     """Change of tension of one span that would change it by ``force`` while taut, N, and the share of its stiffness left.
 
-    A span that has lost its preload sags and keeps 1 - share of its stiffness; the corner is rounded.
+    A span that has lost its preload sags and keeps 1 - share of its stiffness; the corner is a hyperbola.
     """
     share = p[at.SLACK_SHARE]
     if share <= 0.0:
         return force, 1.0
     soft = p[at.SLACK_SOFT]
-    depth = -(force + p[at.PRELOAD]) / soft
-    return force + share * soft * soft_plus(depth), 1.0 - share * sigmoid(depth)
+    lost, slope = sagging(-(force + p[at.PRELOAD]) / soft)
+    return force + share * soft * lost, 1.0 - share * slope
 
 
 @compiled
