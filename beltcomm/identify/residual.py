@@ -12,6 +12,7 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,7 +53,7 @@ class Stretch:
     position, torque : ndarray (n,), rad and N m at the motor shaft.   motion : the same on a fine grid.
     keep : ndarray (n,) bool, samples that count.     noise_nm : torque noise, N m rms.    step_rad : encoder step, rad.
     offset_m : m, the belt may be stretched by up to this at the start.   whitener : gains worked out beforehand for a model near the
-    right one; without it every evaluation works out its own.   pairs : see :func:`paired`.
+    right one; without it every evaluation works out its own.   group : see :func:`grouped`.   rounding : shares for ``whitener``.
     """
 
     record: str
@@ -65,24 +66,26 @@ class Stretch:
     step_rad: float
     offset_m: float
     whitener: Whitener | None = None
-    pairs: NDArray[np.intp] | None = None
+    rounding: tuple[float, float] = (1.0, 0.0)
+    group: int = 1
+
+    @cached_property
+    def firsts(self) -> NDArray[np.intp]:
+        """Places, among the kept samples, of the first of each group."""
+        return grouped(self.keep, self.group)
 
     @property
     def counted(self) -> NDArray[np.intp]:
         """Sample at which each value of the whitened residual stands."""
-        kept = np.flatnonzero(self.keep)
-        return kept if self.pairs is None else kept[self.pairs]
-
-    @property
-    def stride(self) -> int:
-        """Samples that a value of the whitened residual stands for."""
-        return 1 if self.pairs is None else 2
+        return np.flatnonzero(self.keep)[self.firsts]
 
     def white(self, torque: Array) -> Array:
         """A torque, N m, (n,) or (n, k), in units of the noise by the whitener worked out beforehand; linear in the torque."""
         assert self.whitener is not None
         single = self.whitener(torque, self.keep)
-        return single if self.pairs is None else (single[self.pairs] + single[self.pairs + 1]) * math.sqrt(0.5)
+        if self.group == 1:
+            return single
+        return np.asarray(sum(single[self.firsts + i] for i in range(self.group)) / math.sqrt(self.group))
 
 
 def stretches(
@@ -244,15 +247,15 @@ def in_noise(stretch: Stretch, model: Model, vector: Array, torque: Array) -> Ar
     return whiten(torque, stretch.keep, path_of(stretch, model.with_vector(vector)), stretch.step_rad, stretch.noise_nm)
 
 
-def paired(keep: NDArray[np.bool_]) -> NDArray[np.intp]:
-    """Places, among the kept samples, of the first of every two neighbours in time.
+def grouped(keep: NDArray[np.bool_], size: int) -> NDArray[np.intp]:
+    """Places, among the kept samples, of the first of every ``size`` neighbours in time.
 
-    The sum of two neighbouring values of the whitened residual over √2 is white again, holds the lower half of the frequencies and
-    leaves out the upper one, where a slow motion shows nothing but the encoder's rounding.   Source: Haar's low-pass.
+    The sum of neighbouring values of the whitened residual over √size is white again and holds the lower 1/size of the frequencies: above
+    that a slow motion shows nothing but the encoder's rounding.   Source: Haar's low-pass.
     """
     kept = np.flatnonzero(keep)
     runs = np.split(np.arange(len(kept)), np.flatnonzero(np.diff(kept) > 1) + 1)
-    return np.concatenate([run[: len(run) // 2 * 2 : 2] for run in runs]).astype(np.intp)
+    return np.concatenate([run[: len(run) // size * size : size] for run in runs]).astype(np.intp)
 
 
 def path_of(stretch: Stretch, model: Model) -> NoisePath:

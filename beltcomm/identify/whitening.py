@@ -28,6 +28,10 @@ from beltcomm.model import Model
 
 Array = NDArray[np.float64]
 
+#: Hz; below it the rounding of a motion at a steady speed may be stronger than white.
+SLOW_HZ = 40.0
+#: Relative change of the gains from one sample to the next below which they stay as they are.
+SETTLED = 1e-8
 #: Terms of Taylor's series for a norm below one half: 0.5^15/15! is below the machine precision.
 TERMS = 14
 
@@ -37,13 +41,14 @@ class NoisePath:
     """How the noises reach the residual:  s[n+1] = F s[n] + G (q[n+1], w[n]),   e[n] = H s[n] + D (q[n+1], w[n]).
 
     s = (x[n], q[n], what x[n-1] and q[n-1] leave of e[n], w[n-1]).   F : (k, k), zero in its last two columns.   G : (k, 2).
-    H : (k,).   D : (2,).   e in N m, q in rad, both at the motor shaft, w in N m.
+    H : (k,).   D : (2,).   e in N m, q in rad, both at the motor shaft, w in N m.   sample_s : s.
     """
 
     F: Array
     G: Array
     H: Array
     D: Array
+    sample_s: float
 
 
 def noise_path(model: Model, position_m: float, sample_s: float) -> NoisePath:
@@ -82,11 +87,11 @@ def noise_path(model: Model, position_m: float, sample_s: float) -> NoisePath:
     h[: n + 1] = after[: n + 1]
     h[n] -= 2.0 * g
     h[n + 1], h[n + 2] = 1.0, -0.5
-    path = NoisePath(f, gain, h, np.array([after[n + 1] + g, -0.5]))
-    return read_late(path, sum(model[f"{e.name}.time"] for e in model.effect_list() if e.slot == "torque_reading"), sample_s)
+    path = NoisePath(f, gain, h, np.array([after[n + 1] + g, -0.5]), sample_s)
+    return read_late(path, sum(model[f"{e.name}.time"] for e in model.effect_list() if e.slot == "torque_reading"))
 
 
-def read_late(path: NoisePath, time_s: float, sample_s: float) -> NoisePath:
+def read_late(path: NoisePath, time_s: float) -> NoisePath:
     """The path where the torque is read behind a lag: rounding reaches the residual smoothed, noise of the torque as before.
 
     y[n] = a y[n-1] + b e[n-1] + c e[n]  with  e = h s + d q,  one more state z[n] = a y[n-1] + b e[n-1]:
@@ -95,8 +100,8 @@ def read_late(path: NoisePath, time_s: float, sample_s: float) -> NoisePath:
     if time_s < 1e-9:
         return path
     size = len(path.H)
-    decay = np.exp(-sample_s / time_s)
-    share = (1.0 - decay) * time_s / sample_s
+    decay = np.exp(-path.sample_s / time_s)
+    share = (1.0 - decay) * time_s / path.sample_s
     c, b = 1.0 - share, share - decay
     needed, torque = path.H.copy(), size - 1  # the torque's own noise, the last state, is read as it is
     needed[torque] = 0.0
@@ -108,7 +113,7 @@ def read_late(path: NoisePath, time_s: float, sample_s: float) -> NoisePath:
     f[0, place] = (decay * c + b) * needed[old]
     h[0], h[place] = 1.0, c * needed[old]
     h[size + 1] = path.H[torque]
-    return NoisePath(f, gain, h, np.array([c * path.D[0], path.D[1]]))
+    return NoisePath(f, gain, h, np.array([c * path.D[0], path.D[1]]), path.sample_s)
 
 
 def exponential(a: Array) -> Array:
@@ -154,11 +159,37 @@ class Whitener:
         return _filtered_columns(np.ascontiguousarray(residual), keep, self.path.F, self.path.H, self.gains, self.deviations)
 
 
-def whitener(keep: NDArray[np.bool_], path: NoisePath, step_rad: float, noise_nm: float) -> Whitener:
-    """Gains for the kept samples of a stretch.   step_rad : rad.   noise_nm : N m rms."""
-    gains, deviations = np.zeros((len(keep), len(path.H))), np.ones(len(keep))
-    _gains(keep, path.F, path.G, path.H, path.D, step_rad**2 / 12.0, noise_nm**2, gains, deviations)
+def whitener(
+    keep: NDArray[np.bool_], path: NoisePath, step_rad: float, noise_nm: float, shares: tuple[float, float] = (1.0, 0.0)
+) -> Whitener:
+    """Gains for the kept samples of a stretch.   step_rad : rad.   noise_nm : N m rms.
+
+    shares : of the rounding's variance step²/12 that is white, and that is slow: decaying with ``SLOW_HZ``.
+    """
+    fast, slow, torque = shares[0] * step_rad**2 / 12.0, shares[1] * step_rad**2 / 12.0, noise_nm**2
+    variances = np.array([fast, torque])
+    if slow > 0.0:
+        path, variances = with_slow_rounding(path), np.array([fast, slow, torque])
+    size = len(path.H)
+    start = np.zeros((size, size))
+    start[size - 3, size - 3], start[size - 1, size - 1] = fast + slow, torque
+    if slow > 0.0:
+        start[0, 0] = start[0, size - 3] = start[size - 3, 0] = slow
+    gains, deviations = np.zeros((len(keep), size)), np.ones(len(keep))
+    _gains(keep, path.F, path.G, path.H, path.D, variances, start, gains, deviations)
     return Whitener(path, gains, deviations)
+
+
+def with_slow_rounding(path: NoisePath) -> NoisePath:
+    """The path for  q = q1 + q2,  q2[n+1] = ρ q2[n] + √(1-ρ²) ν[n+1]:  one more state q2 in front, noises (q1, ν, w)."""
+    keeps = math.exp(-math.tau * SLOW_HZ * path.sample_s)
+    new = math.sqrt(1.0 - keeps**2)
+    size = len(path.H)
+    f, g = np.zeros((size + 1, size + 1)), np.zeros((size + 1, 3))
+    f[0, 0], f[1:, 0], f[1:, 1:] = keeps, keeps * path.G[:, 0], path.F
+    g[0, 1], g[1:, 0], g[1:, 1], g[1:, 2] = new, path.G[:, 0], new * path.G[:, 0], path.G[:, 1]
+    d = np.array([path.D[0], new * path.D[0], path.D[1]])
+    return NoisePath(f, g, np.concatenate(([keeps * path.D[0]], path.H)), d, path.sample_s)
 
 
 @compiled
@@ -220,19 +251,25 @@ def _filtered_columns(e: Array, keep: NDArray[np.bool_], f: Array, h: Array, gai
 
 
 @compiled
-def _gains(keep: NDArray[np.bool_], f: Array, g: Array, h: Array, d: Array, q: float, w: float, gains: Array, deviations: Array) -> None:
-    """The covariance half of the filter."""
+def _gains(
+    keep: NDArray[np.bool_], f: Array, g: Array, h: Array, d: Array, variances: Array, start: Array, gains: Array, deviations: Array
+) -> None:
+    """The covariance half of the filter.   variances : (m,), of the noises.   start : (k, k), covariance at the first sample."""
     size, own = h.shape[0], h.shape[0] - 2
-    p = np.zeros((size, size))
-    p[own - 1, own - 1], p[size - 1, size - 1] = q, w
+    p = start.copy()
     ph, k = np.zeros(size), np.zeros(size)
-    fp, noise, cross = np.zeros((size, own)), np.zeros((size, size)), np.zeros(size)
-    for i in range(size):
-        cross[i] = g[i, 0] * q * d[0] + g[i, 1] * w * d[1]
-        for j in range(size):
-            noise[i, j] = g[i, 0] * q * g[j, 0] + g[i, 1] * w * g[j, 1]
-    direct = d[0] * d[0] * q + d[1] * d[1] * w
+    fp, noise, cross, direct = np.zeros((size, own)), np.zeros((size, size)), np.zeros(size), 0.0
+    for m in range(variances.shape[0]):
+        direct += d[m] * d[m] * variances[m]
+        for i in range(size):
+            cross[i] += g[i, m] * variances[m] * d[m]
+            for j in range(size):
+                noise[i, j] += g[i, m] * variances[m] * g[j, m]
+    settled = False
     for n in range(keep.shape[0]):
+        if settled and keep[n]:
+            gains[n], deviations[n] = gains[n - 1], deviations[n - 1]
+            continue
         for i in range(size):
             for j in range(own):
                 total = 0.0
@@ -254,6 +291,9 @@ def _gains(keep: NDArray[np.bool_], f: Array, g: Array, h: Array, d: Array, q: f
                 k[i] = total
                 gains[n, i] = total / variance
             deviations[n] = np.sqrt(variance)
+            settled = n > 0 and keep[n - 1] and np.all(np.abs(gains[n] - gains[n - 1]) <= SETTLED * np.abs(gains[n]).max())
+        else:
+            settled = False
         for i in range(size):
             for j in range(i + 1):
                 total = noise[i, j]

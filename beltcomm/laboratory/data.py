@@ -6,13 +6,14 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.axis import Axis
 from beltcomm.errors import DataError
-from beltcomm.identify.residual import Stretch, creeping, evaluate, paired, path_of, stretches, torque_noise
+from beltcomm.identify.residual import Stretch, creeping, evaluate, path_of, stretches, torque_noise
 from beltcomm.identify.whitening import whitener
 from beltcomm.model import Model
 from beltcomm.recording import Recording
@@ -28,8 +29,11 @@ RATTLING_SUBSTEPS = 16
 QUIETEST_SHARE = 1e-4
 #: Samples and relative difference of speed for records that repeat each other.
 FEWEST, SAME_SPEED = 400, 0.05
-#: Shares of the rounding's variance that are tried.
+#: Shares of the rounding's variance that are tried: white and slow.
 SHARES = (1.0, 0.7, 0.5, 0.35, 0.25, 0.15, 0.08, 0.03)
+SLOW_SHARES = (0.0, 0.03, 0.08, 0.15, 0.25, 0.35, 0.5)
+#: Neighbouring values that make one: where the axis is excited, and elsewhere; Hz that are left at least.
+EXCITED_GROUP, STEADY_GROUP, BAND_HZ = 2, 4, 120.0
 
 
 @dataclass(frozen=True)
@@ -63,13 +67,14 @@ def prepare(recordings: Sequence[Recording], axis: Axis, model: Model) -> Data:
     return made(timed, model, noise, step, {})
 
 
-def made(recordings: Sequence[Recording], model: Model, noise_nm: float, step_rad: float, shares: Mapping[str, float]) -> Data:
-    """The same with known noise and step.   shares : by record, of the rounding's variance that acts there; 1 where it is missing."""
+def made(recordings: Sequence[Recording], model: Model, noise_nm: float, step_rad: float, shares: Mapping[str, tuple[float, float]]) -> Data:
+    """The same with known noise and step.   shares : by record, :func:`rounding_shares`; all of it white where it is missing."""
     pieces = []
     substeps = RATTLING_SUBSTEPS if any(effect.rattles for effect in model.effect_list()) else SUBSTEPS
     for recording in recordings:
-        step = step_rad * float(np.sqrt(shares.get(recording.name, 1.0)))
-        pieces += [rewhitened(piece, model) for piece in stretches(recording, model, step, noise_nm, fitted=True, substeps=substeps)]
+        shown, group = shares.get(recording.name, (1.0, 0.0)), group_of(recording)
+        for piece in stretches(recording, model, step_rad, noise_nm, fitted=True, substeps=substeps):
+            pieces.append(rewhitened(replace(piece, rounding=shown, group=group), model))
     return Data(
         tuple(recordings),
         tuple(p for p in pieces if not p.held_out),
@@ -79,9 +84,16 @@ def made(recordings: Sequence[Recording], model: Model, noise_nm: float, step_ra
     )
 
 
+def group_of(recording: Recording) -> int:
+    """Neighbouring values of the whitened residual that make one."""
+    if recording.sidecar.experiment == "frf":
+        return EXCITED_GROUP
+    return min(STEADY_GROUP, max(EXCITED_GROUP, int(0.5 / (BAND_HZ * recording.sample_period_s))))
+
+
 def rewhitened(piece: Stretch, model: Model) -> Stretch:
     """A stretch with the noise as a model passes it on."""
-    return replace(piece, whitener=whitener(piece.keep, path_of(piece, model), piece.step_rad, piece.noise_nm), pairs=paired(piece.keep))
+    return replace(piece, whitener=whitener(piece.keep, path_of(piece, model), piece.step_rad, piece.noise_nm, piece.rounding))
 
 
 def remade(data: Data, model: Model, offsets_m: Array) -> Data:
@@ -93,24 +105,36 @@ def remade(data: Data, model: Model, offsets_m: Array) -> Data:
     starts = [*offsets_m, *np.zeros(len(data.held_out))]
     for piece, offset in zip((*data.fitted, *data.held_out), starts, strict=True):
         left.setdefault(piece.record, []).append((piece, evaluate(piece, model, model.vector(), float(offset))))
-    shares = {name: rounding_share(parts, model, data.step_rad, data.noise_nm) for name, parts in left.items()}
+    shares = {name: rounding_shares(parts, model) for name, parts in left.items()}
     return made(data.recordings, model, data.noise_nm, data.step_rad, shares)
 
 
-def rounding_share(parts: Sequence[tuple[Stretch, Array]], model: Model, step_rad: float, noise_nm: float) -> float:
-    """Share of the rounding's variance that a record shows: the likeliest of :data:`SHARES`.
+def rounding_shares(parts: Sequence[tuple[Stretch, Array]], model: Model) -> tuple[float, float]:
+    """Shares of the rounding's variance that a record shows, white and slow: the likeliest of :data:`SHARES` and :data:`SLOW_SHARES`.
 
     An axis that moves slowly and steadily rounds in step with its motion: then the error is less, and no white noise.  What a model
-    cannot explain raises the share up to 1, never beyond: an effect is not taken for rounding.
+    cannot explain raises the shares up to 1, never beyond: an effect is not taken for rounding.
     """
-    cost, path = [], path_of(parts[0][0], model)
-    for share in SHARES:
+    path = path_of(parts[0][0], model)
+
+    @cache
+    def unlikely(white: int, slow: int) -> float:
+        shares = (SHARES[white], SLOW_SHARES[slow])
+        if sum(shares) > 1.0:
+            return math.inf
         total = 0.0
         for piece, torque in parts:
-            trial = whitener(piece.keep, path, step_rad * float(np.sqrt(share)), noise_nm)
+            trial = whitener(piece.keep, path, piece.step_rad, piece.noise_nm, shares)
             total += float(np.sum(trial(torque, piece.keep) ** 2) + 2.0 * np.sum(np.log(trial.deviations[piece.keep])))
-        cost.append(total)
-    return SHARES[int(np.argmin(cost))]
+        return total
+
+    here = (0, 0)
+    while True:
+        ways = [(here[0] + i, here[1] + j) for i, j in ((0, 0), (1, 0), (1, 1), (2, 1), (0, 1), (-1, 0), (0, -1))]
+        best = min((w for w in ways if 0 <= w[0] < len(SHARES) and 0 <= w[1] < len(SLOW_SHARES)), key=lambda way: unlikely(*way))
+        if best == here:
+            return SHARES[here[0]], SLOW_SHARES[here[1]]
+        here = best
 
 
 def encoder_step(axis: Axis, recordings: Sequence[Recording]) -> float:

@@ -162,12 +162,12 @@ class Bands:
 def bands(judged: Sequence[Judged], width_hz: float = BAND_HZ) -> Bands:
     """Power by record and band, left-out samples as zeros."""
     names = tuple(dict.fromkeys(j.piece.record for j in judged))
-    sample, widest = judged[0].piece.motion.sample_s, max(j.piece.stride for j in judged)
-    count = max(1, round(0.5 / sample / widest / width_hz))
-    edges = np.linspace(0.0, 0.5 / sample / widest, count + 1)
+    sample, narrowest = judged[0].piece.motion.sample_s, min(j.piece.group for j in judged)
+    count = max(1, round(0.5 / sample / narrowest / width_hz))
+    edges = np.linspace(0.0, 0.5 / sample / narrowest, count + 1)
     total, weight = np.zeros((len(names), count)), np.zeros((len(names), count))
     for item in judged:
-        counted, stride = item.piece.counted, item.piece.stride
+        counted, stride = item.piece.counted, item.piece.group
         if len(counted) < FEWEST:
             continue
         row = np.zeros(item.piece.motion.samples // stride + 1)
