@@ -291,7 +291,8 @@ def _gains(
                 k[i] = total
                 gains[n, i] = total / variance
             deviations[n] = np.sqrt(variance)
-            settled = n > 0 and keep[n - 1] and np.all(np.abs(gains[n] - gains[n - 1]) <= SETTLED * np.abs(gains[n]).max())
+            change = np.abs(gains[n] - gains[n - 1]).max() if n > 0 and keep[n - 1] else np.inf
+            settled = bool(change <= SETTLED * np.abs(gains[n]).max())
         else:
             settled = False
         for i in range(size):

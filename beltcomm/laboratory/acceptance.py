@@ -72,8 +72,8 @@ def lags(fitted: Fitted) -> bool:
 
 def base_noise(grown: Fitted) -> float:
     """What O gains when a model whose reading lags is judged by its own noise, its smaller deviations counted; nats."""
-    before = [replace(piece, pairs=None) for piece in grown.problem.pieces]
-    after = [replace(rewhitened(piece, grown.model), pairs=None) for piece in before]
+    before = [replace(piece, group=1) for piece in grown.problem.pieces]
+    after = [replace(rewhitened(piece, grown.model), group=1) for piece in before]
     old, new = (Problem(pieces, grown.model, grown.problem.free, BLOCK_S) for pieces in (before, after))
     fall = 0.0
     for one, other in zip(before, after, strict=True):

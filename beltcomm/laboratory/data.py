@@ -23,8 +23,8 @@ Array = NDArray[np.float64]
 #: Fine steps per sample while effects are searched: the carriage's antiresonance is off by (2 pi f h)²/24, 8e-4 at 90 Hz, which the
 #: fit takes up in the stiffness.
 SUBSTEPS = 4
-#: The same where contacts open and close.
-RATTLING_SUBSTEPS = 16
+#: The same for strokes at constant speed, in which the carriage hardly swings, and where contacts open and close.
+STROKE_SUBSTEPS, RATTLING_SUBSTEPS = 2, 16
 #: Noise below this share of the torque itself is not believed.
 QUIETEST_SHARE = 1e-4
 #: Samples and relative difference of speed for records that repeat each other.
@@ -67,12 +67,16 @@ def prepare(recordings: Sequence[Recording], axis: Axis, model: Model) -> Data:
     return made(timed, model, noise, step, {})
 
 
-def made(recordings: Sequence[Recording], model: Model, noise_nm: float, step_rad: float, shares: Mapping[str, tuple[float, float]]) -> Data:
+def made(
+    recordings: Sequence[Recording], model: Model, noise_nm: float, step_rad: float, shares: Mapping[str, tuple[float, float]]
+) -> Data:
     """The same with known noise and step.   shares : by record, :func:`rounding_shares`; all of it white where it is missing."""
     pieces = []
-    substeps = RATTLING_SUBSTEPS if any(effect.rattles for effect in model.effect_list()) else SUBSTEPS
+    rattles = any(effect.rattles for effect in model.effect_list())
     for recording in recordings:
         shown, group = shares.get(recording.name, (1.0, 0.0)), group_of(recording)
+        quiet = STROKE_SUBSTEPS if recording.sidecar.experiment == "friction_sweep" else SUBSTEPS
+        substeps = RATTLING_SUBSTEPS if rattles else quiet
         for piece in stretches(recording, model, step_rad, noise_nm, fitted=True, substeps=substeps):
             pieces.append(rewhitened(replace(piece, rounding=shown, group=group), model))
     return Data(

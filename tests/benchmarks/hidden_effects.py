@@ -1,77 +1,164 @@
 """Known-truth examination of the laboratory: is a hidden effect named, is a healthy machine left alone?
 
-Every draw is a machine of the independent simulator ``tests/truth/hidden`` with nothing, one effect of the catalogue, or one that the
-catalogue does not hold.  Its session is written into a run folder without the answer, and the diagnosis gets that folder only.
+Every draw is a machine of its own of the independent simulator ``tests/truth/hidden``.  Its session is written into a run folder without
+the answer, and the diagnosis gets that folder only.
 
-    python tests/benchmarks/hidden_effects.py run FILE FIRST LAST [STRENGTH ...]    seeds FIRST..LAST-1, one line of JSON per draw
-    python tests/benchmarks/hidden_effects.py table FILE                            right names, wrong names, false alarms
+    python tests/benchmarks/hidden_effects.py run FILE SET FIRST COUNT    draws of a set with seeds FIRST …, one line of JSON each
+    python tests/benchmarks/hidden_effects.py table FILE …                confusion matrix, shares with their 95 % intervals
 
-It goes on where it was stopped.  Draws that the motor cannot see are marked before the diagnosis, by ``truth.hidden.visibility``.
-Thresholds must be set on other seeds than those that are reported.
+Sets: effects (each of the 23 in turn, strength 0.4 to 1.0), weak (0.1 and 0.2), healthy, outside (not in the catalogue), pairs,
+backlash (pairs with it).  It goes on where it was stopped; several may run side by side with files of their own.  Draws that the motor
+cannot see are marked before the diagnosis, by ``truth.hidden.visibility``.  Thresholds must be set on other seeds than are reported.
 """
 
 from __future__ import annotations
 
+import itertools
 import json
+import resource
 import sys
 import tempfile
 import time
-from collections import Counter
 from pathlib import Path
 from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from scipy.stats import binomtest
+from hidden_table import FAMILY, table
 
+from beltcomm.effects import effect_named
 from beltcomm.errors import BeltcommError
-from beltcomm.laboratory.diagnosis import diagnose
+from beltcomm.laboratory.diagnosis import Diagnosis, diagnose
+from beltcomm.laboratory.fitting import fit
+from beltcomm.laboratory.intervals import with_intervals
+from beltcomm.laboratory.score import ground_of
+from beltcomm.laboratory.stage import with_effect
 from beltcomm.laboratory.start import start_model
 from beltcomm.runfolder import RunFolder
-from truth.hidden import draw, write_session
+from truth.hidden import Machine, draw
 from truth.hidden.catalogue import EFFECTS
+from truth.hidden.draw import EXCLUSIVE
+from truth.hidden.folder import write_records
 from truth.hidden.outside import OUTSIDE
-from truth.hidden.visibility import visibility
+from truth.hidden.quantities import covered, true_base, true_values
+from truth.hidden.session import run_session
+from truth.hidden.visibility import LEAST_INFORMATION, PER_SAMPLE, information_in, spectra_of
 
-STRENGTHS = (1.0, 0.7, 0.4, 0.2, 0.1)
-#: Names that no motion of the axis can tell apart count as one.
-FAMILY = {"tilt": "constant_offset", "coulomb_asymmetry": "constant_offset"}
+#: Strengths of the sets.
+STRENGTHS = {"weak": (0.2, 0.1)}
+USUAL = (0.4, 1.0, 0.7)
+#: Iterations of the reference fit that begins at the truth.
+ITERATIONS = 25
+
+Draw = tuple[int, tuple[str, ...], float]
 
 
-def draws(first: int, last: int, strengths: tuple[float, ...]) -> list[tuple[int, str, float]]:
-    """Seed, effect ("" for a healthy machine) and strength; the same list for the same arguments."""
-    names = ["", *(name for name in EFFECTS if name != "belt_damping"), *OUTSIDE]
-    return [(seed, name, strengths[(seed + i) % len(strengths)]) for seed in range(first, last) for i, name in enumerate(names)]
+def draws(name: str, first: int, count: int) -> list[Draw]:
+    """Seed, hidden effects and strength; the same list for the same arguments."""
+    known = [e for e in EFFECTS if e != "belt_damping"]
+    pairs = [p for p in itertools.combinations(known, 2) if possible(p)]
+    hidden: list[tuple[str, ...]] = {
+        "effects": [(e,) for e in EFFECTS],
+        "weak": [(e,) for e in known],
+        "healthy": [()],
+        "outside": [(e,) for e in OUTSIDE],
+        "pairs": [p for p in pairs if "backlash" not in p][::3],  # every third: all effects in fewer draws
+        "backlash": [p for p in pairs if "backlash" in p],
+    }[name]
+    strengths = STRENGTHS.get(name, USUAL)
+    return [(first + i, hidden[i % len(hidden)], strengths[(i + i // len(hidden)) % len(strengths)]) for i in range(count)]
 
 
-def examined(seed: int, name: str, strength: float) -> dict[str, Any]:
+def possible(pair: tuple[str, str]) -> bool:
+    """Whether one machine can have both, under names of their own."""
+    return FAMILY.get(pair[0], pair[0]) != FAMILY.get(pair[1], pair[1]) and not any(len(group & set(pair)) > 1 for group in EXCLUSIVE)
+
+
+def examined(seed: int, names: tuple[str, ...], strength: float) -> dict[str, Any]:
     """One draw: what was hidden, and what the laboratory said."""
-    machine = draw(seed, (name,) if name else (), strength, "sheet")
-    seen = visibility(machine, "thorough").visible if name in EFFECTS else True
-    line: dict[str, Any] = {"seed": seed, "effect": name, "strength": strength, "visible": bool(seen)}
+    machine = draw(seed, names, strength, "sheet")
+    records = list(run_session(machine, "thorough", fine=PER_SAMPLE))
+    line: dict[str, Any] = {"seed": seed, "hidden": list(names), "strength": strength, "visible": seen(machine, records)}
     with tempfile.TemporaryDirectory() as folder:
-        write_session(machine, folder, plan="thorough")
-        run = RunFolder.open(Path(folder))
+        write_records(machine, records, folder + "/run")
+        run = RunFolder.open(Path(folder) / "run")
         begin = time.process_time()
         try:
             recordings = run.recordings()
-            found = diagnose(recordings, run.axis, start_model(run.axis, recordings))
+            start = start_model(run.axis, recordings)
+            if "belt_damping" in names:
+                start = start.without_effect("belt_damping")
+            found = diagnose(recordings, run.axis, start)
+            line["cpu_s"] = time.process_time() - begin
+            return line | judged(machine, found, run)
         except BeltcommError as error:
-            return line | {"verdict": f"{type(error).__name__}: {error}"}
-    line |= {"cpu_s": time.process_time() - begin}
-    line |= {"verdict": found.verdict, "added": [step.added for step in found.steps if step.added], "twins": list(found.twins)}
-    line |= {"ranking": [(c.effect.name, round(c.evidence)) for c in found.steps[0].candidates[:3]]}
-    line |= {"base": [found.base.ratio, found.base.held_ratio], "after": [found.after.ratio, found.after.held_ratio]}
-    return line | {"level": [f.objective / f.problem.samples for f in (found.base, found.after)]}
+            return line | {"verdict": f"{type(error).__name__}: {error}", "cpu_s": time.process_time() - begin}
 
 
-def run_all(file: Path, first: int, last: int, strengths: tuple[float, ...]) -> None:
-    """All draws that the file does not have yet."""
-    done = {(r["seed"], r["effect"]) for r in read(file)}
-    for seed, name, strength in draws(first, last, strengths):
-        if (seed, name) not in done:
-            with open(file, "a", encoding="utf-8") as out:
-                out.write(json.dumps(examined(seed, name, strength)) + "\n")
+def seen(machine: Machine, records: list[Any]) -> list[str]:
+    """Which of the hidden effects the motor can see; a pair by each effect alone."""
+    visible = []
+    for name in machine.effects:
+        if name in OUTSIDE or name == "belt_damping":
+            visible.append(name)
+            continue
+        alone, own = machine, records
+        if len(machine.effects) > 1:
+            alone = draw(machine.seed, (name,), machine.strength, machine.base.family)
+            own = list(run_session(alone, "thorough", fine=PER_SAMPLE))
+        if information_in(spectra_of(own, alone.base), alone)[0] >= LEAST_INFORMATION:
+            visible.append(name)
+    return visible
+
+
+def judged(machine: Machine, found: Diagnosis, run: RunFolder) -> dict[str, Any]:
+    """The diagnosis beside the truth."""
+    first, after = found.steps[0], found.after
+    line: dict[str, Any] = {"verdict": found.verdict, "added": [s.added for s in found.steps if s.added], "twins": list(found.twins)}
+    line["kept"] = [e for e in after.model.effects if e not in found.base.model.effects]
+    line["ranking"] = [(c.effect.name, round(c.evidence), c.fitted is not None) for c in first.candidates[:3]]
+    line["ratio"] = [found.base.ratio, after.ratio]
+    line["held"] = [found.base.held_ratio, after.held_ratio]
+    line["level"] = [f.objective / f.problem.samples for f in (found.base, after)]
+    wanted = [FAMILY.get(e, e) for e in machine.effects if e not in OUTSIDE]
+    if wanted and not set(machine.effects) & set(OUTSIDE):
+        line["best_held"] = reference(machine, found, run, wanted)
+    if set(wanted) <= set(line["kept"]):
+        model = with_intervals(after)
+        line["covered"] = {}
+        for names, truth in true_values(machine).items():
+            values = tuple(model.parameters[n].value for n in names)
+            inside = covered(truth, values, tuple(model.parameters[n].interval for n in names))
+            line["covered"]["+".join(names)] = [truth, *values, inside]
+    return line
+
+
+def reference(machine: Machine, found: Diagnosis, run: RunFolder, wanted: list[str]) -> float | None:
+    """Held-out ratio of the true model class, fitted from the truth: base values, and those of the effects that mean the same."""
+    fitted = found.after
+    for extra in [e for e in fitted.model.effects if e not in (*found.base.model.effects, *wanted)]:
+        if extra in fitted.model.effects:
+            fitted = fit(found.data, fitted.model.without_effect(extra), ITERATIONS, offsets=fitted.offsets)
+    for name in wanted:
+        if name not in fitted.model.effects:
+            fitted = with_effect(found.data, fitted, ground_of(fitted, found.data.fitted, run.axis), effect_named(name))
+    truth = {n: v for n, v in true_base(machine).items() if n in fitted.model.parameters}
+    truth |= {names[0]: v for names, v in true_values(machine).items() if len(names) == 1}
+    begun = fit(found.data, fitted.model.with_values(truth, "truth"), ITERATIONS, offsets=fitted.offsets)
+    return min((begun, fitted), key=lambda f: f.objective).held_ratio
+
+
+def run_all(file: Path, name: str, first: int, count: int) -> None:
+    """All draws of a set that the file does not have yet."""
+    lines = read(file)
+    done = {(line["seed"], line["set"]) for line in lines}
+    for seed, hidden, strength in draws(name, first, count):
+        if (seed, name) in done:
+            continue
+        line = {"set": name} | examined(seed, hidden, strength)
+        line["peak_mb"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+        with open(file, "a", encoding="utf-8") as out:
+            out.write(json.dumps(line, default=float) + "\n")
 
 
 def read(file: Path) -> list[dict[str, Any]]:
@@ -79,63 +166,9 @@ def read(file: Path) -> list[dict[str, Any]]:
     return [json.loads(line) for line in file.read_text(encoding="utf-8").splitlines()] if file.is_file() else []
 
 
-def share(right: int, count: int) -> str:
-    """A share with its 95 % interval (Clopper, Pearson)."""
-    if not count:
-        return "none drawn"
-    interval = binomtest(right, count).proportion_ci(0.95)
-    return f"{right} of {count}, {100 * right / count:.1f} % ({100 * interval.low:.1f} to {100 * interval.high:.1f} %)"
-
-
-def first_named(line: dict[str, Any]) -> str:
-    """The effect that was added first, or ""."""
-    return line["added"][0] if line.get("added") else ""
-
-
-def table(file: Path) -> None:
-    """Counts by effect, what was named instead, and the shares that the thresholds are judged by."""
-    lines = read(file)
-    for name in dict.fromkeys(line["effect"] for line in lines):
-        own = [line for line in lines if line["effect"] == name and line["visible"]]
-        if not own:
-            continue
-        wanted = FAMILY.get(name, name)
-        named = Counter(first_named(line) or line["verdict"] for line in own)
-        right = sum(first_named(line) == wanted for line in own)
-        told = sum(line["verdict"] == "explained" for line in own)
-        print(f"{name or 'healthy':22} n {len(own):3}  right {right:3}  explained {told:3}  first named: {dict(named)}")
-    known = [line for line in lines if line["visible"] and line["effect"] in EFFECTS]
-    for low, high in ((0.4, 1.0), (0.1, 1.0)):
-        some = [line for line in known if low <= line["strength"] <= high]
-        wanted_of = {id(line): FAMILY.get(line["effect"], line["effect"]) for line in some}
-        right = [line for line in some if first_named(line) == wanted_of[id(line)]]
-        third = [line for line in some if wanted_of[id(line)] in [entry[0] for entry in line.get("ranking", [])]]
-        wrong = [line for line in some if first_named(line) not in ("", wanted_of[id(line)])]
-        print(f"strength {low} to {high}: right first {share(len(right), len(some))};  in the first three {share(len(third), len(some))}")
-        print(f"    wrong name {share(len(wrong), len(some))}")
-    done = [line for line in known if "after" in line and first_named(line) == FAMILY.get(line["effect"], line["effect"])]
-    if done:
-        after = sorted(line["after"][0] for line in done)
-        print(f"ratio after adding: median {after[len(after) // 2]:.3f}, 95 % below {after[int(0.95 * (len(after) - 1))]:.3f}")
-        print(f"within 1.00 ± 0.05: {share(sum(abs(value - 1.0) <= 0.05 for value in after), len(after))}")
-    invisible = [line for line in lines if not line["visible"]]
-    healthy = [line for line in lines if not line["effect"]]
-    outside = [line for line in lines if line["effect"] in OUTSIDE]
-    print(f"not visible by physics, left out: {len(invisible)}")
-    print(f"false alarms: {share(sum(bool(first_named(line)) for line in healthy), len(healthy))}")
-    print(f"healthy and said so: {share(sum(line['verdict'] == 'nothing missing' for line in healthy), len(healthy))}")
-    if healthy:
-        ratios = [line["base"][0] for line in healthy if "base" in line]
-        print(f"healthy machines read {min(ratios):.3f} to {max(ratios):.3f}")
-    print(f"outside the catalogue and called explained: {share(sum(line['verdict'] == 'explained' for line in outside), len(outside))}")
-    seconds = sorted(line["cpu_s"] / max(len(line.get("added", [])) + 1, 1) for line in lines if "cpu_s" in line)
-    if seconds:
-        print(f"CPU per stage: median {seconds[len(seconds) // 2]:.1f} s, longest {seconds[-1]:.1f} s")
-
-
 if __name__ == "__main__":
-    verb, file, *rest = sys.argv[1:]
+    verb, *rest = sys.argv[1:]
     if verb == "run":
-        run_all(Path(file), int(rest[0]), int(rest[1]), tuple(map(float, rest[2:])) or STRENGTHS)
+        run_all(Path(rest[0]), rest[1], int(rest[2]), int(rest[3]))
     else:
-        table(Path(file))
+        table([line for file in rest for line in read(Path(file))])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -39,12 +40,17 @@ def write_session(machine: Machine, folder: Path | str, plan: str = "thorough") 
 
     Raises FileExistsError when the folder holds recordings, ValueError for an unknown plan.
     """
+    return write_records(machine, run_session(machine, plan), folder)
+
+
+def write_records(machine: Machine, records: Iterable[Record], folder: Path | str) -> list[str]:
+    """The same with records that were made before."""
     folder = Path(folder)
     recordings = folder / "recordings"
     recordings.mkdir(parents=True, exist_ok=False)
     (folder / "axis.yaml").write_text(yaml.safe_dump(dict(machine.sheet), sort_keys=False), encoding="utf-8")
     names = []
-    for record in run_session(machine, plan):
+    for record in records:
         name = f"{len(names) + 1:02d}_{record.task.name}"
         (recordings / f"{name}.csv").write_text(csv_text(record), encoding="utf-8")
         text = yaml.safe_dump(sidecar(record, machine.base.radius_m), sort_keys=False, default_flow_style=None)

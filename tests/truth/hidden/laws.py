@@ -17,7 +17,7 @@ CONTACT = 4.0 * math.log(2.0)
 
 @compiled
 def contact(x: float) -> Two:
-    """Force of a rough contact and its slope: more and more asperities touch, (x + w)²/(4 w) for |x| < w = ``CONTACT``; 0 before, x after."""
+    """Force of a rough contact and its slope: ever more asperities touch, (x + w)²/(4 w) for |x| < w = ``CONTACT``; 0 before, x after."""
     if x <= -CONTACT:
         return 0.0, 0.0
     if x >= CONTACT:
