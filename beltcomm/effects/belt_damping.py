@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from beltcomm.effects._effect import DRIVING_END, Effect, Element, Parameter
+import math
+
+from beltcomm.effects._effect import DRIVING_END, Effect, Element, Ground, Parameter, Trial
 
 
 def force(stretch: float, rate: float, x: float, damping: float) -> float:
@@ -15,12 +17,19 @@ def slope(x: float, damping: float) -> tuple[float, float]:
     return 0.0, damping
 
 
+def trials(ground: Ground) -> list[Trial]:
+    """Damping ratios of the resonance from hardly any to a soft belt's."""
+    swinging = 1.0 / (ground.ratio**2 / ground.inertia + 1.0 / ground.mass)
+    return [Trial({"damping": 2.0 * ratio * math.sqrt(ground.stiffness * swinging)}) for ratio in (0.005, 0.02, 0.06)]
+
+
 EFFECT = Effect(
     name="belt_damping",
     slot="element",
     title="belt damping",
     parameters=(Parameter("damping", "N s/m", "belt", 15.0, 0.0, 2000.0, "losses in the belt"),),
     elements=(Element((DRIVING_END, "cart"), force, slope),),
+    trials=trials,
     seen="width of the resonance",
     check="nothing; every belt has it",
     source="(2.25), (2.27)",

@@ -35,7 +35,12 @@ def slope(speed: float, position: float, t: float, level_: float) -> float:
     return 0.0
 
 
-def trials(ground: Ground) -> list[Trial]:
+def motor_trials(ground: Ground) -> list[Trial]:
+    """At the motor: a twentieth of the largest torque."""
+    return [Trial({"level": 0.05 * ground.peak_nm})]
+
+
+def cart_trials(ground: Ground) -> list[Trial]:
     """For the carriage: half of the motor's friction acts there instead."""
     return [Trial({"level": 0.5 * ground.coulomb / ground.ratio})]
 
@@ -46,7 +51,7 @@ def load_trials(ground: Ground) -> list[Trial]:
 
 
 _NAME = {"motor": "coulomb", "cart": "cart_friction", "end_pulley": "coulomb_end_pulley", "load": "coulomb_load"}
-_TRIALS = {"cart": trials, "load": load_trials}
+_TRIALS = {"motor": motor_trials, "cart": cart_trials, "load": load_trials}
 
 
 def on(body: str) -> Effect:

@@ -28,9 +28,22 @@ def slope(position: float, speed: float, t: float, damping: float) -> tuple[floa
     return 0.0, -damping
 
 
+def trials(ground: Ground) -> list[Trial]:
+    """At the motor: a twentieth of the largest torque at the highest speed."""
+    return [Trial({"damping": 0.05 * ground.peak_nm / max(ground.fastest, 1.0)})]
+
+
+def cart_trials(ground: Ground) -> list[Trial]:
+    """At the carriage: the same, seen through the belt."""
+    return [Trial({"damping": 0.05 * ground.peak_nm / max(ground.fastest, 1.0) / ground.ratio**2})]
+
+
 def load_trials(ground: Ground) -> list[Trial]:
     """For a load that turns: what damps it with a time constant of half a second."""
     return [Trial({"damping": 2.0 * ground.inertia})]
+
+
+_TRIALS = {"motor": trials, "cart": cart_trials, "load": load_trials}
 
 
 def on(body: str) -> Effect:
@@ -45,7 +58,7 @@ def on(body: str) -> Effect:
         law=force,
         slope=slope,
         body=body,
-        trials=load_trials if body == "load" else None,
+        trials=_TRIALS.get(body),
         seen="the torque of a constant-speed stroke grows with speed",
         check="grease, seals, bearing preload; repeat warm",
         source="(2.21), (2.23); measured by (3.36)",

@@ -21,7 +21,7 @@ from beltcomm.identify.whitening import NoisePath, Whitener, noise_path, whiten
 from beltcomm.linear import matrices, operating_point
 from beltcomm.model import Model
 from beltcomm.recording import Recording
-from beltcomm.simulate.inverse import FineMotion, begins_in_motion, fine_load, reconstruct, torque_residual
+from beltcomm.simulate.inverse import ABSURD_NM, FineMotion, begins_in_motion, fine_load, reconstruct, torque_residual
 
 Array = NDArray[np.float64]
 
@@ -114,7 +114,8 @@ def stretches(
         )
         if fitted:
             load, _ = fine_load(model, motion)
-            motion = reconstruct(position, torque, sample, inertia, start_rad=place, substeps=substeps, time_s=time, load=load)
+            if np.all(np.abs(load) < ABSURD_NM):  # else the model lets its bodies fly off and says nothing of the motor
+                motion = reconstruct(position, torque, sample, inertia, start_rad=place, substeps=substeps, time_s=time, load=load)
         keep = ~resting(motion, STICK_SPEED_M_S if recording.side == "load" else STICK_SPEED_RAD_S)
         if "cart" in model.base_bodies:
             keep &= ran_in(motion, ratio)

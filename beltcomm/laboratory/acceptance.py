@@ -19,18 +19,22 @@ import numpy as np
 from beltcomm.identify.problem import Problem
 from beltcomm.laboratory.data import rewhitened
 from beltcomm.laboratory.fitting import BLOCK_S, Fitted
+from beltcomm.model import Model
 from beltcomm.simulate.inverse import acting_torque, true_motion
 
-#: O per sample of a healthy machine: measured on simulated healthy machines (tests/benchmarks), where it holds for any noise
-#: because the residual is in units of it.
-FLOOR = 1.0
-#: Evidence that the best of all effects must have; healthy machines stay far below.
-EVIDENCE = 150.0
+#: O per sample that no healthy machine falls below: measured on simulated healthy machines (tests/benchmarks), 0.985 to 1.012, where
+#: it holds for any noise because the residual is in units of it.
+FLOOR = 0.97
+#: Evidence that the best of all effects must have; healthy machines stay below 15.
+EVIDENCE = 60.0
 #: Share of the misfit above the floor that a named effect must explain, and loss on held-out records beyond which it is refused,
 #: as a share of the evidence.
 EXPLAINED, HELD_OUT_LOSS = 0.10, 0.1
 #: Share that is enough where the held-out records confirm it: there each sample gains at least this share of what a fitted one does.
 CONFIRMED_EXPLAINED, CONFIRMED_GAIN = 0.05, 0.5
+#: Distance from a bound, relative to it, that is none.
+CLOSE = 1e-6
+STIFFNESS = "belt_stiffness.stiffness"
 #: Step by which the torque is raised to see how far the path passes it on, as a share of its largest value.
 STEP = 1e-4
 
@@ -49,6 +53,13 @@ def enough(evidence: float, explained: float, drop: float, held_gain: float, bas
     held = sum(len(r) for r in base.held_residual)
     confirmed = held > 0 and held_gain / held > CONFIRMED_GAIN * drop / base.problem.samples
     return explained > (CONFIRMED_EXPLAINED if confirmed else EXPLAINED)
+
+
+def impossible(model: Model) -> list[str]:
+    """Inertias of the base and stiffness of the belt that shrank or grew to a bound: no axis is like that, whatever it explains."""
+    solid = [inertia for inertia, body in model.bodies() if body.name in model.base_bodies]
+    limits = {name: model.parameters[name] for name in (*solid, STIFFNESS) if name in model.parameters}
+    return [name for name, v in limits.items() if not v.low * (1.0 + CLOSE) < v.value < v.high * (1.0 - CLOSE)]
 
 
 def refuted(evidence: float, held_gain: float) -> bool:

@@ -28,10 +28,13 @@ Verdict = Literal["nothing missing", "explained", "partly explained", "none of t
 FIRST_ITERATIONS, NEXT_ITERATIONS = 25, 12
 #: O per sample up to which a model with added effects counts as complete.
 EXPLAINED_UP_TO = 1.08
-#: Structure of the rest from which on it is not noise; a simulated healthy machine stays below 12.
-STRUCTURED = 25.0
+#: Structure of the rest from which on it is not noise: where nothing was added (a simulated healthy machine stays below 3), and beside
+#: added effects, whose law may be another than the machine's.
+STRUCTURED, STRUCTURED_BESIDE = 12.0, 25.0
 #: Effects that a diagnosis adds at most.
 MOST_EFFECTS = 4
+#: Share of the values that must be left where a model rebuilds the motion.
+LEAST_LEFT = 0.5
 #: An order whose loss would cost so many times the least evidence is not put to the test of a refit.
 SURE = 4.0
 #: Two effects whose evidence differs by less than this, or by less than this share, are not told apart when they are twins.
@@ -75,8 +78,10 @@ def fitted_base(recordings: Sequence[Recording], axis: Axis, start: Model) -> tu
 
 def again(data: Data, fitted: Fitted, iterations: int) -> tuple[Data, Fitted]:
     """Motion and noise rebuilt by a fitted model, and the model fitted to them."""
-    data = remade(data, fitted.model, OFFSET_M * fitted.offsets)
-    return data, fit(data, fitted.model, iterations, offsets=fitted.offsets)
+    ahead = remade(data, fitted.model, OFFSET_M * fitted.offsets)
+    if sum(len(piece.counted) for piece in ahead.fitted) < LEAST_LEFT * fitted.problem.samples:
+        return data, fitted  # by a model that is far off the motor rests nearly all the time
+    return ahead, fit(ahead, fitted.model, iterations, offsets=fitted.offsets)
 
 
 def diagnose(
@@ -174,7 +179,7 @@ def verdict_of(base: Fitted, steps: Sequence[Step], twins: tuple[str, ...], left
     added = [step.added for step in steps if step.added]
     if not added:
         return "nothing missing" if level < MISSING and left < STRUCTURED else "none of the known effects explains this"
-    if level >= EXPLAINED_UP_TO or left >= STRUCTURED or run_away(after.model, base.model):
+    if level >= EXPLAINED_UP_TO or left >= STRUCTURED_BESIDE or run_away(after.model, base.model):
         return "partly explained"
     return "cannot tell" if twins else "explained"
 

@@ -15,19 +15,19 @@ import numpy as np
 
 from beltcomm.effects import EFFECTS, Effect, Ground
 from beltcomm.errors import UsageError
-from beltcomm.laboratory.acceptance import drop_by, enough, explained_share, refuted
+from beltcomm.laboratory.acceptance import drop_by, enough, explained_share, impossible, refuted
 from beltcomm.laboratory.data import Data
 from beltcomm.laboratory.fitting import Fitted, fit, problem_of
 from beltcomm.laboratory.refine import refined
 from beltcomm.laboratory.score import Scored, Scorer
 
 #: O per sample above which something is missing: measured as the floor in ``acceptance``.
-MISSING = 1.07
+MISSING = 1.04
 #: Effects whose own parameters are searched, and ways of each; effects that are refitted with everything free.
 SEARCHED, WAYS, REFITTED = 8, 2, 4
 #: An effect that promises less than this share of the best, or less than this many nats, is not searched, or not refitted.
-SEARCH_SHARE, SEARCH_PROMISE = 0.03, 30.0
-REFIT_SHARE, REFIT_PROMISE = 0.3, 75.0
+SEARCH_SHARE, SEARCH_PROMISE = 0.03, 20.0
+REFIT_SHARE, REFIT_PROMISE = 0.3, 30.0
 #: Iterations of a refit, and the gain that is not worth another one, nats.
 ITERATIONS, ENOUGH = 10, 0.5
 
@@ -115,7 +115,7 @@ def refitted(data: Data, base: Fitted, way: Scored, starts: int) -> Candidate:
     drop = drop_by(base, best)
     evidence, explained = drop - price(way.effect, base, starts), explained_share(drop, base)
     held_gain = base.held_objective - best.held_objective
-    accepted = enough(evidence, explained, drop, held_gain, base)
+    accepted = enough(evidence, explained, drop, held_gain, base) and not impossible(best.model)
     return Candidate(way.effect, way.drop, evidence, explained, held_gain, best, accepted)
 
 

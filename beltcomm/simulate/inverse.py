@@ -39,6 +39,8 @@ Lags = tuple[tuple[Callable[..., Array], tuple[float, ...]], ...]
 #: in a fine step; samples in which it rests or reverses are left out by the caller, so chatter there does no harm.  (1.3 um would
 #: reach into the samples after a reversal: 1 % of the viscous and 0.3 % of the Coulomb friction of rig g_b.)
 BRISTLE_M = 2e-8
+#: N m; a load beyond it, or none at all, comes from bodies that an absurd model let fly off: as bad as any.
+ABSURD_NM = 1e12
 _CATALOGUE_SIZE = len(catalogue_parameters())
 
 
@@ -261,7 +263,9 @@ def load_torque(model: Model, motion: FineMotion, vector: Array | None = None, o
 def triangular_mean(fine: Array, substeps: int) -> Array:
     """Mean with weight 1 - |s| over one sample before and after each sample, by Simpson's rule; ``substeps`` even.
 
-    (n*substeps - substeps + 1,) -> (n,), ends 0.  The trapezoidal rule would take (2 pi f h)²/12 off, 0.02 % at 134 Hz and 16 kHz.
+    (n*substeps - substeps + 1,) -> (n,), ends 0, at most ``ABSURD_NM``.
+
+    The trapezoidal rule would take (2 pi f h)²/12 off, 0.02 % at 134 Hz and 16 kHz.
     """
     if substeps % 2:
         raise ValueError("Simpson's rule needs an even number of substeps")
@@ -274,6 +278,8 @@ def triangular_mean(fine: Array, substeps: int) -> Array:
             weight = 4.0 if j % 2 else 2.0
             total += weight * (substeps - j) * (fine[middle - j] + fine[middle + j])
         mean[k] = total / (3.0 * substeps**2)
+        if not abs(mean[k]) < ABSURD_NM:
+            mean[k] = ABSURD_NM
     return mean
 
 
