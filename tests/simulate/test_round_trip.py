@@ -40,7 +40,8 @@ def torque_of(samples: int, slow: bool) -> np.ndarray:
 
 def base_for(effect: Effect) -> Model:
     if effect.name not in ON_RIGID:
-        return build_model("base", BASE, VALUES)
+        effects = tuple(name for name in BASE if name != effect.name)
+        return build_model("base", effects, {name: value for name, value in VALUES.items() if name.split(".")[0] != effect.name})
     effects = ("viscous", "coulomb", *ON_RIGID[effect.name])
     values = {name: value for name, value in {**VALUES, **SHAFT}.items() if name.split(".")[0] in (*effects, "motor", "transmission")}
     values |= {"load.inertia": SHAFT["load.inertia"]} if ON_RIGID[effect.name] else {}
