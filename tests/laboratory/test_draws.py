@@ -1,0 +1,53 @@
+"""Run folders without their answers, drawn and written by the independent truth and kept as files: nothing here can be tuned to them.
+
+New ones:  python -m truth.hidden.write SEED EFFECT STRENGTH FOLDER --plan default   (from ``tests``)
+"""
+
+from __future__ import annotations
+
+import json
+import tarfile
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from click.testing import CliRunner
+
+from beltcomm.cli.main import cli
+
+DRAWS = Path(__file__).parent / "draws"
+
+
+def diagnosed(name: str, place: Path) -> tuple[dict[str, Any], dict[str, Any]]:
+    """What ``beltcomm diagnose`` says of a draw, and its answer."""
+    with tarfile.open(DRAWS / f"{name}.tar.xz") as archive:
+        archive.extractall(place, filter="data")
+    result = CliRunner().invoke(cli, ["diagnose", str(place / name), "--no-cost", "--json"], standalone_mode=False)
+    assert result.exception is None, result.exception
+    return json.loads(result.stdout), yaml.safe_load((DRAWS / f"{name}.answer.yaml").read_text(encoding="utf-8"))
+
+
+def test_a_healthy_machine_reads_one_and_nothing_is_named(tmp_path: Path) -> None:
+    found, answer = diagnosed("draw_a", tmp_path)
+    assert answer["effects"] == []
+    assert found["verdict"] == "nothing missing"
+    assert not any(entry["accepted"] for entry in found["ranking"])
+    assert found["base"]["ratio"] == pytest.approx(1.0, abs=0.03)
+
+
+def test_the_hidden_effect_is_named_and_explains_all(tmp_path: Path) -> None:
+    found, answer = diagnosed("draw_b", tmp_path)
+    assert [found["ranking"][0]["effect"]] == answer["effects"]
+    assert found["verdict"] == "explained"
+    assert found["base"]["ratio"] > 1.5
+    assert found["after"]["ratio"] == pytest.approx(1.0, abs=0.05)
+    hidden = answer["hidden"]["friction_position"]
+    place = found["after"]["parameters"]["friction_position.place"]["value"]
+    assert abs(place - hidden["place_m"]) < hidden["half_width_m"]
+
+
+def test_an_effect_that_no_candidate_has_is_not_explained(tmp_path: Path) -> None:
+    found, _ = diagnosed("draw_c", tmp_path)
+    assert found["verdict"] == "none of the known effects explains this"
+    assert found["base"]["ratio"] > 5.0
