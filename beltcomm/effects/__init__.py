@@ -113,9 +113,9 @@ EFFECTS: tuple[Effect, ...] = (
     dead_time.EFFECT,
     current_lag.EFFECT,
     measurement_lag.EFFECT,
-    pulley_eccentricity.EFFECT,
+    *pulley_eccentricity.EFFECTS,
     feed_constant.EFFECT,
-    encoder_eccentricity.EFFECT,
+    *encoder_eccentricity.EFFECTS,
 )
 
 _BY_NAME = {effect.name: effect for effect in EFFECTS}

@@ -1,4 +1,4 @@
-"""An encoder disc off centre: the measured angle errs once per turn."""
+"""An encoder disc off centre: the measured angle errs once per turn; twice where it is tilted, too."""
 
 from __future__ import annotations
 
@@ -17,26 +17,42 @@ def slope(theta: float, sine: float, cosine: float) -> float:
     return -(sine * math.cos(theta) - cosine * math.sin(theta))
 
 
+def oval_correction(theta: float, sine: float, cosine: float) -> float:
+    """The same twice per turn:  -(sine sin 2θ + cosine cos 2θ), rad."""
+    return -(sine * math.sin(2.0 * theta) + cosine * math.cos(2.0 * theta))
+
+
+def oval_slope(theta: float, sine: float, cosine: float) -> float:
+    """d/dθ of it."""
+    return -2.0 * (sine * math.cos(2.0 * theta) - cosine * math.sin(2.0 * theta))
+
+
 def trials(ground: Ground) -> list[Trial]:
     """Sine and cosine as two columns."""
     return [Trial({"sine": 0.003, "cosine": 0.003}, amplitudes=("sine", "cosine"), signed=True)]
 
 
-EFFECT = Effect(
-    name="encoder_eccentricity",
-    slot="sensor",
-    title="encoder off centre",
-    parameters=(
-        Parameter("sine", "rad", "motor", 0.0, -0.1, 0.1, "error of the angle, part in phase with the angle"),
-        Parameter("cosine", "rad", "motor", 0.0, -0.1, 0.1, "error of the angle, part in quadrature"),
-    ),
-    law=correction,
-    slope=slope,
-    trials=trials,
-    twins=("pulley_eccentricity",),
-    separate="take the belt off and spin the motor: the encoder's part stays, that of the pulley goes",
-    seen="torque once per turn that grows with the square of speed",
-    causes="encoder disc off centre, coupling of the encoder",
-    check="spin the motor without the belt; mounting of the encoder",
-    source="data sheet of the encoder",
-)
+def numbered(index: int) -> Effect:
+    """``encoder_eccentricity``, and ``encoder_eccentricity_2`` for twice per turn."""
+    oval = index == 2
+    return Effect(
+        name="encoder_eccentricity" + ("_2" if oval else ""),
+        slot="sensor",
+        title="encoder disc tilted" if oval else "encoder off centre",
+        parameters=(
+            Parameter("sine", "rad", "motor", 0.0, -0.1, 0.1, "error of the angle, part in phase with the angle"),
+            Parameter("cosine", "rad", "motor", 0.0, -0.1, 0.1, "error of the angle, part in quadrature"),
+        ),
+        law=oval_correction if oval else correction,
+        slope=oval_slope if oval else slope,
+        trials=trials,
+        twins=("pulley_eccentricity",),
+        separate="take the belt off and spin the motor: the encoder's part stays, that of the pulley goes",
+        seen=f"torque {'twice' if oval else 'once'} per turn that grows with the square of speed",
+        causes="encoder disc tilted on its shaft" if oval else "encoder disc off centre, coupling of the encoder",
+        check="spin the motor without the belt; mounting of the encoder",
+        source="data sheet of the encoder",
+    )
+
+
+EFFECTS = (numbered(1), numbered(2))

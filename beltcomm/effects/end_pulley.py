@@ -5,22 +5,32 @@ from __future__ import annotations
 from beltcomm.effects._effect import BELT_DAMPING, BELT_STIFFNESS, DRIVING_END, Body, Effect, Element, Ground, Parameter, Trial
 
 
-def span(stretch: float, rate: float, x: float, share: float, stiffness: float, damping: float) -> float:
-    """Half of the returning span:  2 share (stiffness stretch + damping rate), N.   Two in series carry ``share`` of the belt."""
-    return 2.0 * share * (stiffness * stretch + damping * rate)
+def far(stretch: float, rate: float, x: float, share: float, split: float, stiffness: float, damping: float) -> float:
+    """Return to the driving end:  share/(1-split) (stiffness stretch + damping rate), N.   Both in series carry ``share`` of the belt."""
+    return share / (1.0 - split) * (stiffness * stretch + damping * rate)
 
 
-def span_slope(x: float, share: float, stiffness: float, damping: float) -> tuple[float, float]:
+def near(stretch: float, rate: float, x: float, share: float, split: float, stiffness: float, damping: float) -> float:
+    """Return to the carriage:  share/split (stiffness stretch + damping rate), N."""
+    return share / split * (stiffness * stretch + damping * rate)
+
+
+def far_slope(x: float, share: float, split: float, stiffness: float, damping: float) -> tuple[float, float]:
     """(stiffness N/m, damping N s/m)."""
-    return 2.0 * share * stiffness, 2.0 * share * damping
+    return share / (1.0 - split) * stiffness, share / (1.0 - split) * damping
 
 
-def direct(stretch: float, rate: float, x: float, share: float, stiffness: float, damping: float) -> float:
+def near_slope(x: float, share: float, split: float, stiffness: float, damping: float) -> tuple[float, float]:
+    """(stiffness N/m, damping N s/m)."""
+    return share / split * stiffness, share / split * damping
+
+
+def direct(stretch: float, rate: float, x: float, share: float, split: float, stiffness: float, damping: float) -> float:
     """What the direct span does not carry any more:  -share (stiffness stretch + damping rate), N."""
     return -share * (stiffness * stretch + damping * rate)
 
 
-def direct_slope(x: float, share: float, stiffness: float, damping: float) -> tuple[float, float]:
+def direct_slope(x: float, share: float, split: float, stiffness: float, damping: float) -> tuple[float, float]:
     """(stiffness N/m, damping N s/m)."""
     return -share * stiffness, -share * damping
 
@@ -34,11 +44,14 @@ EFFECT = Effect(
     name="end_pulley",
     slot="body",
     title="mass of the end pulley",
-    parameters=(Parameter("share", "1", "belt", 0.27, 0.02, 0.9, "share of the belt's stiffness in the span over the end pulley"),),
+    parameters=(
+        Parameter("share", "1", "belt", 0.27, 0.02, 0.9, "share of the belt's stiffness in the span over the end pulley"),
+        Parameter("split", "1", "belt", 0.5, 0.05, 0.95, "share of that span's compliance between end pulley and carriage"),
+    ),
     bodies=(Body("end_pulley", Parameter("mass", "kg", "belt", 0.2, 1e-3, 100.0, "inertia of the end pulley over r²")),),
     elements=(
-        Element((DRIVING_END, "end_pulley"), span, span_slope),
-        Element(("end_pulley", "cart"), span, span_slope),
+        Element((DRIVING_END, "end_pulley"), far, far_slope),
+        Element(("end_pulley", "cart"), near, near_slope),
         Element((DRIVING_END, "cart"), direct, direct_slope),
     ),
     uses=(BELT_STIFFNESS, BELT_DAMPING),

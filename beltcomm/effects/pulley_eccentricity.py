@@ -1,4 +1,4 @@
-"""A driving pulley that runs out: its lever arm changes once per turn."""
+"""A driving pulley that runs out: its lever arm changes once per turn; twice where it is oval, too."""
 
 from __future__ import annotations
 
@@ -20,26 +20,42 @@ def slope(theta: float, sine: float, cosine: float) -> float:
     return sine * math.cos(theta) - cosine * math.sin(theta)
 
 
+def oval_travel(theta: float, sine: float, cosine: float) -> float:
+    """The same twice per turn:  sine sin 2θ + cosine cos 2θ, rad."""
+    return sine * math.sin(2.0 * theta) + cosine * math.cos(2.0 * theta)
+
+
+def oval_slope(theta: float, sine: float, cosine: float) -> float:
+    """d/dθ."""
+    return 2.0 * (sine * math.cos(2.0 * theta) - cosine * math.sin(2.0 * theta))
+
+
 def trials(ground: Ground) -> list[Trial]:
     """Sine and cosine as two columns."""
     return [Trial({"sine": 0.01, "cosine": 0.01}, amplitudes=("sine", "cosine"), signed=True)]
 
 
-EFFECT = Effect(
-    name="pulley_eccentricity",
-    slot="kinematics",
-    title="run-out of the driving pulley",
-    parameters=(
-        Parameter("sine", "1", "belt", 0.0, -0.2, 0.2, "run-out over radius, part in phase with the angle"),
-        Parameter("cosine", "1", "belt", 0.0, -0.2, 0.2, "run-out over radius, part in quadrature"),
-    ),
-    law=travel,
-    slope=slope,
-    trials=trials,
-    twins=("encoder_eccentricity",),
-    separate="take the belt off and spin the motor: the encoder's part stays, that of the pulley goes; or turn the pulley by 180°",
-    seen="torque varies once per turn, more with load and acceleration",
-    causes="pulley run-out, bent shaft",
-    check="dial gauge on the pulley",
-    source="data sheet of the pulley",
-)
+def numbered(index: int) -> Effect:
+    """``pulley_eccentricity``, and ``pulley_eccentricity_2`` for twice per turn."""
+    oval = index == 2
+    return Effect(
+        name="pulley_eccentricity" + ("_2" if oval else ""),
+        slot="kinematics",
+        title="oval driving pulley" if oval else "run-out of the driving pulley",
+        parameters=(
+            Parameter("sine", "1", "belt", 0.0, -0.2, 0.2, "run-out over radius, part in phase with the angle"),
+            Parameter("cosine", "1", "belt", 0.0, -0.2, 0.2, "run-out over radius, part in quadrature"),
+        ),
+        law=oval_travel if oval else travel,
+        slope=oval_slope if oval else slope,
+        trials=trials,
+        twins=("encoder_eccentricity",),
+        separate="take the belt off and spin the motor: the encoder's part stays, that of the pulley goes; or turn the pulley by 180°",
+        seen=f"torque varies {'twice' if oval else 'once'} per turn, more with load and acceleration",
+        causes="pulley out of round, clamped askew" if oval else "pulley run-out, bent shaft",
+        check="dial gauge on the pulley",
+        source="data sheet of the pulley",
+    )
+
+
+EFFECTS = (numbered(1), numbered(2))

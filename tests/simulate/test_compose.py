@@ -23,7 +23,7 @@ FULL = ("belt_sections", "coupling", "belt_damping", "viscous", "viscous_cart", 
 HIDDEN = ("belt_stiffness", "stiffness_position", "end_pulley", "payload_mode", "belt_damping", "backlash", "belt_slack", "viscous",
           "warmup", "quadratic_drag", "coulomb", "stribeck", "friction_position", "presliding", "constant_offset", "cable_chain", "cogging",
           *(f"cogging_{n}" for n in range(2, COUNT + 1)), "tooth_ripple", "torque_ripple", "torque_saturation", "dead_time", "current_lag",
-          "pulley_eccentricity", "encoder_eccentricity")  # fmt: skip
+          "pulley_eccentricity", "pulley_eccentricity_2", "encoder_eccentricity", "encoder_eccentricity_2")  # fmt: skip
 SPANS = ("belt_spans", "belt_damping", "viscous_cart")
 REAL = ("belt_stiffness", "belt_damping", "elastic_shaft", "viscous", "viscous_asymmetry", "viscous_load", "coulomb", "coulomb_load",
         "friction_dip", "friction_freeform", "holding_brake", "load_friction", "travel_ripple", "measurement_lag",
@@ -34,6 +34,7 @@ COMBINATIONS = (FULL, HIDDEN, REAL, SPANS, ("belt_stiffness", "cart_friction"))
 def model_of(effects: tuple[str, ...]) -> Model:
     model = build_model("m", effects, {})
     shown = {"tilt.angle": 0.3, "pulley_eccentricity.sine": 0.01, "pulley_eccentricity.cosine": -0.02, "cogging.sine": 0.1,
+             "pulley_eccentricity_2.cosine": 0.004, "encoder_eccentricity_2.sine": 0.001, "end_pulley.split": 0.4,
              "constant_offset.torque": 0.03, "cable_chain.rate": 8.0, "belt_slack.limit": 1e-4, "tooth_ripple.cosine": 0.05,
              "travel_ripple.sine": 3.0, "viscous_asymmetry.share": 0.2, "feed_constant.error": 0.01}  # fmt: skip
     return model.with_values({name: value for name, value in shown.items() if name in model.parameters})
