@@ -61,7 +61,7 @@ def dissipates_in_every_cycle(effect: Effect) -> int:
         x = amplitude * np.sin(np.linspace(0.0, 4.0 * np.pi, 2001))
         z, shares = 0.0, []
         for step in np.diff(x):
-            z = effect.law(float(step), z, effect.parameters[0].start)
+            z = effect.law(float(step), z, effect.parameters[0].start, *(1.0 for _ in effect.uses))
             shares.append(z)
         assert max(map(abs, shares)) <= 1.0
         assert np.sum(np.array(shares)[1000:] * np.diff(x)[1000:]) > 0.0

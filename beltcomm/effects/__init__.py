@@ -101,7 +101,7 @@ EFFECTS: tuple[Effect, ...] = (
     holding_brake.EFFECT,
     load_friction.EFFECT,
     friction_position.EFFECT,
-    presliding.EFFECT,
+    *presliding.EFFECTS,
     tilt.EFFECT,
     constant_offset.EFFECT,
     cable_chain.EFFECT,

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 
+from beltcomm.compiled import compiled
 from beltcomm.effects._effect import Effect, Ground, Parameter, Trial
 
 
+@compiled
 def turned(step: float, z: float, length: float) -> float:
     """Share of the friction level that acts after a small step, -1 to 1 (Dahl, distance driven).
 
@@ -20,12 +22,22 @@ def turned(step: float, z: float, length: float) -> float:
     return side + (z - side) * math.exp(-abs(step) / length)
 
 
+def turned_at_carriage(step: float, z: float, length: float, level: float) -> float:
+    """The same at the carriage; ``level`` : N, the friction that turns round, is not needed for it."""
+    return turned(step, z, length)
+
+
 def trials(ground: Ground) -> list[Trial]:
     """Three lengths."""
     return [Trial({"length": length}) for length in (1.5e-5, 4e-5, 1e-4)]
 
 
-EFFECT = Effect(
+def cart_trials(ground: Ground) -> list[Trial]:
+    """Balls and their cage give way by less than lips do."""
+    return [Trial({"length": length}) for length in (2e-6, 6e-6, 3e-5)]
+
+
+MOTOR = Effect(
     name="presliding",
     slot="friction_onset",
     title="friction that builds up over a distance",
@@ -38,3 +50,20 @@ EFFECT = Effect(
     check="normally nothing; it limits the smallest moves",
     source="data sheet of seals",
 )
+CART = Effect(
+    name="presliding_cart",
+    slot="friction_onset",
+    title="friction of the carriage that builds up over a distance",
+    parameters=(Parameter("length", "m", "cart", 5e-6, 5e-7, 2e-3, "travel over which the carriage's friction turns round"),),
+    law=turned_at_carriage,
+    uses=("cart_friction.level",),
+    body="cart",
+    trials=cart_trials,
+    twins=("cart_friction",),
+    separate="an excitation so small that the carriage hardly leaves its place",
+    seen="small excitations find the carriage held by a spring and not stuck",
+    causes="preloaded balls of the guide, wipers",
+    check="normally nothing; preload class of the guide",
+    source="data sheet of the guide",
+)
+EFFECTS = (MOTOR, CART)

@@ -60,7 +60,7 @@ def kernel_for(model: Model) -> Kernel:
 def _kernel(base_bodies: tuple[str, ...], effects: tuple[str, ...]) -> Kernel:
     module = import_stable(kernel_source(base_bodies, effects))
     bodies = tuple(body.name for _, body in body_list(effects, base_bodies))
-    states = len(bodies) + (Writer(base_bodies, effects).onset() is not None)
+    states = len(bodies) + len(Writer(base_bodies, effects).onsets())
     return Kernel(bodies, states, module.advance, module.run, module.forces, module.levels)
 
 
@@ -68,23 +68,19 @@ def kernel_source(base_bodies: tuple[str, ...], effects: tuple[str, ...]) -> str
     """Python source of the forward kernel of one combination."""
     writer = Writer(base_bodies, effects)
     everyone = range(len(writer.bodies))
-    onset = writer.onset()
     constants = writer.constants()
     load = [line for i in everyone for line in (f"q{i} = q[{i}]", f"v{i} = v[{i}]")]
     store = [line for i in everyone for line in (f"q[{i}] = q{i}", f"v[{i}] = v{i}")]
-    if onset is not None:
-        load.append(f"z = q[{len(writer.bodies)}]")
-        store.append(f"q[{len(writer.bodies)}] = z")
+    for place, i in enumerate(writer.onsets(), start=len(writer.bodies)):
+        load.append(f"z{i} = q[{place}]")
+        store.append(f"q[{place}] = z{i}")
     path = ["push = torque"]
     for effect in writer.chosen("torque_path"):
         assert effect.law is not None
         path.append(f"push = {writer.law(effect.law)}(push, q0, t{writer.arguments(effect)})")
     half = [f"q{i} += 0.5 * h * v{i}" for i in everyone]
     substep = [*half, *path, *writer.kick("push"), *half, "t += h"]
-    if onset is not None:
-        assert onset.law is not None
-        length = f"{'ratio * ' if writer.bodies[0][1].rotary else ''}h * v0"
-        substep.append(f"z = {writer.law(onset.law)}({length}, z{writer.arguments(onset)})")
+    substep += [writer.turn(i, f"h * {writer.coordinate(i, 'v', False)}") for i in writer.onsets()]
     advance = [
         "@compiled",
         "def advance(q, v, p, torque, t, h, n):",
@@ -139,17 +135,15 @@ def inverse_source() -> str:
     """Python source of the masked inverse."""
     writer = Writer.of_catalogue()
     others = range(1, len(writer.bodies))
-    onset = writer.onset()
-    assert onset is not None
-    assert onset.law is not None
     zeros = [f"{name}{i} = 0.0" for i in range(len(writer.bodies)) for name in ("q", "v", "w", "o")]
+    zeros += [f"z{i} = 0.0" for i in writer.onsets()]
     begin = [f"q{i} = {writer.start(i)}{' + offset' if i == writer.cart else ''}" for i in others]
     begin += [f"v{i} = o{i} = {writer.follow(i)}" for i in others]
-    turn = "z = min(1.0, max(-1.0, z + step / bristle))"
+    turn = "z0 = min(1.0, max(-1.0, z0 + step / bristle))"
     load = [
         "@compiled",
         "def load(theta, omega, p, on, t, h, bristle, offset, load, cart):",
-        *indented([*writer.constants(), *zeros, "z = 0.0", "q0 = theta[0]"], 1),
+        *indented([*writer.constants(), *zeros, "q0 = theta[0]"], 1),
         f"    half = max(1, min({LOOK_AHEAD}, theta.shape[0] - 1) // 2)",
         "    first = (4.0 * theta[half] - theta[2 * half] - 3.0 * theta[0]) / (2.0 * h * half) if theta.shape[0] > 2 else 0.0",
         f"    if abs(first) < {MOVING_RAD_S}:",
@@ -158,11 +152,10 @@ def inverse_source() -> str:
         *indented([*writer.driving_end("v"), *begin, "for k in range(theta.shape[0]):"], 1),
         *indented([
             "step = ratio * (theta[k] - q0)", "q0 = theta[k]", "v0 = omega[k]",
-            f"if s{writer.switch[onset.name]}:", f"    z = {writer.law(onset.law)}(step, z{writer.arguments(onset)})",
-            "else:", "    " + turn,
+            f"if s{writer.switch[writer.onsets()[0].name]}:", "    " + writer.turn(0, "step"), "else:", "    " + turn,
             "if beyond:", *indented(writer.follow_up(), 1),
             "else:", *indented(["w0 = v0", *writer.forces("v"), *writer.levels("v", range(1))], 1),
-            "load[k] = l0 * z - f0",
+            "load[k] = l0 * z0 - f0",
             "cart[k] = u" if writer.masked else "",
         ], 2),
         *indented(["if belt:", f"    cart[k] = {writer.carriage()}"], 2),

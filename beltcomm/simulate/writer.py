@@ -274,24 +274,29 @@ class Writer:
         """Effects that give body i set-valued friction."""
         return [e for e in self.effects if e.slot in ("friction_level", "load_friction") and self.number.get(e.body) == i]
 
-    def onset(self) -> Effect | None:
-        """The law by which friction of the driven body turns round, where there is one besides the jump."""
-        found = self.chosen("friction_onset")
-        return found[0] if found else None
+    def onsets(self) -> dict[int, Effect]:
+        """By body: the law by which its friction turns round, where there is one besides the jump.  Its state is ``z`` and the number."""
+        return {self.number[e.body]: e for e in self.chosen("friction_onset") if e.body in self.number}
+
+    def turn(self, i: int, step: str) -> str:
+        """Line that turns the friction of body i round over a step, m at the belt."""
+        effect = self.onsets()[i]
+        assert effect.law is not None
+        return f"z{i} = {self.law(effect.law)}({step}, z{i}{self.arguments(effect)})"
 
     def kick(self, torque: str) -> list[str]:
         """New velocities of all bodies of a forward kernel; leaves f_i, strand and l_i of the second pass."""
         everyone = range(len(self.bodies))
         lines = []
-        elastic = self.onset() is not None
+        elastic = self.onsets()
         for guess, result in (("v", "g"), ("w", "v")):
             if guess == "w":
                 lines += [f"w{i} = 0.5 * (v{i} + g{i})" for i in everyone]
             lines += self.forces(guess) + self.levels(guess, everyone)
             for i in everyone:
                 free = f"(f{i}{f' + {torque}' if i == 0 else ''}) / m{i}"
-                if i == 0 and elastic:
-                    lines.append(f"{result}0 = v0 + h * (f0 + {torque} - l0 * z) / m0")
+                if i in elastic and self.has_level(i):
+                    lines.append(f"{result}{i} = v{i} + h * ({free} - l{i} * z{i} / m{i})")
                 elif self.has_level(i):
                     lines.append(f"{result}{i} = {self.law(stick_or_slide)}(v{i}, {free}, l{i} / m{i}, h)")
                 else:
@@ -303,14 +308,18 @@ class Writer:
 
         Speeds stand half a step before the positions; at the positions' instant they are taken as v + (v - o)/2, o one step before.
         """
-        others = range(1, len(self.bodies))
+        others, elastic = range(1, len(self.bodies)), self.onsets()
         lines = ["w0 = v0"]
         for i in others:
             lines += self.with_body(i, [f"w{i} = 1.5 * v{i} - 0.5 * o{i}", f"o{i} = v{i}"])
         lines += self.forces("w") + self.levels("w", range(len(self.bodies)))
         for i in others:
             if self.has_level(i):
-                lines += self.with_body(i, [f"v{i} = {self.law(stick_or_slide)}(v{i}, f{i} / m{i}, l{i} / m{i}, h)"])
+                jump = [f"v{i} = {self.law(stick_or_slide)}(v{i}, f{i} / m{i}, l{i} / m{i}, h)"]
+                if i in elastic:
+                    slide = [f"v{i} += h * (f{i} - l{i} * z{i}) / m{i}", self.turn(i, f"h * {self.coordinate(i, 'v', False)}")]
+                    jump = [f"if s{self.switch[elastic[i].name]}:", *indented(slide, 1), "else:", *indented(jump, 1)]
+                lines += self.with_body(i, jump)
             else:
                 lines += self.with_body(i, [f"v{i} += h * f{i} / m{i}"])
         return lines

@@ -19,7 +19,7 @@ from beltcomm.simulate.forward import simulate_torque
 from beltcomm.statics import smooth_forces
 
 FULL = ("belt_sections", "coupling", "belt_damping", "viscous", "viscous_cart", "viscous_end_pulley",
-        "coulomb", "cart_friction", "coulomb_end_pulley", "tilt")  # fmt: skip
+        "coulomb", "cart_friction", "presliding_cart", "coulomb_end_pulley", "tilt")  # fmt: skip
 HIDDEN = ("belt_stiffness", "stiffness_position", "end_pulley", "payload_mode", "belt_damping", "backlash", "belt_slack", "viscous",
           "warmup", "quadratic_drag", "coulomb", "stribeck", "friction_position", "presliding", "constant_offset", "cable_chain", "cogging",
           *(f"cogging_{n}" for n in range(2, COUNT + 1)), "tooth_ripple", "torque_ripple", "torque_saturation", "dead_time", "current_lag",

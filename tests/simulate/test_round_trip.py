@@ -21,11 +21,13 @@ GROUND = Ground(7e-5, 4.0, 2e5, 25.0, 0.1, RATIO, 0.2, 0.7, 35.6, 26, 2.0, 150.0
 #: Axes without a belt: what the effects of a turning load stand on, and a linear axis for what needs no motor angle.
 SHAFT = {"load.inertia": 6e-5, "elastic_shaft.stiffness": 8.0, "elastic_shaft.damping": 2e-3}
 ON_RIGID = {"elastic_shaft": (), "coulomb_load": ("elastic_shaft",), "viscous_load": ("elastic_shaft",), "travel_ripple": ()}
+#: What an effect needs beside the base; what is no effect.
+STANDS_ON, KNOWN = {"presliding_cart": ("cart_friction",)}, ("motor", "cart", "transmission")
 TRIED = [effect for effect in EFFECTS if effect.trials is not None and not effect.name.rpartition("_")[2].isdigit()]
 
 
 #: Effects of friction show at creeping speed, at the place where the record is made.
-SLOW = {"stribeck", "friction_position", "presliding", "friction_dip"}
+SLOW = {"stribeck", "friction_position", "presliding", "presliding_cart", "friction_dip"}
 #: A resting carriage must not be pulled at the start: the inverse would have to be told how far the belt is stretched.
 SHIFTED = {"cable_chain": {"rate": 8.0, "offset": -8.0 * 0.4}, "friction_position": {"amount": 0.04, "place": 0.4, "width": 0.05}}
 
@@ -40,8 +42,9 @@ def torque_of(samples: int, slow: bool) -> np.ndarray:
 
 def base_for(effect: Effect) -> Model:
     if effect.name not in ON_RIGID:
-        effects = tuple(name for name in BASE if name != effect.name)
-        return build_model("base", effects, {name: value for name, value in VALUES.items() if name.split(".")[0] != effect.name})
+        effects = (*(name for name in BASE if name != effect.name), *STANDS_ON.get(effect.name, ()))
+        values = {name: value for name, value in {**VALUES, "cart_friction.level": 3.0}.items() if name.split(".")[0] in (*effects, *KNOWN)}
+        return build_model("base", effects, values)
     effects = ("viscous", "coulomb", *ON_RIGID[effect.name])
     values = {name: value for name, value in {**VALUES, **SHAFT}.items() if name.split(".")[0] in (*effects, "motor", "transmission")}
     values |= {"load.inertia": SHAFT["load.inertia"]} if ON_RIGID[effect.name] else {}
