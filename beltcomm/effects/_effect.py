@@ -93,13 +93,15 @@ class Trial:
     values : own parameters by bare name (those of bodies as ``body.name``); the rest stands at its start.
     amplitudes : parameters that scale the effect each on its own (sine and cosine): every one is a column of its own in a score
     test; () makes one column of the whole.    signed : the effect may as well act the other way round.    base : parameters of the
-    base model, by full name, that change with it: a base fitted without the effect may be far off.
+    base model, by full name, that change with it: a base fitted without the effect may be far off.    swallowed : the base explains
+    all of it but what a fit from here finds; no score test can see it.
     """
 
     values: Mapping[str, float]
     amplitudes: tuple[str, ...] = ()
     signed: bool = False
     base: Mapping[str, float] = field(default_factory=dict)
+    swallowed: bool = False
 
 
 @dataclass(frozen=True)

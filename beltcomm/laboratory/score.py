@@ -70,8 +70,12 @@ class Scorer:
 
     def trials(self, effect: Effect, ground: Ground) -> Iterator[tuple[list[Trial], Array]]:
         """All trials of an effect and their columns, some at a time."""
-        trials = [self.bounded(effect, trial) for trial in effect.trials(ground)] if effect.trials is not None else []
+        trials = [trial for trial in self.listed(effect, ground) if not trial.swallowed]
         return self.harmonics(effect, trials) if effect.harmonic and len(trials) > 3 else self.batches(effect, trials)
+
+    def listed(self, effect: Effect, ground: Ground) -> list[Trial]:
+        """Every way to switch an effect on, inside the bounds."""
+        return [self.bounded(effect, trial) for trial in effect.trials(ground)] if effect.trials is not None else []
 
     def bounded(self, effect: Effect, trial: Trial) -> Trial:
         """The trial with its values inside the bounds of this model's side."""

@@ -29,7 +29,7 @@ SEARCHED, WAYS, REFITTED = 8, 2, 4
 SEARCH_SHARE, SEARCH_PROMISE = 0.03, 20.0
 REFIT_SHARE, REFIT_PROMISE = 0.3, 30.0
 #: Iterations of a refit, and the gain that is not worth another one, nats.
-ITERATIONS, ENOUGH = 10, 0.5
+ITERATIONS, SWALLOWED_ITERATIONS, ENOUGH = 10, 25, 0.5
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,23 @@ def search(
         else:
             candidates.append(Candidate(best[name].effect, best[name].drop, promised, 0.0, 0.0, None, False))
         progress(0.7 + 0.3 * min(1.0, (number + 1) / REFITTED))
+    if not any(c.accepted for c in candidates) and base.objective > MISSING * base.problem.samples:
+        for effect in wanted:
+            candidates = swallowed(data, scorer, effect, ground, candidates, len(ways[effect.name]))
     return sorted(candidates, key=lambda c: (c.fitted is None, -c.evidence))
+
+
+def swallowed(data: Data, scorer: Scorer, effect: Effect, ground: Ground, candidates: list[Candidate], starts: int) -> list[Candidate]:
+    """The candidates with this effect fitted from where the base model may have swallowed it, if that is better."""
+    before = max((c.evidence for c in candidates if c.effect is effect and c.fitted is not None), default=0.0)
+    for trial in scorer.listed(effect, ground):
+        if trial.swallowed:
+            model = scorer.grown(effect, trial.values, trial)
+            best = fit(data, model, SWALLOWED_ITERATIONS, offsets=scorer.fitted.offsets, enough=ENOUGH)
+            found = candidate(scorer.fitted, effect, 0.0, best, starts + 1)
+            if found.evidence > before:
+                candidates, before = [c for c in candidates if c.effect is not effect] + [found], found.evidence
+    return candidates
 
 
 def may_add(base: Fitted, effect: Effect) -> bool:
@@ -111,12 +127,16 @@ def price(effect: Effect, base: Fitted, starts: int) -> float:
 
 def refitted(data: Data, base: Fitted, way: Scored, starts: int) -> Candidate:
     """Everything fitted again with the effect, from its best way."""
-    best = grown(data, base, way)
+    return candidate(base, way.effect, way.drop, grown(data, base, way), starts)
+
+
+def candidate(base: Fitted, effect: Effect, promised: float, best: Fitted, starts: int) -> Candidate:
+    """What a model fitted with the effect says for it."""
     drop = drop_by(base, best)
-    evidence, explained = drop - price(way.effect, base, starts), explained_share(drop, base)
+    evidence, explained = drop - price(effect, base, starts), explained_share(drop, base)
     held_gain = base.held_objective - best.held_objective
     accepted = enough(evidence, explained, drop, held_gain, base) and not impossible(best.model)
-    return Candidate(way.effect, way.drop, evidence, explained, held_gain, best, accepted)
+    return Candidate(effect, promised, evidence, explained, held_gain, best, accepted)
 
 
 def grown(data: Data, base: Fitted, way: Scored) -> Fitted:
