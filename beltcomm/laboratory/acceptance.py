@@ -16,6 +16,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from beltcomm.effects import Effect
 from beltcomm.identify.problem import Problem
 from beltcomm.laboratory.data import rewhitened
 from beltcomm.laboratory.fitting import BLOCK_S, Fitted
@@ -60,6 +61,16 @@ def impossible(model: Model) -> list[str]:
     solid = [inertia for inertia, body in model.bodies() if body.name in model.base_bodies]
     limits = {name: model.parameters[name] for name in (*solid, STIFFNESS) if name in model.parameters}
     return [name for name, v in limits.items() if not v.low * (1.0 + CLOSE) < v.value < v.high * (1.0 - CLOSE)]
+
+
+def grown_out_of_bounds(model: Model, effect: Effect) -> bool:
+    """Whether what scales an effect, its first fitted parameter, grew until it met its bound: no size of the effect is right."""
+    scale = next((f"{effect.name}.{p.name}" for p in effect.parameters if p.fitted), "")
+    if scale not in model.parameters:
+        return False
+    item = model.parameters[scale]
+    near = CLOSE * (item.high - item.low)
+    return item.value >= item.high - near or (item.low < 0.0 and item.value <= item.low + near)
 
 
 def refuted(evidence: float, held_gain: float) -> bool:

@@ -12,7 +12,7 @@ from beltcomm.axis import Axis
 from beltcomm.effects import EFFECTS
 from beltcomm.errors import UsageError
 from beltcomm.identify.problem import OFFSET_M
-from beltcomm.laboratory.acceptance import EVIDENCE, refuted
+from beltcomm.laboratory.acceptance import EVIDENCE
 from beltcomm.laboratory.compare import compare
 from beltcomm.laboratory.data import Data, prepare, remade
 from beltcomm.laboratory.fitting import Fitted, fit
@@ -101,8 +101,8 @@ def diagnose(
     for number in range(limit):
         ground = ground_of(current, data.fitted, axis)
         candidates = search(data, current, ground, progress=lambda f, n=number: progress(1.0 - 1.0 / (1.0 + n + f)))  # type: ignore[misc]
-        # What the held-out records contradict stands in no one's way.
-        standing = [c for c in candidates if c.fitted is None or not refuted(c.evidence, c.held_gain)]
+        # What the held-out records or its own values contradict stands in no one's way.
+        standing = [c for c in candidates if c.stands]
         best = standing[0] if standing else None
         # Further orders of a ripple that is there already are no new cause.
         causes = sum(bool(step.added) and not further(step.added) for step in steps)

@@ -15,7 +15,7 @@ import numpy as np
 
 from beltcomm.effects import EFFECTS, Effect, Ground
 from beltcomm.errors import UsageError
-from beltcomm.laboratory.acceptance import drop_by, enough, explained_share, impossible, refuted
+from beltcomm.laboratory.acceptance import drop_by, enough, explained_share, grown_out_of_bounds, impossible, refuted
 from beltcomm.laboratory.data import Data
 from beltcomm.laboratory.fitting import Fitted, fit, problem_of
 from beltcomm.laboratory.refine import refined
@@ -37,7 +37,8 @@ class Candidate:
     """An effect on trial.
 
     evidence, explained : see the module.   promised : drop by the score test.   fitted : with the effect, None where it was not
-    refitted.   held_gain : drop of O on the held-out records.   accepted : by the rule of this module.
+    refitted.   held_gain : drop of O on the held-out records.   hollow : it explains much, but only as no axis can be.
+    accepted : by the rule of this module.
     """
 
     effect: Effect
@@ -47,6 +48,12 @@ class Candidate:
     held_gain: float
     fitted: Fitted | None
     accepted: bool
+    hollow: bool = False
+
+    @property
+    def stands(self) -> bool:
+        """Whether neither the held-out records nor its own values speak against it."""
+        return self.fitted is None or not (self.hollow or refuted(self.evidence, self.held_gain))
 
 
 def search(
@@ -70,7 +77,7 @@ def search(
     candidates: list[Candidate] = []
     for number, name in enumerate(order):
         promised = promise(best[name], base, len(ways[name]))
-        found_most = max((c.evidence for c in candidates if not refuted(c.evidence, c.held_gain)), default=promised)
+        found_most = max((c.evidence for c in candidates if c.stands), default=promised)
         if number < REFITTED and promised > max(REFIT_PROMISE, REFIT_SHARE * found_most):
             candidates.append(refitted(data, base, best[name], len(ways[name])))
         else:
@@ -135,8 +142,9 @@ def candidate(base: Fitted, effect: Effect, promised: float, best: Fitted, start
     drop = drop_by(base, best)
     evidence, explained = drop - price(effect, base, starts), explained_share(drop, base)
     held_gain = base.held_objective - best.held_objective
-    accepted = enough(evidence, explained, drop, held_gain, base) and not impossible(best.model)
-    return Candidate(effect, promised, evidence, explained, held_gain, best, accepted)
+    hollow = bool(impossible(best.model)) or grown_out_of_bounds(best.model, effect)
+    accepted = enough(evidence, explained, drop, held_gain, base) and not hollow
+    return Candidate(effect, promised, evidence, explained, held_gain, best, accepted, hollow)
 
 
 def grown(data: Data, base: Fitted, way: Scored) -> Fitted:
