@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -95,6 +96,45 @@ def opposite_signs(t_s: Array, torque: Array, position: Array) -> bool:
     widths = [max(2, round(window / period)) for window in (0.08, 0.16, 0.32)]
     found = [share for width in widths if len(torque) >= 12 * width for share in _shares(torque, position, width)]
     return bool(found) and min(found) < -0.5 and max(found) < -0.5 * min(found)
+
+
+@dataclass(frozen=True)
+class RigidInertia:
+    """inertia, error : of everything that the motor turns, and its standard deviation, torque over angular acceleration.
+    dynamic : rms of the accelerating torque over the friction."""
+
+    inertia: float
+    error: float
+    dynamic: float
+
+
+def rigid_inertia(t_s: Array, torque: Array, position: Array) -> RigidInertia | None:
+    """Inertia of the axis as one rigid body, from its slow motion; None for a record that is too short.
+
+        torque = inertia acceleration + damping speed + level sign(speed) + constant,   each under a triangle of 0.16 s
+
+    below the antiresonance of any drive train this is motor and carriage together.  Neighbouring rows of the regression overlap by
+    three quarters: the error counts each eighth row.
+    """
+    even = np.arange(t_s[0], t_s[-1], float(np.median(np.diff(t_s))))
+    width = max(2, round(0.08 / float(even[1] - even[0]))) if len(even) > 1 else 0
+    if width == 0 or len(even) < 8 * width:
+        return None
+    torque, position = np.interp(even, t_s, torque), np.interp(even, t_s, position)
+    span, every = width * float(even[1] - even[0]), max(1, width // 4)
+    before, middle, after = position[: -2 * width], position[width:-width], position[2 * width :]
+    force = _running_mean(_running_mean(torque, width), width)[1:-1][::every]
+    direction = _running_mean(_running_mean(np.sign(np.gradient(position)), width), width)[1:-1][::every]
+    rows = min(len(force), len(direction))
+    acceleration, speed = ((after - 2.0 * middle + before)[::every] / span**2)[:rows], ((after - before)[::every] / (2.0 * span))[:rows]
+    columns = np.column_stack([acceleration, speed, direction[:rows], np.ones(rows)])
+    scale = np.maximum(np.abs(columns).max(axis=0), 1e-300)
+    found = np.linalg.lstsq(columns / scale, force[:rows], rcond=1e-8)[0] / scale
+    left = force[:rows] - columns @ found
+    covariance = np.linalg.pinv((columns / scale).T @ (columns / scale)) / np.outer(scale, scale)
+    error = math.sqrt(8.0 * float(left @ left) / max(rows - 4, 1) * float(covariance[0, 0]))
+    accelerating = abs(float(found[0])) * float(np.sqrt(np.mean(acceleration**2)))
+    return RigidInertia(float(found[0]), error, accelerating / max(abs(float(found[2])), 1e-300))
 
 
 def _shares(torque: Array, position: Array, width: int) -> tuple[float, float]:
