@@ -59,10 +59,13 @@ def clipped_share(torque: Array, setpoint: Array | None, amplitude: float | None
     at_end = np.zeros(len(torque), dtype=bool)
     for end in (float(torque.max()), float(torque.min())):
         at_end |= _in_runs(torque == end) & (end != 0.0)
+    levels = np.unique(torque)
     if setpoint is not None:
         asked = np.minimum.reduce([np.roll(np.abs(setpoint), lag) for lag in range(3)])  # the torque follows 1 to 2 samples late
-        return float(np.mean(at_end & (asked > 1.02 * np.abs(torque))))
-    levels = np.unique(torque)
+        beyond = float(np.mean(at_end & (asked > 1.02 * np.abs(torque))))
+        # a setpoint that was cut off with it: noise that is everywhere but at the ends
+        silent = len(levels) > SWITCHED_LEVELS and _noise(torque, setpoint) > 3.0 * float(np.min(np.diff(levels)))
+        return max(beyond, float(np.mean(at_end)) if silent else 0.0)
     if len(levels) <= SWITCHED_LEVELS:
         short = amplitude is not None and np.abs(torque).max() < 0.9 * amplitude
         return float(np.mean(at_end)) if short else 0.0
@@ -73,13 +76,18 @@ def clipped_share(torque: Array, setpoint: Array | None, amplitude: float | None
     return float(np.mean(at_end)) if len(entries) and np.median(jumps) > 3.0 * smallest else 0.0
 
 
+def _noise(torque: Array, setpoint: Array) -> float:
+    """Median deviation of the torque from its setpoint, at the delay that suits best."""
+    return min(float(np.median(np.abs(torque[2:] - setpoint[2 - lag : len(setpoint) - lag]))) for lag in range(3))
+
+
 def reference_unit_fault(signal: Array, reference: Array) -> str:
     """What is wrong with the unit of a signal's reference, in words; "" when they agree or nothing can be told."""
     measured, asked = signal - signal.mean(), reference - reference.mean()
     power = float(measured @ measured), float(asked @ asked)
     if min(power) <= 0.0 or abs(measured @ asked) < 0.98 * math.sqrt(power[0] * power[1]):
         return ""
-    return _unit_words(math.copysign(math.sqrt(power[1] / power[0]), float(measured @ asked)), "reference", "signal")
+    return unit_words(math.copysign(math.sqrt(power[1] / power[0]), float(measured @ asked)), "reference", "signal")
 
 
 def opposite_signs(t_s: Array, torque: Array, position: Array) -> bool:
@@ -188,10 +196,10 @@ def velocity_unit_fault(t_s: Array, position: Array, velocity: Array) -> str:
     power = float(travel @ travel), float(by_velocity @ by_velocity)
     if min(power) <= 0.0 or abs(travel @ by_velocity) < 0.9 * math.sqrt(power[0] * power[1]):
         return ""
-    return _unit_words(math.copysign(math.sqrt(power[1] / power[0]), float(travel @ by_velocity)), "velocity", "position")
+    return unit_words(math.copysign(math.sqrt(power[1] / power[0]), float(travel @ by_velocity)), "velocity", "position")
 
 
-def _unit_words(quotient: float, upper: str, lower: str) -> str:
+def unit_words(quotient: float, upper: str, lower: str) -> str:
     """What a quotient of two signals tells of their units; "" when it is none of UNIT_FACTORS."""
     for factor, words in UNIT_FACTORS.items():
         if abs(quotient / factor - 1.0) < 0.05:

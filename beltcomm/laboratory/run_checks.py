@@ -6,8 +6,9 @@ What no analysis can mend raises DataError with the remedy; the rest are sentenc
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,10 +16,11 @@ from numpy.typing import NDArray
 from beltcomm.axis import Axis
 from beltcomm.errors import DataError
 from beltcomm.foreign.checks import check
+from beltcomm.laboratory.place_checks import names_of, placed, sensor_remarks
 from beltcomm.recording import Recording
-from beltcomm.recording_checks import rigid_inertia
-from beltcomm.recording_columns import CHANNELS
-from beltcomm.sampling_checks import Jitter, Uneven, encoder_grid, stamp_jitter, uneven_rows
+from beltcomm.recording_checks import clipped_share, rigid_inertia, unit_words
+from beltcomm.recording_columns import CHANNELS, COMMON
+from beltcomm.sampling_checks import EVEN, Jitter, Uneven, encoder_grid, stamp_jitter, uneven_rows
 
 Array = NDArray[np.float64]
 
@@ -26,17 +28,21 @@ Array = NDArray[np.float64]
 SHORTEST_S = 1.0
 #: Rows amiss in one record from which on it is no single slip of the encoder.
 SEVERAL = 2
+#: s that a record must last up to its first lost sample to be used, and share of all rows that must be left.
+UNBROKEN_S, LEFT = 2.0, 0.25
 #: Share of the position's unevenness that may come from uneven sampling.
 MOST_UNEVEN = 0.5
-#: m; places by a ruler and by the angle may differ by this.
-PLACE_M = 2e-3
-#: Share of the records that must agree before the others are called wrong; relative difference of two ways to measure the radius.
-MAJORITY, RADIUS = 0.6, 0.02
 #: Relative difference of two records' inertia, beside four standard deviations, that payload mode, saturation and eccentricity do not
 #: make; share of the friction that the torque of acceleration must reach to be judged; largest standard deviation.
 INERTIA, DYNAMIC, VAGUE = 0.25, 0.5, 0.1
+#: Standard deviations by which an inertia must be below nothing.
+NEGATIVE = 6.0
+#: By how much a data sheet's inertia may be too large, as a share.
+LIGHT = 0.3
 #: Relative difference of the encoder's step between two records of one encoder.
 SAME_STEP = 1e-3
+#: Times an encoder's step that a record may show, read or rounded coarser.
+MOST_COARSE = 16
 
 
 @dataclass(frozen=True)
@@ -58,19 +64,18 @@ def checked(recordings: Sequence[Recording], axis: Axis, *, foreign: bool) -> Ch
     remarks: list[str] = []
     _refuse_short(timed)
     evened = _sampled(timed, remarks)
+    if axis.get("pulley.effective_radius_m") is not None:
+        evened = _before_gaps(evened, remarks)
+    else:
+        remarks += _gap_remarks(evened)
     if foreign:
         for record in evened:
             check(record)
-    _refuse_two_axes(evened)
-    placed = _placed(evened, axis, remarks)
-    remarks += _sensor_remarks(placed, axis)
-    by_name = {record.name: record for record in placed}
-    return Checked(tuple(by_name.get(r.name, r) for r in recordings), tuple(remarks))
-
-
-def _names(records: Iterable[Recording]) -> str:
-    names = [r.name for r in records]
-    return ", ".join(names) if len(names) <= 4 else f"{', '.join(names[:3])} and {len(names) - 3} more"
+    _refuse_two_axes(evened, axis)
+    known = placed(evened, axis, remarks)
+    remarks += sensor_remarks(known, axis)
+    by_name = {record.name: record for record in known}
+    return Checked(tuple(by_name.get(r.name, r) for r in recordings if r.is_static_map or r.name in by_name), tuple(remarks))
 
 
 def _duration(record: Recording) -> float:
@@ -92,8 +97,9 @@ def _refuse_short(timed: Sequence[Recording]) -> None:
 def _sampled(timed: Sequence[Recording], remarks: list[str]) -> list[Recording]:
     """Rows that are missing, repeated or uneven."""
     amiss = [(r, uneven_rows(r.t_s, r.position)) for r in timed]
-    _refuse_missing([(r, u) for r, u in amiss if len(u.missing) >= SEVERAL])
-    _refuse_repeated([(r, u) for r, u in amiss if len(u.repeated) >= SEVERAL])
+    twice = sum(len(u.repeated) for _, u in amiss) > sum(len(u.missing) for _, u in amiss)
+    for faults in (_refuse_repeated, _refuse_missing) if twice else (_refuse_missing, _refuse_repeated):
+        faults(amiss)
     for record, uneven in amiss:
         if uneven.share > 0.0:
             row = int(np.concatenate((uneven.missing, uneven.repeated))[0])
@@ -124,34 +130,51 @@ def _sampled(timed: Sequence[Recording], remarks: list[str]) -> list[Recording]:
     if real_stamps:
         largest = max(float(j.largest) for r in real_stamps if (j := stamps[r.name]) is not None)
         remarks.append(
-            f"{_names(real_stamps)}: the samples were taken unevenly, by up to {100.0 * largest:.2g} % of the period; the motion is slow "
+            f"{names_of(real_stamps)}: the samples were taken unevenly, by up to {100.0 * largest:.2g} % of the period; the motion is slow "
             "enough that this is less than the position's own noise"
         )
-    remarks += _gap_remarks(evened)
+    remarks += _clip_remarks(evened)
     return evened
+
+
+def _clip_remarks(timed: Sequence[Recording]) -> list[str]:
+    shares = [(r, clipped_share(r.torque, r.torque_setpoint, None)) for r in timed]
+    found = [(r, share) for r, share in shares if share > 0.0]
+    if not found:
+        return []
+    record, share = max(found, key=lambda one: one[1])
+    return [
+        f"{names_of(r for r, _ in found)}: {CHANNELS[record.side]['torque']} stands at the end of its range, in {record.name} at "
+        f"{np.abs(record.torque).max():.4g} {record.torque_unit} in {100.0 * share:.2g} % of the rows: cut off there; take "
+        "torque_saturation in what follows for that"
+    ]
 
 
 def _whole(t_s: Array, period_s: float) -> Array:
     """Number of each sample on an even clock: lost ones, whole periods long, stay lost."""
     steps = np.diff(t_s) / period_s
-    lost = (np.round(steps) >= 2.0) & (np.abs(steps - np.round(steps)) < 0.02)
+    whole = np.abs(steps - np.round(steps)) < EVEN
+    largest = float(np.abs(steps - 1.0)[~whole].max(initial=0.0))  # jitter alone makes steps of that size
+    lost = whole & (np.round(steps) > 1.5 + largest)
     return np.concatenate(([0.0], np.cumsum(np.where(lost, np.round(steps), 1.0))))
 
 
-def _refuse_missing(found: Sequence[tuple[Recording, Uneven]]) -> None:
+def _refuse_missing(amiss: Sequence[tuple[Recording, Uneven]]) -> None:
+    found = [(r, uneven) for r, uneven in amiss if len(uneven.missing) >= SEVERAL]
     if not found:
         return
     worst, uneven = max(found, key=lambda one: one[1].share)
     row = int(uneven.missing[0])
     raise DataError(
-        f"{_names(r for r, _ in found)}: samples are missing although t_s goes on evenly: in {worst.name} {len(uneven.missing)} steps of "
+        f"{names_of(r for r, _ in found)}: samples are missing although t_s goes on evenly: in {worst.name} {len(uneven.missing)} steps of "
         f"{CHANNELS[worst.side]['position']} are twice as long as those before and after ({100.0 * uneven.share:.2g} % of the steps that "
         f"show it, the first before row {row + 1}, t = {worst.t_s[row]:.4g} s; at most 1 is allowed per record). Keep the true time "
         "stamps, so that the gaps can be seen, or record again with a shorter bus load or a lower rate"
     )
 
 
-def _refuse_repeated(found: Sequence[tuple[Recording, Uneven]]) -> None:
+def _refuse_repeated(amiss: Sequence[tuple[Recording, Uneven]]) -> None:
+    found = [(r, uneven) for r, uneven in amiss if len(uneven.repeated) >= SEVERAL]
     if not found:
         return
     worst, uneven = max(found, key=lambda one: one[1].share)
@@ -164,7 +187,7 @@ def _refuse_repeated(found: Sequence[tuple[Recording, Uneven]]) -> None:
         what = "the angle stands still for single samples while the motor turns"
         remedy = "look at the encoder, its cable and its coupling (codes that stick), then record again"
     raise DataError(
-        f"{_names(r for r, _ in found)}: {what}: in {worst.name} {len(uneven.repeated)} steps of {CHANNELS[worst.side]['position']} are "
+        f"{names_of(r for r, _ in found)}: {what}: in {worst.name} {len(uneven.repeated)} steps of {CHANNELS[worst.side]['position']} are "
         f"nothing between equal ones ({100.0 * uneven.share:.2g} % of the steps that show it, the first in row {row + 1}, "
         f"t = {worst.t_s[row]:.4g} s; at most 1 is allowed per record); {remedy}"
     )
@@ -173,194 +196,148 @@ def _refuse_repeated(found: Sequence[tuple[Recording, Uneven]]) -> None:
 def _jitter_fault(found: Sequence[tuple[Recording, Jitter]]) -> DataError:
     worst, jitter = max(found, key=lambda one: one[1].rms)
     return DataError(
-        f"{_names(r for r, _ in found)}: the samples were taken unevenly: in {worst.name} the steps of t_s deviate by up to "
+        f"{names_of(r for r, _ in found)}: the samples were taken unevenly: in {worst.name} the steps of t_s deviate by up to "
         f"{100.0 * jitter.largest:.2g} % from {1e3 * jitter.period_s:.4g} ms, the motion follows them, and this makes "
         f"{100.0 * jitter.share:.0f} % of the position's roughness (allowed: {100.0 * MOST_UNEVEN:.0f} %): it would pose as torque. "
         "Let the drive sample by its own clock (trace, SYNC) and record again"
     )
 
 
+def _gap_words(with_gaps: Sequence[Recording], timed: Sequence[Recording]) -> str:
+    count, rows = sum(len(r.gaps()) for r in with_gaps), sum(len(r.t_s) for r in timed)
+    longest = max(float(np.diff(r.t_s)[r.gaps()].max()) for r in with_gaps)
+    return (
+        f"samples were lost at {count} places of {names_of(with_gaps)} ({100.0 * count / rows:.2g} % of the rows, the longest gap is "
+        f"{1e3 * longest:.3g} ms)"
+    )
+
+
 def _gap_remarks(timed: Sequence[Recording]) -> list[str]:
-    with_gaps = [(r, gaps) for r in timed if len(gaps := r.gaps())]
+    with_gaps = [r for r in timed if len(r.gaps())]
+    return [f"{_gap_words(with_gaps, timed)}: the pieces between them are judged on their own"] if with_gaps else []
+
+
+def _before_gaps(timed: Sequence[Recording], remarks: list[str]) -> list[Recording]:
+    """Records up to their first lost sample: behind it nobody knows how the carriage swings on the belt.
+
+    Those that lose one within the first seconds are left out.   Raises DataError when too little is left.
+    """
+    with_gaps = [r for r in timed if len(r.gaps())]
     if not with_gaps:
-        return []
-    count, rows = sum(len(gaps) for _, gaps in with_gaps), sum(len(r.t_s) for r, _ in with_gaps)
-    longest = max(float(np.diff(r.t_s)[gaps].max()) for r, gaps in with_gaps)
-    return [
-        f"samples were lost at {count} places of {_names(r for r, _ in with_gaps)} ({100.0 * count / rows:.2g} % of the rows, the longest "
-        f"gap is {1e3 * longest:.3g} ms): the model is judged on the pieces between them"
-    ]
+        return list(timed)
+    kept = [r if not len(r.gaps()) else _first_rows(r, int(r.gaps()[0]) + 1) for r in timed]
+    used = [r for r in kept if r is not None]
+    rows, left = sum(len(r.t_s) for r in timed), sum(len(r.t_s) for r in used)
+    if left < LEFT * rows or all(r.sidecar.held_out for r in used):
+        raise DataError(
+            f"{_gap_words(with_gaps, timed)}: only {100.0 * left / rows:.0f} % of the rows stand before the first lost one of a record, in "
+            f"pieces of at least {UNBROKEN_S:g} s (needed: {100.0 * LEFT:.0f} %). Behind a gap nobody knows how the "
+            "carriage swings; record "
+            "again with less on the bus, or at a lower rate that it can carry"
+        )
+    out = [r for r in with_gaps if r.name not in {other.name for other in used}]
+    remarks.append(
+        f"{_gap_words(with_gaps, timed)}: behind a gap nobody knows how the carriage swings on the belt, so each record counts up to its "
+        f"first one{f', and {names_of(out)} not at all' if out else ''}; {100.0 * left / rows:.0f} % of the rows are used"
+    )
+    return used
 
 
-def _ratio(axis: Axis) -> float | None:
-    return axis.transmission_m_rad if axis.get("pulley.effective_radius_m") is not None else None
+def _first_rows(record: Recording, rows: int) -> Recording | None:
+    """The record's first rows; None where they are too few or show nothing."""
+    if rows * record.sample_period_s < UNBROKEN_S:
+        return None
+    names = ("t_s", "torque", "position", "torque_setpoint", "velocity", "reference_position", "reference_velocity", *COMMON)
+    cut: dict[str, Any] = {name: values[:rows] for name in names if (values := getattr(record, name)) is not None}
+    try:
+        return replace(record, notes=(), **cut)
+    except DataError:  # nothing moves there
+        return None
 
 
-def _refuse_two_axes(timed: Sequence[Recording]) -> None:
+def _refuse_two_axes(timed: Sequence[Recording], axis: Axis) -> None:
     """Raise DataError for records of an axis with another inertia, or another encoder."""
-    own: list[tuple[Recording, float, float]] = []
-    for record in timed:
-        found = rigid_inertia(record.t_s, record.torque, record.position)
-        if found is not None and found.inertia > 0.0 and found.dynamic > DYNAMIC and found.error < VAGUE * found.inertia:
-            own.append((record, found.inertia, found.error))
+    told = [(r, found) for r in timed if (found := rigid_inertia(r.t_s, r.torque, r.position)) is not None]
+    own = [
+        (r, found.inertia, found.error)
+        for r, found in told
+        if found.inertia > 0.0 and found.dynamic > DYNAMIC and found.error < VAGUE * found.inertia
+    ]
+    _refuse_negative([r for r, found in told if found.inertia < -NEGATIVE * found.error and own])
+    _refuse_light(own, axis)
     payloads = {r.sidecar.payload_kg for r, _, _ in own}
     if len(own) > 1 and len(payloads) == 1:
         values, errors = np.array([[i, e] for _, i, e in own]).T
         apart = np.abs(values[:, None] - values[None, :]) - 4.0 * np.hypot(errors[:, None], errors[None, :])
         far = apart > INERTIA * np.minimum(values[:, None], values[None, :])
         if far.any():
-            kept = int(np.argmin(far.sum(axis=1)))
+            # of those that contradict somebody the one that contradicts the fewest
+            kept = int(np.argmin(np.where(far.any(axis=1), far.sum(axis=1), len(own))))
             _, first, error = own[kept]
             like = [r for (r, _, _), other in zip(own, far[kept], strict=True) if not other]
             unlike = [one for one, other in zip(own, far[kept], strict=True) if other]
             unit = timed[0].inertia_unit
             raise DataError(
-                f"the records are not of one axis, or not with one payload: {_names(like)} show an inertia of {first:.3g} ± "
-                f"{2.0 * error:.1g} {unit} in all, {_names(r for r, _, _ in unlike)} {unlike[0][1]:.3g} ± {2.0 * unlike[0][2]:.1g} {unit} "
-                f"(allowed: {100.0 * INERTIA:.0f} % apart). Keep those of each axis and payload in a run of its own, or state payload_kg in "
+                f"the records are not of one axis, or not with one payload: {names_of(like)} show an inertia of {first:.3g} ± "
+                f"{2.0 * error:.1g} {unit} in all, {names_of(r for r, _, _ in unlike)} {unlike[0][1]:.3g} ± "
+                f"{2.0 * unlike[0][2]:.1g} {unit} "
+                f"(allowed: {100.0 * INERTIA:.0f} % apart). Keep those of each axis and payload in a run of its own, or state "
+                "payload_kg in "
                 "the sidecars and fit one payload at a time; if it is one axis, a column of one of them is in another unit"
             )
     if timed[0].side == "motor":
         _refuse_two_encoders(timed)
 
 
+def _refuse_negative(negative: Sequence[Recording]) -> None:
+    if negative:
+        channels = CHANNELS[negative[0].side]
+        raise DataError(
+            f"{names_of(negative)}: the torque drives against its motion there (the inertia would be negative), in the other records with "
+            f"it: the sign of {channels['torque']} or of {channels['position']} is turned in these; turn it back"
+        )
+
+
+def _refuse_light(own: Sequence[tuple[Recording, float, float]], axis: Axis) -> None:
+    """Raise DataError when everything that the motor turns weighs less than the motor alone by its data sheet."""
+    if not own or own[0][0].side != "motor" or axis.get("motor.inertia_kg_m2") is None:
+        return
+    sheet = axis.motor_side_inertia_kg_m2
+    record, inertia, error = min(own, key=lambda one: one[2] / one[1])
+    if (inertia + 4.0 * error) * (1.0 + LIGHT) < sheet:
+        raise DataError(
+            f"{record.name} shows an inertia of {inertia:.3g} kg m² of everything that the motor turns, carriage included; by {axis} the "
+            f"motor's side alone has {sheet:.3g} kg m². Look at the unit of {CHANNELS['motor']['torque']} (N m wanted), at that of "
+            f"{CHANNELS['motor']['position']} (rad wanted) and at motor.inertia_kg_m2"
+        )
+
+
 def _refuse_two_encoders(timed: Sequence[Recording]) -> None:
     steps = [(r, step) for r in timed if (step := encoder_grid(r.position)) is not None]
     if not steps:
         return
-    known = float(np.median([step for _, step in steps]))
-    unlike = [(r, step) for r, step in steps if abs(step / known - 1.0) > SAME_STEP and abs(known / step - round(known / step)) > SAME_STEP]
-    unlike = [(r, step) for r, step in unlike if abs(step / known - round(step / known)) > SAME_STEP]
-    if unlike:
-        like = [r for r, _ in steps if r not in [other for other, _ in unlike]]
+    # the step that most records share; a multiple of it is a coarser reading of the same encoder
+    known = max((step for _, step in steps), key=lambda one: sum(_same_step(one, other) for _, other in steps))
+    unlike = [(r, step) for r, step in steps if not _same_step(known, step)]
+    if not unlike:
+        return
+    like = [r for r, step in steps if _same_step(known, step)]
+    unit = unit_words(unlike[0][1] / known, "angle", "angle of the others")
+    if unit:
         raise DataError(
-            f"the records are not of one axis: the angles of {_names(like)} are whole steps of {math.tau / known:.0f} counts per turn, those "
-            f"of {_names(r for r, _ in unlike)} of {math.tau / unlike[0][1]:.0f}: they were made with another encoder. Keep those of each "
-            "axis in a run of its own"
+            f"{names_of(r for r, _ in unlike)}: {unit}: its steps are {unlike[0][1] / known:.4g} times those of "
+            f"{names_of(like)}; convert the "
+            "column, so that all records have one unit"
         )
-
-
-@dataclass(frozen=True)
-class _Line:
-    """Start position over angle.   slope : m/rad.   zero_m : m, position at angle 0.   far : (n,) m, distance of each record."""
-
-    slope: float
-    zero_m: float
-    far: Array
-
-    @property
-    def agree(self) -> NDArray[np.bool_]:
-        """Records that lie on it."""
-        return np.abs(self.far) <= PLACE_M
-
-
-def _line(angle: Array, place: Array, slope: float | None = None) -> _Line:
-    """The line that most records agree with: through pairs of them, or with a known slope."""
-    if slope is not None:
-        zeros = place - slope * angle
-        lines = [_Line(slope, float(zero), zeros - zero) for zero in zeros]
-    else:
-        lines = []
-        for i in range(len(angle)):
-            for j in range(i):
-                if abs(angle[i] - angle[j]) > 1e-9:
-                    through = float((place[i] - place[j]) / (angle[i] - angle[j]))
-                    zero = float(place[i] - through * angle[i])
-                    lines.append(_Line(through, zero, place - zero - through * angle))
-    return max(lines, key=lambda line: (int(line.agree.sum()), -float(np.sum(np.minimum(np.abs(line.far), PLACE_M)))))
-
-
-def _placed(timed: Sequence[Recording], axis: Axis, remarks: list[str]) -> list[Recording]:
-    """Start positions against the angles, which go on from record to record where the drive was not switched off."""
-    ratio = _ratio(axis)
-    known = [r for r in timed if r.sidecar.start_position_m is not None]
-    if ratio is None or timed[0].side != "motor" or not known:
-        return list(timed)
-    unknown = [r for r in timed if r.sidecar.start_position_m is None]
-    angle = np.array([r.position[0] for r in known])
-    place = np.array([float(r.sidecar.start_position_m or 0.0) for r in known])
-    if len(known) < 3 or np.ptp(angle) * ratio < 10.0 * PLACE_M:
-        if unknown:
-            remarks.append(_unplaced(unknown))
-        return list(timed)
-    line = _line(angle, place, ratio)
-    if line.agree.mean() < MAJORITY:
-        other = _line(angle, place)
-        if other.agree.sum() >= max(3, MAJORITY * len(known)) and np.ptp(place[other.agree]) > 10.0 * PLACE_M:
-            raise _radius_fault(axis, ratio, other.slope, int(other.agree.sum()))
-        if unknown:
-            remarks.append(_unplaced(unknown))
-        return list(timed)  # the angle began anew now and then: nothing to compare
-    wrong = [(r, float(far)) for r, far, good in zip(known, line.far, line.agree, strict=True) if not good]
-    if wrong:
-        record, far = max(wrong, key=lambda one: abs(one[1]))
-        start = float(record.sidecar.start_position_m or 0.0)
-        raise DataError(
-            f"{_names(r for r, _ in wrong)}: start_position_m contradicts the motor angle: {record.name} begins at {start:.4g} m by its "
-            f"sidecar and at {start - far:.4g} m by its angle, as the other {int(line.agree.sum())} records count it (allowed: "
-            f"{1e3 * PLACE_M:g} mm). Correct the sidecar; if the carriage was moved by hand or the angle set to zero in between, put these "
-            "records into a run of their own"
-        )
-    if not unknown:
-        return list(timed)
-    remarks.append(f"{_names(unknown)}: no start_position_m; the place was taken from the motor angle, as the other records count it")
-    return [
-        r
-        if r.sidecar.start_position_m is not None
-        else replace(r, sidecar=replace(r.sidecar, start_position_m=float(line.zero_m + ratio * r.position[0])), notes=())
-        for r in timed
-    ]
-
-
-def _unplaced(unknown: Sequence[Recording]) -> str:
-    return (
-        f"{_names(unknown)}: no start_position_m; where along the travel they were made is guessed from the motor angle, so what depends on "
-        "the position (belt stiffness, tight spots, springs) may be told at a wrong place"
+    raise DataError(
+        f"the records are not of one axis: the angles of {names_of(like)} are whole steps of {math.tau / known:.0f} "
+        "counts per turn, those of "
+        f"{names_of(r for r, _ in unlike)} of {math.tau / unlike[0][1]:.0f}: they were made with another encoder. Keep "
+        "those of each axis in "
+        "a run of its own"
     )
 
 
-def _radius_fault(axis: Axis, ratio: float, slope: float, count: int) -> DataError:
-    if abs(slope / ratio + 1.0) < RADIUS:
-        return DataError(
-            f"the motor angle counts against start_position_m: by {count} records the carriage moves {1e3 * slope:.4g} mm per rad, by "
-            f"{axis} {1e3 * ratio:.4g} mm per rad. Turn the signs of position_rad and torque_nm, or give the places as 'travel minus place'"
-        )
-    return DataError(
-        f"{axis} is contradicted by the records: by start_position_m and position_rad of {count} records the carriage moves "
-        f"{1e3 * slope:.4g} mm per rad of the motor, by the axis file {1e3 * ratio:.4g} mm (allowed: {100.0 * RADIUS:.0f} % apart). Look at "
-        f"pulley.effective_radius_m (with gearbox.ratio {axis.get('gearbox.ratio') or 1.0:g} it would be "
-        f"{1e3 * slope * float(axis.get('gearbox.ratio') or 1.0):.4g} mm) and at the unit of position_rad"
-    )
-
-
-def _sensor_remarks(timed: Sequence[Recording], axis: Axis) -> list[str]:
-    """The carriage's own sensor against the motor angle: it is never used to fit, so nothing of this stands in the way."""
-    ratio = _ratio(axis)
-    remarks: list[str] = []
-    if ratio is None:
-        return remarks
-    slopes, offsets = [], []
-    for record in timed:
-        sensor = record.cart_position_m
-        if sensor is None or record.side != "motor" or np.ptp(record.position) * ratio < 5.0 * PLACE_M:
-            continue
-        slope, zero = np.polyfit(record.position - record.position[0], sensor, 1)
-        slopes.append((record, float(slope)))
-        if record.sidecar.start_position_m is not None:
-            offsets.append((record, float(zero) - record.sidecar.start_position_m))
-    odd = [(r, s) for r, s in slopes if abs(s / ratio - 1.0) > RADIUS]
-    if odd:
-        median = float(np.median([s for _, s in odd]))
-        remarks.append(
-            f"{_names(r for r, _ in odd)}: cart_position_m moves {1e3 * median:.4g} mm per rad of the motor, by {axis} it should be "
-            f"{1e3 * ratio:.4g} mm: {'the sensor counts the other way' if median < 0.0 else 'look at pulley.effective_radius_m'} and at the "
-            "sensor's scale. The sensor is not used for the model; mass and stiffness go with the square of the radius"
-        )
-    far = [(r, o) for r, o in offsets if abs(o) > PLACE_M and r not in [other for other, _ in odd]]
-    if far:
-        worst = max(far, key=lambda one: abs(one[1]))
-        remarks.append(
-            f"{_names(r for r, _ in far)}: cart_position_m stands {1e3 * worst[1]:+.3g} mm from start_position_m: its zero is elsewhere, or a "
-            "start position is wrong. The sensor is not used for the model, so this changes nothing"
-        )
-    return remarks
+def _same_step(one: float, other: float) -> bool:
+    quotient = max(one, other) / min(one, other)
+    return round(quotient) <= MOST_COARSE and abs(quotient - round(quotient)) < SAME_STEP

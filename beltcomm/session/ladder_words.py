@@ -19,6 +19,11 @@ from beltcomm.session.revisions import Revision
 BAR = 40
 
 
+def remark_lines(remarks: Sequence[str]) -> list[str]:
+    """What is odd about the records, before anything else."""
+    return ["Of the records:", *(f"  {remark}" for remark in remarks), ""] if remarks else []
+
+
 def comparison_lines(comparison: Comparison, places: Sequence[str], model: Model, run: Path) -> list[str]:
     """``beltcomm compare``."""
     held = "" if comparison.held_out is None else f", on records that were not fitted {comparison.held_out:.2f}"
