@@ -18,6 +18,7 @@ from beltcomm.laboratory.fitting import Fitted, fit
 from beltcomm.laboratory.intervals import with_intervals
 from beltcomm.laboratory.place_words import in_words
 from beltcomm.laboratory.run_checks import Checked, checked
+from beltcomm.laboratory.scope import lacking, within_scope
 from beltcomm.laboratory.score import ground_of
 from beltcomm.laboratory.stage import Candidate, with_effect
 from beltcomm.laboratory.start import start_model
@@ -128,9 +129,16 @@ def diagnose_run(
     talk.phase(1, 1, "search for missing effects")
     start = model if model is not None else start_model(folder.axis, recordings)
     found = diagnose(recordings, folder.axis, start, progress=lambda fraction: talk.progress(fraction, None))
+    found, doubts = within_scope(found, recordings)
     crossed = cross_checked(found, recordings, folder.axis)
-    data: dict[str, Any] = {"run": str(run), **diagnosis_data(found), **as_data(crossed), "remarks": list(records.remarks)}
-    text = words.remark_lines(records.remarks) + words.diagnosis_lines(found) + check_lines(crossed, folder.axis)
+    data: dict[str, Any] = {
+        "run": str(run),
+        **diagnosis_data(found),
+        **as_data(crossed),
+        "remarks": list(records.remarks),
+        "doubts": doubts,
+    }
+    text = words.remark_lines(records.remarks) + words.diagnosis_lines(found) + doubts + check_lines(crossed, folder.axis)
     added_names = [step.added for step in found.steps if step.added]
     if cost and added_names:
         talk.phase(1, 1, "what it costs in tracking")
@@ -151,7 +159,10 @@ def sight(folder: RunFolder, found: Diagnosis, recordings: Sequence[Recording], 
     """What these data could not have shown, and with ``following`` the plan of what to record next, saved."""
     sights = visible(found.base, ground_of(found.base, found.base.problem.pieces, folder.axis))
     data: dict[str, Any] = {"visible": [seen_as(one) for one in sights]}
-    lines = words.sight_lines(sights)
+    model = found.base.model
+    missing = lacking(recordings, model["transmission.ratio"]) if "cart" in model.base_bodies else []
+    data["lacking"] = missing
+    lines = words.lacking_lines(missing) + words.sight_lines(sights)
     if following:
         travel = float(folder.axis.travel.max_m or 1.0) - float(folder.axis.travel.min_m or 0.0)
         wanted = plan_for(found.twins, [one for one in sights if not one.seen], recorded_sets(recordings, travel))

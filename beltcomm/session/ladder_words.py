@@ -73,6 +73,11 @@ def after_diagnosis(found: Diagnosis, run: Path) -> list[str]:
     return []
 
 
+def lacking_lines(missing: Sequence[str]) -> list[str]:
+    """Which records are not there."""
+    return ["These records lack:", *(f"  {line}" for line in missing)] if missing else []
+
+
 def sight_lines(sights: Sequence[Sight]) -> list[str]:
     """What these data could not have shown."""
     blind = [sight for sight in sights if not sight.seen]
