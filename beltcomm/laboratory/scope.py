@@ -11,8 +11,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from beltcomm.effects import effect_named
+from beltcomm.effects import EFFECTS
 from beltcomm.laboratory.diagnosis import Diagnosis, Step
+from beltcomm.model import Model
 from beltcomm.recording import Recording
 
 #: Slots of effects that show near the antiresonance and above.
@@ -25,10 +26,11 @@ SLOW_M_S, APART_M = 0.08, 0.1
 
 def within_scope(found: Diagnosis, recordings: Sequence[Recording]) -> tuple[Diagnosis, list[str]]:
     """The diagnosis without names that these records cannot bear, and sentences on it."""
-    if "cart" not in found.base.model.base_bodies or excited(recordings):
+    unnamed = not_named(found.base.model, recordings)
+    if not unnamed:
         return found, []
     for number, step in enumerate(found.steps):
-        if step.added and effect_named(step.added).slot in FAST_SLOTS:
+        if step.added in unnamed:
             kept = (*found.steps[:number], Step(step.before, step.candidates, "", (), step.before))
             sentence = (
                 f"{step.added} fits best, but no record is excited: strokes and moves hardly contain the frequencies at which it acts, so "
@@ -45,6 +47,13 @@ def within_scope(found: Diagnosis, recordings: Sequence[Recording]) -> tuple[Dia
     return found, []
 
 
+def not_named(model: Model, recordings: Sequence[Recording]) -> set[str]:
+    """Effects that these records cannot bear a name of."""
+    if "cart" not in model.base_bodies or excited(recordings):
+        return set()
+    return {effect.name for effect in EFFECTS if effect.slot in FAST_SLOTS}
+
+
 def excited(recordings: Sequence[Recording]) -> bool:
     """Whether a record to fit is excited."""
     return any(r.sidecar.experiment == "frf" and not r.sidecar.held_out for r in recordings)
@@ -55,7 +64,7 @@ def lacking(recordings: Sequence[Recording], ratio_m_rad: float) -> list[str]:
     to_fit = [r for r in recordings if not (r.sidecar.held_out or r.is_static_map)]
     lines = []
     if not excited(to_fit):
-        lines.append("no excited record (frf): belt, delays, lags and payloads on springs are hardly seen")
+        lines.append("no excited record (frf): nothing about belt, delays, lags and payloads on springs is named")
     speeds = [float(np.percentile(np.abs(np.gradient(r.position, r.t_s)), 90.0)) * ratio_m_rad for r in to_fit]
     strokes = [speed for r, speed in zip(to_fit, speeds, strict=True) if r.sidecar.experiment != "frf"]
     if not any(speed < SLOW_M_S for speed in strokes):

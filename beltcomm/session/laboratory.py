@@ -18,7 +18,7 @@ from beltcomm.laboratory.fitting import Fitted, fit
 from beltcomm.laboratory.intervals import with_intervals
 from beltcomm.laboratory.place_words import in_words
 from beltcomm.laboratory.run_checks import Checked, checked
-from beltcomm.laboratory.scope import lacking, within_scope
+from beltcomm.laboratory.scope import lacking, not_named, within_scope
 from beltcomm.laboratory.score import ground_of
 from beltcomm.laboratory.stage import Candidate, with_effect
 from beltcomm.laboratory.start import start_model
@@ -162,7 +162,7 @@ def sight(folder: RunFolder, found: Diagnosis, recordings: Sequence[Recording], 
     model = found.base.model
     missing = lacking(recordings, model["transmission.ratio"]) if "cart" in model.base_bodies else []
     data["lacking"] = missing
-    lines = words.lacking_lines(missing) + words.sight_lines(sights)
+    lines = words.lacking_lines(missing) + words.sight_lines(sights, not_named(model, recordings))
     if following:
         travel = float(folder.axis.travel.max_m or 1.0) - float(folder.axis.travel.min_m or 0.0)
         wanted = plan_for(found.twins, [one for one in sights if not one.seen], recorded_sets(recordings, travel))
