@@ -26,6 +26,8 @@ Array = NDArray[np.float64]
 
 #: s; no record shorter than this shows a motion, its start and its end left aside.
 SHORTEST_S = 1.0
+#: rad/s; below this the motor may be sticking, and the model's equation says nothing (``identify.residual``).
+SLOWEST_RAD_S = 0.5
 #: Rows amiss in one record from which on it is no single slip of the encoder.
 SEVERAL = 2
 #: s that a record must last up to its first lost sample to be used, and share of all rows that must be left.
@@ -62,7 +64,7 @@ def checked(recordings: Sequence[Recording], axis: Axis, *, foreign: bool) -> Ch
     if not timed:
         raise DataError("all records are static maps, which hold no motion; a model needs records with t_s")
     remarks: list[str] = []
-    _refuse_short(timed)
+    _refuse_short(timed, axis)
     evened = _sampled(timed, remarks)
     if axis.get("pulley.effective_radius_m") is not None:
         evened = _before_gaps(evened, remarks)
@@ -82,7 +84,7 @@ def _duration(record: Recording) -> float:
     return float(record.t_s[-1] - record.t_s[0])
 
 
-def _refuse_short(timed: Sequence[Recording]) -> None:
+def _refuse_short(timed: Sequence[Recording], axis: Axis) -> None:
     to_fit = [r for r in timed if not r.sidecar.held_out]
     if not to_fit:
         raise DataError("all recordings are held out or static maps; nothing is left to fit: set held_out: false in the sidecar of one")
@@ -92,6 +94,23 @@ def _refuse_short(timed: Sequence[Recording]) -> None:
             f"the records are too short: the longest that may be fitted, {longest.name}, lasts {_duration(longest):.2g} s, at least "
             f"{SHORTEST_S:g} s of motion are needed (a stroke or an excitation of several seconds tells more); record longer"
         )
+    if longest.side == "motor" and axis.get("pulley.effective_radius_m") is not None:
+        moving = sum(_moving_s(r) for r in to_fit)
+        if moving < SHORTEST_S:
+            raise DataError(
+                f"the motor turns faster than {SLOWEST_RAD_S:g} rad/s in only {moving:.2g} s of {names_of(to_fit)}; at least "
+                f"{SHORTEST_S:g} s "
+                "are needed, for a motor that creeps or sticks shows its friction and nothing else; record strokes or an excitation"
+            )
+
+
+def _moving_s(record: Recording) -> float:
+    """s for which the motor turns, its speed taken over 10 ms."""
+    span = max(1, round(0.01 / record.sample_period_s))
+    if len(record.position) <= span:
+        return 0.0
+    speed = np.abs(record.position[span:] - record.position[:-span]) / (record.t_s[span:] - record.t_s[:-span])
+    return float(np.count_nonzero(speed > SLOWEST_RAD_S)) * record.sample_period_s
 
 
 def _sampled(timed: Sequence[Recording], remarks: list[str]) -> list[Recording]:
