@@ -151,8 +151,8 @@ class Recording:
             if reached.min() < low - 0.05 * (high - low) or reached.max() > high + 0.05 * (high - low):
                 raise self._fault(
                     f"from start_position_m {start:.6g} m the carriage goes from {reached.min():.6g} to {reached.max():.6g} m, "
-                    f"outside the travel {low:g}..{high:g} m of {axis}; correct start_position_m, the sign or unit of the angle, or "
-                    "the axis file"
+                    f"outside the travel {low:g}..{high:g} m of {axis}; correct start_position_m or the axis file, "
+                    "or the sign of the angle"
                 )
         if ratio is not None and self.cart_position_m is not None and moved > 0.0:
             quotient = float(np.ptp(self.cart_position_m)) / (moved * ratio)
