@@ -28,6 +28,8 @@ Array = NDArray[np.float64]
 SHORTEST_S = 1.0
 #: rad/s; below this the motor may be sticking, and the model's equation says nothing (``identify.residual``).
 SLOWEST_RAD_S = 0.5
+#: s; for so long at least it must not.
+LEAST_MOVING_S = 0.5
 #: Rows amiss in one record from which on it is no single slip of the encoder.
 SEVERAL = 2
 #: s that a record must last up to its first lost sample to be used, and share of all rows that must be left.
@@ -96,7 +98,7 @@ def _refuse_short(timed: Sequence[Recording], axis: Axis) -> None:
         )
     if longest.side == "motor" and axis.get("pulley.effective_radius_m") is not None:
         moving = sum(_moving_s(r) for r in to_fit)
-        if moving < SHORTEST_S:
+        if moving < LEAST_MOVING_S:
             raise DataError(
                 f"the motor turns faster than {SLOWEST_RAD_S:g} rad/s in only {moving:.2g} s of {names_of(to_fit)}; at least "
                 f"{SHORTEST_S:g} s "
