@@ -101,7 +101,7 @@ def _refuse_short(timed: Sequence[Recording], axis: Axis) -> None:
         if moving < LEAST_MOVING_S:
             raise DataError(
                 f"the motor turns faster than {SLOWEST_RAD_S:g} rad/s in only {moving:.2g} s of {names_of(to_fit)}; at least "
-                f"{SHORTEST_S:g} s "
+                f"{LEAST_MOVING_S:g} s "
                 "are needed, for a motor that creeps or sticks shows its friction and nothing else; record strokes or an excitation"
             )
 
