@@ -151,7 +151,8 @@ class Recording:
             if reached.min() < low - 0.05 * (high - low) or reached.max() > high + 0.05 * (high - low):
                 raise self._fault(
                     f"from start_position_m {start:.6g} m the carriage goes from {reached.min():.6g} to {reached.max():.6g} m, "
-                    f"outside the travel {low:g}..{high:g} m of {axis}; correct start_position_m or the axis file"
+                    f"outside the travel {low:g}..{high:g} m of {axis}; correct start_position_m or the axis file, "
+                    "or the sign of the angle"
                 )
         if ratio is not None and self.cart_position_m is not None and moved > 0.0:
             quotient = float(np.ptp(self.cart_position_m)) / (moved * ratio)
@@ -210,7 +211,11 @@ class Recording:
                 raise self._fault(f"{column} in row {row + 1} is {values[row]}; leave out the rows without a value")
         if not self.is_static_map:
             self._check_time()
-        for signal, remedy in (("position", "the axis did not move or the column is wrong"), ("torque", "the column is wrong")):
+        lasts = "" if self.is_static_map else f" ({float(self.t_s[-1] - self.t_s[0]):.3g} s)"
+        for signal, remedy in (
+            ("position", f"the axis did not move, the record{lasts} is too short or the column is wrong"),
+            ("torque", "the column is wrong"),
+        ):
             values = getattr(self, signal)
             if np.ptp(values) == 0.0:
                 unit = unit_of(channels[signal])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,10 +59,13 @@ def clipped_share(torque: Array, setpoint: Array | None, amplitude: float | None
     at_end = np.zeros(len(torque), dtype=bool)
     for end in (float(torque.max()), float(torque.min())):
         at_end |= _in_runs(torque == end) & (end != 0.0)
+    levels = np.unique(torque)
     if setpoint is not None:
         asked = np.minimum.reduce([np.roll(np.abs(setpoint), lag) for lag in range(3)])  # the torque follows 1 to 2 samples late
-        return float(np.mean(at_end & (asked > 1.02 * np.abs(torque))))
-    levels = np.unique(torque)
+        beyond = float(np.mean(at_end & (asked > 1.02 * np.abs(torque))))
+        # a setpoint that was cut off with it: noise that is everywhere but at the ends
+        silent = len(levels) > SWITCHED_LEVELS and _noise(torque, setpoint) > 3.0 * float(np.min(np.diff(levels)))
+        return max(beyond, float(np.mean(at_end)) if silent else 0.0)
     if len(levels) <= SWITCHED_LEVELS:
         short = amplitude is not None and np.abs(torque).max() < 0.9 * amplitude
         return float(np.mean(at_end)) if short else 0.0
@@ -72,13 +76,18 @@ def clipped_share(torque: Array, setpoint: Array | None, amplitude: float | None
     return float(np.mean(at_end)) if len(entries) and np.median(jumps) > 3.0 * smallest else 0.0
 
 
+def _noise(torque: Array, setpoint: Array) -> float:
+    """Median deviation of the torque from its setpoint, at the delay that suits best."""
+    return min(float(np.median(np.abs(torque[2:] - setpoint[2 - lag : len(setpoint) - lag]))) for lag in range(3))
+
+
 def reference_unit_fault(signal: Array, reference: Array) -> str:
     """What is wrong with the unit of a signal's reference, in words; "" when they agree or nothing can be told."""
     measured, asked = signal - signal.mean(), reference - reference.mean()
     power = float(measured @ measured), float(asked @ asked)
     if min(power) <= 0.0 or abs(measured @ asked) < 0.98 * math.sqrt(power[0] * power[1]):
         return ""
-    return _unit_words(math.copysign(math.sqrt(power[1] / power[0]), float(measured @ asked)), "reference", "signal")
+    return unit_words(math.copysign(math.sqrt(power[1] / power[0]), float(measured @ asked)), "reference", "signal")
 
 
 def opposite_signs(t_s: Array, torque: Array, position: Array) -> bool:
@@ -95,6 +104,45 @@ def opposite_signs(t_s: Array, torque: Array, position: Array) -> bool:
     widths = [max(2, round(window / period)) for window in (0.08, 0.16, 0.32)]
     found = [share for width in widths if len(torque) >= 12 * width for share in _shares(torque, position, width)]
     return bool(found) and min(found) < -0.5 and max(found) < -0.5 * min(found)
+
+
+@dataclass(frozen=True)
+class RigidInertia:
+    """inertia, error : of everything that the motor turns, and its standard deviation, torque over angular acceleration.
+    dynamic : rms of the accelerating torque over the friction."""
+
+    inertia: float
+    error: float
+    dynamic: float
+
+
+def rigid_inertia(t_s: Array, torque: Array, position: Array) -> RigidInertia | None:
+    """Inertia of the axis as one rigid body, from its slow motion; None for a record that is too short.
+
+        torque = inertia acceleration + damping speed + level sign(speed) + constant,   each under a triangle of 0.16 s
+
+    below the antiresonance of any drive train this is motor and carriage together.  Neighbouring rows of the regression overlap by
+    three quarters: the error counts each eighth row.
+    """
+    even = np.arange(t_s[0], t_s[-1], float(np.median(np.diff(t_s))))
+    width = max(2, round(0.08 / float(even[1] - even[0]))) if len(even) > 1 else 0
+    if width == 0 or len(even) < 8 * width:
+        return None
+    torque, position = np.interp(even, t_s, torque), np.interp(even, t_s, position)
+    span, every = width * float(even[1] - even[0]), max(1, width // 4)
+    before, middle, after = position[: -2 * width], position[width:-width], position[2 * width :]
+    force = _running_mean(_running_mean(torque, width), width)[1:-1][::every]
+    direction = _running_mean(_running_mean(np.sign(np.gradient(position)), width), width)[1:-1][::every]
+    rows = min(len(force), len(direction))
+    acceleration, speed = ((after - 2.0 * middle + before)[::every] / span**2)[:rows], ((after - before)[::every] / (2.0 * span))[:rows]
+    columns = np.column_stack([acceleration, speed, direction[:rows], np.ones(rows)])
+    scale = np.maximum(np.abs(columns).max(axis=0), 1e-300)
+    found = np.linalg.lstsq(columns / scale, force[:rows], rcond=1e-8)[0] / scale
+    left = force[:rows] - columns @ found
+    covariance = np.linalg.pinv((columns / scale).T @ (columns / scale)) / np.outer(scale, scale)
+    error = math.sqrt(8.0 * float(left @ left) / max(rows - 4, 1) * float(covariance[0, 0]))
+    accelerating = abs(float(found[0])) * float(np.sqrt(np.mean(acceleration**2)))
+    return RigidInertia(float(found[0]), error, accelerating / max(abs(float(found[2])), 1e-300))
 
 
 def _shares(torque: Array, position: Array, width: int) -> tuple[float, float]:
@@ -148,10 +196,10 @@ def velocity_unit_fault(t_s: Array, position: Array, velocity: Array) -> str:
     power = float(travel @ travel), float(by_velocity @ by_velocity)
     if min(power) <= 0.0 or abs(travel @ by_velocity) < 0.9 * math.sqrt(power[0] * power[1]):
         return ""
-    return _unit_words(math.copysign(math.sqrt(power[1] / power[0]), float(travel @ by_velocity)), "velocity", "position")
+    return unit_words(math.copysign(math.sqrt(power[1] / power[0]), float(travel @ by_velocity)), "velocity", "position")
 
 
-def _unit_words(quotient: float, upper: str, lower: str) -> str:
+def unit_words(quotient: float, upper: str, lower: str) -> str:
     """What a quotient of two signals tells of their units; "" when it is none of UNIT_FACTORS."""
     for factor, words in UNIT_FACTORS.items():
         if abs(quotient / factor - 1.0) < 0.05:

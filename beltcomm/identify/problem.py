@@ -171,8 +171,9 @@ class Problem:
         return columns
 
     def block_means(self, residual: Array) -> Array:
-        """Mean square of every block, (blocks,)."""
-        return np.asarray(np.bincount(self.blocks, residual**2) / np.maximum(self.count, 1.0))
+        """Mean square of every block, (blocks,); infinite where a trial runs away."""
+        with np.errstate(over="ignore"):
+            return np.asarray(np.bincount(self.blocks, residual**2) / np.maximum(self.count, 1.0))
 
     def objective(self, residual: Array) -> float:
         """O of the module."""

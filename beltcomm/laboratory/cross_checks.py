@@ -1,14 +1,15 @@
-"""What a fitted model says besides its error: resonances, its cogging against a static map, the most that friction could explain."""
+"""What a fitted model says besides its error: data sheets, resonances, its cogging against a static map, the bound of friction."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from beltcomm.axis import Axis
 from beltcomm.effects import EFFECTS, Ground
 from beltcomm.laboratory.fitting import Fitted
 from beltcomm.laboratory.score import Scorer
@@ -26,6 +27,79 @@ ZEROS = 2000
 CONFIRMED = 0.9
 #: Ratio of the loudness of two excited records from which they show an amplitude dependence.
 LOUDER = 1.5
+#: Error over noise up to which a fitted number is worth comparing with a data sheet, and its relative half interval.
+COMPARABLE, KNOWN_TO = 1.5, 0.1
+#: Relative difference that data sheets may have: of the inertia on the motor's side, of the belt's stiffness (by its strands and the
+#: clamps); and of the inertia where no record is excited.
+INERTIA_SHEET, STIFFNESS_SHEET, UNEXCITED = 0.2, 0.3, 0.5
+#: ln of the quotient of two factors that are one, and of a factor and a known one.
+ONE_FACTOR, KNOWN_FACTOR = 0.3, 0.15
+
+
+@dataclass(frozen=True)
+class SheetDoubt:
+    """A number of axis.yaml that the records contradict.
+
+    entry : its key.   sheet, found, interval : in ``unit``; interval None where it is not known.   factor : found over sheet.
+    common : what may be wrong where inertia and stiffness are off alike, else "".
+    """
+
+    entry: str
+    unit: str
+    sheet: float
+    found: float
+    interval: float | None
+    factor: float
+    common: str = ""
+
+
+def sheet_doubts(model: Model, ratio: float, axis: Axis, recordings: Sequence[Recording]) -> tuple[SheetDoubt, ...]:
+    """Where the fitted model contradicts the data sheets.   model : with intervals.   ratio : its error over the noise.
+
+    Inertia and stiffness are known to the motor only times the scale of the torque and over that of the angle: where both are off by one
+    factor, the scale is wrong.  A wrong radius shows in the stiffness alone, k ~ 1/r², and so does a wrong belt.
+    """
+    if "cart" not in model.base_bodies or model.side != "motor" or ratio > COMPARABLE:
+        return ()
+    excited = any(r.sidecar.experiment == "frf" and not r.sidecar.held_out for r in recordings)
+    inertia = stiffness = None
+    if axis.get("motor.inertia_kg_m2") is not None and "coupling" not in model.effects:
+        sheet = axis.motor_side_inertia_kg_m2
+        inertia = _doubt(model, "motor.inertia", "motor.inertia_kg_m2", sheet, sheet, INERTIA_SHEET if excited else UNEXCITED)
+    places = [r.sidecar.start_position_m for r in recordings if r.sidecar.experiment == "frf" and r.sidecar.start_position_m is not None]
+    known = axis.get("belt.specific_stiffness_n") is not None and axis.get("belt.pulley_distance_m") is not None
+    if excited and known and places and "belt_stiffness" in model.effects:
+        # one stiffness was fitted to all places: it stands for those in the middle
+        sheets = [axis.belt_stiffness_n_m(float(place)) for place in np.percentile(places, [25.0, 75.0])]
+        stiffness = _doubt(model, "belt_stiffness.stiffness", "belt.specific_stiffness_n", min(sheets), max(sheets), STIFFNESS_SHEET)
+    if inertia and stiffness and abs(math.log(inertia.factor / stiffness.factor)) < ONE_FACTOR:
+        factor = math.sqrt(inertia.factor * stiffness.factor)
+        common = _scale_words(factor, axis)
+        inertia, stiffness = replace(inertia, common=common), replace(stiffness, common=common)
+    return tuple(doubt for doubt in (inertia, stiffness) if doubt is not None)
+
+
+def _doubt(model: Model, name: str, entry: str, low: float, high: float, tolerance: float) -> SheetDoubt | None:
+    item = model.parameters.get(name)
+    if item is None or item.interval is None or item.interval > KNOWN_TO * item.value or low <= 0.0:
+        return None
+    sheet = min(max(item.value, low), high)
+    if sheet / (1.0 + tolerance) <= item.value + item.interval and item.value - item.interval <= sheet * (1.0 + tolerance):
+        return None
+    return SheetDoubt(entry, item.unit, sheet, item.value, item.interval, item.value / sheet)
+
+
+def _scale_words(factor: float, axis: Axis) -> str:
+    """What a common factor of inertia and stiffness may be."""
+    constant, rated = axis.get("motor.torque_constant_nm_a"), axis.get("motor.rated_torque_nm")
+    known = {math.tau: "the angle in revolutions instead of rad", math.pi / 180.0: "the angle in degrees instead of rad"}
+    known |= {1e3: "the torque in mN m", 1e-3: "the torque in kN m"}
+    if constant:
+        known |= {1.0 / float(constant): "the current in A instead of the torque", float(constant): "the torque constant counted twice"}
+    if rated:
+        known |= {1.0 / float(rated): "the torque as a share of the rated torque", float(rated): "the rated torque counted twice"}
+    words = " or ".join(text for other, text in known.items() if abs(math.log(factor / other)) < KNOWN_FACTOR)
+    return words or "the scale of the torque or of the angle"
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""What a diagnosis is checked against, besides its error: resonances, static maps, the bound of friction."""
+"""What a diagnosis is checked against, besides its error: data sheets, resonances, static maps, the bound of friction."""
 
 from __future__ import annotations
 
@@ -9,8 +9,19 @@ from typing import Any
 import numpy as np
 
 from beltcomm.axis import Axis
-from beltcomm.laboratory.cross_checks import MapCheck, Resonances, amplitudes_fitted, friction_bound, map_checks, resonances
+from beltcomm.laboratory.cross_checks import (
+    MapCheck,
+    Resonances,
+    SheetDoubt,
+    amplitudes_fitted,
+    friction_bound,
+    map_checks,
+    resonances,
+    sheet_doubts,
+)
 from beltcomm.laboratory.diagnosis import Diagnosis
+from beltcomm.laboratory.fitting import Fitted
+from beltcomm.laboratory.intervals import with_intervals
 from beltcomm.laboratory.score import ground_of
 from beltcomm.recording import Recording
 
@@ -23,12 +34,14 @@ SHOWN = 6
 @dataclass(frozen=True)
 class Checks:
     """resonances : None for one rigid body.   amplitudes : whether the records show a dependence on amplitude.   maps : static maps.
-    friction_bound : share of the squares that any further law of friction could explain; None where nothing is missing."""
+    friction_bound : share of the squares that any further law of friction could explain; None where nothing is missing.
+    sheets : what contradicts the data sheets."""
 
     resonances: Resonances | None
     amplitudes: bool
     maps: tuple[MapCheck, ...]
     friction_bound: float | None
+    sheets: tuple[SheetDoubt, ...]
 
 
 def cross_checked(found: Diagnosis, recordings: Sequence[Recording], axis: Axis) -> Checks:
@@ -42,7 +55,52 @@ def cross_checked(found: Diagnosis, recordings: Sequence[Recording], axis: Axis)
         amplitudes_fitted(recordings),
         map_checks(recordings, model),
         friction_bound(found.after, ground_of(found.after, found.data.fitted, axis)) if open_question else None,
+        doubts_of(found.after, axis, recordings),
     )
+
+
+def doubts_of(fitted: Fitted, axis: Axis, recordings: Sequence[Recording]) -> tuple[SheetDoubt, ...]:
+    """What of the data sheets a fitted model contradicts."""
+    return sheet_doubts(with_intervals(fitted), fitted.ratio, axis, recordings)
+
+
+def sheet_lines(doubts: Sequence[SheetDoubt], axis: Axis) -> list[str]:
+    """As sentences: a wrong data sheet is no effect."""
+    lines = []
+    for doubt in doubts:
+        width = "" if doubt.interval is None else f" ± {doubt.interval:.1g}"
+        what, known = _SHEETS[doubt.entry]
+        lines.append(
+            f"Data sheet: {what} is {doubt.found:.4g}{width} {doubt.unit} by the records, {doubt.sheet:.4g} {doubt.unit} by {axis} "
+            f"(factor {doubt.factor:.2g}, {known}). The model uses what was measured; this is no missing effect."
+        )
+        if not doubt.common:
+            lines.append(f"  {_CHECKS[doubt.entry]}")
+    common = next((doubt.common for doubt in doubts if doubt.common), "")
+    if common:
+        lines.append(
+            f"  Both are off by about one factor, so it is rather a unit than the data sheets: {common}. Look at the columns' units and at "
+            "motor.torque_constant_nm_a; everything in N m and kg is off by the same factor."
+        )
+    return lines
+
+
+#: What stands behind an entry of the axis file: words, and what it may differ by.
+_SHEETS = {
+    "motor.inertia_kg_m2": ("the inertia on the motor's side", "data sheets are within 20 %"),
+    "belt.specific_stiffness_n": ("the belt's stiffness", "data sheets are within 30 %"),
+}
+_CHECKS = {
+    "motor.inertia_kg_m2": (
+        "Check in axis.yaml motor.inertia_kg_m2 and the inertias of coupling, gearbox and pulley (1 kg cm² is 1e-4 kg m²; a brake adds to "
+        "it); where they are right, the sample period or the scale of the torque."
+    ),
+    "belt.specific_stiffness_n": (
+        "Check in axis.yaml pulley.effective_radius_m (the stiffness goes with 1/radius²: measure how far the carriage "
+        "goes in ten turns of "
+        "the motor), gearbox.ratio, belt.specific_stiffness_n and pulley_distance_m; on the machine the belt's tension and its clamps."
+    ),
+}
 
 
 def as_data(checks: Checks) -> dict[str, Any]:
@@ -51,12 +109,13 @@ def as_data(checks: Checks) -> dict[str, Any]:
         "resonances": None if checks.resonances is None else asdict(checks.resonances),
         "static_maps": [{**asdict(check), "confirmed": check.confirmed} for check in checks.maps],
         "friction_bound": checks.friction_bound,
+        "data_sheet": [asdict(doubt) for doubt in checks.sheets],
     }
 
 
-def check_lines(checks: Checks) -> list[str]:
+def check_lines(checks: Checks, axis: Axis) -> list[str]:
     """As sentences."""
-    lines = []
+    lines = sheet_lines(checks.sheets, axis)
     if checks.resonances is not None:
         low, high = (", ".join(f"{f:.1f}" for f in row) or "none" for row in asdict(checks.resonances).values())
         lines.append(f"The motor's response has its antiresonance at {low} Hz and its resonance at {high} Hz.")

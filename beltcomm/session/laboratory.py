@@ -11,11 +11,14 @@ from typing import Any
 from beltcomm.effects import effect_named
 from beltcomm.errors import UsageError
 from beltcomm.laboratory.compare import Comparison, compare, landmarks, worst
+from beltcomm.laboratory.cross_checks import SheetDoubt
 from beltcomm.laboratory.data import Data
 from beltcomm.laboratory.diagnosis import NEXT_ITERATIONS, Diagnosis, again, diagnose, fitted_base
 from beltcomm.laboratory.fitting import Fitted, fit
 from beltcomm.laboratory.intervals import with_intervals
 from beltcomm.laboratory.place_words import in_words
+from beltcomm.laboratory.run_checks import Checked, checked
+from beltcomm.laboratory.scope import lacking, not_named, within_scope
 from beltcomm.laboratory.score import ground_of
 from beltcomm.laboratory.stage import Candidate, with_effect
 from beltcomm.laboratory.start import start_model
@@ -27,7 +30,7 @@ from beltcomm.runfolder import RunFolder
 from beltcomm.session import ladder_words as words
 from beltcomm.session import pictures as drawn
 from beltcomm.session.cost import cost_lines, cost_or_reason
-from beltcomm.session.cross_check_words import as_data, check_lines, cross_checked
+from beltcomm.session.cross_check_words import as_data, check_lines, cross_checked, doubts_of, sheet_lines
 from beltcomm.session.next_plan import NAME, plan_for, recorded_sets
 from beltcomm.session.revisions import Revision, as_mapping, changed_recordings, current_model, current_revision, new_revision, revisions
 from beltcomm.talk import Silence, Talk
@@ -45,17 +48,28 @@ class Opened:
     folder: RunFolder
     data: Data
     fitted: Fitted
+    records: Checked
+
+    @property
+    def sheets(self) -> tuple[SheetDoubt, ...]:
+        """What of the data sheets the model contradicts."""
+        return doubts_of(self.fitted, self.folder.axis, self.records.recordings)
+
+
+def records_of(folder: RunFolder) -> Checked:
+    """The records of a run, checked together.   Raises DataError for records that no model can be judged on."""
+    return checked(folder.recordings(), folder.axis, foreign=not folder.drive)
 
 
 def opened(run: Path, talk: Talk) -> Opened:
     """The current model of a run, or the base model where there is none yet, fitted to all records."""
     folder = RunFolder.open(run)
-    recordings = folder.recordings()
+    records = records_of(folder)
     talk.phase(1, 1, "fit of the present model")
     model = current_model(folder)
-    start = model if model is not None else start_model(folder.axis, recordings)
-    data, fitted = fitted_base(recordings, folder.axis, start)
-    return Opened(folder, data, fitted)
+    start = model if model is not None else start_model(folder.axis, records.recordings)
+    data, fitted = fitted_base(records.recordings, folder.axis, start)
+    return Opened(folder, data, fitted, records)
 
 
 def compare_run(run: Path, *, pictures: bool = True, command: str = "", talk: Talk | None = None) -> Result:
@@ -84,8 +98,12 @@ def compare_run(run: Path, *, pictures: bool = True, command: str = "", talk: Ta
             for p in chosen
         ],
         "pictures": made,
+        "remarks": list(here.records.remarks),
+        "data_sheet": [plain(doubt) for doubt in here.sheets],
     }
-    text = words.comparison_lines(comparison, [in_words(p, named) for p in chosen], here.fitted.model, run)
+    text = words.remark_lines(here.records.remarks)
+    text += words.comparison_lines(comparison, [in_words(p, named) for p in chosen], here.fitted.model, run)
+    text[-1:-1] = sheet_lines(here.sheets, here.folder.axis)
     return Result(data, text[:-1] + drawn.lines(here.folder, made, remarks) + text[-1:])
 
 
@@ -105,14 +123,22 @@ def diagnose_run(
     """
     talk = talk or Silence()
     folder = RunFolder.open(run)
-    recordings = folder.recordings()
+    records = records_of(folder)
+    recordings = records.recordings
     model = current_model(folder)
     talk.phase(1, 1, "search for missing effects")
     start = model if model is not None else start_model(folder.axis, recordings)
     found = diagnose(recordings, folder.axis, start, progress=lambda fraction: talk.progress(fraction, None))
-    checked = cross_checked(found, recordings, folder.axis)
-    data: dict[str, Any] = {"run": str(run), **diagnosis_data(found), **as_data(checked)}
-    text = words.diagnosis_lines(found) + check_lines(checked)
+    found, doubts = within_scope(found, recordings)
+    crossed = cross_checked(found, recordings, folder.axis)
+    data: dict[str, Any] = {
+        "run": str(run),
+        **diagnosis_data(found),
+        **as_data(crossed),
+        "remarks": list(records.remarks),
+        "doubts": doubts,
+    }
+    text = words.remark_lines(records.remarks) + words.diagnosis_lines(found) + doubts + check_lines(crossed, folder.axis)
     added_names = [step.added for step in found.steps if step.added]
     if cost and added_names:
         talk.phase(1, 1, "what it costs in tracking")
@@ -133,7 +159,10 @@ def sight(folder: RunFolder, found: Diagnosis, recordings: Sequence[Recording], 
     """What these data could not have shown, and with ``following`` the plan of what to record next, saved."""
     sights = visible(found.base, ground_of(found.base, found.base.problem.pieces, folder.axis))
     data: dict[str, Any] = {"visible": [seen_as(one) for one in sights]}
-    lines = words.sight_lines(sights)
+    model = found.base.model
+    missing = lacking(recordings, model["transmission.ratio"]) if "cart" in model.base_bodies else []
+    data["lacking"] = missing
+    lines = words.lacking_lines(missing) + words.sight_lines(sights, not_named(model, recordings))
     if following:
         travel = float(folder.axis.travel.max_m or 1.0) - float(folder.axis.travel.min_m or 0.0)
         wanted = plan_for(found.twins, [one for one in sights if not one.seen], recorded_sets(recordings, travel))
@@ -281,8 +310,9 @@ def change_result(here: Opened, grown: Data, after: Fitted, rung: Revision, note
         "after": {"ratio": after.ratio, "held_out": after.held_ratio},
         "parameters": values_of(model),
         "pictures": made,
+        "remarks": list(here.records.remarks),
     }
-    text = words.change_lines(here.fitted, model, after, rung, note, run)
+    text = words.remark_lines(here.records.remarks) + words.change_lines(here.fitted, model, after, rung, note, run)
     return Result(data, text[:-1] + drawn.lines(here.folder, made, remarks) + text[-1:])
 
 

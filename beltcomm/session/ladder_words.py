@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 
 from beltcomm.effects import Effect, effect_named
@@ -17,6 +17,11 @@ from beltcomm.session.revisions import Revision
 
 #: Characters of the longest bar of a staircase.
 BAR = 40
+
+
+def remark_lines(remarks: Sequence[str]) -> list[str]:
+    """What is odd about the records, before anything else."""
+    return ["Of the records:", *(f"  {remark}" for remark in remarks), ""] if remarks else []
 
 
 def comparison_lines(comparison: Comparison, places: Sequence[str], model: Model, run: Path) -> list[str]:
@@ -68,19 +73,30 @@ def after_diagnosis(found: Diagnosis, run: Path) -> list[str]:
     return []
 
 
-def sight_lines(sights: Sequence[Sight]) -> list[str]:
-    """What these data could not have shown."""
-    blind = [sight for sight in sights if not sight.seen]
+def lacking_lines(missing: Sequence[str]) -> list[str]:
+    """Which records are not there."""
+    return ["These records lack:", *(f"  {line}" for line in missing)] if missing else []
+
+
+def sight_lines(sights: Sequence[Sight], unnamed: Collection[str] = ()) -> list[str]:
+    """What these data could not have shown.   unnamed : effects that are not named from them, whatever they show."""
+    blind = [sight for sight in sights if not sight.seen and sight.effect.name not in unnamed]
     if not blind:
-        return ["Every effect of the catalogue, of typical size, would have been seen in these data."]
+        return [f"Every {'other ' if unnamed else ''}effect of the catalogue, of typical size, would have been seen in these data."]
     lines = ["Could not have been seen here at its typical size:"]
     for sight in blind:
-        if math.isinf(sight.hardest):
+        if math.isinf(sight.hardest) or beyond_bounds(sight):
             lines.append(f"  {sight.effect.name:24} these data say nothing of it")
             continue
         size = f" ({sight.parameter} {sight.hardest * sight.size:.2g} {sight.unit})" if sight.unit else ""
         lines.append(f"  {sight.effect.name:24} only from {sight.hardest:.2g} x a typical one on{size}")
     return [*lines, "  `beltcomm diagnose RUN --next` writes the plan of the records that would show them."]
+
+
+def beyond_bounds(sight: Sight) -> bool:
+    """Whether an effect that could be seen would be larger than any."""
+    highs = [p.high for p in sight.effect.parameters if p.name == sight.parameter]
+    return bool(highs) and sight.hardest * sight.size > highs[0]
 
 
 def effect_lines(effect: Effect, model: Model) -> list[str]:

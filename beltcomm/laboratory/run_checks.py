@@ -1,0 +1,364 @@
+"""Whether the records of a run can be analysed together: sampling, signs, places, one axis.  Before anything is fitted.
+
+What no analysis can mend raises DataError with the remedy; the rest are sentences, and what can be put right beyond doubt is.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltcomm.axis import Axis
+from beltcomm.errors import DataError
+from beltcomm.foreign.checks import check
+from beltcomm.laboratory.place_checks import names_of, placed, sensor_remarks
+from beltcomm.recording import Recording
+from beltcomm.recording_checks import clipped_share, rigid_inertia, unit_words
+from beltcomm.recording_columns import CHANNELS, COMMON
+from beltcomm.sampling_checks import EVEN, Jitter, Uneven, encoder_grid, stamp_jitter, uneven_rows
+
+Array = NDArray[np.float64]
+
+#: s; no record shorter than this shows a motion, its start and its end left aside.
+SHORTEST_S = 1.0
+#: rad/s; below this the motor may be sticking, and the model's equation says nothing (``identify.residual``).
+SLOWEST_RAD_S = 0.5
+#: s; for so long at least it must not.
+LEAST_MOVING_S = 0.5
+#: Rows amiss in one record from which on it is no single slip of the encoder.
+SEVERAL = 2
+#: s that a record must last up to its first lost sample to be used, and share of all rows that must be left.
+UNBROKEN_S, LEFT = 2.0, 0.25
+#: Share of the position's unevenness that may come from uneven sampling.
+MOST_UNEVEN = 0.5
+#: Relative difference of two records' inertia, beside four standard deviations, that payload mode, saturation and eccentricity do not
+#: make; share of the friction that the torque of acceleration must reach to be judged; largest standard deviation.
+INERTIA, DYNAMIC, VAGUE = 0.25, 0.5, 0.1
+#: Standard deviations by which an inertia must be below nothing.
+NEGATIVE = 6.0
+#: By how much a data sheet's inertia may be too large, as a share.
+LIGHT = 0.3
+#: Relative difference of the encoder's step between two records of one encoder.
+SAME_STEP = 1e-3
+#: Times an encoder's step that a record may show, read or rounded coarser.
+MOST_COARSE = 16
+
+
+@dataclass(frozen=True)
+class Checked:
+    """recordings : fit to be analysed together.   remarks : sentences on what is odd, and on what was put right."""
+
+    recordings: tuple[Recording, ...]
+    remarks: tuple[str, ...]
+
+
+def checked(recordings: Sequence[Recording], axis: Axis, *, foreign: bool) -> Checked:
+    """The recordings of a run, put right where that is beyond doubt.   foreign : not made by a drive of the tool's own.
+
+    Raises DataError for records that cannot be analysed, naming them, with what to do.
+    """
+    timed = [r for r in recordings if not r.is_static_map]
+    if not timed:
+        raise DataError("all records are static maps, which hold no motion; a model needs records with t_s")
+    remarks: list[str] = []
+    _refuse_short(timed, axis)
+    evened = _sampled(timed, remarks)
+    if axis.get("pulley.effective_radius_m") is not None:
+        evened = _before_gaps(evened, remarks)
+    else:
+        remarks += _gap_remarks(evened)
+    if foreign:
+        for record in evened:
+            check(record)
+    _refuse_two_axes(evened, axis)
+    known = placed(evened, axis, remarks)
+    remarks += sensor_remarks(known, axis)
+    by_name = {record.name: record for record in known}
+    return Checked(tuple(by_name.get(r.name, r) for r in recordings if r.is_static_map or r.name in by_name), tuple(remarks))
+
+
+def _duration(record: Recording) -> float:
+    return float(record.t_s[-1] - record.t_s[0])
+
+
+def _refuse_short(timed: Sequence[Recording], axis: Axis) -> None:
+    to_fit = [r for r in timed if not r.sidecar.held_out]
+    if not to_fit:
+        raise DataError("all recordings are held out or static maps; nothing is left to fit: set held_out: false in the sidecar of one")
+    longest = max(to_fit, key=_duration)
+    if _duration(longest) < SHORTEST_S:
+        raise DataError(
+            f"the records are too short: the longest that may be fitted, {longest.name}, lasts {_duration(longest):.2g} s, at least "
+            f"{SHORTEST_S:g} s of motion are needed (a stroke or an excitation of several seconds tells more); record longer"
+        )
+    if longest.side == "motor" and axis.get("pulley.effective_radius_m") is not None:
+        moving = sum(_moving_s(r) for r in to_fit)
+        if moving < LEAST_MOVING_S:
+            raise DataError(
+                f"the motor turns faster than {SLOWEST_RAD_S:g} rad/s in only {moving:.2g} s of {names_of(to_fit)}; at least "
+                f"{LEAST_MOVING_S:g} s "
+                "are needed, for a motor that creeps or sticks shows its friction and nothing else; record strokes or an excitation"
+            )
+
+
+def _moving_s(record: Recording) -> float:
+    """s for which the motor turns, its speed taken over 10 ms."""
+    span = max(1, round(0.01 / record.sample_period_s))
+    if len(record.position) <= span:
+        return 0.0
+    speed = np.abs(record.position[span:] - record.position[:-span]) / (record.t_s[span:] - record.t_s[:-span])
+    return float(np.count_nonzero(speed > SLOWEST_RAD_S)) * record.sample_period_s
+
+
+def _sampled(timed: Sequence[Recording], remarks: list[str]) -> list[Recording]:
+    """Rows that are missing, repeated or uneven."""
+    amiss = [(r, uneven_rows(r.t_s, r.position)) for r in timed]
+    twice = sum(len(u.repeated) for _, u in amiss) > sum(len(u.missing) for _, u in amiss)
+    for faults in (_refuse_repeated, _refuse_missing) if twice else (_refuse_missing, _refuse_repeated):
+        faults(amiss)
+    for record, uneven in amiss:
+        if uneven.share > 0.0:
+            row = int(np.concatenate((uneven.missing, uneven.repeated))[0])
+            remarks.append(
+                f"{record.name}: near t = {record.t_s[row]:.4g} s the position makes one step that its motion before and after does not "
+                "allow: a lost sample without a gap in t_s, or a slip of the encoder"
+            )
+    stamps = {r.name: stamp_jitter(r.t_s, r.position) for r in timed}
+    uneven_ones = [(r, j) for r in timed if (j := stamps[r.name]) is not None and j.real and j.share > MOST_UNEVEN]
+    if uneven_ones:
+        raise _jitter_fault(uneven_ones)
+    false_stamps = [r for r in timed if (j := stamps[r.name]) is not None and j.only_stamps]
+    real_stamps = [r for r in timed if (j := stamps[r.name]) is not None and j.real]
+    evened = []
+    worst = 0.0
+    for record in timed:
+        found = stamps[record.name]
+        # one clock stamps all records: where one shows that the samples were even, those that cannot tell are taken to be, too
+        if found is not None and (found.only_stamps or (false_stamps and not real_stamps)):
+            worst = max(worst, found.largest)
+            record = replace(record, t_s=record.t_s[0] + found.period_s * _whole(record.t_s, found.period_s), notes=())
+        evened.append(record)
+    if worst > 1e-3:
+        remarks.append(
+            f"the time stamps jitter by up to {100.0 * worst:.2g} % of the sample period, but the motion shows that the samples were taken "
+            "evenly: the stamps were set even"
+        )
+    if real_stamps:
+        largest = max(float(j.largest) for r in real_stamps if (j := stamps[r.name]) is not None)
+        remarks.append(
+            f"{names_of(real_stamps)}: the samples were taken unevenly, by up to {100.0 * largest:.2g} % of the period; the motion is slow "
+            "enough that this is less than the position's own noise"
+        )
+    remarks += _clip_remarks(evened)
+    return evened
+
+
+def _clip_remarks(timed: Sequence[Recording]) -> list[str]:
+    shares = [(r, clipped_share(r.torque, r.torque_setpoint, None)) for r in timed]
+    found = [(r, share) for r, share in shares if share > 0.0]
+    if not found:
+        return []
+    record, share = max(found, key=lambda one: one[1])
+    return [
+        f"{names_of(r for r, _ in found)}: {CHANNELS[record.side]['torque']} stands at the end of its range, in {record.name} at "
+        f"{np.abs(record.torque).max():.4g} {record.torque_unit} in {100.0 * share:.2g} % of the rows: cut off there; take "
+        "torque_saturation in what follows for that"
+    ]
+
+
+def _whole(t_s: Array, period_s: float) -> Array:
+    """Number of each sample on an even clock: lost ones, whole periods long, stay lost."""
+    steps = np.diff(t_s) / period_s
+    whole = np.abs(steps - np.round(steps)) < EVEN
+    largest = float(np.abs(steps - 1.0)[~whole].max(initial=0.0))  # jitter alone makes steps of that size
+    lost = whole & (np.round(steps) > 1.5 + largest)
+    return np.concatenate(([0.0], np.cumsum(np.where(lost, np.round(steps), 1.0))))
+
+
+def _refuse_missing(amiss: Sequence[tuple[Recording, Uneven]]) -> None:
+    found = [(r, uneven) for r, uneven in amiss if len(uneven.missing) >= SEVERAL]
+    if not found:
+        return
+    worst, uneven = max(found, key=lambda one: one[1].share)
+    row = int(uneven.missing[0])
+    raise DataError(
+        f"{names_of(r for r, _ in found)}: samples are missing although t_s goes on evenly: in {worst.name} {len(uneven.missing)} steps of "
+        f"{CHANNELS[worst.side]['position']} are twice as long as those before and after ({100.0 * uneven.share:.2g} % of the steps that "
+        f"show it, the first before row {row + 1}, t = {worst.t_s[row]:.4g} s; at most 1 is allowed per record). Keep the true time "
+        "stamps, so that the gaps can be seen, or record again with a shorter bus load or a lower rate"
+    )
+
+
+def _refuse_repeated(amiss: Sequence[tuple[Recording, Uneven]]) -> None:
+    found = [(r, uneven) for r, uneven in amiss if len(uneven.repeated) >= SEVERAL]
+    if not found:
+        return
+    worst, uneven = max(found, key=lambda one: one[1].share)
+    row = int(uneven.repeated[0])
+    alike = [np.any(np.isin([worst.torque[i]], worst.torque[[i - 1, min(i + 1, len(worst.torque) - 1)]])) for i in uneven.repeated]
+    if np.mean(alike) > 0.5:
+        what = "rows were written twice although t_s goes on"
+        remedy = "leave one of each out and keep the true time stamps, or record again: the logger reads faster than the drive answers"
+    else:
+        what = "the angle stands still for single samples while the motor turns"
+        remedy = "look at the encoder, its cable and its coupling (codes that stick), then record again"
+    raise DataError(
+        f"{names_of(r for r, _ in found)}: {what}: in {worst.name} {len(uneven.repeated)} steps of {CHANNELS[worst.side]['position']} are "
+        f"nothing between equal ones ({100.0 * uneven.share:.2g} % of the steps that show it, the first in row {row + 1}, "
+        f"t = {worst.t_s[row]:.4g} s; at most 1 is allowed per record); {remedy}"
+    )
+
+
+def _jitter_fault(found: Sequence[tuple[Recording, Jitter]]) -> DataError:
+    worst, jitter = max(found, key=lambda one: one[1].rms)
+    return DataError(
+        f"{names_of(r for r, _ in found)}: the samples were taken unevenly: in {worst.name} the steps of t_s deviate by up to "
+        f"{100.0 * jitter.largest:.2g} % from {1e3 * jitter.period_s:.4g} ms, the motion follows them, and this makes "
+        f"{100.0 * jitter.share:.0f} % of the position's roughness (allowed: {100.0 * MOST_UNEVEN:.0f} %): it would pose as torque. "
+        "Let the drive sample by its own clock (trace, SYNC) and record again"
+    )
+
+
+def _gap_words(with_gaps: Sequence[Recording], timed: Sequence[Recording]) -> str:
+    count, rows = sum(len(r.gaps()) for r in with_gaps), sum(len(r.t_s) for r in timed)
+    longest = max(float(np.diff(r.t_s)[r.gaps()].max()) for r in with_gaps)
+    return (
+        f"samples were lost at {count} places of {names_of(with_gaps)} ({100.0 * count / rows:.2g} % of the rows, the longest gap is "
+        f"{1e3 * longest:.3g} ms)"
+    )
+
+
+def _gap_remarks(timed: Sequence[Recording]) -> list[str]:
+    with_gaps = [r for r in timed if len(r.gaps())]
+    return [f"{_gap_words(with_gaps, timed)}: the pieces between them are judged on their own"] if with_gaps else []
+
+
+def _before_gaps(timed: Sequence[Recording], remarks: list[str]) -> list[Recording]:
+    """Records up to their first lost sample: behind it nobody knows how the carriage swings on the belt.
+
+    Those that lose one within the first seconds are left out.   Raises DataError when too little is left.
+    """
+    with_gaps = [r for r in timed if len(r.gaps())]
+    if not with_gaps:
+        return list(timed)
+    kept = [r if not len(r.gaps()) else _first_rows(r, int(r.gaps()[0]) + 1) for r in timed]
+    used = [r for r in kept if r is not None]
+    rows, left = sum(len(r.t_s) for r in timed), sum(len(r.t_s) for r in used)
+    if left < LEFT * rows or all(r.sidecar.held_out for r in used):
+        raise DataError(
+            f"{_gap_words(with_gaps, timed)}: only {100.0 * left / rows:.0f} % of the rows stand before the first lost one of a record, in "
+            f"pieces of at least {UNBROKEN_S:g} s (needed: {100.0 * LEFT:.0f} %). Behind a gap nobody knows how the "
+            "carriage swings; record "
+            "again with less on the bus, or at a lower rate that it can carry"
+        )
+    out = [r for r in with_gaps if r.name not in {other.name for other in used}]
+    remarks.append(
+        f"{_gap_words(with_gaps, timed)}: behind a gap nobody knows how the carriage swings on the belt, so each record counts up to its "
+        f"first one{f', and {names_of(out)} not at all' if out else ''}; {100.0 * left / rows:.0f} % of the rows are used"
+    )
+    return used
+
+
+def _first_rows(record: Recording, rows: int) -> Recording | None:
+    """The record's first rows; None where they are too few or show nothing."""
+    if rows * record.sample_period_s < UNBROKEN_S:
+        return None
+    names = ("t_s", "torque", "position", "torque_setpoint", "velocity", "reference_position", "reference_velocity", *COMMON)
+    cut: dict[str, Any] = {name: values[:rows] for name in names if (values := getattr(record, name)) is not None}
+    try:
+        return replace(record, notes=(), **cut)
+    except DataError:  # nothing moves there
+        return None
+
+
+def _refuse_two_axes(timed: Sequence[Recording], axis: Axis) -> None:
+    """Raise DataError for records of an axis with another inertia, or another encoder."""
+    told = [(r, found) for r in timed if (found := rigid_inertia(r.t_s, r.torque, r.position)) is not None]
+    own = [
+        (r, found.inertia, found.error)
+        for r, found in told
+        if found.inertia > 0.0 and found.dynamic > DYNAMIC and found.error < VAGUE * found.inertia
+    ]
+    _refuse_negative([r for r, found in told if found.inertia < -NEGATIVE * found.error and own])
+    _refuse_light(own, axis)
+    payloads = {r.sidecar.payload_kg for r, _, _ in own}
+    if len(own) > 1 and len(payloads) == 1:
+        values, errors = np.array([[i, e] for _, i, e in own]).T
+        apart = np.abs(values[:, None] - values[None, :]) - 4.0 * np.hypot(errors[:, None], errors[None, :])
+        far = apart > INERTIA * np.minimum(values[:, None], values[None, :])
+        if far.any():
+            # of those that contradict somebody the one that contradicts the fewest
+            kept = int(np.argmin(np.where(far.any(axis=1), far.sum(axis=1), len(own))))
+            _, first, error = own[kept]
+            like = [r for (r, _, _), other in zip(own, far[kept], strict=True) if not other]
+            unlike = [one for one, other in zip(own, far[kept], strict=True) if other]
+            unit = timed[0].inertia_unit
+            raise DataError(
+                f"the records are not of one axis, or not with one payload: {names_of(like)} show an inertia of {first:.3g} ± "
+                f"{2.0 * error:.1g} {unit} in all, {names_of(r for r, _, _ in unlike)} {unlike[0][1]:.3g} ± "
+                f"{2.0 * unlike[0][2]:.1g} {unit} "
+                f"(allowed: {100.0 * INERTIA:.0f} % apart). Keep those of each axis and payload in a run of its own, or state "
+                "payload_kg in "
+                "the sidecars and fit one payload at a time; if it is one axis, a column of one of them is in another unit"
+            )
+    if timed[0].side == "motor":
+        _refuse_two_encoders(timed)
+
+
+def _refuse_negative(negative: Sequence[Recording]) -> None:
+    if negative:
+        channels = CHANNELS[negative[0].side]
+        raise DataError(
+            f"{names_of(negative)}: the torque drives against its motion there (the inertia would be negative), in the other records with "
+            f"it: the sign of {channels['torque']} or of {channels['position']} is turned in these; turn it back"
+        )
+
+
+def _refuse_light(own: Sequence[tuple[Recording, float, float]], axis: Axis) -> None:
+    """Raise DataError when everything that the motor turns weighs less than the motor alone by its data sheet."""
+    if not own or own[0][0].side != "motor" or axis.get("motor.inertia_kg_m2") is None:
+        return
+    sheet = axis.motor_side_inertia_kg_m2
+    record, inertia, error = min(own, key=lambda one: one[2] / one[1])
+    if (inertia + 4.0 * error) * (1.0 + LIGHT) < sheet:
+        raise DataError(
+            f"{record.name} shows an inertia of {inertia:.3g} kg m² of everything that the motor turns, carriage included; by {axis} the "
+            f"motor's side alone has {sheet:.3g} kg m². Look at the unit of {CHANNELS['motor']['torque']} (N m wanted), at that of "
+            f"{CHANNELS['motor']['position']} (rad wanted) and at motor.inertia_kg_m2"
+        )
+
+
+def _refuse_two_encoders(timed: Sequence[Recording]) -> None:
+    steps = [(r, step) for r in timed if (step := encoder_grid(r.position)) is not None]
+    if not steps:
+        return
+    # the step that most records share; a multiple of it is a coarser reading of the same encoder
+    known = max((step for _, step in steps), key=lambda one: sum(_same_step(one, other) for _, other in steps))
+    unlike = [(r, step) for r, step in steps if not _same_step(known, step)]
+    if not unlike:
+        return
+    like = [r for r, step in steps if _same_step(known, step)]
+    unit = unit_words(unlike[0][1] / known, "angle", "angle of the others")
+    if unit:
+        raise DataError(
+            f"{names_of(r for r, _ in unlike)}: {unit}: its steps are {unlike[0][1] / known:.4g} times those of "
+            f"{names_of(like)}; convert the "
+            "column, so that all records have one unit"
+        )
+    raise DataError(
+        f"the records are not of one axis: the angles of {names_of(like)} are whole steps of {math.tau / known:.0f} "
+        "counts per turn, those of "
+        f"{names_of(r for r, _ in unlike)} of {math.tau / unlike[0][1]:.0f}: they were made with another encoder. Keep "
+        "those of each axis in "
+        "a run of its own"
+    )
+
+
+def _same_step(one: float, other: float) -> bool:
+    quotient = max(one, other) / min(one, other)
+    return round(quotient) <= MOST_COARSE and abs(quotient - round(quotient)) < SAME_STEP

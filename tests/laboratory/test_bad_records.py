@@ -1,0 +1,245 @@
+"""Damaged and poor data sets: each gets its sentence, and none a wrong name.  One healthy session of the "
+"independent truth, damaged in memory."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from beltcomm.axis import Axis
+from beltcomm.cli.main import cli
+from beltcomm.errors import DataError
+from beltcomm.laboratory.cross_checks import sheet_doubts
+from beltcomm.laboratory.diagnosis import Diagnosis, Step, fitted_base
+from beltcomm.laboratory.run_checks import checked
+from beltcomm.laboratory.scope import lacking, within_scope
+from beltcomm.laboratory.start import start_model
+from beltcomm.model import build_model
+from beltcomm.recording import Recording
+from beltcomm.runfolder import RunFolder
+from beltcomm.session.cross_check_words import sheet_lines
+from truth.hidden import draw, write_session
+
+Change = Callable[[Recording], Recording]
+SEED = 31001
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("healthy") / "run"
+    write_session(draw(SEED), path, plan="default")
+    return path
+
+
+@pytest.fixture(scope="module")
+def run(folder: Path) -> tuple[list[Recording], Axis]:
+    opened = RunFolder.open(folder)
+    return opened.recordings(), opened.axis
+
+
+def changed(records: list[Recording], word: str, change: Change) -> list[Recording]:
+    """The same records, those with a word in their name changed."""
+    return [change(r) if word in r.name else r for r in records]
+
+
+def picked(record: Recording, rows: NDArray[np.intp], restamped: bool) -> Recording:
+    """Some rows of a record; restamped : the time goes on as if nothing had happened."""
+    signals = {name: getattr(record, name)[rows] for name in ("t_s", "torque", "position", "torque_setpoint")}
+    if restamped:
+        signals["t_s"] = 1e-3 * np.arange(len(rows))
+    return replace(record, notes=(), **signals)
+
+
+def some(record: Recording, share: float) -> NDArray[np.bool_]:
+    return np.random.default_rng(len(record.t_s)).random(len(record.t_s)) < share
+
+
+def lost(share: float, *, restamped: bool) -> Change:
+    return lambda record: picked(record, np.flatnonzero(~some(record, share)), restamped)
+
+
+def doubled(share: float) -> Change:
+    return lambda record: picked(record, np.repeat(np.arange(len(record.t_s)), 1 + some(record, share)), True)
+
+
+def wandering(record: Recording, share: float) -> NDArray[np.float64]:
+    """Deviations of the time stamps, s; the first and the last stay."""
+    off = 1e-3 * share * np.random.default_rng(1).uniform(-0.49, 0.49, len(record.t_s))
+    off[[0, -1]] = 0.0
+    return off
+
+
+def uneven(record: Recording, share: float) -> Recording:
+    """Sampled at uneven times, which the stamps tell."""
+    there = record.t_s + wandering(record, share)
+    step = math.tau / 31230
+    return replace(record, t_s=there, position=step * np.round(CubicSpline(record.t_s, record.position)(there) / step), notes=())
+
+
+def test_a_healthy_run_has_nothing_odd(run: tuple[list[Recording], Axis]) -> None:
+    records, axis = run
+    found = checked(records, axis, foreign=True)
+    assert found.remarks == ()
+    assert list(found.recordings) == records
+
+
+@pytest.mark.parametrize(
+    ("word", "change", "sentence"),
+    [
+        ("", lost(0.001, restamped=True), "samples are missing although t_s goes on evenly"),
+        ("sweep_slow", lost(0.1, restamped=True), r"06_sweep_slow: samples are missing .* twice as long as those before and after"),
+        ("", lost(0.01, restamped=False), r"samples were lost at \d+ places .* Behind a gap nobody knows how the carriage swings"),
+        ("sweep", doubled(0.01), "rows were written twice although t_s goes on"),
+        ("sweep_slow", lambda r: uneven(r, 0.1), r"taken unevenly: in 06_sweep_slow .* up to 9\.6 % from 1 ms"),
+        ("frf_p1_a1", lambda r: replace(r, torque=-r.torque, torque_setpoint=None), "the sign of torque_nm or of position_rad is turned"),
+        ("slow_p1", lambda r: replace(r, torque=-r.torque, torque_setpoint=None), "positive torque_nm drives to negative position_rad"),
+        ("reversal", lambda r: replace(r, position=np.degrees(r.position)), "the angle has degrees instead of rad"),
+        ("", lambda r: replace(r, torque=1e-3 * r.torque, torque_setpoint=None), r"the motor's side alone has 6\.39e-05 kg m²"),
+        ("", lambda r: picked(r, np.arange(500), False), r"the records are too short: .* lasts 0\.5 s, at least 1 s"),
+    ],
+)
+def test_damage_is_refused_in_a_sentence(run: tuple[list[Recording], Axis], word: str, change: Change, sentence: str) -> None:
+    records, axis = run
+    with pytest.raises(DataError, match=sentence):
+        checked(changed(records, word, change), axis, foreign=True)
+
+
+def test_torque_cut_off_with_its_setpoint_is_seen(run: tuple[list[Recording], Axis]) -> None:
+    record = next(r for r in run[0] if r.name.endswith("_fast"))
+    assert record.torque_setpoint is not None
+    end = 0.9 * float(np.abs(record.torque).max())
+    with pytest.raises(DataError, match=r"torque_nm is clipped at .* in \d+ % of the rows \(allowed: 2 %\)"):
+        replace(record, torque=np.clip(record.torque, -end, end), torque_setpoint=np.clip(record.torque_setpoint, -end, end))
+
+
+def test_stamps_that_jitter_beside_even_samples_are_set_even(run: tuple[list[Recording], Axis]) -> None:
+    records, axis = run
+    found = checked([replace(r, t_s=r.t_s + wandering(r, 1.0), notes=()) for r in records], axis, foreign=True)
+    (remark,) = found.remarks
+    assert "the samples were taken evenly: the stamps were set even" in remark
+    for record, even in zip(records, found.recordings, strict=True):
+        np.testing.assert_allclose(even.t_s, record.t_s, atol=1e-9)
+
+
+def test_a_single_gap_costs_what_stands_behind_it(run: tuple[list[Recording], Axis]) -> None:
+    records, axis = run
+    found = checked(changed(records, "frf_p1_a2", lambda r: picked(r, np.delete(np.arange(len(r.t_s)), 3000), False)), axis, foreign=True)
+    assert "03_frf_p1_a2 (0.0017 % of the rows" in found.remarks[0]
+    assert [len(r.t_s) for r in found.recordings if "frf_p1_a2" in r.name] == [3000]
+
+
+def test_records_of_two_axes_are_told_apart(run: tuple[list[Recording], Axis]) -> None:
+    records, axis = run
+
+    def heavier(record: Recording) -> Recording:  # twice the torque for the same motion
+        assert record.torque_setpoint is not None
+        return replace(record, torque=2.0 * record.torque, torque_setpoint=2.0 * record.torque_setpoint)
+
+    with pytest.raises(DataError, match=r"not of one axis, or not with one payload: .* an inertia of .* \(allowed: 25 % apart\)"):
+        checked(changed(records, "sweep", heavier), axis, foreign=True)
+
+    def other_encoder(record: Recording) -> Recording:
+        step = math.tau / 40000
+        return replace(record, position=step * np.round(record.position / step))
+
+    with pytest.raises(DataError, match=r"31230 counts per turn, those of 08_slow_p1 of 40000: they were made with another encoder"):
+        checked(changed(records, "slow_p1", other_encoder), axis, foreign=True)
+
+
+def moved(record: Recording, way_m: float | None) -> Recording:
+    start = record.sidecar.start_position_m
+    assert start is not None
+    return replace(record, sidecar=replace(record.sidecar, start_position_m=None if way_m is None else start + way_m))
+
+
+def test_places_are_held_against_the_motor_angle(run: tuple[list[Recording], Axis]) -> None:
+    records, axis = run
+    with pytest.raises(DataError, match=r"09_slow_p2 begins at 0\.8997 m by its sidecar and at 0\.7997 m by its angle"):
+        checked(changed(records, "slow_p2", lambda r: moved(r, 0.1)), axis, foreign=True)
+    found = checked(changed(records, "slow_p2", lambda r: moved(r, None)), axis, foreign=True)
+    assert "the place was taken from the motor angle" in found.remarks[0]
+    assert next(r for r in found.recordings if "slow_p2" in r.name).sidecar.start_position_m == pytest.approx(0.7997, abs=1e-3)
+    (remark,) = checked([moved(r, None) for r in records], axis, foreign=True).remarks
+    assert "guessed from the motor angle" in remark
+    wrong = replace(axis, pulley=replace(axis.pulley, effective_radius_m=1.2 * axis.transmission_m_rad, teeth=None))
+    with pytest.raises(
+        DataError, match=r"the carriage moves 12\.43 mm per rad of the motor, by the axis file 14\.91 mm .*effective_radius_m"
+    ):
+        checked(records, wrong, foreign=True)
+
+
+def test_a_sensor_at_the_carriage_is_told_and_not_used(run: tuple[list[Recording], Axis]) -> None:
+    records, axis = run
+    ratio = axis.transmission_m_rad
+    for scale, offset, words in ((1.0, 0.012, "stands +12 mm"), (1.05, 0.0, "13.05 mm per rad"), (-1.0, 0.5, "the other way")):
+        found = checked([replace(r, cart_position_m=scale * ratio * r.position + offset) for r in records], axis, foreign=True)
+        (remark,) = found.remarks
+        assert words in remark
+        assert "not used for the model" in remark
+
+
+@pytest.mark.parametrize(
+    ("inertia", "stiffness", "entries", "words"),
+    [
+        (1.0, 1.0, [], ""),
+        (0.5, 1.0, ["motor.inertia_kg_m2"], "motor.inertia_kg_m2 and the inertias of coupling"),
+        (1.0, 1.44, ["belt.specific_stiffness_n"], "measure how far the carriage goes in ten turns"),
+        (1.0 / 0.65, 1.0 / 0.65, ["motor.inertia_kg_m2", "belt.specific_stiffness_n"], "the current in A instead of the torque"),
+    ],
+)
+def test_a_wrong_data_sheet_comes_out_as_such(
+    run: tuple[list[Recording], Axis], inertia: float, stiffness: float, entries: list[str], words: str
+) -> None:
+    records, axis = run
+    values = {"motor.inertia": inertia * axis.motor_side_inertia_kg_m2, "transmission.ratio": axis.transmission_m_rad}
+    values["belt_stiffness.stiffness"] = stiffness * axis.belt_stiffness_n_m(0.5)
+    model = build_model("axis", ("belt_stiffness", "coulomb"), values)
+    known = {name: replace(item, interval=0.01 * item.value) for name, item in model.parameters.items()}
+    model = replace(model, parameters=known)
+    doubts = sheet_doubts(model, 1.03, axis, records)
+    assert [doubt.entry for doubt in doubts] == entries
+    assert words in "\n".join(sheet_lines(doubts, axis))
+    assert sheet_doubts(model, 5.0, axis, records) == (), "a model that explains nothing knows no inertia"
+
+
+def test_strokes_alone_bear_no_name_of_the_belt_or_of_a_delay(run: tuple[list[Recording], Axis]) -> None:
+    records, axis = run
+    slow = [r for r in records if "slow_p1" in r.name]
+    data, base = fitted_base(slow, axis, start_model(axis, slow))
+    found = Diagnosis(base, data, (Step(base, (), "current_lag", (), base),), "explained", ())
+    kept, sentences = within_scope(found, slow)
+    assert kept.verdict == "cannot tell"
+    assert not kept.steps[-1].added
+    assert "no record is excited" in sentences[0]
+    assert within_scope(found, records) == (found, [])
+    friction = Diagnosis(base, data, (Step(base, (), "stribeck", (), base),), "explained", ())
+    assert within_scope(friction, slow) == (friction, [])
+    assert [line.partition(":")[0].partition(" (")[0] for line in lacking(slow, axis.transmission_m_rad)] == [
+        "no excited record",
+        "no stroke above 0.5 m/s",
+        "one place only",
+        "no record is held out",
+    ]
+    assert lacking(records, axis.transmission_m_rad) == []
+
+
+def test_the_command_ends_with_a_sentence_and_its_code(folder: Path, tmp_path: Path) -> None:
+    recordings = tmp_path / "run" / "recordings"
+    recordings.mkdir(parents=True)
+    (tmp_path / "run" / "axis.yaml").write_text((folder / "axis.yaml").read_text(encoding="utf-8"), encoding="utf-8")
+    for path in (folder / "recordings").glob("08_slow_p1.*"):
+        lines = path.read_text(encoding="utf-8").splitlines()
+        text = "\n".join(lines[:400] if path.suffix == ".csv" else lines)
+        (recordings / path.name).write_text(text + "\n", encoding="utf-8")
+    for verb in ("compare", "diagnose"):
+        outcome = CliRunner().invoke(cli, [verb, str(tmp_path / "run")])
+        assert outcome.exit_code == 3
+        assert "the records are too short" in outcome.output
