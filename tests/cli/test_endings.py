@@ -25,9 +25,13 @@ def test_the_first_interrupts_and_the_second_disturbs_nothing(number: signal.Sig
 
 
 def test_nohup_stays_nohup() -> None:
-    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    before, noted = signal.signal(signal.SIGHUP, signal.SIG_IGN), list[bool]()
     try:
-        with like_ctrl_c(lambda: None):
+        with like_ctrl_c(lambda: noted.append(True)):
             signal.raise_signal(signal.SIGHUP)
+            assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+            assert signal.getsignal(signal.SIGTERM) is not signal.SIG_IGN
+        assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
     finally:
         signal.signal(signal.SIGHUP, before)
+    assert noted == []
