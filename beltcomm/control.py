@@ -51,6 +51,9 @@ __all__ = [
 _COMPILED = frozenset({"cascade_step", "velocity_step", "new_state", "reset_state"})
 
 
+PrefilterKind = Literal["none", "notch", "butterworth"]
+
+
 @dataclass(frozen=True)
 class Prefilter:
     """Filter of the velocity control error, in front of the PI controller.
@@ -58,7 +61,7 @@ class Prefilter:
     kind "none"; "notch" (4.1): centre ``omega_rad_s``, width ``d_n``; "butterworth" (4.3): cutoff ``omega_rad_s``.
     """
 
-    kind: Literal["none", "notch", "butterworth"] = "none"
+    kind: PrefilterKind = "none"
     omega_rad_s: float = 0.0
     d_n: float = 0.0
 

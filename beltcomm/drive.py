@@ -18,19 +18,12 @@ from numpy.typing import NDArray
 
 from beltcomm.control import CascadeStructure
 from beltcomm.errors import UsageError
+from beltcomm.recording_columns import MOTOR_COLUMNS
 
 Array = NDArray[np.float64]
 
 #: Columns of every recorded row, in this order; NaN where the drive does not report a quantity.
-COLUMNS = (
-    "t_s",
-    "torque_nm",
-    "torque_setpoint_nm",
-    "position_rad",
-    "velocity_rad_s",
-    "reference_position_rad",
-    "reference_velocity_rad_s",
-)
+COLUMNS = MOTOR_COLUMNS
 
 Row = tuple[float, ...]
 Sink = Callable[[Row], None]

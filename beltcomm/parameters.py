@@ -7,12 +7,10 @@ A drive offers the names its structure has; a name it does not offer has, inside
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Final, Literal
+from typing import Final
 
-from beltcomm.control import Cascade, Feedforward, Prefilter
+from beltcomm.control import Cascade, Feedforward, Prefilter, PrefilterKind
 from beltcomm.errors import UsageError
-
-PrefilterKind = Literal["none", "notch", "butterworth"]
 
 #: ``prefilter_kind`` as a number, by its position in this tuple.
 PREFILTER_KINDS: Final[tuple[PrefilterKind, ...]] = ("none", "notch", "butterworth")

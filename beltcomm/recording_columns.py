@@ -39,6 +39,8 @@ CHANNELS: Final[Mapping[Side, Mapping[str, str]]] = {
         "reference_velocity": "reference_velocity_rad_s",
     },
 }
+#: What a drive reports, in this order.
+MOTOR_COLUMNS: Final = ("t_s", *CHANNELS["motor"].values())
 #: Signals with the same column on every side.
 COMMON: Final = ("temperature_c", "cart_position_m", "load_position_rad")
 #: Every column that means something, in the order of the sides.

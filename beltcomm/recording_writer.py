@@ -6,22 +6,13 @@ import math
 import os
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final, Self, TextIO
+from typing import Any, Self, TextIO
 
 from beltcomm.configfiles import to_yaml, write_text
 from beltcomm.errors import DataError, UsageError
+from beltcomm.recording_columns import MOTOR_COLUMNS
 from beltcomm.sidecar import Sidecar
 
-#: What a drive reports, in the order of :data:`beltcomm.drive.COLUMNS`.
-MOTOR_COLUMNS: Final = (
-    "t_s",
-    "torque_nm",
-    "torque_setpoint_nm",
-    "position_rad",
-    "velocity_rad_s",
-    "reference_position_rad",
-    "reference_velocity_rad_s",
-)
 #: Rows between two flushes: at 1 kHz a killed process loses less than 0.1 s.
 FLUSH_ROWS = 64
 

@@ -26,7 +26,7 @@ from beltcomm.axis import Axis, load_axis, save_axis
 from beltcomm.configfiles import did_you_mean, read_yaml, to_yaml, write_text
 from beltcomm.errors import DataError, UsageError
 from beltcomm.recording import Recording, RecordingWriter, Sidecar, common_side, load_recording, save_recording
-from beltcomm.recording_writer import MOTOR_COLUMNS
+from beltcomm.recording_columns import MOTOR_COLUMNS
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 #: How an unfinished record is called after a second attempt was begun.

@@ -67,6 +67,16 @@ class Verdict:
 
 
 @dataclass(frozen=True)
+class Loop:
+    """What a drive adds to the controller in it.   delay_s : from torque setpoint to acting torque."""
+
+    structure: CascadeStructure
+    delay_s: float
+    torque_limit_nm: float
+    counts_per_rev: int
+
+
+@dataclass(frozen=True)
 class PredictedMove:
     """Simulated closed loop: motor position over i_t and carriage, m; torque N m; largest belt force, N.
 
@@ -102,32 +112,30 @@ def predict_move(
     model: Model,
     cascade: Cascade,
     trajectory: Trajectory,
+    drive: Loop,
     *,
-    structure: CascadeStructure,
-    delay_s: float,
-    torque_limit_nm: float,
-    counts_per_rev: int,
     belt_stretch_m: float = 0.0,
     extra_torque_nm: Array | None = None,
     time_s: float = 0.0,
 ) -> PredictedMove:
     """Simulate the drive's own cascade on the model along a reference motion that is sampled once per loop period.
 
-    structure : of the drive's cascade.   delay_s : torque setpoint to acting torque.   belt_stretch_m : at the start.
+    belt_stretch_m : at the start.
     extra_torque_nm : ndarray (n,), sent along with the reference and added to the drive's torque.   time_s : session's clock.
     The encoder counts as the drive sees them; the measurement noise of the torque signal does not enter the loop.
     """
-    ratio, period_s = model["transmission.ratio"], structure.period_s
+    ratio, structure, delay_s = model["transmission.ratio"], drive.structure, drive.delay_s
+    period_s = structure.period_s
     reference = trajectory.position_m / ratio
     velocity = trajectory.velocity_m_s / ratio
     acceleration = np.diff(velocity, prepend=velocity[0]) / period_s
     plant = SimulatedPlant(model, position_m=float(trajectory.position_m[0]), belt_stretch_m=belt_stretch_m)
     plant.time_s = time_s
-    coefficients = discrete_coefficients(cascade, period_s, torque_limit_nm)
+    coefficients = discrete_coefficients(cascade, period_s, drive.torque_limit_nm)
     state = new_state()
     start = float(reference[0])
     reset_state(state, start)
-    step = 2.0 * math.pi / counts_per_rev
+    step = 2.0 * math.pi / drive.counts_per_rev
     whole = math.floor(delay_s / period_s + 1e-9)
     rest = max(delay_s - whole * period_s, 0.0)
     waiting = [0.0] * (whole + 1)
@@ -150,8 +158,8 @@ def predict_move(
         belt = max(belt, abs(plant.belt_force_n))
     at = trajectory.position_m[0]
     saturated = []
-    if float(np.max(np.abs(torque))) >= torque_limit_nm:
-        saturated.append(f"the torque limit of {torque_limit_nm:.3g} N m")
+    if float(np.max(np.abs(torque))) >= drive.torque_limit_nm:
+        saturated.append(f"the torque limit of {drive.torque_limit_nm:.3g} N m")
     if fastest >= structure.output_limit_rad_s * (1.0 - 1e-9):
         saturated.append(f"the bound of the position controller's output, {ratio * structure.output_limit_rad_s:.3g} m/s")
     t_s = period_s * np.arange(n, dtype=np.float64)

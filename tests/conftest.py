@@ -1,10 +1,12 @@
-"""Options for running the contract tests on a real drive.
+"""Options for running the contract tests on a real drive, and which tests go to one worker.
 
 ``pytest tests/contract --drive can0 --drive-window-rad -20 20 --drive-speed-rad-s 60 --drive-torque-nm 0.2`` moves the machine:
 the carriage must be free to travel the whole window, in the drive's own zero.
 """
 
 from __future__ import annotations
+
+from typing import Any
 
 import pytest
 
@@ -16,3 +18,16 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     group.addoption("--drive-window-rad", nargs=2, type=float, metavar=("MIN", "MAX"), help="free travel, motor shaft, rad")
     group.addoption("--drive-speed-rad-s", type=float, help="largest speed, motor shaft, rad/s")
     group.addoption("--drive-torque-nm", type=float, help="largest torque, motor shaft, N m")
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> object:
+    """Workers (``-n 2``) take whole files, and all of tests/session that shares one commissioning: no fixture is built twice."""
+    from xdist.scheduler import LoadScopeScheduling
+
+    class ByFixture(LoadScopeScheduling):
+        def _split_scope(self, nodeid: str) -> str:
+            file = nodeid.partition("::")[0]
+            return "tests/session" if file.startswith("tests/session/") and not file.endswith("test_machines.py") else file
+
+    return ByFixture(config, log)

@@ -17,7 +17,7 @@ from beltcomm.model import Model, build_model
 from beltcomm.recording import Recording
 from beltcomm.sidecar import Sidecar
 from beltcomm.trajectory import Trajectory, at_rest, join, plan_trajectory
-from beltcomm.verify import PredictedMove, TrackingError, demand, judge, predict_move, predict_range, tracking_error
+from beltcomm.verify import Loop, PredictedMove, TrackingError, demand, judge, predict_move, predict_range, tracking_error
 from identify.records import COUNTS, PERIOD_S, true_model
 from truth import TruthPlant, nominal
 
@@ -180,7 +180,7 @@ def test_predicted_move_is_an_own_loop_on_the_truth(rig: str, delay_s: float) ->
     plant = nominal(rig)
     model = true_model(plant)
     cascade, trajectory = cascade_for(rig, model), join([at_rest(0.0, 0.05, PERIOD_S), move()])
-    found = predict_move(model, cascade, trajectory, structure=STRUCTURE, delay_s=delay_s, torque_limit_nm=3.1, counts_per_rev=COUNTS)
+    found = predict_move(model, cascade, trajectory, Loop(STRUCTURE, delay_s, 3.1, COUNTS))
     motor, cart, torque, belt = own_loop(plant, cascade, trajectory, delay_s)
     np.testing.assert_allclose(found.motor_m, motor, atol=0.4e-6)
     np.testing.assert_allclose(found.cart_m, cart, atol=0.4e-6)
@@ -196,7 +196,7 @@ def test_a_prediction_tells_a_delay_and_a_torque_limit() -> None:
     model = true_model(nominal("g_a"))
     cascade = cascade_for("g_a", model)
     moves = [
-        predict_move(model, cascade, move(), structure=STRUCTURE, delay_s=delay, torque_limit_nm=limit, counts_per_rev=COUNTS)
+        predict_move(model, cascade, move(), Loop(STRUCTURE, delay, limit, COUNTS))
         for delay, limit in ((1.0e-3, 3.1), (2.0e-3, 3.1), (1.0e-3, 1.24))
     ]
     for other in moves[1:]:
@@ -209,7 +209,7 @@ def test_a_prediction_runs_into_the_bounds_of_the_drive_and_names_them() -> None
     model = true_model(nominal("g_b"))
     cascade = replace(cascade_for("g_b", model), feedforward=Feedforward(velocity=0.0))
     free, bounded = (
-        predict_move(model, cascade, move(), structure=structure, delay_s=1e-3, torque_limit_nm=3.1, counts_per_rev=COUNTS)
+        predict_move(model, cascade, move(), Loop(structure, 1e-3, 3.1, COUNTS))
         for structure in (STRUCTURE, replace(STRUCTURE, output_limit_rad_s=30.0))
     )
     assert free.saturated == ()
@@ -217,9 +217,7 @@ def test_a_prediction_runs_into_the_bounds_of_the_drive_and_names_them() -> None
     fastest = [float(np.max(np.diff(path.motor_m))) / PERIOD_S for path in (free, bounded)]
     assert fastest[0] > 0.7
     assert fastest[1] == pytest.approx(30.0 * RATIO, rel=0.05)  # the velocity loop overshoots a little
-    clamped = predict_move(
-        model, cascade_for("g_b", model), move(), structure=STRUCTURE, delay_s=1e-3, torque_limit_nm=0.3, counts_per_rev=COUNTS
-    )
+    clamped = predict_move(model, cascade_for("g_b", model), move(), Loop(STRUCTURE, 1e-3, 0.3, COUNTS))
     assert clamped.saturated == ("the torque limit of 0.3 N m",)
 
 
@@ -231,10 +229,7 @@ def test_the_range_of_a_prediction_holds_what_friction_may_have_left_in_the_belt
     held = 2.777778 / 222.39e3  # the carriage's friction over the stiffness; the motor's would hold 6.5 N
 
     def path(other: Model, stretch_m: float) -> PredictedMove:
-        return predict_move(
-            other, cascade, trajectory, structure=STRUCTURE, delay_s=1e-3, torque_limit_nm=3.1, counts_per_rev=COUNTS,
-            belt_stretch_m=stretch_m,
-        )  # fmt: skip
+        return predict_move(other, cascade, trajectory, Loop(STRUCTURE, 1e-3, 3.1, COUNTS), belt_stretch_m=stretch_m)
 
     def error(other: Model, stretch_m: float) -> TrackingError:
         return tracking_error(trajectory.t_s, trajectory.position_m, path(other, stretch_m).motor_m)

@@ -51,7 +51,7 @@ class _Client(SdoClient):
     RETRY_DELAY = 0.0
 
     def __init__(self, link: Link) -> None:
-        super().__init__(0x600 + link.node, 0x580 + link.node, ObjectDictionary())  # type: ignore[no-untyped-call]
+        super().__init__(0x600 + link.node, 0x580 + link.node, ObjectDictionary())  # type: ignore[no-untyped-call]  # canopen has no types
         self.network = self  # type: ignore[assignment]  # all that is asked of a network is send_message
         self.answer_time_s = ANSWER_TIME_S
         self._link = link

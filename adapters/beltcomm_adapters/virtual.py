@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Final
+from typing import Any, Final
 
 from beltcomm.drive import Adapter, Drive
 from beltcomm.errors import UsageError
@@ -37,14 +37,15 @@ def _open(address: str, options: Mapping[str, object]) -> Drive:
         raise UsageError(f"the virtual drive has no option {', '.join(unknown)}; leave it out")
     file = load_plant(address or DEFAULT_PLANT)
     start_m = _number(options, "start_position", DEFAULT_START_M)
-    plant = options.get("plant") or SimulatedPlant(file.model, position_m=start_m)
+    given: Mapping[str, Any] = options  # objects are handed over by programs only, of the types named above
+    plant = given.get("plant") or SimulatedPlant(file.model, position_m=start_m)
     referenced = bool(options.get("referenced", True))
     bus = LockstepBus(MonotonicClock() if options.get("realtime") else None)
-    bus.on_frame = options.get("log")  # type: ignore[assignment]  # options are not typed
+    bus.on_frame = given.get("log")
     try:
         VirtualDrive(
             bus,
-            plant,  # type: ignore[arg-type]
+            plant,
             profile_name(options) or "reference",
             node_id=_NODE,
             seed=whole_number(options, "seed", 0, 0, 2**63 - 1) or 0,
@@ -53,7 +54,7 @@ def _open(address: str, options: Mapping[str, object]) -> Drive:
             torque_noise_nm=file.torque_noise_nm,
             zero_rad=-start_m / file.model["transmission.ratio"] if referenced else 0.0,
             referenced=referenced,
-            faults=options.get("faults"),  # type: ignore[arg-type]
+            faults=given.get("faults"),
         )
     except BaseException:
         bus.shutdown()

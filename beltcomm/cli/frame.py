@@ -93,7 +93,7 @@ class Frame:
                 return self._unexpected(error)
             remedy = "choose a folder that can be written, or make room"
             return self._failed(f"{error.filename} cannot be used: {error.strerror}; {remedy}", UsageError.exit_code)
-        except Exception as error:
+        except Exception as error:  # what nobody thought of: a sentence and a log with the traceback, never a bare traceback
             if self.ended:  # with the terminal gone, whatever writes to it fails
                 return self._interrupted()
             return self._unexpected(error)

@@ -6,15 +6,16 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from operator import attrgetter
 
 import numpy as np
 from numpy.typing import NDArray
 
-from beltcomm.control import Cascade, CascadeStructure, Feedforward, Prefilter
+from beltcomm.control import Cascade, CascadeStructure, Feedforward, Prefilter, PrefilterKind
 from beltcomm.design.design_plant import DesignPlant
 from beltcomm.design.loops import SampledPlants, loop_shape, open_loops, open_velocity_loop, position_path, sample_plants
 from beltcomm.design.margins import PROOF_POINTS, Margins, margins_on
-from beltcomm.design.prefilters import PrefilterKind, butterworth_cutoff_rad_s, notch_width
+from beltcomm.design.prefilters import butterworth_cutoff_rad_s, notch_width
 from beltcomm.design.search import Gains, best_gains, highest_position_gain
 from beltcomm.design.specification import GROUPS, Infeasible, Specification, describe, relaxed
 from beltcomm.errors import UsageError
@@ -228,7 +229,7 @@ def _binding(cascade: Cascade, achieved: Sequence[Margins], structure: CascadeSt
         ("position gain margin", "position_gain_margin_db", specification.gain_margin_db, "dB", 1.0, 0.3),
         ("position sensitivity", "position_sensitivity_db", specification.sensitivity_db, "dB", -1.0, 0.3),
     ):
-        worst = min(achieved, key=lambda one, name=name, sign=sign: sign * getattr(one, name))  # type: ignore[misc]
+        worst = min(achieved, key=attrgetter(name)) if sign > 0.0 else max(achieved, key=attrgetter(name))
         value = float(getattr(worst, name))
         if sign * (value - limit) < near:
             where = f" at {worst.plant}" if worst.plant else ""

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.control import Prefilter
 from beltcomm.errors import UsageError
-
-PrefilterKind = Literal["none", "notch", "butterworth"]
 
 
 def notch_width(resonance_rad_s: float, antiresonance_rad_s: float, attenuation_db: float) -> float:

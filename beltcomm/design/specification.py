@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from beltcomm.design.prefilters import PrefilterKind
+from beltcomm.control import PrefilterKind
 from beltcomm.errors import Refused, UsageError
 
 

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from beltcomm.control import Cascade, Prefilter
+from beltcomm.control import Cascade, Prefilter, PrefilterKind
 from beltcomm.design.design_plant import DesignPlant
-from beltcomm.design.prefilters import PrefilterKind, butterworth_cutoff_rad_s, continuous_prefilter, notch_width
+from beltcomm.design.prefilters import butterworth_cutoff_rad_s, continuous_prefilter, notch_width
 from beltcomm.errors import Refused
 
 Array = NDArray[np.float64]

@@ -153,12 +153,11 @@ def largest_amplitude(
     shape : ndarray (n,), the record with unit amplitude.   braking : what stops each of the models.
     Raises Refused when even a fiftieth of ``at_most_nm`` is too much.
     """
-    low, high = 0.0, at_most_nm
-    best = predict(family, at_most_nm * shape, sample_s, position_m, braking)
-    if max(best.use_of(limits).values()) <= 1.0:
-        binds = "motor torque" if best.torque_nm >= 0.999 * limits.torque_nm else "step"
-        return AmplitudeStep(at_most_nm, best, binds)
-    binds, best = _first(best, limits), None  # type: ignore[assignment]
+    full = predict(family, at_most_nm * shape, sample_s, position_m, braking)
+    if max(full.use_of(limits).values()) <= 1.0:
+        return AmplitudeStep(at_most_nm, full, "motor torque" if full.torque_nm >= 0.999 * limits.torque_nm else "step")
+    low, high, binds = 0.0, at_most_nm, _first(full, limits)
+    best: Prediction | None = None
     for _ in range(_BISECTIONS):
         middle = 0.5 * (low + high)
         trial = predict(family, middle * shape, sample_s, position_m, braking)

@@ -8,12 +8,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from beltcomm.control import Cascade, CascadeStructure
+from beltcomm.control import Cascade, CascadeStructure, PrefilterKind
 from beltcomm.design.cascade import DesignResult, design_cascade
 from beltcomm.design.cautious import cautious_cascade
 from beltcomm.design.design_plant import DesignPlant, with_friction_fractions
 from beltcomm.design.feedforward import FeedforwardKind, feedforward_from
-from beltcomm.design.prefilters import PrefilterKind
 from beltcomm.design.specification import Infeasible, Specification
 from beltcomm.design.structure import late_s, loop_model
 from beltcomm.effects.tilt import GRAVITY_M_S2

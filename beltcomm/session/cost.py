@@ -20,7 +20,7 @@ from beltcomm.session.commission import Findings, assume_delay, delay, measure_d
 from beltcomm.session.offline import structure_of
 from beltcomm.session.verification import MOVE_M, REST_S
 from beltcomm.trajectory import Trajectory, plan_trajectory
-from beltcomm.verify import TrackingError, demand, predict_move, tracking_error
+from beltcomm.verify import Loop, TrackingError, demand, predict_move, tracking_error
 
 #: Limits of the move where axis.yaml names none: those of an ordinary handling axis.
 USUAL = TrajectoryLimits(jerk_m_s3=200.0, acceleration_m_s2=10.0, speed_m_s=1.5)
@@ -135,10 +135,7 @@ def _errors(
         machine,
         cascade,
         rested,
-        structure=structure,
-        delay_s=delay(findings),
-        torque_limit_nm=axis.torque_limit_nm,
-        counts_per_rev=int(axis.motor.encoder_counts_per_rev or COUNTS),
+        Loop(structure, delay(findings), axis.torque_limit_nm, int(axis.motor.encoder_counts_per_rev or COUNTS)),
         extra_torque_nm=compensation(known, cascade.feedforward, rested, structure.period_s) if send else None,
     )
     at = rested.position_m

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from beltcomm.control import PrefilterKind
 from beltcomm.design.feedforward import FeedforwardKind
-from beltcomm.design.prefilters import PrefilterKind
 from beltcomm.session.commission import Apply
 
 

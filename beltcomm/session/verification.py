@@ -24,6 +24,7 @@ from beltcomm.trajectory import Trajectory, load_move, plan_trajectory
 from beltcomm.verify import (
     DYNAMIC_TARGET_M,
     Demand,
+    Loop,
     PredictedMove,
     TrackingError,
     Verdict,
@@ -96,7 +97,7 @@ def kept_by_belt(machine: Machine, model: Model, cascade: Cascade, delay_s: floa
     share = 1.0
     for _ in range(BELT_TRIES):
         move = standard.at(share, machine.drive.capabilities.sample_period_s)
-        force = predicted(machine, model, cascade, delay_s, phases.held(move, REST_S)).belt_force_n
+        force = predict_move(model, cascade, phases.held(move, REST_S), in_drive(machine, delay_s)).belt_force_n
         limit = belt_force_limit_n(machine, model, float(np.max(np.abs(move.velocity_m_s))), BELT_SWING)
         if force <= limit:
             break
@@ -146,36 +147,16 @@ def admissible(machine: Machine, model: Model, start: float, end: float, limits:
     return phases.slower(limits, low), f"the move was slowed down, because at the speed asked for {'; '.join(broken)}"
 
 
-def predicted(
-    machine: Machine,
-    model: Model,
-    cascade: Cascade,
-    delay_s: float,
-    rested: Trajectory,
-    belt_stretch_m: float = 0.0,
-    extra_torque_nm: Array | None = None,
-    time_s: float = 0.0,
-) -> PredictedMove:
-    """What a move with the rest after it is predicted to be in this drive."""
+def in_drive(machine: Machine, delay_s: float) -> Loop:
+    """What this drive adds to a controller that runs in it."""
     capabilities = machine.drive.capabilities
-    return predict_move(
-        model,
-        cascade,
-        rested,
-        structure=capabilities.structure,
-        delay_s=delay_s,
-        torque_limit_nm=capabilities.peak_torque_nm,
-        counts_per_rev=capabilities.counts_per_rev,
-        belt_stretch_m=belt_stretch_m,
-        extra_torque_nm=extra_torque_nm,
-        time_s=time_s,
-    )
+    return Loop(capabilities.structure, delay_s, capabilities.peak_torque_nm, capabilities.counts_per_rev)
 
 
 def _error_m(machine: Machine, model: Model, cascade: Cascade, delay_s: float, trajectory: Trajectory) -> float:
     """Predicted dynamic error of a move at the motor, m."""
     rested = phases.held(trajectory, REST_S)
-    path = predicted(machine, model, cascade, delay_s, rested)
+    path = predict_move(model, cascade, rested, in_drive(machine, delay_s))
     return tracking_error(path.t_s, rested.position_m, path.motor_m).dynamic_m
 
 
@@ -284,7 +265,8 @@ def verify_move(
     rested = phases.held(trajectory, REST_S)
     clock_s = machine.session_time_s
     along = compensation(model, running.feedforward, rested, rested.sample_period_s, clock_s) if compensating else None
-    path = predicted(machine, model, running, delay_s, rested, extra_torque_nm=along, time_s=clock_s)
+    drive = in_drive(machine, delay_s)
+    path = predict_move(model, running, rested, drive, extra_torque_nm=along, time_s=clock_s)
     _check_path(machine, path)
     if along is not None:
         _check_along(machine, along, trajectory, model)
@@ -306,13 +288,13 @@ def verify_move(
     recording = machine.record(name, machine.follow(beside, "position", along), replace(machine.full_room(), lag_m=lag), sidecar)
 
     def error(other: Model, stretch_m: float) -> TrackingError:
-        path = predicted(machine, other, running, delay_s, rested, stretch_m, along, clock_s)
+        path = predict_move(other, running, rested, drive, belt_stretch_m=stretch_m, extra_torque_nm=along, time_s=clock_s)
         return tracking_error(path.t_s, rested.position_m, path.motor_m)
 
     spread = predict_range(model, error) if rested.duration_s <= LONGEST_RANGED_S else None
     verdict = judge(recording, machine.ratio, path, rested.position_m, predicted_range=spread)
     if along is not None:
-        alone = predicted(machine, model, running, delay_s, rested, time_s=clock_s)
+        alone = predict_move(model, running, rested, drive, time_s=clock_s)
         without = tracking_error(alone.t_s, rested.position_m, alone.motor_m)
         sentence = (
             f"up to {1e3 * float(np.max(np.abs(along))):.3g} mN m were sent along with the reference; a controller that sends none is "

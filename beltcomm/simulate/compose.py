@@ -29,7 +29,7 @@ from beltcomm.model import Model, body_list
 from beltcomm.simulate.writer import LOOK_AHEAD, MOVING_RAD_S, Writer, indented
 
 #: Changes whenever the generated source changes shape, so that an old cache is never met.
-_VERSION = 10
+_VERSION = 11
 
 
 @dataclass(frozen=True)
@@ -153,8 +153,7 @@ def inverse_source() -> str:
         *indented([
             "step = ratio * (theta[k] - q0)", "q0 = theta[k]", "v0 = omega[k]",
             f"if s{writer.switch[writer.onsets()[0].name]}:", "    " + writer.turn(0, "step"), "else:", "    " + turn,
-            "if beyond:", *indented(writer.follow_up(), 1),
-            "else:", *indented(["w0 = v0", *writer.forces("v"), *writer.levels("v", range(1))], 1),
+            *writer.follow_up(),
             "load[k] = l0 * z0 - f0",
             "cart[k] = u" if writer.masked else "",
         ], 2),

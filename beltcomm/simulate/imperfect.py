@@ -44,15 +44,17 @@ def memory_s(model: Model) -> float:
     return sum(_FORGOTTEN * abs(value) for _, values in _delays(model) for value in values)
 
 
-def measured_angle(model: Model, theta: float) -> float:
-    """The angle a sensor shows for the true one, rad; the laws give the error at the measured angle, so it is found by iteration."""
+def angle_sensor(model: Model) -> Callable[[float], float]:
+    """The angle a sensor shows for a true one, rad; the laws give the error at the measured angle, so it is found by iteration."""
     laws = [(effect.law, _values(model, effect)) for effect in model.effect_list() if effect.slot == "sensor" and effect.law is not None]
-    if not laws:
-        return theta
-    shown = theta
-    for _ in range(6):  # the error is some milliradians and changes by as much per radian: each round gains two to three digits
-        shown = theta - sum(law(shown, *values) for law, values in laws)
-    return shown
+
+    def measured(theta: float) -> float:
+        shown = theta
+        for _ in range(6 if laws else 0):  # the error is some milliradians, and as much per radian: each round gains two to three digits
+            shown = theta - sum(law(shown, *values) for law, values in laws)
+        return shown
+
+    return measured
 
 
 def path_response(model: Model, freq_hz: Array) -> NDArray[np.complex128]:

@@ -11,7 +11,7 @@ from beltcomm.linear import describes
 from beltcomm.model import Model
 from beltcomm.simulate.compose import kernel_for
 from beltcomm.simulate.forward import at_rest, check_step
-from beltcomm.simulate.imperfect import is_late, late_torque, measured_angle, memory_s
+from beltcomm.simulate.imperfect import angle_sensor, is_late, late_torque, memory_s
 
 #: N/m and 1: rubber buffers at both ends; 3 N m on the rig (250 N) press them by 1.3 mm.  They belong to this plant and not to
 #: the model: they only keep a virtual axis from leaving the travel its model describes, and nothing identifies them.
@@ -65,7 +65,8 @@ class SimulatedPlant:
         self._inertia = model[name]
         self._low, self._high = end_stops_m or (-math.inf, math.inf)
         self._substeps_per_s = 1e3 * substeps_per_ms
-        self._start_rad = measured_angle(model, float(self._q[0]))
+        self._measured = angle_sensor(model)
+        self._start_rad = self._measured(float(self._q[0]))
         self._start_m = position_m
         self._duration_s, self._count, self._h = 0.0, 1, 0.0
         self._late, self._memory_s = is_late(model), memory_s(model)
@@ -95,7 +96,7 @@ class SimulatedPlant:
         else:
             self._step_near_stop(torque_nm)
         self.time_s += duration_s
-        self.position_rad = measured_angle(self._model, q.item(0)) - self._start_rad
+        self.position_rad = self._measured(q.item(0)) - self._start_rad
         self.velocity_rad_s = v.item(0)
         self.cart_position_m = q.item(i) * self._lever - self._start_m
         if abs(self.cart_position_m - self._known_m) > _LOOK_EVERY_M:

@@ -6,14 +6,14 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from beltcomm.control import Cascade, Feedforward, Prefilter
+from beltcomm.control import Cascade, Feedforward, Prefilter, PrefilterKind
 from beltcomm.virtual.dictionary import ObjectDictionary, Row
 from beltcomm.virtual.motor import Motor
 from beltcomm.virtual.objects import communication_rows, drive_rows, motion_rows, parameter, pdo_rows
 
 _RPM_PER_RAD_S = 30.0 / math.pi
 _NYQUIST_RAD_S = 3141.0  # just below π/T of the 1 ms loops
-_PREFILTERS = ("none", "notch", "butterworth")
+_PREFILTERS: tuple[PrefilterKind, ...] = ("none", "notch", "butterworth")
 
 
 @dataclass(frozen=True)
@@ -126,7 +126,7 @@ def _reference_cascade(dictionary: ObjectDictionary) -> Cascade:
         ki_nm_rad=value[2],
         kpp_1_s=value[3],
         velocity_filter_s=value[4],
-        prefilter=Prefilter(kind, centre, width) if complete else Prefilter(),  # type: ignore[arg-type]
+        prefilter=Prefilter(kind, centre, width) if complete else Prefilter(),
         feedforward=Feedforward(*value[9:15]),
         filter_reference=bool(value[8]),
     )

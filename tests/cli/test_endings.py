@@ -12,22 +12,29 @@ from beltcomm.cli.endings import like_ctrl_c
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
 def test_the_first_interrupts_and_the_second_disturbs_nothing(number: signal.Signals) -> None:
     noted, restored = [], False
-    before = signal.getsignal(number)
-    with like_ctrl_c(lambda: noted.append(True)):
-        with pytest.raises(KeyboardInterrupt):
-            signal.raise_signal(number)
-        signal.raise_signal(signal.SIGTERM)
-        signal.raise_signal(signal.SIGHUP)
-        restored = True
+    found = signal.signal(number, signal.SIG_DFL)  # under nohup the tests themselves begin with SIGHUP ignored
+    try:
+        with like_ctrl_c(lambda: noted.append(True)):
+            with pytest.raises(KeyboardInterrupt):
+                signal.raise_signal(number)
+            signal.raise_signal(signal.SIGTERM)
+            signal.raise_signal(signal.SIGHUP)
+            restored = True
+        assert signal.getsignal(number) is signal.SIG_DFL
+    finally:
+        signal.signal(number, found)
     assert restored
     assert noted == [True]
-    assert signal.getsignal(number) is before
 
 
 def test_nohup_stays_nohup() -> None:
-    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    before, noted = signal.signal(signal.SIGHUP, signal.SIG_IGN), list[bool]()
     try:
-        with like_ctrl_c(lambda: None):
+        with like_ctrl_c(lambda: noted.append(True)):
             signal.raise_signal(signal.SIGHUP)
+            assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+            assert signal.getsignal(signal.SIGTERM) is not signal.SIG_IGN
+        assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
     finally:
         signal.signal(signal.SIGHUP, before)
+    assert noted == []

@@ -152,6 +152,7 @@ def test_a_record_leaves_the_parameters_alone(machine):
 
 def test_stop_and_close_can_be_called_at_any_time(machine):
     machine.drive.stop()
+    assert state(machine) in STATE_DISABLED
     machine.drive.close()
-    machine.drive.close()
-    machine.drive.stop()
+    for at_any_time in (machine.drive.close, machine.drive.stop):
+        assert at_any_time() is None  # and nothing is raised on a bus that was let go

@@ -14,7 +14,7 @@ from beltcomm.linear import operating_point, state_space
 from beltcomm.model import Model, load_plant
 from beltcomm.session.analyse import design_plants, with_feedforward
 from beltcomm.trajectory import plan_trajectory
-from beltcomm.verify import predict_move
+from beltcomm.verify import Loop, predict_move
 
 STRUCTURE = CascadeStructure("thesis", 1e-3, ("none", "notch", "butterworth"), True, True, True)
 CASCADE = Cascade(0.0885, 0.4, 14.8, 0.004, Prefilter("butterworth", 2.0 * np.pi * 19.6), filter_reference=True)
@@ -88,9 +88,7 @@ def test_what_is_sent_along_lowers_the_error() -> None:
     along = compensation(model, cascade.feedforward, move, PERIOD_S)
     errors = []
     for extra in (None, along):
-        path = predict_move(
-            model, cascade, move, structure=STRUCTURE, delay_s=1e-3, torque_limit_nm=3.1, counts_per_rev=65536, extra_torque_nm=extra
-        )
+        path = predict_move(model, cascade, move, Loop(STRUCTURE, 1e-3, 3.1, 65536), extra_torque_nm=extra)
         errors.append(float(np.sqrt(np.mean((move.position_m - path.motor_m) ** 2))))
     assert errors[1] < 0.2 * errors[0]
 

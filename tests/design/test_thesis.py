@@ -10,9 +10,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from beltcomm.control import Cascade, Prefilter
+from beltcomm.control import Cascade, Prefilter, PrefilterKind
 from beltcomm.design.design_plant import DesignPlant
-from beltcomm.design.prefilters import PrefilterKind
 from beltcomm.design.thesis import thesis_design, thesis_margins
 from beltcomm.errors import Refused
 

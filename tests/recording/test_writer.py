@@ -36,6 +36,9 @@ def write_all(writer: RecordingWriter, samples: int) -> None:
 
 
 def test_columns_are_those_of_a_drive() -> None:
+    assert MOTOR_COLUMNS == (
+        "t_s", "torque_nm", "torque_setpoint_nm", "position_rad", "velocity_rad_s", "reference_position_rad", "reference_velocity_rad_s",
+    )  # fmt: skip
     assert MOTOR_COLUMNS == drive.COLUMNS
 
 

@@ -14,7 +14,7 @@ import pytest
 from beltcomm import api
 from beltcomm.identify.final import FinalModel, final_model
 from beltcomm.runfolder import RunFolder
-from beltcomm.session import analyse, offline, phases
+from beltcomm.session import analyse, offline, phases, stops
 from beltcomm.session import commission as sequence
 from session.bench import Bench, Listener
 
@@ -26,6 +26,7 @@ PURE = (
     (analyse, "design_cascade"),
     (analyse, "thesis_fit"),
     (analyse, "cautious_cascade"),
+    (stops, "braked_by_loop"),
 )
 
 
@@ -57,6 +58,7 @@ def complete(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Complete]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(api, "open_drive", bench.open)
         patch.setattr(sequence, "final_model", fit)
+        remember_pure(patch)
         result = api.commission(bench.name, "egc-70-600", path, options=api.Options(yes=True, seed=SEED), talk=talk)
     yield Complete(bench, path, result, talk, fits[-1])
     bench.close()
@@ -82,13 +84,13 @@ def fitted(complete: Complete, monkeypatch: pytest.MonkeyPatch) -> None:
     """Calculations that these tests do not look at: the final fit is that of the complete run, and nothing is computed twice."""
     for module in (sequence, offline):
         monkeypatch.setattr(module, "final_model", lambda *_args, **_kwargs: complete.final)
-    for place, name in (
-        (phases, "first_estimate"),
-        (phases, "largest_amplitude"),
-        (analyse, "design_cascade"),
-        (analyse, "cautious_cascade"),
-    ):
-        monkeypatch.setattr(place, name, remembering(getattr(place, name)))
+    remember_pure(monkeypatch)
+
+
+def remember_pure(patch: pytest.MonkeyPatch) -> None:
+    """Nothing in ``PURE`` is computed twice with the same arguments, by whichever test."""
+    for place, name in PURE:
+        patch.setattr(place, name, remembering(getattr(place, name)))
 
 
 _known: dict[bytes, Any] = {}
@@ -107,16 +109,21 @@ def remembering(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 @pytest.fixture
-def make_bench(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Bench]]:
-    """Makes the virtual drive that the commands will find."""
-    made: list[Bench] = []
+def connect(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[Bench], Bench]]:
+    """The commands find this bench's drive in place of their own; it is switched off after the test."""
+    connected: list[Bench] = []
 
-    def make(*args: Any, **options: Any) -> Bench:
-        bench = Bench(*args, **options)
-        made.append(bench)
+    def on(bench: Bench) -> Bench:
+        connected.append(bench)
         monkeypatch.setattr(api, "open_drive", bench.open)
         return bench
 
-    yield make
-    for bench in made:
+    yield on
+    for bench in connected:
         bench.close()
+
+
+@pytest.fixture
+def make_bench(connect: Callable[[Bench], Bench]) -> Callable[..., Bench]:
+    """Makes the virtual drive that the commands will find."""
+    return lambda *args, **options: connect(Bench(*args, **options))

@@ -165,13 +165,13 @@ def test_a_move_is_slowed_down_or_refused_for_a_belt_that_swings(
 ) -> None:
     bench, folder = make_bench(), RunFolder.create(tmp_path / "run", load_axis(AXIS))
     model, cascade = complete.final.fit.model, sequence.Cascade(0.08, 0.2, 14.0, 4e-3)
-    true = verification.predicted
+    true = verification.predict_move
     with bench.open(bench.name) as drive, Machine(drive, load_axis(AXIS), folder, Silence()) as machine:
         standard = verification.standard_move(machine, model)
         monkeypatch.setattr(
             verification,
-            "predicted",
-            lambda *args: replace(true(*args), belt_force_n=80.0 * float(np.max(np.abs(args[4].velocity_m_s)) / 1.0) ** 2),
+            "predict_move",
+            lambda *args: replace(true(*args), belt_force_n=80.0 * float(np.max(np.abs(args[2].velocity_m_s)) / 1.0) ** 2),
         )
         kept = verification.kept_by_belt(machine, model, cascade, 1e-3, standard)
         fast, slow = (move.at(1.0, 1e-3) for move in (standard, kept))
@@ -180,8 +180,9 @@ def test_a_move_is_slowed_down_or_refused_for_a_belt_that_swings(
         assert 80.0 * np.abs(fast.velocity_m_s).max() ** 2 > limit
         assert 0.9 * limit < 80.0 * np.abs(slow.velocity_m_s).max() ** 2 <= limit
         assert "because the belt would carry more than" in kept.remark
+        path = verification.predict_move(model, cascade, fast, verification.in_drive(machine, 1e-3))
         with pytest.raises(Refused, match=r"the belt is predicted to carry 14\d\.\d N as it swings, limit 12\d\.\d N"):
-            verification._check_belt(machine, model, verification.predicted(machine, model, cascade, 1e-3, fast), fast)
+            verification._check_belt(machine, model, path, fast)
 
 
 def test_success_needs_sound_margins_and_a_whole_move(complete: Complete, copy_of_complete: Copy) -> None:

@@ -6,7 +6,7 @@ One test per machine holds everything it is examined for: a commissioning takes 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -35,21 +35,6 @@ ALLOWED = (
     ("coulomb_total", "coulomb_total_nm", 0.05),
 )
 Connect = Callable[[Bench], Bench]
-
-
-@pytest.fixture
-def connect(monkeypatch: pytest.MonkeyPatch) -> Iterator[Connect]:
-    """The commands find this bench's drive in place of their own; it is switched off after the test."""
-    connected: list[Bench] = []
-
-    def on(bench: Bench) -> Bench:
-        connected.append(bench)
-        monkeypatch.setattr(api, "open_drive", bench.open)
-        return bench
-
-    yield on
-    for bench in connected:
-        bench.close()
 
 
 def at_the_carriage(bench: Bench, run: Path) -> TrackingError:

@@ -26,6 +26,7 @@ from truth.rigs import RIGS, nominal
 
 MakeBench = Callable[..., Bench]
 Copy = Callable[..., Path]
+Connect = Callable[[Bench], Bench]
 YES = api.Options(yes=True, seed=1)
 LIMIT_N = load_axis("egc-70-600").limits.feed_force_n or 0.0
 #: m, m/s²: where the standard move of either rig is fastest, speeds up and slows down hardest, and how hard that is.
@@ -113,11 +114,10 @@ def smooth(rig: str, share: float) -> Bench:
     return Bench(rig, plant=replace(RIGS[rig], coulomb_total_nm=share * RIGS[rig].coulomb_total_nm).plant())
 
 
-def test_an_open_loop_record_is_stopped_on_the_way_that_was_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_an_open_loop_record_is_stopped_on_the_way_that_was_told(connect: Connect, tmp_path: Path) -> None:
     """3 % of the friction: coasting takes several times as long, with the factory's gains twice; the lent loop brakes as was told."""
     rig, speed = "g_b", 0.05
-    bench = smooth(rig, 0.03)
-    monkeypatch.setattr(api, "open_drive", bench.open)
+    bench = connect(smooth(rig, 0.03))
     run = tmp_path / "run"
     part, talk = run / "recordings" / "amplitude_2.csv.part", Listener()
     # the carriage's speed, not that of the motor, which rings
@@ -136,14 +136,11 @@ def test_an_open_loop_record_is_stopped_on_the_way_that_was_told(monkeypatch: py
     inertia = truth["inertia_kg_m2"] + 0.01242**2 * truth["mass_kg"]
     coasting = speed**2 * inertia / (2.0 * 0.01242 * 0.03 * truth["coulomb_total_nm"])
     assert way < 0.25 * coasting
-    bench.close()
 
 
-def test_a_carriage_that_coasts_is_noticed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_a_carriage_that_coasts_is_noticed(connect: Connect, tmp_path: Path) -> None:
     """Next to no friction and the factory's gains: the first creep does not come to rest where it was counted to."""
-    bench = smooth("g_a", 0.003)
-    monkeypatch.setattr(api, "open_drive", bench.open)
+    bench = connect(smooth("g_a", 0.003))
     with pytest.raises(BeltcommError, match=r"does not stand still|hardly brake it"):
         api.identify(bench.name, "egc-70-600", tmp_path / "run", options=YES)
     assert bench.parameters() == bench.initial
-    bench.close()

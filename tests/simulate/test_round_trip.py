@@ -10,7 +10,7 @@ import pytest
 from beltcomm.effects import EFFECTS, Effect, Ground
 from beltcomm.model import Model, build_model
 from beltcomm.simulate.forward import simulate_torque
-from beltcomm.simulate.imperfect import measured_angle, torque_as_read
+from beltcomm.simulate.imperfect import angle_sensor, torque_as_read
 from beltcomm.simulate.inverse import fine_load, reconstruct, torque_residual
 
 T, RATIO = 1e-3, 0.0125
@@ -62,7 +62,7 @@ def left_over(model: Model, judged_by: Model, slow: bool) -> float:
     """rms of the residual, N m, where the motor moves."""
     torque = torque_of(1200, slow)
     out = simulate_torque(model, torque, T, position_m=0.4, substeps=160)
-    shown = np.array([measured_angle(model, angle) for angle in out.position_rad.tolist()])
+    shown = np.array(list(map(angle_sensor(model), out.position_rad.tolist())))
     torque = torque_as_read(model, torque, T)
     motion = reconstruct(shown, torque, T, 7e-5, start_rad=float(shown[0]), substeps=32)
     load, _ = fine_load(judged_by, motion)
