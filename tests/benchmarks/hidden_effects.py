@@ -31,6 +31,7 @@ from beltcomm.errors import BeltcommError
 from beltcomm.laboratory.diagnosis import Diagnosis, diagnose
 from beltcomm.laboratory.fitting import fit
 from beltcomm.laboratory.intervals import with_intervals
+from beltcomm.laboratory.run_checks import checked
 from beltcomm.laboratory.score import ground_of
 from beltcomm.laboratory.stage import with_effect
 from beltcomm.laboratory.start import start_model
@@ -77,14 +78,15 @@ def possible(pair: tuple[str, str]) -> bool:
 def examined(seed: int, names: tuple[str, ...], strength: float) -> dict[str, Any]:
     """One draw: what was hidden, and what the laboratory said."""
     machine = draw(seed, names, strength, "sheet")
-    records = list(run_session(machine, "thorough", fine=PER_SAMPLE))
-    line: dict[str, Any] = {"seed": seed, "hidden": list(names), "strength": strength, "visible": seen(machine, records)}
+    made = list(run_session(machine, "thorough", fine=PER_SAMPLE))
+    line: dict[str, Any] = {"seed": seed, "hidden": list(names), "strength": strength, "visible": seen(machine, made)}
     with tempfile.TemporaryDirectory() as folder:
-        write_records(machine, records, folder + "/run")
+        write_records(machine, made, folder + "/run")
         run = RunFolder.open(Path(folder) / "run")
         begin = time.process_time()
         try:
-            recordings = run.recordings()
+            records = checked(run.recordings(), run.axis, foreign=True)
+            recordings, line["remarks"] = records.recordings, list(records.remarks)
             start = start_model(run.axis, recordings)
             if "belt_damping" in names:
                 start = start.without_effect("belt_damping")

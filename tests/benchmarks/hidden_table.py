@@ -44,6 +44,9 @@ def table(lines: Sequence[Line]) -> None:
         print_ratios("after adding the right effect: fitted", one, 1, 0.05)
     print_held("held-out error within 1.02 of the true model class", [line for line in shown if line.get("best_held")])
     print_coverage(lines)
+    refused = [line for line in lines if "added" not in line]
+    print(f"refused, each counted as a failure: {len(refused)} {Counter(line['verdict'][:60] for line in refused) if refused else ''}")
+    print(f"remarks on the records: {Counter(text.split(': ')[-1][:60] for line in lines for text in line.get('remarks', []))}")
     print_cost(lines)
 
 
