@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,7 @@ from beltcomm.axis import Axis
 from beltcomm.effects import EFFECTS, Ground
 from beltcomm.laboratory.fitting import Fitted
 from beltcomm.laboratory.score import Scorer
-from beltcomm.linear import modes, operating_point
+from beltcomm.linear import modes, operating_point, values_of
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 
@@ -111,9 +112,14 @@ class Resonances:
 
 
 def resonances(model: Model, position_m: float) -> Resonances | None:
-    """None for one rigid body."""
+    """None for one rigid body.  Forces that depend on the place (cogging, a cable) are left out: they shift no resonance of the belt."""
     if len(model.bodies()) < 2:
         return None
+    for effect in model.effect_list():
+        if effect.slot == "force" and effect.slope is not None:
+            by_position, _ = cast("tuple[float, float]", effect.slope(0.1, 1.0, 0.0, *values_of(model, effect, position_m)))
+            if by_position != 0.0:
+                model = model.without_effect(effect.name)
     point = operating_point(model, position_m, SLIDING_RAD_S)
     held, free = (tuple(mode.freq_hz for mode in modes(model, point, held=bodies)) for bodies in (("motor",), ()))
     return Resonances(held, free)
