@@ -61,7 +61,7 @@ def commission(drive: str, axis: Axis | str, run: Path, *, options: Options | No
         if options.window_m is not None:
             referencing.only_here(connected.capabilities, options.position_m, home=options.home)
             return _identify(connected, drive, axis, run, options, talk, whole=True)
-        plan = commission_plan(axis, connected.capabilities, options.quick)
+        plan = commission_plan(axis, connected.capabilities, options.extent)
         if options.dry_run:
             if options.resume:
                 RunFolder.create(run, axis, resume=True)  # says whether it could go on
@@ -148,7 +148,7 @@ def friction(drive: str, run: Path, *, options: Options | None = None, talk: Tal
         with Machine(connected, folder.axis, folder, talk) as machine:
             referencing.reference(machine, _settings(options))
             _agree(plan, options, talk, machine)
-            machine.titles = (sequence.TITLES[4], sequence.TITLES[6])
+            machine.titles = (sequence.TITLES[4], sequence.TITLES[5])
             sequence.close_first_loop(machine, findings, model, ask=not options.yes)
             number = 1 + sum(name.startswith("sweep") for name in folder.finished_names())
             sequence.measure_friction(machine, model, "sweep" if number == 1 else f"sweep_{number}")
@@ -329,7 +329,7 @@ def _settings(options: Options) -> Settings:
         window_m=options.window_m,
         ask=not options.yes,
         payloads_kg=(payload,) if payload else (),
-        quick=options.quick,
+        extent=options.extent,
         prefilter=options.prefilter,
         feedforward=options.feedforward or "nonlinear",
     )

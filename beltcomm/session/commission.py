@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+import numpy as np
+
 from beltcomm.axis import Axis
 from beltcomm.control import Cascade, CascadeStructure
 from beltcomm.design.cascade import DesignResult
@@ -20,23 +22,25 @@ from beltcomm.identify.friction import FrictionFit
 from beltcomm.identify.magnitude_fit import MagnitudeFit, Solver
 from beltcomm.model import Model
 from beltcomm.recording import Recording
-from beltcomm.session import analyse, phases, sameness, stops, verification
+from beltcomm.session import analyse, bounds, making, phases, programme, sameness, stops, verification
 from beltcomm.session.machine import Machine
+from beltcomm.session.programme import Extent
 from beltcomm.session.proof import SURE_MARGIN_DEG, move_name, proof, thin_margins
+from beltcomm.session.steps import LOUD, Step
 from beltcomm.sidecar import Sidecar
 from beltcomm.trajectory import Trajectory
 from beltcomm.verify import Demand, Verdict
 
 Apply = Literal["keep", "restore", "save"]
 
-#: s of machine time per frequency response: rest, one run-in period, three to four measured ones.
-RESPONSE_S = 7.0
 #: Periods of the drive's loop that an unmeasured delay is counted with: one to pass the setpoint on, one for the current loop.
 ASSUMED_DELAY_PERIODS = 2
-#: Where along the travel the other frequency responses are taken, as shares of it.
-PLACES = (0.12, 0.5, 0.88)
 #: m: a place already measured nearby is not measured again.
 SAME_PLACE_M = 0.08
+#: s of machine time kept for the move that verifies, with the way to its start.
+VERIFYING_S = 5.0
+#: s of machine time that finding sign and breakaway takes as a rule.
+CREPT_S = 3.0
 #: Names of the phases, as shown to the user.
 TITLES = (
     "connect and check",
@@ -44,8 +48,7 @@ TITLES = (
     "excitation, rising",
     "frequency response here",
     "first loop",
-    "other places",
-    "friction sweep",
+    "strokes, places, moves",
     "fit and design",
     "verification moves",
 )
@@ -58,7 +61,8 @@ class Settings:
     position_m : where the carriage stands, when the drive does not know.   home : run the drive's homing first.
     window_m : how far the carriage may move from where it stands, (low < 0, high > 0).   ask : somebody can be asked.
     apply : what becomes of the new gains; None asks when somebody can be asked.
-    quick : one place only.   prefilter : None is the best one that the drive has.
+    extent : quick is one place and one sweep, thorough holds what every effect needs.
+    prefilter : None is the best one that the drive has.
     move : the user's own reference motion instead of the standard move.
     """
 
@@ -71,7 +75,7 @@ class Settings:
     prefilter: PrefilterKind | None = None
     feedforward: FeedforwardKind = "nonlinear"
     specification: Specification | None = None
-    quick: bool = False
+    extent: Extent = "standard"
     move: Trajectory | None = None
 
 
@@ -118,7 +122,7 @@ def identify_here(machine: Machine, findings: Findings) -> Model:
     findings.excited = phases.raise_amplitude(machine, findings.breakaway)
     machine.begin(TITLES[3])
     excited = findings.excited
-    phases.frequency_response(machine, "frf_1", excited.model, excited.step.amplitude_nm, RESPONSE_S)
+    phases.frequency_response(machine, "frf_1", excited.model, excited.step.amplitude_nm, making.RESPONSE_S)
     return first_model(machine, findings)
 
 
@@ -136,6 +140,7 @@ def first_model(machine: Machine, findings: Findings) -> Model:
 
 def measure_delay_and_damping(findings: Findings, recordings: Sequence[Recording], model: Model, solver: Solver = "lm") -> None:
     """The thesis's fit of every response, and the dead time; both only inform, a failure is a remark."""
+    recordings = [r for r in recordings if not r.sidecar.held_out]
     for name, response in analyse.responses(recordings).items():
         try:
             findings.thesis[name] = analyse.thesis_fit(response, model, solver)
@@ -188,23 +193,35 @@ def assume_delay(findings: Findings, structure: CascadeStructure) -> None:
     )
 
 
-def measure_places(machine: Machine, model: Model, amplitude_nm: float) -> None:
-    """Phase 5: frequency responses at other places along the travel."""
+def record_steps(machine: Machine, findings: Findings, model: Model, cascade: Cascade, extent: Extent) -> None:
+    """Phase 5: the records of the programme, as many as the time allows."""
     machine.begin(TITLES[5])
-    low, high = machine.full_room().window_m
+    loop = making.Closed(model, cascade, delay(findings))
+    course = making.course_of(machine, model)
+    items = [item for item in programme.BY_EXTENT[extent] if not measured_already(machine, item.step)]
+    first = [r for r in machine.folder.recordings() if r.name.startswith("amplitude_") or r.name == "frf_1"]
+    spent = CREPT_S + sum(float(np.ptp(r.t_s)) for r in first)
+    left = programme.BUDGET_S[extent] - spent - VERIFYING_S
+    steps, without = programme.fitting(items, lambda step: bounds.seconds_of(step, course), left)
+    if without:
+        names = "; ".join(step.title(course.place_m(step)) for step in without)
+        findings.remarks.append(f"not recorded, for {programme.BUDGET_S[extent]:.0f} s of machine time are not enough: {names}")
+    loudest = findings.excited.step.amplitude_nm if findings.excited else machine.axis.torque_limit_nm
+    for name, step in programme.named(steps, ("frf_1",)):
+        making.make(machine, loop, step, name, loudest)
+
+
+def measured_already(machine: Machine, step: Step) -> bool:
+    """Whether the first response stands for that of a step."""
     here = machine.folder.recording("frf_1").sidecar.start_position_m
-    places = [low + share * (high - low) for share in PLACES]
-    others = [place for place in places if here is None or abs(place - here) >= SAME_PLACE_M]
-    for number, place in enumerate(others, start=2):
-        name = f"frf_{number}"
-        if machine.folder.finished(name) is None:
-            phases.move_to(machine, place, model)
-        phases.frequency_response(machine, name, model, amplitude_nm, RESPONSE_S)
+    low, high = machine.full_room().window_m
+    loud = step.kind == "response" and step.share >= LOUD and not step.held_out
+    return loud and here is not None and abs(low + step.place * (high - low) - here) < SAME_PLACE_M
 
 
 def measure_friction(machine: Machine, model: Model, name: str = "sweep") -> Recording:
-    """Phase 5b: the constant-speed sweep with the loop closed."""
-    machine.begin(TITLES[6])
+    """The constant-speed sweep alone, three of its speeds twice."""
+    machine.begin(TITLES[5])
     if machine.folder.finished(name) is None:
         phases.move_to(machine, phases.stroke_ends(machine)[0], model)
     strokes = phases.sweep(machine, model)
@@ -219,7 +236,7 @@ def measure_friction(machine: Machine, model: Model, name: str = "sweep") -> Rec
 
 def fit_and_design(machine: Machine, findings: Findings, settings: Settings) -> Cascade:
     """Phase 6: final fit over all records, final design; returns what goes into the drive."""
-    machine.begin(TITLES[7])
+    machine.begin(TITLES[6])
     recordings = machine.folder.recordings()
     counts = machine.drive.capabilities.counts_per_rev
     first = findings.final.fit.model if findings.final else None
@@ -270,12 +287,13 @@ def commission(machine: Machine, settings: Settings, findings: Findings) -> Find
     machine.begin(TITLES[0])
     try:
         model = identify_here(machine, findings)
-        close_first_loop(machine, findings, model, ask=settings.ask)
-        if not settings.quick:
-            measure_places(machine, model, findings.excited.step.amplitude_nm if findings.excited else 0.0)
-        measure_friction(machine, model)
+        cascade = close_first_loop(machine, findings, model, ask=settings.ask)
+        if settings.extent == "quick":
+            measure_friction(machine, model)
+        else:
+            record_steps(machine, findings, model, cascade, settings.extent)
         cascade = fit_and_design(machine, findings, settings)
-        machine.begin(TITLES[8])
+        machine.begin(TITLES[7])
         model = known_model(findings)
         stops.count_on_loop(machine, [model], cascade, delay(findings))
         if settings.move is not None:

@@ -5,10 +5,10 @@ Every phase predicts what its motion will do before it asks the machine to move,
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TypeVar
+from typing import Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,7 @@ from beltcomm.trajectory import Strokes, Trajectory, at_rest, constant_speed_str
 
 Array = NDArray[np.float64]
 M = TypeVar("M", Trajectory, Strokes)
+Which = Literal["twice", "once", "again"]
 
 #: m; how far the carriage goes in the sign check, and with the way of its stop.
 SIGN_TRAVEL_M = 2e-3
@@ -226,14 +227,19 @@ def _remedy(machine: Machine, step: AmplitudeStep, breakaway: Breakaway) -> str:
 
 
 def frequency_response(
-    machine: Machine, name: str, model: Model, amplitude_nm: float, seconds: float
+    machine: Machine, name: str, model: Model, amplitude_nm: float, seconds: float, *, held_out: bool = False
 ) -> tuple[Recording, Excitation, AmplitudeStep]:
-    """Excite at the present place with an amplitude that the limits allow there, long enough for a frequency response."""
+    """Excite at the present place with an amplitude that the limits allow there, long enough for a frequency response.
+
+    held_out : only to judge with; another sequence than those that are fitted, and one measured period of it.
+    """
     at = machine.position_m
     limits = motion_limits(machine, at)
     period = machine.drive.capabilities.sample_period_s
     antiresonance, resonance = characteristic_hz(model, at)
     choice = choose_prbs(period, antiresonance, resonance, seconds)
+    if held_out:
+        choice = replace(choice, order=SHORT_ORDER, clock=choice.clock + 1, repeats=1, reason="another sequence than the fitted ones")
     shape = prbs(choice.order, choice.clock, 2.0, period, choice.repeats)
     unit = shape.torque / shape.amplitude_nm
     step = largest_amplitude(around(model), unit, period, at, limits, amplitude_nm, stops.braking_of(machine))
@@ -249,7 +255,7 @@ def frequency_response(
         f"{name}: {choice.reason}; ±{step.amplitude_nm:.3f} N m, bound by {step.binds}; a stop takes up to "
         f"{1e3 * step.prediction.stop_m:.1f} mm"
     )
-    return _excite(machine, name, excitation, at, step.prediction), excitation, step
+    return _excite(machine, name, excitation, at, step.prediction, held_out), excitation, step
 
 
 def excitation_room(machine: Machine, at: float) -> Room:
@@ -257,7 +263,7 @@ def excitation_room(machine: Machine, at: float) -> Room:
     return room_around(machine, at, EXCITATION_TRAVEL_M + END_MARGIN_M)
 
 
-def _excite(machine: Machine, name: str, excitation: Excitation, at: float, predicted: Prediction) -> Recording:
+def _excite(machine: Machine, name: str, excitation: Excitation, at: float, predicted: Prediction, held_out: bool = False) -> Recording:
     """Record an excitation, watched so that a stop at any limit still ends in the window."""
     around_it = excitation_room(machine, at)
     low, high = around_it.window_m
@@ -269,7 +275,7 @@ def _excite(machine: Machine, name: str, excitation: Excitation, at: float, pred
         period_samples=excitation.period_samples,
         first_sample=excitation.first_sample,
     )
-    sidecar = Sidecar(experiment="frf", start_position_m=machine.place_m(at), session_time_s=machine.session_time_s, excitation=note)
+    sidecar = Sidecar("frf", machine.place_m(at), machine.session_time_s, held_out=held_out, excitation=note)
     return machine.record(name, machine.torque_motion(excitation.torque), room, sidecar, watch)
 
 
@@ -289,7 +295,7 @@ def move_to(machine: Machine, target_m: float, model: Model, slow_m_s: float = P
         if abs(machine.position_m - target_m) < ARRIVED_M:
             return
         plan = partial(plan_trajectory, machine.position_m, target_m, sample_period_s=machine.drive.capabilities.sample_period_s)
-        trajectory = _stoppable(machine, gentle_limits(machine, model, slow_m_s), plan)
+        trajectory = stoppable(machine, gentle_limits(machine, model, slow_m_s), plan)
         machine.run(machine.follow(held(trajectory, 0.3), machine.stroking()), loose_room(machine))
     if abs(machine.position_m - target_m) > ASTRAY_M:
         raise SafetyStop(
@@ -310,7 +316,7 @@ def gentle_limits(machine: Machine, model: Model, speed_m_s: float) -> Trajector
     return TrajectoryLimits(jerk_m_s3=20.0 * acceleration, acceleration_m_s2=acceleration, speed_m_s=min(speed_m_s, top))
 
 
-def _stoppable(machine: Machine, limits: TrajectoryLimits, plan: Callable[[TrajectoryLimits], M]) -> M:
+def stoppable(machine: Machine, limits: TrajectoryLimits, plan: Callable[[TrajectoryLimits], M]) -> M:
     """The motion with these limits, or with slower ones, such that a stop at any moment of it ends inside the travel.
 
     Of the slowest one tried the machine itself says what is wrong.
@@ -362,23 +368,27 @@ def fastest_stroke_m_s(top_m_s: float, acceleration_m_s2: float, window_m: float
 
 
 def sweep(machine: Machine, model: Model) -> Strokes:
-    """Strokes both ways at seven speeds, from a slow creep to the fastest that still has a plateau within the travel; three twice."""
+    """:func:`sweep_strokes` from where the carriage stands to the farther end."""
     low, high = stroke_ends(machine)
     at = machine.position_m
-    far = high if high - at > at - low else low
+    far, period = high if high - at > at - low else low, machine.drive.capabilities.sample_period_s
+    return stoppable(machine, gentle_limits(machine, model, np.inf), lambda limits: sweep_strokes(at, far, limits, period))
 
-    def strokes(limits: TrajectoryLimits) -> Strokes:
-        fastest = fastest_stroke_m_s(limits.speed_m_s, limits.acceleration_m_s2, abs(far - at))
-        speeds = [float(v) for v in np.geomspace(SWEEP_SLOWEST_M_S, fastest, SWEEP_SPEEDS)]
-        return constant_speed_strokes(
-            at,
-            far,
-            speeds + speeds[1::2],  # how well friction repeats
-            limits,
-            machine.drive.capabilities.sample_period_s,
-            run_in_s=SWEEP_RUN_IN_S,
-            rest_s=0.15,
-            longest_plateau_s=SWEEP_RUN_IN_S + SWEEP_LONGEST_S,
-        )
 
-    return _stoppable(machine, gentle_limits(machine, model, np.inf), strokes)
+def sweep_strokes(
+    at_m: float, far_m: float, limits: TrajectoryLimits, period_s: float, which: Which = "twice", speeds_m_s: Sequence[float] = ()
+) -> Strokes:
+    """Strokes both ways at seven speeds, from a slow creep to the fastest that still has a plateau within the travel.
+
+    which : three of the seven twice, each once, or two of them again, for how well friction repeats.
+    speeds_m_s : instead of the seven; all slower in proportion where the fastest cannot be had.
+    """
+    fastest = fastest_stroke_m_s(limits.speed_m_s, limits.acceleration_m_s2, abs(far_m - at_m))
+    digit = 10.0 ** (np.floor(np.log10(fastest)) - 1.0)
+    fastest = float(np.floor(fastest / digit) * digit)  # the carriage never begins at quite the same place, repeats need equal speeds
+    speeds = [float(v) for v in np.geomspace(SWEEP_SLOWEST_M_S, fastest, SWEEP_SPEEDS)]
+    speeds = {"twice": speeds + speeds[1::2], "once": speeds, "again": speeds[3::2]}[which]
+    if speeds_m_s:
+        speeds = [v * min(1.0, fastest / max(speeds_m_s)) for v in speeds_m_s]
+    given = {"run_in_s": SWEEP_RUN_IN_S, "rest_s": 0.15, "longest_plateau_s": SWEEP_RUN_IN_S + SWEEP_LONGEST_S}
+    return constant_speed_strokes(at_m, far_m, speeds, limits, period_s, **given)
