@@ -113,4 +113,3 @@ def lines_of(axis: Axis, capabilities: Capabilities, steps: Sequence[Step], mode
         except BeltcommError as problem:
             raise type(problem)(f"step {number} ({step.kind}): {problem}") from problem
     return lines
-

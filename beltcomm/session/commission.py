@@ -38,9 +38,9 @@ ASSUMED_DELAY_PERIODS = 2
 #: m: a place already measured nearby is not measured again.
 SAME_PLACE_M = 0.08
 #: s of machine time kept for the move that verifies, with the way to its start.
-VERIFYING_S = 5.0
+VERIFYING_S = 4.0
 #: s of machine time that finding sign and breakaway takes as a rule.
-CREPT_S = 3.0
+CREPT_S = 2.0
 #: Names of the phases, as shown to the user.
 TITLES = (
     "connect and check",
@@ -116,6 +116,7 @@ def identify_here(machine: Machine, findings: Findings) -> Model:
     """Phases 1 to 3: sign, rising excitation, one open-loop frequency response at the present place; returns a first model."""
     machine.begin(TITLES[1])
     findings.breakaway = phases.sign_and_scale(machine)
+    machine.holding_nm = findings.breakaway.holding_nm
     sameness.check_breakaway(machine, findings.breakaway.coulomb_nm)
     sameness.repeat_first_excitation(machine, phases.excitation_room(machine, machine.position_m))
     machine.begin(TITLES[2])

@@ -28,6 +28,7 @@ def motion_plan(machine: Machine, model: Model, wanted: NextPlan) -> Plan:
 
 def follow(machine: Machine, model: Model, findings: Findings, wanted: NextPlan) -> list[str]:
     """Run all steps; returns the names of the records.   Raises what the machine raises; what is recorded stays."""
+    machine.holding_nm = model.get("constant_offset.torque")
     cascade = sequence.close_first_loop(machine, findings, model)
     loop = making.Closed(model, cascade, sequence.delay(findings))
     taken = set(machine.folder.finished_names())

@@ -10,6 +10,7 @@ from beltcomm.axis_entries import TrajectoryLimits
 from beltcomm.errors import Refused
 from beltcomm.session import phases
 from beltcomm.session.steps import Step
+from beltcomm.session.strokes import Which, fastest_stroke_m_s, sweep_strokes
 from beltcomm.trajectory import Trajectory, at_rest, constant_speed_strokes, join, plan_trajectory
 
 #: m: half the way of slow strokes around their place; s: run-in, rest and longest plateau of them.
@@ -67,8 +68,8 @@ def start_of(step: Step, course: Course) -> float:
 def path_of(step: Step, course: Course, at_m: float) -> Trajectory:
     """The reference of a closed-loop step from where the carriage stands.   Raises UsageError, Refused."""
     if step.kind == "sweep":
-        which: phases.Which = "again" if step.again else "once"
-        return phases.sweep_strokes(at_m, course.ends_m[1], course.gentle, course.period_s, which, step.speeds_m_s).trajectory
+        which: Which = "again" if step.again else "once"
+        return sweep_strokes(at_m, course.ends_m[1], course.gentle, course.period_s, which, step.speeds_m_s).trajectory
     if step.kind == "strokes":
         end = _around(step, course)[1]
         speeds = [min(v, course.gentle.speed_m_s) for v in step.speeds_m_s]
@@ -102,7 +103,7 @@ def _random_moves(step: Step, course: Course, at_m: float) -> Trajectory:
     """Random targets at speeds from ``SLOWEST_M_S`` to the fastest, each as likely on a logarithmic scale; slow ones short."""
     random = np.random.default_rng(step.seed)
     limits, (low, high) = phases.slower(course.hard, float(np.sqrt(step.share))), course.ends_m
-    top = phases.fastest_stroke_m_s(limits.speed_m_s, limits.acceleration_m_s2, high - low)
+    top = fastest_stroke_m_s(limits.speed_m_s, limits.acceleration_m_s2, high - low)
     parts, here = [at_rest(at_m, REST_BEFORE_S, course.period_s)], at_m
     left = step.seconds - REST_BEFORE_S - REST_AFTER_S
     while left > 0.0:

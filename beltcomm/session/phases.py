@@ -5,10 +5,10 @@ Every phase predicts what its motion will do before it asks the machine to move,
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Literal, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from beltcomm.axis_entries import TrajectoryLimits
 from beltcomm.drive import Capabilities
 from beltcomm.errors import Refused, SafetyStop, UsageError
-from beltcomm.excitation import SHORT_ORDER, Excitation, choose_prbs, prbs
+from beltcomm.excitation import SHORT_ORDER, Excitation, PrbsChoice, choose_prbs, prbs
 from beltcomm.identify.amplitude import AmplitudeStep, MotionLimits, Prediction, around, largest_amplitude, unknown_payload
 from beltcomm.identify.first_estimate import data_sheet_model, first_estimate, moved_enough, stiffness_range
 from beltcomm.linear import modes, operating_point
@@ -26,12 +26,12 @@ from beltcomm.session import stops
 from beltcomm.session.creep import MOVED_M, SLIDING_SHARE, creep
 from beltcomm.session.expectation import Expectation
 from beltcomm.session.machine import Machine, Room, stroking
+from beltcomm.session.strokes import sweep_strokes
 from beltcomm.sidecar import ExcitationNote, Sidecar
-from beltcomm.trajectory import Strokes, Trajectory, at_rest, constant_speed_strokes, join, plan_trajectory
+from beltcomm.trajectory import Strokes, Trajectory, at_rest, join, plan_trajectory
 
 Array = NDArray[np.float64]
 M = TypeVar("M", Trajectory, Strokes)
-Which = Literal["twice", "once", "again"]
 
 #: m; how far the carriage goes in the sign check, and with the way of its stop.
 SIGN_TRAVEL_M = 2e-3
@@ -45,18 +45,14 @@ OVER_BREAKAWAY = 1.0
 #: The short excitation: clocks that are tried until the limits allow more than the breakaway torque; a slower one leaves
 #: out the frequencies of a stiff belt.
 CLOCKS = (2, 3, 4)
+#: Breakaway torques that differ by less than this share of friction either way are the same.
+CLEAR_SHARE = 0.05
 #: Growth of the amplitude from one record to the next.
 GROWTH = 1.7
 MOST_STEPS = 5
 #: Shares of the travel kept free at both ends: for the overshoot of a first position loop, and for the drift of a velocity loop.
 OVERSHOOT_SHARE = 0.06
 DRIFT_SHARE = 0.15
-#: Friction sweep: slowest speed, number of speeds, run-in left out, shortest and longest plateau that counts.
-SWEEP_SLOWEST_M_S = 0.01
-SWEEP_SPEEDS = 7
-SWEEP_RUN_IN_S = 0.2
-SWEEP_SHORTEST_S = 0.1
-SWEEP_LONGEST_S = 0.6
 #: Positioning, m: near enough to try no more, so far off that the loop cannot be trusted, and how often it is tried.
 ARRIVED_M = 1e-3
 ASTRAY_M = 2e-2
@@ -96,12 +92,13 @@ class Breakaway:
         The torque went on rising until the carriage had moved by ``MOVED_M``:  x = i_t Ṁ t³/6J  gives by how much.
         """
         rising_s = (6.0 * MOVED_M * inertia_kg_m2 / (ratio * self.slope_nm_s)) ** (1.0 / 3.0) if self.slope_nm_s else 0.0
-        return max(0.0, SLIDING_SHARE * (self.coulomb_nm - self.slope_nm_s * rising_s))
+        return max(0.0, SLIDING_SHARE * (self.coulomb_nm - self.slope_nm_s * rising_s) - abs(self.holding_nm))
 
     @property
     def holding_nm(self) -> float:
-        """Half the sum with sign: what holds the axis against gravity."""
-        return 0.5 * (self.forward_nm - self.backward_nm)
+        """Half the sum with sign: what holds the axis against gravity; 0 where that is within the scatter of friction."""
+        half = 0.5 * (self.forward_nm - self.backward_nm)
+        return half if abs(half) > CLEAR_SHARE * self.coulomb_nm else 0.0
 
 
 @dataclass(frozen=True)
@@ -158,7 +155,7 @@ def motion_limits(machine: Machine, position_m: float) -> MotionLimits:
     return MotionLimits(
         min(space, EXCITATION_TRAVEL_M),
         min(full.speed_m_s, EXCITATION_SPEED_M_S),
-        full.torque_nm,
+        full.torque_nm - abs(machine.holding_nm),
         BELT_SHARE * machine.axis.belt_force_limit_n,
         min(space, EXCITATION_TRAVEL_M) + END_MARGIN_M,
     )
@@ -173,6 +170,7 @@ def raise_amplitude(machine: Machine, breakaway: Breakaway) -> Excited:
     counts = machine.drive.capabilities.counts_per_rev
     sheet = data_sheet_model(machine.axis, machine.place_m(machine.position_m), breakaway.coulomb_nm)
     window = machine.full_room().window_m
+    known = sheet.with_effect("constant_offset", {"torque": machine.holding_nm}) if machine.holding_nm else sheet
     family = unknown_payload(sheet, (1.0, 1.0) if machine.place_known else stiffness_range(machine.axis, window))
     at_most = 2.0 * breakaway.coulomb_nm
     recordings: list[Recording] = []
@@ -202,13 +200,13 @@ def raise_amplitude(machine: Machine, breakaway: Breakaway) -> Excited:
             at_most = GROWTH * step.amplitude_nm  # an axis without Coulomb friction breaks away long before it moves visibly
             continue
         with machine.withdrawing():
-            model = first_estimate(recordings[-1:], sheet, counts)
+            model = first_estimate(recordings[-1:], known, counts)
         machine.folder.journal(
             f"amplitude {step.amplitude_nm:.3f} N m ({step.binds}): mass {model['cart.mass']:.2f} kg, "
             f"stiffness {model['belt_stiffness.stiffness']:.4g} N/m"
         )
         stops.lend_brake(machine, model, at)
-        family = around(model)
+        family = around(balanced(model))
         at_most = GROWTH * step.amplitude_nm
         following = largest_amplitude(family, unit, period, at, limits, min(at_most, limits.torque_nm), stops.braking_of(machine))
         if following.amplitude_nm < 1.1 * step.amplitude_nm or len(recordings) >= MOST_STEPS:
@@ -239,10 +237,10 @@ def frequency_response(
     antiresonance, resonance = characteristic_hz(model, at)
     choice = choose_prbs(period, antiresonance, resonance, seconds)
     if held_out:
-        choice = replace(choice, order=SHORT_ORDER, clock=choice.clock + 1, repeats=1, reason="another sequence than the fitted ones")
+        choice = held_choice(choice)
     shape = prbs(choice.order, choice.clock, 2.0, period, choice.repeats)
     unit = shape.torque / shape.amplitude_nm
-    step = largest_amplitude(around(model), unit, period, at, limits, amplitude_nm, stops.braking_of(machine))
+    step = largest_amplitude(around(balanced(model)), unit, period, at, limits, amplitude_nm, stops.braking_of(machine))
     excitation = prbs(
         choice.order,
         choice.clock,
@@ -256,6 +254,16 @@ def frequency_response(
         f"{1e3 * step.prediction.stop_m:.1f} mm"
     )
     return _excite(machine, name, excitation, at, step.prediction, held_out), excitation, step
+
+
+def held_choice(choice: PrbsChoice) -> PrbsChoice:
+    """Another sequence than the fitted ones, one measured period of it."""
+    return replace(choice, order=SHORT_ORDER, clock=choice.clock + 1, repeats=1, reason="another sequence than the fitted ones")
+
+
+def balanced(model: Model) -> Model:
+    """The model without the constant torque that open-loop records hold."""
+    return model.with_values({name: 0.0 for name in ("constant_offset.torque", "tilt.angle") if name in model.parameters})
 
 
 def excitation_room(machine: Machine, at: float) -> Room:
@@ -357,38 +365,9 @@ def stroke_share(capabilities: Capabilities) -> float:
     return OVERSHOOT_SHARE if stroking(capabilities) == "position" else DRIFT_SHARE
 
 
-def fastest_stroke_m_s(top_m_s: float, acceleration_m_s2: float, window_m: float) -> float:
-    """Fastest stroke of a sweep, m/s, that still has a plateau:  v²/a + v (0.05 s + plateau) = window,  at most a share of the top speed.
-
-    Two ramps of v (v/a + a/j)/2 each and a plateau with its run-in fill the window.
-    """
-    wait = 0.05 + SWEEP_RUN_IN_S + SWEEP_SHORTEST_S
-    filled = 0.5 * acceleration_m_s2 * (np.sqrt(wait**2 + 4.0 * window_m / acceleration_m_s2) - wait)
-    return min(0.8 * top_m_s, float(filled))
-
-
 def sweep(machine: Machine, model: Model) -> Strokes:
     """:func:`sweep_strokes` from where the carriage stands to the farther end."""
     low, high = stroke_ends(machine)
     at = machine.position_m
     far, period = high if high - at > at - low else low, machine.drive.capabilities.sample_period_s
     return stoppable(machine, gentle_limits(machine, model, np.inf), lambda limits: sweep_strokes(at, far, limits, period))
-
-
-def sweep_strokes(
-    at_m: float, far_m: float, limits: TrajectoryLimits, period_s: float, which: Which = "twice", speeds_m_s: Sequence[float] = ()
-) -> Strokes:
-    """Strokes both ways at seven speeds, from a slow creep to the fastest that still has a plateau within the travel.
-
-    which : three of the seven twice, each once, or two of them again, for how well friction repeats.
-    speeds_m_s : instead of the seven; all slower in proportion where the fastest cannot be had.
-    """
-    fastest = fastest_stroke_m_s(limits.speed_m_s, limits.acceleration_m_s2, abs(far_m - at_m))
-    digit = 10.0 ** (np.floor(np.log10(fastest)) - 1.0)
-    fastest = float(np.floor(fastest / digit) * digit)  # the carriage never begins at quite the same place, repeats need equal speeds
-    speeds = [float(v) for v in np.geomspace(SWEEP_SLOWEST_M_S, fastest, SWEEP_SPEEDS)]
-    speeds = {"twice": speeds + speeds[1::2], "once": speeds, "again": speeds[3::2]}[which]
-    if speeds_m_s:
-        speeds = [v * min(1.0, fastest / max(speeds_m_s)) for v in speeds_m_s]
-    given = {"run_in_s": SWEEP_RUN_IN_S, "rest_s": 0.15, "longest_plateau_s": SWEEP_RUN_IN_S + SWEEP_LONGEST_S}
-    return constant_speed_strokes(at_m, far_m, speeds, limits, period_s, **given)

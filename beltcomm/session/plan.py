@@ -14,6 +14,7 @@ from beltcomm.model import Model
 from beltcomm.session import creep, phases, programme
 from beltcomm.session.bounds import CREEP_SECONDS, Experiment, lines_of, top_speed_m_s
 from beltcomm.session.programme import Extent
+from beltcomm.session.strokes import fastest_stroke_m_s
 from beltcomm.session.verification import MOVE_M
 from beltcomm.stopping import Braking, first_deceleration
 from beltcomm.trajectory import Trajectory, plan_trajectory
@@ -142,7 +143,7 @@ def _sweep_speed_m_s(axis: Axis, capabilities: Capabilities) -> float:
     whole = float(axis.travel.max_m or 0.0) - float(axis.travel.min_m or 0.0)
     lightest = axis.belt_force_limit_n / 3.0 / max(UNKNOWN_MASSES_KG[0], axis.payload.mass_kg or 0.0)
     acceleration = min(axis.limits.acceleration_m_s2 or math.inf, lightest)
-    return phases.fastest_stroke_m_s(phases.SPEED_SHARE * top_speed_m_s(axis, capabilities), acceleration, whole)
+    return fastest_stroke_m_s(phases.SPEED_SHARE * top_speed_m_s(axis, capabilities), acceleration, whole)
 
 
 def _move_speed_m_s(axis: Axis, capabilities: Capabilities) -> float:

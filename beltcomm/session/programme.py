@@ -21,6 +21,8 @@ class Item(NamedTuple):
 SLOW_M_S = (0.01, 0.03, 0.06)
 #: Where and how loud the held-out response is: a place and an amplitude that no fitted record has.
 HELD_PLACE, HELD_SHARE = 0.65, 0.7
+#: Share of an excitation between loud and quiet.
+MIDDLING = 0.6
 #: s: a short response.
 SHORT_S = 5.0
 
@@ -44,12 +46,14 @@ THOROUGH = (
     Item(Step("sweep", speeds_m_s=(1.5, 1.0, 0.6))),
     Item(Step("response", PLACES[0])),
     Item(Step("response", PLACES[0], QUIET, seconds=SHORT_S), 2),
+    Item(Step("response", PLACES[0], MIDDLING, seconds=SHORT_S), 11),
     Item(Step("response", PLACES[1])),
     Item(Step("response", PLACES[1], QUIET, seconds=SHORT_S), 1),
-    Item(Step("response", PLACES[1], 0.6, seconds=SHORT_S), 10),
+    Item(Step("response", PLACES[1], MIDDLING, seconds=SHORT_S), 10),
     Item(Step("response", HELD_PLACE, HELD_SHARE, seconds=SHORT_S, held_out=True), 3),
     Item(Step("response", PLACES[2])),
     Item(Step("response", PLACES[2], QUIET, seconds=SHORT_S), 2),
+    Item(Step("response", PLACES[2], MIDDLING, seconds=SHORT_S), 11),
     Item(Step("sweep")),
     *(Item(Step("strokes", place, speeds_m_s=SLOW_M_S), 7 + i) for i, place in enumerate(PLACES)),
     Item(Step("reversals", PLACES[1], amplitudes_m=TRIANGLES_M), 4),
