@@ -30,6 +30,7 @@ from beltcomm.session.commission import Findings, Settings
 from beltcomm.session.creep import BREAKAWAY_SHARE, CREEP_SPEED_M_S, MARGIN_M, NEAR_M, RAMP_S, small_move
 from beltcomm.session.experiment import run_experiment
 from beltcomm.session.follow_job import follow_plan
+from beltcomm.session.foresight import foreseen
 from beltcomm.session.laboratory import add_to_run, compare_run, diagnose_run, ladder_of_run, remove_from_run
 from beltcomm.session.machine import Machine, backed_up
 from beltcomm.session.options import Options
@@ -62,11 +63,19 @@ def commission(drive: str, axis: Axis | str, run: Path, *, options: Options | No
             referencing.only_here(connected.capabilities, options.position_m, home=options.home)
             return _identify(connected, drive, axis, run, options, talk, whole=True)
         plan = commission_plan(axis, connected.capabilities, options.extent)
+        seen = None
+        if options.visible or options.thorough:  # some 10 s: too much for a session of a minute that nobody asked it of
+            talk.phase(1, 1, "what the records could show")
+            seen, notes = foreseen(axis, connected.capabilities, options.extent)
+            plan = replace(plan, notes=tuple(notes))
         if options.dry_run:
             if options.resume:
                 RunFolder.create(run, axis, resume=True)  # says whether it could go on
-            return _planned(plan, connected, options, axis)
+            shown = _planned(plan, connected, options, axis)
+            return replace(shown, data={**shown.data, "visible": seen}) if seen else shown
         folder = _new_folder(run, axis, connected, options)
+        if seen:
+            folder.save_result("visible", plain(seen))
         findings = Findings()
         with Machine(connected, axis, folder, talk) as machine:
             settings = _settings(options)
@@ -79,7 +88,8 @@ def commission(drive: str, axis: Axis | str, run: Path, *, options: Options | No
                 outcome.save(folder, findings)
     text = outcome.commission_text(folder, findings, drive)
     outcome.keep_text(folder, text)
-    return Result(outcome.data(folder, findings), text, 0 if findings.succeeded else 1)
+    data = outcome.data(folder, findings)
+    return Result({**data, "visible": seen} if seen else data, text, 0 if findings.succeeded else 1)
 
 
 def identify(drive: str, axis: Axis | str, run: Path, *, options: Options | None = None, talk: Talk | None = None) -> Result:

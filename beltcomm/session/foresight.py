@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from beltcomm.axis import Axis
 from beltcomm.drive import Capabilities
+from beltcomm.errors import BeltcommError
 from beltcomm.excitation import choose_prbs, prbs
 from beltcomm.identify.amplitude import MotionLimits, largest_amplitude
 from beltcomm.identify.first_estimate import data_sheet_model
@@ -25,9 +26,8 @@ from beltcomm.laboratory.visible import Sight, visible
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 from beltcomm.session import analyse, phases, programme
-from beltcomm.session.bounds import course_before
+from beltcomm.session.bounds import course_before, seconds_of
 from beltcomm.session.making import EXPERIMENT, RESPONSE_S, quieter
-from beltcomm.session.next_plan import shown_by
 from beltcomm.session.paths import Course, path_of, start_of
 from beltcomm.session.programme import Extent
 from beltcomm.session.steps import LOUD, Step
@@ -41,17 +41,21 @@ Array = NDArray[np.float64]
 #: Assumed where no sheet says it: friction as a share of the torque that the axis may be driven with, belt damping, viscous friction
 #: as a share of Coulomb friction at 1 m/s, noise of the torque signal as a share of the motor's rated torque.
 FRICTION_SHARE, BELT_DAMPING_NS_M, VISCOUS_SHARE, NOISE_SHARE = 0.1, 20.0, 0.5, 0.004
+#: Units that are shown in thousandths or millionths where they are small.
+PREFIXED = ("m", "s", "N m", "rad", "N")
 #: Seed of the noise.
 SEED = 1
 #: s of simulated positioning between two records.
 BETWEEN_S = 1.0
+#: s of machine time for what is not simulated: breakaway, rising excitation, first response, the move that verifies.
+FIRST_AND_LAST_S = 19.0
 #: Sub-steps of a sampling period.
 SUBSTEPS = 20
 
 
 @dataclass(frozen=True)
 class Foresight:
-    """sights : of every effect.   assumed : in words.   records : how many were simulated."""
+    """sights : of every effect.   assumed : in words.   records : how many were simulated.   extent : of the session."""
 
     sights: tuple[Sight, ...]
     assumed: str
@@ -66,8 +70,9 @@ class Foresight:
         """For people: the weakest strength of every effect that could be named, then in one line those that could not."""
         seen = sorted((s for s in self.sights if s.seen), key=lambda s: s.effect.name)
         blind = [s for s in self.sights if not s.seen]
-        lines = [f"What these records could name, by a simulation from the data sheets ({self.assumed}):"]
-        lines += [f"  {s.effect.name:22} from {_amount(s):22} on ({s.parameter})" for s in seen]
+        lines = [f"What these records could name, to first order, by a simulation from the data sheets ({self.assumed}):"]
+        width = max((len(_amount(s)) for s in seen), default=0)
+        lines += [f"  {s.effect.name:22} from {_amount(s):{width}} on  {_share(s)}" for s in seen]
         if blind:
             lines.append("  cannot be named at a typical size: " + "; ".join(f"{s.effect.name} ({_remedy(s, self.extent)})" for s in blind))
         return lines
@@ -88,29 +93,24 @@ def as_entry(sight: Sight) -> dict[str, Any]:
 
 
 def _amount(sight: Sight) -> str:
-    unit = "" if sight.unit in ("", "1") else f" {sight.unit}"
-    return f"{sight.hardest * sight.size:.2g}{unit}"
+    """Weakest size with a unit that people read."""
+    value = sight.hardest * sight.size
+    if sight.unit in ("", "1"):
+        return f"{100.0 * value:.2g} %"
+    fits = ((p, f) for p, f in (("", 1.0), ("m", 1e3), ("u", 1e6)) if sight.unit not in PREFIXED or value * f >= 0.3 or p == "u")
+    prefix, factor = next(fits)
+    return f"{value * factor:.3g} {prefix}{sight.unit}"
+
+
+def _share(sight: Sight) -> str:
+    """Which parameter, and what share of a typical size that is."""
+    return f"{sight.parameter}, {sight.hardest:.1g} of a typical one"
 
 
 def _remedy(sight: Sight, extent: Extent) -> str:
-    """Which option would show it."""
-    weaker = f"only from {sight.hardest:.2g} x a typical one" if math.isfinite(sight.hardest) else "not at all"
-    recorded = {item.step.kind for item in programme.BY_EXTENT[extent]}
-    wanted = {kind for name in shown_by(sight.effect) for kind in KIND_OF_SET[name]}
-    if extent != "thorough" and (extent == "quick" or wanted - recorded or wanted):
-        return f"{weaker}; try --thorough"
-    return f"{weaker}: beyond the limits in axis.yaml"
-
-
-KIND_OF_SET = {
-    "sweep": ("sweep",),
-    "sweep again": ("sweep",),
-    "places": ("response",),
-    "quiet": ("response",),
-    "slow": ("strokes",),
-    "reversals": ("reversals",),
-    "fast": ("moves",),
-}
+    """From where on, and which option would show it."""
+    weaker = f"only from {sight.hardest:.2g} x a typical one on" if math.isfinite(sight.hardest) else "at no size"
+    return f"{weaker}; {'the limits in axis.yaml allow no more' if extent == 'thorough' else '--thorough records more'}"
 
 
 def foresee(axis: Axis, capabilities: Capabilities, extent: Extent) -> Foresight:
@@ -125,6 +125,15 @@ def foresee(axis: Axis, capabilities: Capabilities, extent: Extent) -> Foresight
         f"{capabilities.counts_per_rev} encoder steps per turn"
     )
     return Foresight(tuple(sights), assumed, len(recordings), extent)
+
+
+def foreseen(axis: Axis, capabilities: Capabilities, extent: Extent) -> tuple[dict[str, Any] | None, list[str]]:
+    """For programs and for people what the records could show, or in words why that cannot be said."""
+    try:
+        found = foresee(axis, capabilities, extent)
+    except BeltcommError as problem:
+        return None, [f"What these records could name cannot be said beforehand: {problem}"]
+    return found.to_dict(), found.lines()
 
 
 def sheet_model(axis: Axis) -> Model:
@@ -142,14 +151,16 @@ def sheet_model(axis: Axis) -> Model:
 
 def records(axis: Axis, capabilities: Capabilities, model: Model, extent: Extent, noise_nm: float) -> Iterator[Recording]:
     """The records of an extent as a machine like the model would give them."""
-    steps = [Step("response"), *(item.step for item in programme.BY_EXTENT[extent])]
     course, noise, clock_s = course_before(axis, capabilities, model["cart.mass"]), np.random.default_rng(SEED), 0.0
+    left = programme.BUDGET_S[extent] - FIRST_AND_LAST_S
+    steps = [Step("response"), *programme.fitting(programme.BY_EXTENT[extent], lambda step: seconds_of(step, course), left)[0]]
     simulated = _Simulated(axis, capabilities, model, course)
     for name, step in programme.named(steps):
         motion = simulated.response(step) if step.kind == "response" else simulated.stroke(step)
         sidecar = replace(motion.sidecar, session_time_s=clock_s, held_out=step.held_out)
         torque = motion.torque_nm + noise.normal(0.0, noise_nm, len(motion.torque_nm))
-        yield Recording(name, motion.t_s, torque, motion.position_rad, sidecar=sidecar)
+        setpoint = np.append(motion.torque_nm[1:], 0.0)
+        yield Recording(name, motion.t_s, torque, motion.position_rad, setpoint, sidecar=sidecar)
         clock_s += float(motion.t_s[-1]) + BETWEEN_S
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -78,13 +79,16 @@ def respond(machine: Machine, model: Model, step: Step, name: str, loudest_nm: f
         loud = max((note.amplitude_nm or 0.0 for s in made if (note := s.excitation) is not None), default=loudest_nm) or loudest_nm
         amplitude = quieter(loud, total_friction(model), step.share)
     wanted = step.seconds or RESPONSE_S
+    respond_for = partial(
+        phases.frequency_response, machine, name, model, amplitude, held_out=step.held_out, loud=step.share >= LOUD and not step.held_out
+    )
     try:
-        phases.frequency_response(machine, name, model, amplitude, wanted, held_out=step.held_out)
+        respond_for(wanted)
     except Refused:
         if wanted >= RESPONSE_S:
             raise
         # a low antiresonance needs longer periods than the step has time for
-        phases.frequency_response(machine, name, model, amplitude, RESPONSE_S, held_out=step.held_out)
+        respond_for(RESPONSE_S)
 
 
 def quieter(loud_nm: float, friction_nm: float, share: float) -> float:

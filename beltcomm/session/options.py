@@ -19,7 +19,7 @@ class Options:
     yes : no questions.   seed : of everything random in a virtual drive.   dry_run : plan only.   resume : go on with a run.
     position_m : where the carriage stands.   window_m : how far it may move from there, (low, high).   home : find the zero first.
     payload_kg : heaviest further load.   apply : "keep", "restore" or "save" the new gains; None asks, with ``yes`` it restores.
-    quick : one place only.   thorough : what every effect needs.
+    quick : one place only.   thorough : what every effect needs.   visible : say beforehand what the records could show; thorough does.
     force : gains in doubt too.   prefilter, feedforward : None is the best one.   profile, node, bitrate, realtime : of the drive.
     drive : further options for the adapter, by name.
     """
@@ -35,6 +35,7 @@ class Options:
     apply: Apply | None = None
     quick: bool = False
     thorough: bool = False
+    visible: bool = False
     force: bool = False
     prefilter: PrefilterKind | None = None
     feedforward: FeedforwardKind | None = None

@@ -28,6 +28,7 @@ from beltcomm.session.expectation import Expectation
 from beltcomm.session.machine import Machine, Room, stroking
 from beltcomm.session.strokes import sweep_strokes
 from beltcomm.sidecar import ExcitationNote, Sidecar
+from beltcomm.stopping import total_friction
 from beltcomm.trajectory import Strokes, Trajectory, at_rest, join, plan_trajectory
 
 Array = NDArray[np.float64]
@@ -42,9 +43,13 @@ END_MARGIN_M = 5e-3
 BELT_SHARE = 0.9
 #: An excitation must reach this share of the breakaway torque; the ramp finds the latter some 20 % too high.
 OVER_BREAKAWAY = 1.0
-#: The short excitation: clocks that are tried until the limits allow more than the breakaway torque; a slower one leaves
-#: out the frequencies of a stiff belt.
-CLOCKS = (2, 3, 4)
+#: The short excitation: orders and clocks that are tried until the limits allow more than the breakaway torque; a slower clock leaves
+#: out the frequencies of a stiff belt, a shorter sequence goes less far.
+SHAPES = ((SHORT_ORDER, 2), (SHORT_ORDER, 3), (SHORT_ORDER, 4), (7, 6))
+#: An excitation that cannot be louder than this times the friction hardly moves the carriage.
+HARDLY = 1.3
+#: Resonance over the first zero of a sequence that spares it.
+CALM_ZERO = 0.7
 #: Breakaway torques that differ by less than this share of friction either way are the same.
 CLEAR_SHARE = 0.05
 #: Growth of the amplitude from one record to the next.
@@ -178,8 +183,8 @@ def raise_amplitude(machine: Machine, breakaway: Breakaway) -> Excited:
         at = machine.position_m  # every excitation leaves the carriage a little beside where it began
         limits = motion_limits(machine, at)
         braking = stops.braking_of(machine, breakaway.sliding_nm)
-        for clock in CLOCKS:
-            shape = prbs(SHORT_ORDER, clock, 2.0, period, 1)
+        for order, clock in SHAPES:
+            shape = prbs(order, clock, 2.0, period, 1)
             unit = shape.torque / shape.amplitude_nm
             step = largest_amplitude(family, unit, period, at, limits, min(at_most, limits.torque_nm), braking)
             if step.amplitude_nm >= OVER_BREAKAWAY * breakaway.coulomb_nm:
@@ -194,7 +199,7 @@ def raise_amplitude(machine: Machine, breakaway: Breakaway) -> Excited:
             f"{step.prediction.belt_force_n:.0f} N in the belt (bound by {step.binds}); a stop takes up to "
             f"{1e3 * step.prediction.stop_m:.1f} mm"
         )
-        excitation = prbs(SHORT_ORDER, clock, 2.0 * step.amplitude_nm, period, 1, torque_step_nm=machine.drive.capabilities.torque_step_nm)
+        excitation = prbs(order, clock, 2.0 * step.amplitude_nm, period, 1, torque_step_nm=machine.drive.capabilities.torque_step_nm)
         recordings.append(_excite(machine, f"amplitude_{len(recordings) + 1}", excitation, at, step.prediction))
         if len(recordings) < MOST_STEPS and step.binds == "step" and not moved_enough(recordings[-1], sheet, counts):
             at_most = GROWTH * step.amplitude_nm  # an axis without Coulomb friction breaks away long before it moves visibly
@@ -225,11 +230,12 @@ def _remedy(machine: Machine, step: AmplitudeStep, breakaway: Breakaway) -> str:
 
 
 def frequency_response(
-    machine: Machine, name: str, model: Model, amplitude_nm: float, seconds: float, *, held_out: bool = False
+    machine: Machine, name: str, model: Model, amplitude_nm: float, seconds: float, *, held_out: bool = False, loud: bool = True
 ) -> tuple[Recording, Excitation, AmplitudeStep]:
     """Excite at the present place with an amplitude that the limits allow there, long enough for a frequency response.
 
     held_out : only to judge with; another sequence than those that are fitted, and one measured period of it.
+    loud : where friction hardly lets the carriage move, the sequence may leave the resonance out to be louder.
     """
     at = machine.position_m
     limits = motion_limits(machine, at)
@@ -238,9 +244,11 @@ def frequency_response(
     choice = choose_prbs(period, antiresonance, resonance, seconds)
     if held_out:
         choice = held_choice(choice)
-    shape = prbs(choice.order, choice.clock, 2.0, period, choice.repeats)
-    unit = shape.torque / shape.amplitude_nm
-    step = largest_amplitude(around(balanced(model)), unit, period, at, limits, amplitude_nm, stops.braking_of(machine))
+    step = _loudest(machine, model, choice, amplitude_nm, at, limits)
+    if loud and step.amplitude_nm < HARDLY * total_friction(model):
+        calm = calmer_choice(choice, resonance, period)
+        louder = _loudest(machine, model, calm, machine.axis.torque_limit_nm, at, limits)
+        choice, step = (calm, louder) if louder.amplitude_nm > step.amplitude_nm else (choice, step)
     excitation = prbs(
         choice.order,
         choice.clock,
@@ -256,9 +264,25 @@ def frequency_response(
     return _excite(machine, name, excitation, at, step.prediction, held_out), excitation, step
 
 
+def _loudest(machine: Machine, model: Model, choice: PrbsChoice, at_most_nm: float, at: float, limits: MotionLimits) -> AmplitudeStep:
+    """The loudest version of a sequence that keeps the limits."""
+    period = machine.drive.capabilities.sample_period_s
+    shape = prbs(choice.order, choice.clock, 2.0, period, choice.repeats)
+    unit = shape.torque / shape.amplitude_nm
+    return largest_amplitude(around(balanced(model)), unit, period, at, limits, at_most_nm, stops.braking_of(machine))
+
+
 def held_choice(choice: PrbsChoice) -> PrbsChoice:
     """Another sequence than the fitted ones, one measured period of it."""
     return replace(choice, order=SHORT_ORDER, clock=choice.clock + 1, repeats=1, reason="another sequence than the fitted ones")
+
+
+def calmer_choice(choice: PrbsChoice, resonance_hz: float, period_s: float) -> PrbsChoice:
+    """A sequence with little at the resonance, so that the belt bears more torque, and a shorter one, so that it goes no further."""
+    clock = max(choice.clock, round(CALM_ZERO / (resonance_hz * period_s)))
+    order = max(6, choice.order - round(np.log2(clock / choice.clock)))
+    repeats = int(choice.repeats * (2**choice.order * choice.clock) / (2**order * clock))
+    return replace(choice, order=order, clock=clock, repeats=repeats, reason="little at the resonance, because friction needs more torque")
 
 
 def balanced(model: Model) -> Model:

@@ -26,11 +26,13 @@ class Plan:
     """All experiments of a job.   text : one paragraph on what the machine will do.
 
     budget_s : machine time that is kept, whatever the single experiments may take; what does not fit is left out.
+    notes : lines after the table.
     """
 
     text: str
     experiments: tuple[Experiment, ...]
     budget_s: float = math.inf
+    notes: tuple[str, ...] = ()
 
     @property
     def seconds(self) -> float:
@@ -45,7 +47,7 @@ class Plan:
             f"{e.belt_force_n:5.0f} N {e.seconds:4.0f} s"
             for e in self.experiments
         ]
-        return [self.text, "", head, *rows, f"{'on the machine, at most':40} {self.seconds:57.0f} s"]
+        return [self.text, "", head, *rows, f"{'on the machine, at most':40} {self.seconds:57.0f} s", *self.notes]
 
 
 def identify_plan(axis: Axis, capabilities: Capabilities, window_m: tuple[float, float] | None = None) -> Plan:

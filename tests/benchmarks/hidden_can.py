@@ -69,6 +69,7 @@ def examined(seed: int, effect: str, strength: float, run: Path) -> dict[str, An
             line["before"] = errors(before.data["verdict"])
             found = api.diagnose(run, auto=True, cost=False).data
             line |= {"verdict": found["verdict"], "added": [step["added"] for step in found["steps"] if step["added"]]}
+            line["base"] = found["base"]["effects"]
             line["ranking"] = [one["effect"] for one in found["ranking"][:3]]
             line["ratio"] = [round(found[key]["ratio"], 3) for key in ("base", "after")]
             line["held_out"] = [round(found[key]["held_out"], 3) for key in ("base", "after")]
@@ -93,6 +94,8 @@ def right(line: dict[str, Any]) -> str:
     if not line["effect"]:
         return "right" if line["verdict"] == "nothing missing" else "FALSE ALARM"
     wanted = FAMILY.get(line["effect"], line["effect"])
+    if wanted in line.get("base", ()) and not line["added"]:
+        return "in base"  # the commissioning itself has it in its model
     return "right" if line["added"][:1] == [wanted] else "missed" if not line["added"] else "WRONG"
 
 
