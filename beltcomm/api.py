@@ -30,7 +30,7 @@ from beltcomm.session.commission import Findings, Settings
 from beltcomm.session.creep import BREAKAWAY_SHARE, CREEP_SPEED_M_S, MARGIN_M, NEAR_M, RAMP_S, small_move
 from beltcomm.session.experiment import run_experiment
 from beltcomm.session.follow_job import follow_plan
-from beltcomm.session.foresight import foreseen
+from beltcomm.session.foresight import foretold
 from beltcomm.session.laboratory import add_to_run, compare_run, diagnose_run, ladder_of_run, remove_from_run
 from beltcomm.session.machine import Machine, backed_up
 from beltcomm.session.options import Options
@@ -43,9 +43,7 @@ from beltcomm.talk import Silence, Talk
 compare, diagnose, add, remove, ladder = compare_run, diagnose_run, add_to_run, remove_from_run, ladder_of_run
 
 #: Before the plan of a resumed run.
-KEPT = (
-    "Finished records are kept and what stands below is the most that is driven again, after a short check that this is still the machine. "
-)
+KEPT = "Finished records are kept; what stands below is the most that is driven again, after a check that this is still the machine. "
 #: m: the longest way of ``beltcomm move``.
 LONGEST_MOVE_M = 0.1
 
@@ -62,20 +60,12 @@ def commission(drive: str, axis: Axis | str, run: Path, *, options: Options | No
         if options.window_m is not None:
             referencing.only_here(connected.capabilities, options.position_m, home=options.home)
             return _identify(connected, drive, axis, run, options, talk, whole=True)
-        plan = commission_plan(axis, connected.capabilities, options.extent)
-        seen = None
-        if options.visible or options.thorough:  # some 10 s: too much for a session of a minute that nobody asked it of
-            talk.phase(1, 1, "what the records could show")
-            seen, notes = foreseen(axis, connected.capabilities, options.extent)
-            plan = replace(plan, notes=tuple(notes))
+        plan = foretold(commission_plan(axis, connected.capabilities, options.extent), axis, connected.capabilities, options, talk)
+        if options.dry_run and options.resume:
+            RunFolder.create(run, axis, resume=True)  # says whether it could go on
         if options.dry_run:
-            if options.resume:
-                RunFolder.create(run, axis, resume=True)  # says whether it could go on
-            shown = _planned(plan, connected, options, axis)
-            return replace(shown, data={**shown.data, "visible": seen}) if seen else shown
+            return _planned(plan, connected, options, axis)
         folder = _new_folder(run, axis, connected, options)
-        if seen:
-            folder.save_result("visible", plain(seen))
         findings = Findings()
         with Machine(connected, axis, folder, talk) as machine:
             settings = _settings(options)
@@ -88,8 +78,7 @@ def commission(drive: str, axis: Axis | str, run: Path, *, options: Options | No
                 outcome.save(folder, findings)
     text = outcome.commission_text(folder, findings, drive)
     outcome.keep_text(folder, text)
-    data = outcome.data(folder, findings)
-    return Result({**data, "visible": seen} if seen else data, text, 0 if findings.succeeded else 1)
+    return Result({**outcome.data(folder, findings), "visible": plan.visible}, text, 0 if findings.succeeded else 1)
 
 
 def identify(drive: str, axis: Axis | str, run: Path, *, options: Options | None = None, talk: Talk | None = None) -> Result:
@@ -369,7 +358,9 @@ def _planned(plan: Plan, drive: Drive | None = None, options: Options | None = N
         plan = replace(plan, text=KEPT + plan.text) if options.resume else plan
         referencing.inside(axis, options.position_m)
         plan = with_homing(plan, axis, drive.capabilities) if options.home else plan
-    return Result({"plan": plain(plan), "seconds": plan.seconds}, [*plan.lines(), "Nothing was moved (--dry-run)."])
+    return Result(
+        {"plan": plain(plan), "seconds": plan.seconds, "visible": plan.visible}, [*plan.lines(), "Nothing was moved (--dry-run)."]
+    )
 
 
 def _written(drive: str, folder: RunFolder, wanted: Mapping[str, float], options: Options, talk: Talk, verb: str) -> Result:

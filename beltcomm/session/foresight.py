@@ -28,12 +28,15 @@ from beltcomm.recording import Recording
 from beltcomm.session import analyse, phases, programme
 from beltcomm.session.bounds import course_before, seconds_of
 from beltcomm.session.making import EXPERIMENT, RESPONSE_S, quieter
+from beltcomm.session.options import Options
 from beltcomm.session.paths import Course, path_of, start_of
+from beltcomm.session.plan import Plan
 from beltcomm.session.programme import Extent
 from beltcomm.session.steps import LOUD, Step
 from beltcomm.sidecar import ExcitationNote, Sidecar
 from beltcomm.simulate.forward import simulate_torque
 from beltcomm.stopping import total_friction
+from beltcomm.talk import Talk
 from beltcomm.verify import predict_move
 
 Array = NDArray[np.float64]
@@ -127,13 +130,19 @@ def foresee(axis: Axis, capabilities: Capabilities, extent: Extent) -> Foresight
     return Foresight(tuple(sights), assumed, len(recordings), extent)
 
 
-def foreseen(axis: Axis, capabilities: Capabilities, extent: Extent) -> tuple[dict[str, Any] | None, list[str]]:
-    """For programs and for people what the records could show, or in words why that cannot be said."""
+def foretold(plan: Plan, axis: Axis, capabilities: Capabilities, options: Options, talk: Talk) -> Plan:
+    """The plan with what its records could show; as it is where nobody asked for that.
+
+    Some 10 s of calculation: nothing beside the three minutes of a thorough session, too much before one of a minute.
+    """
+    if not (options.visible or options.thorough):
+        return plan
+    talk.phase(1, 1, "what the records could show")
     try:
-        found = foresee(axis, capabilities, extent)
+        found = foresee(axis, capabilities, options.extent)
     except BeltcommError as problem:
-        return None, [f"What these records could name cannot be said beforehand: {problem}"]
-    return found.to_dict(), found.lines()
+        return replace(plan, notes=(f"What these records could name cannot be said beforehand: {problem}",))
+    return replace(plan, notes=tuple(found.lines()), visible=found.to_dict())
 
 
 def sheet_model(axis: Axis) -> Model:

@@ -280,7 +280,7 @@ def held_choice(choice: PrbsChoice) -> PrbsChoice:
 def calmer_choice(choice: PrbsChoice, resonance_hz: float, period_s: float) -> PrbsChoice:
     """A sequence with little at the resonance, so that the belt bears more torque, and a shorter one, so that it goes no further."""
     clock = max(choice.clock, round(CALM_ZERO / (resonance_hz * period_s)))
-    order = max(6, choice.order - round(np.log2(clock / choice.clock)))
+    order = max(6, choice.order - int(np.ceil(np.log2(clock / choice.clock))))
     repeats = int(choice.repeats * (2**choice.order * choice.clock) / (2**order * clock))
     return replace(choice, order=order, clock=clock, repeats=repeats, reason="little at the resonance, because friction needs more torque")
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -26,13 +28,14 @@ class Plan:
     """All experiments of a job.   text : one paragraph on what the machine will do.
 
     budget_s : machine time that is kept, whatever the single experiments may take; what does not fit is left out.
-    notes : lines after the table.
+    notes : lines after the table.   visible : what the records could show, where that was worked out.
     """
 
     text: str
     experiments: tuple[Experiment, ...]
     budget_s: float = math.inf
     notes: tuple[str, ...] = ()
+    visible: Mapping[str, Any] | None = None
 
     @property
     def seconds(self) -> float:
