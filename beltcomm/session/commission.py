@@ -200,7 +200,7 @@ def record_steps(machine: Machine, findings: Findings, model: Model, cascade: Ca
     loop = making.Closed(model, cascade, delay(findings))
     course = making.course_of(machine, model)
     items = [item for item in programme.BY_EXTENT[extent] if not measured_already(machine, item.step)]
-    first = [r for r in machine.folder.recordings() if r.name.startswith("amplitude_") or r.name == "frf_1"]
+    first = [machine.folder.recording(n) for n in machine.folder.finished_names() if n.startswith("amplitude_") or n == "frf_1"]
     spent = CREPT_S + sum(float(np.ptp(r.t_s)) for r in first)
     left = programme.BUDGET_S[extent] - spent - VERIFYING_S
     steps, without = programme.fitting(items, lambda step: bounds.seconds_of(step, course), left)

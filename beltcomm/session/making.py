@@ -16,7 +16,7 @@ from beltcomm.session import phases, verification
 from beltcomm.session.machine import Machine
 from beltcomm.session.paths import Course, path_of, start_of
 from beltcomm.session.steps import LOUD, Step
-from beltcomm.sidecar import EXPERIMENTS, Sidecar
+from beltcomm.sidecar import EXPERIMENTS, Sidecar, load_sidecar
 from beltcomm.stopping import total_friction
 from beltcomm.trajectory import Trajectory
 
@@ -75,9 +75,7 @@ def respond(machine: Machine, model: Model, step: Step, name: str, loudest_nm: f
     phases.move_to(machine, low + step.place * (high - low), model)
     amplitude = loudest_nm
     if step.share < LOUD:
-        made = [r.sidecar for r in machine.folder.recordings() if r.sidecar.excitation is not None and not r.sidecar.held_out]
-        loud = max((note.amplitude_nm or 0.0 for s in made if (note := s.excitation) is not None), default=loudest_nm) or loudest_nm
-        amplitude = quieter(loud, total_friction(model), step.share)
+        amplitude = quieter(loudest_made(machine) or loudest_nm, total_friction(model), step.share)
     wanted = step.seconds or RESPONSE_S
     respond_for = partial(
         phases.frequency_response, machine, name, model, amplitude, held_out=step.held_out, loud=step.share >= LOUD and not step.held_out
@@ -91,6 +89,14 @@ def respond(machine: Machine, model: Model, step: Step, name: str, loudest_nm: f
         respond_for(RESPONSE_S)
 
 
+def loudest_made(machine: Machine) -> float:
+    """Largest amplitude among the run's excited records, N m; 0 without any."""
+    folder = machine.folder
+    sidecars = [load_sidecar(folder.recordings_folder / f"{name}.yaml")[0] for name in folder.finished_names()]
+    notes = [s.excitation for s in sidecars if s.excitation is not None and not s.held_out]
+    return max((note.amplitude_nm or 0.0 for note in notes), default=0.0)
+
+
 def quieter(loud_nm: float, friction_nm: float, share: float) -> float:
     """Amplitude of a quieter excitation, N m:  a = a_f + s (a_loud - a_f),  a_f : a little above friction, at most the loud one."""
     least = min(OVER_FRICTION * friction_nm, loud_nm)
@@ -100,11 +106,13 @@ def quieter(loud_nm: float, friction_nm: float, share: float) -> float:
 def course_of(machine: Machine, model: Model) -> Course:
     """What motions of this axis may use."""
     gentle = phases.gentle_limits(machine, model, np.inf)
-    room = machine.full_room()
+    room, ends, period = machine.full_room(), phases.stroke_ends(machine), machine.drive.capabilities.sample_period_s
+    if machine.stroking() != "position":  # a velocity loop lags, nobody predicts what the belt would carry
+        return Course(room.window_m, ends, gentle, gentle, period)
     slowest_hz, _ = phases.characteristic_hz(model, 0.5 * sum(room.window_m))
     hard = hard_acceleration_m_s2(machine, model)
     limits = replace(gentle, acceleration_m_s2=hard, jerk_m_s3=hard * slowest_hz / RISE_PERIODS)
-    return Course(room.window_m, phases.stroke_ends(machine), gentle, limits, machine.drive.capabilities.sample_period_s)
+    return Course(room.window_m, ends, gentle, limits, period)
 
 
 def hard_acceleration_m_s2(machine: Machine, model: Model) -> float:

@@ -22,7 +22,7 @@ SLOW_M_S = (0.01, 0.03, 0.06)
 #: Where and how loud the held-out response is: a place and an amplitude that no fitted record has.
 HELD_PLACE, HELD_SHARE = 0.65, 0.7
 #: Share of an excitation between loud and quiet.
-MIDDLING = 0.6
+MIDDLING = 0.5
 #: s: a short response.
 SHORT_S = 5.0
 

@@ -21,7 +21,7 @@ KEYS: Mapping[str, tuple[str, ...]] = {
 #: Where along the travel, as shares of it.
 PLACES = (0.12, 0.5, 0.88)
 #: Shares of what the limits allow: as much as possible, and little enough that gaps and elastic friction show.
-LOUD, QUIET = 1.0, 0.3
+LOUD, QUIET = 1.0, 0.1
 #: m/s: strokes below the speed at which grease carries.
 SLOW_M_S = (0.006, 0.015, 0.04, 0.1)
 #: m: triangles around one place, large to small; the smallest are turned round within elastic friction.
