@@ -17,7 +17,7 @@ from beltcomm.design.specification import Specification
 from beltcomm.errors import DataError, Refused
 from beltcomm.identify.amplitude import around
 from beltcomm.identify.dead_time import DeadTime
-from beltcomm.identify.final import FinalModel, final_model
+from beltcomm.identify.final import FinalModel, evidence, final_model
 from beltcomm.identify.friction import FrictionFit
 from beltcomm.identify.magnitude_fit import MagnitudeFit, Solver
 from beltcomm.model import Model
@@ -41,6 +41,8 @@ SAME_PLACE_M = 0.08
 VERIFYING_S = 4.0
 #: s of machine time that finding sign and breakaway takes as a rule.
 CREPT_S = 2.0
+#: s, from where a dead time is looked for; evidence that it must have.
+LATE_S, CLEAR_EVIDENCE = 5e-4, 150.0
 #: Names of the phases, as shown to the user.
 TITLES = (
     "connect and check",
@@ -133,10 +135,24 @@ def first_model(machine: Machine, findings: Findings) -> Model:
     counts = machine.drive.capabilities.counts_per_rev
     start = findings.excited.model if findings.excited else None
     with machine.withdrawing():
-        findings.final = final_model(recordings, machine.axis, counts, start=start)
+        found = final_model(recordings, machine.axis, counts, start=start)
+        findings.final = found if not found.fit.suspect else with_late_torque(found, recordings, machine.axis, counts)
     model = findings.final.fit.model
     measure_delay_and_damping(findings, recordings, model)
     return model
+
+
+def with_late_torque(found: FinalModel, recordings: Sequence[Recording], axis: Axis, counts_per_rev: int) -> FinalModel:
+    """The fit with torque that acts later than it is reported, where that explains clearly more; else the fit as it is.
+
+    A loop designed without knowing a dead time of a millisecond, from inertia and mass that it has biased, cannot be closed.
+    """
+    late = found.fit.model.with_effect("dead_time", {"time": LATE_S})
+    try:
+        other = final_model(recordings, axis, counts_per_rev, start=late)
+    except DataError:
+        return found
+    return other if evidence(other.fit, found.fit) > CLEAR_EVIDENCE else found
 
 
 def measure_delay_and_damping(findings: Findings, recordings: Sequence[Recording], model: Model, solver: Solver = "lm") -> None:

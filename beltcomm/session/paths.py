@@ -81,7 +81,9 @@ def path_of(step: Step, course: Course, at_m: float) -> Trajectory:
 
 
 def _around(step: Step, course: Course) -> tuple[float, float]:
-    middle, (low, high) = course.place_m(step), course.ends_m
+    """Both turns: around the place, or as near to it as strokes may turn."""
+    low, high = course.ends_m
+    middle = min(max(course.place_m(step), low + AROUND_M), max(high - AROUND_M, low + AROUND_M))
     return max(low, middle - AROUND_M), min(high, middle + AROUND_M)
 
 
