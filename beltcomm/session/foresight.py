@@ -32,6 +32,7 @@ from beltcomm.session.options import Options
 from beltcomm.session.paths import Course, path_of, start_of
 from beltcomm.session.plan import Plan
 from beltcomm.session.programme import Extent
+from beltcomm.session.sequences import held_choice
 from beltcomm.session.steps import LOUD, Step
 from beltcomm.sidecar import ExcitationNote, Sidecar
 from beltcomm.simulate.forward import simulate_torque
@@ -204,7 +205,7 @@ class _Simulated:
         at = self.course.place_m(step)
         choice = choose_prbs(self.period_s, *phases.characteristic_hz(self.model, at), max(step.seconds, RESPONSE_S))
         if step.held_out:
-            choice = phases.held_choice(choice)
+            choice = held_choice(choice)
         shape = prbs(choice.order, choice.clock, 2.0, self.period_s, choice.repeats)
         unit = shape.torque / shape.amplitude_nm
         amplitude = self.loudest(unit, at)

@@ -16,8 +16,16 @@ from numpy.typing import NDArray
 from beltcomm.axis_entries import TrajectoryLimits
 from beltcomm.drive import Capabilities
 from beltcomm.errors import Refused, SafetyStop, UsageError
-from beltcomm.excitation import SHORT_ORDER, Excitation, PrbsChoice, choose_prbs, prbs
-from beltcomm.identify.amplitude import AmplitudeStep, MotionLimits, Prediction, around, largest_amplitude, unknown_payload
+from beltcomm.excitation import Excitation, PrbsChoice, choose_prbs, prbs
+from beltcomm.identify.amplitude import (
+    UNKNOWN_MASSES_KG,
+    AmplitudeStep,
+    MotionLimits,
+    Prediction,
+    around,
+    largest_amplitude,
+    unknown_payload,
+)
 from beltcomm.identify.first_estimate import data_sheet_model, first_estimate, moved_enough, stiffness_range
 from beltcomm.linear import modes, operating_point
 from beltcomm.model import Model
@@ -26,6 +34,7 @@ from beltcomm.session import stops
 from beltcomm.session.creep import MOVED_M, SLIDING_SHARE, creep
 from beltcomm.session.expectation import Expectation
 from beltcomm.session.machine import Machine, Room, stroking
+from beltcomm.session.sequences import HARDLY, SHAPES, calmer_choice, held_choice
 from beltcomm.session.strokes import sweep_strokes
 from beltcomm.sidecar import ExcitationNote, Sidecar
 from beltcomm.stopping import total_friction
@@ -43,15 +52,10 @@ END_MARGIN_M = 5e-3
 BELT_SHARE = 0.9
 #: An excitation must reach this share of the breakaway torque; the ramp finds the latter some 20 % too high.
 OVER_BREAKAWAY = 1.0
-#: The short excitation: orders and clocks that are tried until the limits allow more than the breakaway torque; a slower clock leaves
-#: out the frequencies of a stiff belt, a shorter sequence goes less far.
-SHAPES = ((SHORT_ORDER, 2), (SHORT_ORDER, 3), (SHORT_ORDER, 4), (7, 6))
-#: An excitation that cannot be louder than this times the friction hardly moves the carriage.
-HARDLY = 1.3
-#: Resonance over the first zero of a sequence that spares it.
-CALM_ZERO = 0.7
 #: Breakaway torques that differ by less than this share of friction either way are the same.
 CLEAR_SHARE = 0.05
+#: A belt is at most this many times as stiff, or as soft, as its data sheet says.
+STIFFNESS_FACTOR = 4.0
 #: Growth of the amplitude from one record to the next.
 GROWTH = 1.7
 MOST_STEPS = 5
@@ -205,7 +209,7 @@ def raise_amplitude(machine: Machine, breakaway: Breakaway) -> Excited:
             at_most = GROWTH * step.amplitude_nm  # an axis without Coulomb friction breaks away long before it moves visibly
             continue
         with machine.withdrawing():
-            model = first_estimate(recordings[-1:], known, counts)
+            model = believable(first_estimate(recordings[-1:], known, counts), sheet)
         machine.folder.journal(
             f"amplitude {step.amplitude_nm:.3f} N m ({step.binds}): mass {model['cart.mass']:.2f} kg, "
             f"stiffness {model['belt_stiffness.stiffness']:.4g} N/m"
@@ -216,6 +220,14 @@ def raise_amplitude(machine: Machine, breakaway: Breakaway) -> Excited:
         following = largest_amplitude(family, unit, period, at, limits, min(at_most, limits.torque_nm), stops.braking_of(machine))
         if following.amplitude_nm < 1.1 * step.amplitude_nm or len(recordings) >= MOST_STEPS:
             return Excited(following, tuple(recordings), model)
+
+
+def believable(model: Model, sheet: Model) -> Model:
+    """A first estimate within what can be: a gap or a lag drives it to a feather on a rod, and no prediction may count on that."""
+    stiffness, mass = sheet["belt_stiffness.stiffness"], UNKNOWN_MASSES_KG[0]
+    low, high = stiffness / STIFFNESS_FACTOR, stiffness * STIFFNESS_FACTOR
+    found = {"cart.mass": max(model["cart.mass"], mass), "belt_stiffness.stiffness": min(max(model["belt_stiffness.stiffness"], low), high)}
+    return model if all(model[name] == value for name, value in found.items()) else model.with_values(found, "first estimate, bounded")
 
 
 def _remedy(machine: Machine, step: AmplitudeStep, breakaway: Breakaway) -> str:
@@ -270,19 +282,6 @@ def _loudest(machine: Machine, model: Model, choice: PrbsChoice, at_most_nm: flo
     shape = prbs(choice.order, choice.clock, 2.0, period, choice.repeats)
     unit = shape.torque / shape.amplitude_nm
     return largest_amplitude(around(balanced(model)), unit, period, at, limits, at_most_nm, stops.braking_of(machine))
-
-
-def held_choice(choice: PrbsChoice) -> PrbsChoice:
-    """Another sequence than the fitted ones, one measured period of it."""
-    return replace(choice, order=SHORT_ORDER, clock=choice.clock + 1, repeats=1, reason="another sequence than the fitted ones")
-
-
-def calmer_choice(choice: PrbsChoice, resonance_hz: float, period_s: float) -> PrbsChoice:
-    """A sequence with little at the resonance, so that the belt bears more torque, and a shorter one, so that it goes no further."""
-    clock = max(choice.clock, round(CALM_ZERO / (resonance_hz * period_s)))
-    order = max(6, choice.order - int(np.ceil(np.log2(clock / choice.clock))))
-    repeats = int(choice.repeats * (2**choice.order * choice.clock) / (2**order * clock))
-    return replace(choice, order=order, clock=clock, repeats=repeats, reason="little at the resonance, because friction needs more torque")
 
 
 def balanced(model: Model) -> Model:

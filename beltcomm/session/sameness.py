@@ -10,7 +10,7 @@ from beltcomm.errors import Refused, SafetyStop
 from beltcomm.excitation import prbs
 from beltcomm.recording import Recording
 from beltcomm.session.machine import Machine, Room
-from beltcomm.session.phases import SHAPES
+from beltcomm.session.sequences import SHAPES
 
 #: Breakaway torque and motion may differ by this factor from the earlier session's: temperature, place and grease do less.
 GROSSLY = 1.5

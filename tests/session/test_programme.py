@@ -18,6 +18,7 @@ from beltcomm.session.making import quieter
 from beltcomm.session.paths import path_of, start_of
 from beltcomm.session.plan import commission_plan
 from beltcomm.session.programme import BUDGET_S, BY_EXTENT, STANDARD, THOROUGH, Item, fitting, named
+from beltcomm.session.sequences import calmer_choice
 from beltcomm.session.steps import Step
 from beltcomm.simulate.forward import simulate_torque
 
@@ -115,7 +116,7 @@ def test_a_calmer_sequence_loads_the_belt_less() -> None:
     antiresonance, resonance = phases.characteristic_hz(model, 0.25)
     usual = choose_prbs(1e-3, antiresonance, resonance, 7.0)
     found = []
-    for choice in (usual, phases.calmer_choice(usual, resonance, 1e-3)):
+    for choice in (usual, calmer_choice(usual, resonance, 1e-3)):
         moved = simulate_torque(model, prbs(choice.order, choice.clock, 0.4, 1e-3, choice.repeats).torque, 1e-3, 0.25)
         found.append((np.abs(moved.belt_force_n).max(), np.ptp(moved.cart_position_m)))
     assert found[1][0] < 0.7 * found[0][0]
