@@ -139,3 +139,23 @@ def test_what_the_records_could_name_is_said_beforehand(capabilities: Capabiliti
     assert "stribeck" in text
     assert "belt_slack (" in text.splitlines()[-1]
     assert "--thorough" in text.splitlines()[-1]
+
+
+def test_a_first_estimate_stays_within_what_can_be() -> None:
+    """Inside a gap the motor feels a feather on a rod; as soon as the gap is crossed, ten kilograms."""
+    sheet = data_sheet_model(AXIS, 0.25, 0.1)
+    usual = sheet.with_values({"cart.mass": 5.0})
+    assert phases.believable(usual, sheet) is usual
+    bounded = phases.believable(sheet.with_values({"cart.mass": 0.09, "belt_stiffness.stiffness": 5.5e6}), sheet)
+    assert bounded["cart.mass"] == 0.3
+    assert bounded["belt_stiffness.stiffness"] == pytest.approx(4.0 * sheet["belt_stiffness.stiffness"])
+
+
+def test_slow_strokes_keep_to_where_a_drifting_loop_may_turn() -> None:
+    with open_drive("virtual:g_a", {"seed": 1, "profile": "cmmp-as"}) as drive:
+        plan = commission_plan(AXIS, drive.capabilities, "thorough")
+        course = course_before(AXIS, drive.capabilities, 13.4)
+    assert plan.seconds <= 180.0
+    step = Step("strokes", 0.88, speeds_m_s=(0.01,))
+    path = path_of(step, course, start_of(step, course))
+    assert course.ends_m[0] <= path.position_m.min() < path.position_m.max() <= course.ends_m[1]
