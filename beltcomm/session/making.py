@@ -12,6 +12,7 @@ import numpy as np
 from beltcomm.control import Cascade
 from beltcomm.errors import Refused
 from beltcomm.model import Model
+from beltcomm.recording import Recording
 from beltcomm.session import phases, verification
 from beltcomm.session.machine import Machine
 from beltcomm.session.paths import Course, path_of, start_of
@@ -29,6 +30,8 @@ OVER_FRICTION = 1.1
 HARD_SHARE, RISE_PERIODS = 1.0, 1.5
 #: Steps in which moves are slowed down until the belt is predicted to keep its limit.
 BELT_TRIES = 6
+#: The record that says what holds the carriage where, and m/s of the strokes that count.
+SWEEP, STROKE_M_S = "sweep", 5e-3
 #: Kind of record by kind of step.
 EXPERIMENT = {"strokes": "friction_sweep", "sweep": "friction_sweep", "reversals": "reversal", "moves": "trajectory"}
 assert set(EXPERIMENT.values()) <= set(EXPERIMENTS)
@@ -73,6 +76,9 @@ def respond(machine: Machine, model: Model, step: Step, name: str, loudest_nm: f
     """A frequency response at a place of its own."""
     low, high = machine.full_room().window_m
     phases.move_to(machine, low + step.place * (high - low), model)
+    if machine.folder.finished(SWEEP) is not None and machine.stroking() == "position":
+        held = holding_at(machine.folder.recording(SWEEP), machine.ratio, machine.position_m)
+        machine.holding_nm = machine.holding_nm if held is None else held
     amplitude = loudest_nm
     if step.share < LOUD:
         amplitude = quieter(loudest_made(machine) or loudest_nm, total_friction(model), step.share)
@@ -87,6 +93,24 @@ def respond(machine: Machine, model: Model, step: Step, name: str, loudest_nm: f
             raise
         # a low antiresonance needs longer periods than the step has time for
         respond_for(RESPONSE_S)
+
+
+def holding_at(sweep: Recording, ratio: float, position_m: float) -> float | None:
+    """What holds the carriage at a place beside friction, N m, 0 within the scatter of friction; None when the strokes do not tell.
+
+    τ = a + b x + τ_c sign v + d v  over the strokes of a sweep: a tilt is a, a cable chain b.
+    """
+    speed = sweep.reference_velocity
+    if speed is None:
+        return None
+    steady = (np.abs(ratio * speed) > STROKE_M_S) & (np.abs(np.gradient(speed)) < 1e-3 * np.abs(speed))
+    if len(np.unique(np.sign(speed[steady]))) < 2:
+        return None
+    v, x = speed[steady], ratio * sweep.position[steady]
+    regressor = np.stack([np.ones(len(x)), x, np.sign(v), v], axis=1)
+    (constant, slope, coulomb, _), *_ = np.linalg.lstsq(regressor, sweep.torque[steady], rcond=None)
+    held = float(constant + slope * position_m)
+    return held if abs(held) > phases.CLEAR_SHARE * abs(coulomb) else 0.0
 
 
 def loudest_made(machine: Machine) -> float:

@@ -11,10 +11,11 @@ from beltcomm.axis import load_axis
 from beltcomm.drive import Capabilities, open_drive
 from beltcomm.excitation import choose_prbs, prbs
 from beltcomm.identify.first_estimate import data_sheet_model
+from beltcomm.recording import Recording
 from beltcomm.session import phases
 from beltcomm.session.bounds import bounds_of, course_before
 from beltcomm.session.foresight import foresee
-from beltcomm.session.making import quieter
+from beltcomm.session.making import holding_at, quieter
 from beltcomm.session.paths import path_of, start_of
 from beltcomm.session.plan import commission_plan
 from beltcomm.session.programme import BUDGET_S, BY_EXTENT, STANDARD, THOROUGH, Item, fitting, named
@@ -159,3 +160,15 @@ def test_slow_strokes_keep_to_where_a_drifting_loop_may_turn() -> None:
     step = Step("strokes", 0.88, speeds_m_s=(0.01,))
     path = path_of(step, course, start_of(step, course))
     assert course.ends_m[0] <= path.position_m.min() < path.position_m.max() <= course.ends_m[1]
+
+
+def test_what_holds_the_carriage_is_read_off_the_strokes() -> None:
+    """A tilt of 20 mN m and a chain of 0.1 N m per metre beside friction and noise; nothing where friction alone is there."""
+    speed = np.repeat([0.05, -0.05, 0.5, -0.5], 1000) / 0.01242
+    angle = np.cumsum(speed) * 1e-3
+    noise = np.random.default_rng(5).normal(0.0, 6e-3, len(speed))
+    friction = 0.1 * np.sign(speed) + 2e-3 * speed + noise
+    for load in (0.02 + 0.1 * 0.01242 * angle, np.zeros(len(speed))):
+        columns = {"torque": friction + load, "position": angle, "reference_velocity": speed}
+        held = [holding_at(Recording("sweep", 1e-3 * np.arange(len(speed)), **columns), 0.01242, x) for x in (0.1, 0.4)]
+        assert held == pytest.approx([0.03, 0.06] if load.any() else [0.0, 0.0], abs=1e-3)
