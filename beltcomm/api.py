@@ -30,6 +30,7 @@ from beltcomm.session.commission import Findings, Settings
 from beltcomm.session.creep import BREAKAWAY_SHARE, CREEP_SPEED_M_S, MARGIN_M, NEAR_M, RAMP_S, small_move
 from beltcomm.session.experiment import run_experiment
 from beltcomm.session.follow_job import follow_plan
+from beltcomm.session.foresight import foretold
 from beltcomm.session.laboratory import add_to_run, compare_run, diagnose_run, ladder_of_run, remove_from_run
 from beltcomm.session.machine import Machine, backed_up
 from beltcomm.session.options import Options
@@ -42,9 +43,7 @@ from beltcomm.talk import Silence, Talk
 compare, diagnose, add, remove, ladder = compare_run, diagnose_run, add_to_run, remove_from_run, ladder_of_run
 
 #: Before the plan of a resumed run.
-KEPT = (
-    "Finished records are kept and what stands below is the most that is driven again, after a short check that this is still the machine. "
-)
+KEPT = "Finished records are kept; what stands below is the most that is driven again, after a check that this is still the machine. "
 #: m: the longest way of ``beltcomm move``.
 LONGEST_MOVE_M = 0.1
 
@@ -61,10 +60,10 @@ def commission(drive: str, axis: Axis | str, run: Path, *, options: Options | No
         if options.window_m is not None:
             referencing.only_here(connected.capabilities, options.position_m, home=options.home)
             return _identify(connected, drive, axis, run, options, talk, whole=True)
-        plan = commission_plan(axis, connected.capabilities, options.quick)
+        plan = foretold(commission_plan(axis, connected.capabilities, options.extent), axis, connected.capabilities, options, talk)
+        if options.dry_run and options.resume:
+            RunFolder.create(run, axis, resume=True)  # says whether it could go on
         if options.dry_run:
-            if options.resume:
-                RunFolder.create(run, axis, resume=True)  # says whether it could go on
             return _planned(plan, connected, options, axis)
         folder = _new_folder(run, axis, connected, options)
         findings = Findings()
@@ -79,7 +78,7 @@ def commission(drive: str, axis: Axis | str, run: Path, *, options: Options | No
                 outcome.save(folder, findings)
     text = outcome.commission_text(folder, findings, drive)
     outcome.keep_text(folder, text)
-    return Result(outcome.data(folder, findings), text, 0 if findings.succeeded else 1)
+    return Result({**outcome.data(folder, findings), "visible": plan.visible}, text, 0 if findings.succeeded else 1)
 
 
 def identify(drive: str, axis: Axis | str, run: Path, *, options: Options | None = None, talk: Talk | None = None) -> Result:
@@ -148,7 +147,7 @@ def friction(drive: str, run: Path, *, options: Options | None = None, talk: Tal
         with Machine(connected, folder.axis, folder, talk) as machine:
             referencing.reference(machine, _settings(options))
             _agree(plan, options, talk, machine)
-            machine.titles = (sequence.TITLES[4], sequence.TITLES[6])
+            machine.titles = (sequence.TITLES[4], sequence.TITLES[5])
             sequence.close_first_loop(machine, findings, model, ask=not options.yes)
             number = 1 + sum(name.startswith("sweep") for name in folder.finished_names())
             sequence.measure_friction(machine, model, "sweep" if number == 1 else f"sweep_{number}")
@@ -329,7 +328,7 @@ def _settings(options: Options) -> Settings:
         window_m=options.window_m,
         ask=not options.yes,
         payloads_kg=(payload,) if payload else (),
-        quick=options.quick,
+        extent=options.extent,
         prefilter=options.prefilter,
         feedforward=options.feedforward or "nonlinear",
     )
@@ -359,7 +358,9 @@ def _planned(plan: Plan, drive: Drive | None = None, options: Options | None = N
         plan = replace(plan, text=KEPT + plan.text) if options.resume else plan
         referencing.inside(axis, options.position_m)
         plan = with_homing(plan, axis, drive.capabilities) if options.home else plan
-    return Result({"plan": plain(plan), "seconds": plan.seconds}, [*plan.lines(), "Nothing was moved (--dry-run)."])
+    return Result(
+        {"plan": plain(plan), "seconds": plan.seconds, "visible": plan.visible}, [*plan.lines(), "Nothing was moved (--dry-run)."]
+    )
 
 
 def _written(drive: str, folder: RunFolder, wanted: Mapping[str, float], options: Options, talk: Talk, verb: str) -> Result:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from beltcomm.axis import Axis
 from beltcomm.control import Cascade, discrete_coefficients, new_state, reset_state, velocity_step
 from beltcomm.model import Model
-from beltcomm.simulate.plant import SimulatedPlant
+from beltcomm.simulate.plant import SimulatedPlant, substeps_needed
 
 Array = NDArray[np.float64]
 
@@ -153,7 +153,7 @@ def predict_stop(
     delay_s : torque setpoint to acting torque.
     """
     ratio = model["transmission.ratio"]
-    plant = SimulatedPlant(model, position_m=position_m, speed_m_s=speed_m_s)
+    plant = SimulatedPlant(model, position_m, substeps_needed(model, position_m), speed_m_s=speed_m_s)
     coefficients, state = discrete_coefficients(cascade, period_s, torque_limit_nm), new_state()
     step, speed = 2.0 * math.pi / counts_per_rev, speed_m_s / ratio
     reset_state(state, -speed * period_s, speed)

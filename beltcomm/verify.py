@@ -14,7 +14,7 @@ from beltcomm.effects.tilt import GRAVITY_M_S2
 from beltcomm.errors import DataError
 from beltcomm.model import Model
 from beltcomm.recording import Recording
-from beltcomm.simulate.plant import SimulatedPlant
+from beltcomm.simulate.plant import SimulatedPlant, substeps_needed
 from beltcomm.trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -129,7 +129,8 @@ def predict_move(
     reference = trajectory.position_m / ratio
     velocity = trajectory.velocity_m_s / ratio
     acceleration = np.diff(velocity, prepend=velocity[0]) / period_s
-    plant = SimulatedPlant(model, position_m=float(trajectory.position_m[0]), belt_stretch_m=belt_stretch_m)
+    start_m = float(trajectory.position_m[0])
+    plant = SimulatedPlant(model, start_m, substeps_needed(model, start_m), belt_stretch_m=belt_stretch_m)
     plant.time_s = time_s
     coefficients = discrete_coefficients(cascade, period_s, drive.torque_limit_nm)
     state = new_state()

@@ -22,6 +22,8 @@ from beltcomm.cli.frame import Frame, api, axis_for, options_of, run_folder
 @shared.feedforward_option
 @shared.apply_option
 @click.option("--quick", is_flag=True, help="Fewer records: one position, a shorter sweep; wider intervals.")
+@click.option("--thorough", is_flag=True, help="More records, up to 180 s: all that the search for missing effects needs.")
+@click.option("--visible", is_flag=True, help="Say before anything moves how weak an effect these records could still name (some 10 s).")
 @shared.output_options
 @click.pass_obj
 def command(frame: Frame, /, drive: str, axis: str | None, run: Path | None, resume: bool, **given: Any) -> int:

@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+import numpy as np
+
 from beltcomm.axis import Axis
 from beltcomm.control import Cascade, CascadeStructure, PrefilterKind
 from beltcomm.design.cascade import DesignResult
@@ -14,28 +16,34 @@ from beltcomm.design.specification import Specification
 from beltcomm.errors import DataError, Refused
 from beltcomm.identify.amplitude import around
 from beltcomm.identify.dead_time import DeadTime
-from beltcomm.identify.final import FinalModel, final_model
+from beltcomm.identify.final import FinalModel, evidence, final_model
 from beltcomm.identify.friction import FrictionFit
 from beltcomm.identify.magnitude_fit import MagnitudeFit, Solver
 from beltcomm.model import Model
 from beltcomm.recording import Recording
-from beltcomm.session import analyse, phases, sameness, stops, verification
+from beltcomm.session import analyse, bounds, making, phases, programme, sameness, stops, verification
 from beltcomm.session.machine import Machine
+from beltcomm.session.programme import Extent
 from beltcomm.session.proof import SURE_MARGIN_DEG, move_name, proof, thin_margins
+from beltcomm.session.steps import LOUD, Step
 from beltcomm.sidecar import Sidecar
 from beltcomm.trajectory import Trajectory
 from beltcomm.verify import Demand, Verdict
 
 Apply = Literal["keep", "restore", "save"]
 
-#: s of machine time per frequency response: rest, one run-in period, three to four measured ones.
-RESPONSE_S = 7.0
 #: Periods of the drive's loop that an unmeasured delay is counted with: one to pass the setpoint on, one for the current loop.
 ASSUMED_DELAY_PERIODS = 2
-#: Where along the travel the other frequency responses are taken, as shares of it.
-PLACES = (0.12, 0.5, 0.88)
 #: m: a place already measured nearby is not measured again.
 SAME_PLACE_M = 0.08
+#: s of machine time kept for the move that verifies, with the way to its start.
+VERIFYING_S = 4.0
+#: The same for a velocity loop, which follows slow moves only and takes several tries to arrive anywhere.
+DRIFTING_S = 22.0
+#: s of machine time that finding sign and breakaway takes as a rule.
+CREPT_S = 2.0
+#: s, from where a dead time is looked for; evidence that it must have.
+LATE_S, CLEAR_EVIDENCE = 5e-4, 150.0
 #: Names of the phases, as shown to the user.
 TITLES = (
     "connect and check",
@@ -43,8 +51,7 @@ TITLES = (
     "excitation, rising",
     "frequency response here",
     "first loop",
-    "other places",
-    "friction sweep",
+    "strokes, places, moves",
     "fit and design",
     "verification moves",
 )
@@ -57,7 +64,8 @@ class Settings:
     position_m : where the carriage stands, when the drive does not know.   home : run the drive's homing first.
     window_m : how far the carriage may move from where it stands, (low < 0, high > 0).   ask : somebody can be asked.
     apply : what becomes of the new gains; None asks when somebody can be asked.
-    quick : one place only.   prefilter : None is the best one that the drive has.
+    extent : quick is one place and one sweep, thorough holds what every effect needs.
+    prefilter : None is the best one that the drive has.
     move : the user's own reference motion instead of the standard move.
     """
 
@@ -70,7 +78,7 @@ class Settings:
     prefilter: PrefilterKind | None = None
     feedforward: FeedforwardKind = "nonlinear"
     specification: Specification | None = None
-    quick: bool = False
+    extent: Extent = "standard"
     move: Trajectory | None = None
 
 
@@ -111,13 +119,14 @@ def identify_here(machine: Machine, findings: Findings) -> Model:
     """Phases 1 to 3: sign, rising excitation, one open-loop frequency response at the present place; returns a first model."""
     machine.begin(TITLES[1])
     findings.breakaway = phases.sign_and_scale(machine)
+    machine.holding_nm = findings.breakaway.holding_nm
     sameness.check_breakaway(machine, findings.breakaway.coulomb_nm)
     sameness.repeat_first_excitation(machine, phases.excitation_room(machine, machine.position_m))
     machine.begin(TITLES[2])
     findings.excited = phases.raise_amplitude(machine, findings.breakaway)
     machine.begin(TITLES[3])
     excited = findings.excited
-    phases.frequency_response(machine, "frf_1", excited.model, excited.step.amplitude_nm, RESPONSE_S)
+    phases.frequency_response(machine, "frf_1", excited.model, excited.step.amplitude_nm, making.RESPONSE_S)
     return first_model(machine, findings)
 
 
@@ -127,14 +136,29 @@ def first_model(machine: Machine, findings: Findings) -> Model:
     counts = machine.drive.capabilities.counts_per_rev
     start = findings.excited.model if findings.excited else None
     with machine.withdrawing():
-        findings.final = final_model(recordings, machine.axis, counts, start=start)
+        found = final_model(recordings, machine.axis, counts, start=start)
+        findings.final = found if not found.fit.suspect else with_late_torque(found, recordings, machine.axis, counts)
     model = findings.final.fit.model
     measure_delay_and_damping(findings, recordings, model)
     return model
 
 
+def with_late_torque(found: FinalModel, recordings: Sequence[Recording], axis: Axis, counts_per_rev: int) -> FinalModel:
+    """The fit with torque that acts later than it is reported, where that explains clearly more; else the fit as it is.
+
+    A loop designed without knowing a dead time of a millisecond, from inertia and mass that it has biased, cannot be closed.
+    """
+    late = found.fit.model.with_effect("dead_time", {"time": LATE_S})
+    try:
+        other = final_model(recordings, axis, counts_per_rev, start=late)
+    except DataError:
+        return found
+    return other if evidence(other.fit, found.fit) > CLEAR_EVIDENCE else found
+
+
 def measure_delay_and_damping(findings: Findings, recordings: Sequence[Recording], model: Model, solver: Solver = "lm") -> None:
     """The thesis's fit of every response, and the dead time; both only inform, a failure is a remark."""
+    recordings = [r for r in recordings if not r.sidecar.held_out]
     for name, response in analyse.responses(recordings).items():
         try:
             findings.thesis[name] = analyse.thesis_fit(response, model, solver)
@@ -187,23 +211,45 @@ def assume_delay(findings: Findings, structure: CascadeStructure) -> None:
     )
 
 
-def measure_places(machine: Machine, model: Model, amplitude_nm: float) -> None:
-    """Phase 5: frequency responses at other places along the travel."""
+def record_steps(machine: Machine, findings: Findings, model: Model, cascade: Cascade, extent: Extent) -> None:
+    """Phase 5: the records of the programme, as many as the time allows."""
     machine.begin(TITLES[5])
-    low, high = machine.full_room().window_m
+    loop = making.Closed(model, cascade, delay(findings))
+    course = making.course_of(machine, model)
+    items = [item for item in programme.BY_EXTENT[extent] if not measured_already(machine, item.step)]
+    kept = VERIFYING_S
+    if machine.stroking() == "velocity":  # which drifts, and does not turn within a millimetre; its last move is a slow one
+        items = [item for item in items if item.step.kind != "reversals"]
+        kept = DRIFTING_S
+    first = [machine.folder.recording(n) for n in machine.folder.finished_names() if n.startswith("amplitude_") or n == "frf_1"]
+    spent = CREPT_S + sum(float(np.ptp(r.t_s)) for r in first)
+    left = programme.BUDGET_S[extent] - spent - kept
+    steps, without = programme.fitting(items, lambda step: bounds.seconds_of(step, course), left)
+    if without:
+        names = "; ".join(step.title(course.place_m(step)) for step in without)
+        findings.remarks.append(f"not recorded, for {programme.BUDGET_S[extent]:.0f} s of machine time are not enough: {names}")
+    loudest = findings.excited.step.amplitude_nm if findings.excited else machine.axis.torque_limit_nm
+    needed = [item.step for item in items if item.rank == 0]
+    for name, step in programme.named(steps, ("frf_1",)):
+        try:
+            making.make(machine, loop, step, name, loudest)
+        except (DataError, Refused) as problem:  # the axis stands; the result does not rest on this record
+            if step in needed:
+                raise
+            findings.remarks.append(f"{name} ({step.title(course.place_m(step))}) was left out: {problem}")
+
+
+def measured_already(machine: Machine, step: Step) -> bool:
+    """Whether the first response stands for that of a step."""
     here = machine.folder.recording("frf_1").sidecar.start_position_m
-    places = [low + share * (high - low) for share in PLACES]
-    others = [place for place in places if here is None or abs(place - here) >= SAME_PLACE_M]
-    for number, place in enumerate(others, start=2):
-        name = f"frf_{number}"
-        if machine.folder.finished(name) is None:
-            phases.move_to(machine, place, model)
-        phases.frequency_response(machine, name, model, amplitude_nm, RESPONSE_S)
+    low, high = machine.full_room().window_m
+    loud = step.kind == "response" and step.share >= LOUD and not step.held_out
+    return loud and here is not None and abs(low + step.place * (high - low) - here) < SAME_PLACE_M
 
 
 def measure_friction(machine: Machine, model: Model, name: str = "sweep") -> Recording:
-    """Phase 5b: the constant-speed sweep with the loop closed."""
-    machine.begin(TITLES[6])
+    """The constant-speed sweep alone, three of its speeds twice."""
+    machine.begin(TITLES[5])
     if machine.folder.finished(name) is None:
         phases.move_to(machine, phases.stroke_ends(machine)[0], model)
     strokes = phases.sweep(machine, model)
@@ -218,7 +264,7 @@ def measure_friction(machine: Machine, model: Model, name: str = "sweep") -> Rec
 
 def fit_and_design(machine: Machine, findings: Findings, settings: Settings) -> Cascade:
     """Phase 6: final fit over all records, final design; returns what goes into the drive."""
-    machine.begin(TITLES[7])
+    machine.begin(TITLES[6])
     recordings = machine.folder.recordings()
     counts = machine.drive.capabilities.counts_per_rev
     first = findings.final.fit.model if findings.final else None
@@ -269,12 +315,13 @@ def commission(machine: Machine, settings: Settings, findings: Findings) -> Find
     machine.begin(TITLES[0])
     try:
         model = identify_here(machine, findings)
-        close_first_loop(machine, findings, model, ask=settings.ask)
-        if not settings.quick:
-            measure_places(machine, model, findings.excited.step.amplitude_nm if findings.excited else 0.0)
-        measure_friction(machine, model)
+        cascade = close_first_loop(machine, findings, model, ask=settings.ask)
+        if settings.extent == "quick":
+            measure_friction(machine, model)
+        else:
+            record_steps(machine, findings, model, cascade, settings.extent)
         cascade = fit_and_design(machine, findings, settings)
-        machine.begin(TITLES[8])
+        machine.begin(TITLES[7])
         model = known_model(findings)
         stops.count_on_loop(machine, [model], cascade, delay(findings))
         if settings.move is not None:

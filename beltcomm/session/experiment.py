@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from beltcomm.model import Model
 from beltcomm.session import phases, stops, verification
-from beltcomm.session.commission import RESPONSE_S, Findings, Settings, close_first_loop, design_for, measure_friction
+from beltcomm.session.commission import Findings, Settings, close_first_loop, design_for, measure_friction
 from beltcomm.session.machine import Machine
+from beltcomm.session.making import RESPONSE_S
 
 
 def run_experiment(machine: Machine, model: Model, experiment: str) -> str:

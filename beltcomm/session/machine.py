@@ -62,6 +62,7 @@ class Machine:
     position_m : carriage position; the zero of the axis is known after :meth:`reference_at` or when the drive is referenced, else
     (``place_known`` False) positions count from where the carriage stood in :meth:`stand_anywhere`.
     friction : Coulomb, N m, and viscous, N m s/rad, of the whole axis at the motor, as far as it is known.
+    holding_nm : what keeps the axis where it is beside friction, N m; every open-loop record holds it, or the carriage would drift.
     titles : of the phases to come, so that :meth:`begin` can number them.
     keep_gains : set by the sequence when the user wants to keep the new gains in the drive (not saved).
     deceleration_m_s2 : of a quick stop, lent to the drive with every motion.   braking : what brakes the axis with the loop that is in
@@ -77,6 +78,7 @@ class Machine:
         self.keep_gains = False
         self.titles: tuple[str, ...] = ()
         self.friction = (0.0, 0.0)
+        self.holding_nm = 0.0
         self.deceleration_m_s2 = first_deceleration(axis, drive.capabilities.peak_torque_nm).value_m_s2
         self.braking: Braking | None = None
         self.machine_seconds = 0.0
@@ -213,9 +215,10 @@ class Machine:
         self.braking, self.deceleration_m_s2 = braking, braking.deceleration_m_s2
 
     def torque_motion(self, torque_nm: Array) -> Motion:
-        """An open-loop record at the drive's sampling period."""
-        zero = np.zeros(len(torque_nm))
-        return Motion("torque", self.drive.capabilities.sample_period_s, zero, zero, np.asarray(torque_nm))
+        """An open-loop record at the drive's sampling period, with what holds the axis added."""
+        zero, step = np.zeros(len(torque_nm)), self.drive.capabilities.torque_step_nm
+        holding = round(self.holding_nm / step) * step if step else self.holding_nm
+        return Motion("torque", self.drive.capabilities.sample_period_s, zero, zero, np.asarray(torque_nm) + holding)
 
     def follow(self, trajectory: Trajectory, kind: Literal["position", "velocity"], torque_nm: Array | None = None) -> Motion:
         """A reference motion of the carriage for the drive's own position or velocity loop.   torque_nm : (n,), sent along with it."""

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -15,27 +15,19 @@ from beltcomm.effects import Effect, effect_named
 from beltcomm.errors import UsageError
 from beltcomm.laboratory.visible import Sight
 from beltcomm.recording import Recording
-
-Kind = Literal["response", "strokes", "sweep"]
-KINDS = ("response", "strokes", "sweep")
+from beltcomm.session.steps import PLACES, QUIET, SLOW_M_S, TRIANGLES_M, Step, checked_step
 
 #: Name of the file in ``results/``.
 NAME = "next"
-#: Where along the travel, as shares of it.
-PLACES = (0.12, 0.5, 0.88)
-#: Shares of what the limits allow: as much as possible, and little enough that gaps and elastic friction show.
-LOUD, QUIET = 1.0, 0.3
-#: m/s: strokes below the speed at which grease carries.
-SLOW_M_S = (0.006, 0.015, 0.04, 0.1)
 #: What shows the effects of a slot, where its name below says nothing else.
 BY_SLOT: Mapping[str, tuple[str, ...]] = {
     "element": ("places", "quiet"),
     "body": ("places",),
-    "belt_law": ("places", "quiet"),
+    "belt_law": ("places", "quiet", "fast"),
     "torque_delay": ("places",),
-    "torque_path": ("places", "sweep"),
+    "torque_path": ("places", "fast"),
     "friction_level": ("slow", "sweep"),
-    "friction_onset": ("quiet", "slow"),
+    "friction_onset": ("reversals", "quiet"),
     "force": ("sweep", "slow"),
     "kinematics": ("sweep", "places"),
     "sensor": ("sweep",),
@@ -44,32 +36,14 @@ BY_SLOT: Mapping[str, tuple[str, ...]] = {
 BY_NAME: Mapping[str, tuple[str, ...]] = {
     "cart_friction": ("places", "quiet"),
     "warmup": ("sweep", "places", "sweep again"),
-    "quadratic_drag": ("sweep",),
+    "quadratic_drag": ("sweep", "fast"),
+    "backlash": ("places", "quiet", "reversals"),
 }
 #: s between a first and a last sweep; share of the travel that three places span; a quiet record has less than this share of the torque.
-LATER_S, SPREAD, QUIETER = 30.0, 0.5, 0.55
-SETS = ("sweep", "places", "quiet", "slow", "sweep again")
-
-
-@dataclass(frozen=True)
-class Step:
-    """One record.   place : share of the travel.   share : of the excitation that the limits allow.   speeds_m_s : of strokes."""
-
-    kind: Kind
-    place: float = 0.5
-    share: float = LOUD
-    speeds_m_s: tuple[float, ...] = ()
-    held_out: bool = False
-
-    def words(self) -> str:
-        """For people."""
-        if self.kind == "sweep":
-            return "constant-speed strokes over the whole travel, both ways, slow to fast"
-        held = ", held out" if self.held_out else ""
-        where = f"at {100.0 * self.place:.0f} % of the travel{held}"
-        if self.kind == "strokes":
-            return f"slow strokes {where}: {', '.join(f'{v:g}' for v in self.speeds_m_s)} m/s"
-        return f"excitation {where}, with {100.0 * self.share:.0f} % of what the limits allow"
+LATER_S, SPREAD, QUIETER = 30.0, 0.5, 0.8
+#: Share of the belt's force that fast moves use.
+FAST_SHARE = 0.9
+SETS = ("sweep", "places", "quiet", "slow", "reversals", "fast", "sweep again")
 
 
 @dataclass(frozen=True)
@@ -82,10 +56,7 @@ class NextPlan:
 
     def to_dict(self) -> dict[str, Any]:
         """As it stands in the file."""
-        steps = [
-            {"kind": s.kind, "place": s.place, "share": s.share, "speeds_m_s": list(s.speeds_m_s), "held_out": s.held_out}
-            for s in self.steps
-        ]
+        steps = [step.to_dict() for step in self.steps]
         return {"reasons": dict(self.reasons), "by_hand": list(self.by_hand), "steps": steps}
 
     def lines(self, run: Path) -> list[str]:
@@ -114,10 +85,17 @@ def recorded_sets(recordings: Sequence[Recording], travel_m: float) -> frozenset
         found.add("sweep")
     if strokes and max(when) - min(when) > LATER_S:
         found.add("sweep again")
+    begun = [r.sidecar.start_position_m or 0.0 for r in strokes]
+    if len(strokes) >= len(PLACES) and max(begun) - min(begun) > SPREAD * travel_m:
+        found.add("slow")
     if len(excited) >= len(PLACES) and max(at) - min(at) > SPREAD * travel_m:
         found.add("places")
     if excited and min(loud) < QUIETER * max(loud):
         found.add("quiet")
+    if any(r.sidecar.experiment == "reversal" for r in recordings):
+        found.add("reversals")
+    if any(r.sidecar.experiment == "trajectory" and not r.sidecar.held_out for r in recordings):
+        found.add("fast")
     return frozenset(found)
 
 
@@ -157,6 +135,10 @@ def steps_of(name: str) -> list[Step]:
         return [Step("response", place) for place in PLACES]
     if name == "quiet":
         return [Step("response", PLACES[1], QUIET)]
+    if name == "reversals":
+        return [Step("reversals", PLACES[1], amplitudes_m=TRIANGLES_M)]
+    if name == "fast":
+        return [Step("moves", share=FAST_SHARE), Step("moves", share=0.5, seconds=8.0, seed=2, held_out=True)]
     return [Step("strokes", place, speeds_m_s=SLOW_M_S, held_out=place == PLACES[1]) for place in PLACES]
 
 
@@ -168,24 +150,6 @@ def load_plan(path: Path) -> NextPlan:
     if not isinstance(entries, list) or not entries:
         raise UsageError(f"{path} has no steps; write a plan with `beltcomm diagnose RUN --next`")
     for number, entry in enumerate(entries, start=1):
-        steps.append(_checked(entry, f"{path}, step {number}"))
+        steps.append(checked_step(entry, f"{path}, step {number}"))
     reasons = {str(k): str(v) for k, v in (data.get("reasons") or {}).items()}
     return NextPlan(reasons, tuple(map(str, data.get("by_hand") or ())), tuple(steps))
-
-
-def _checked(entry: Any, where: str) -> Step:
-    if not isinstance(entry, Mapping) or entry.get("kind") not in KINDS:
-        raise UsageError(f"{where}: kind must be one of {', '.join(KINDS)}")
-    unknown = sorted(set(entry) - {"kind", "place", "share", "speeds_m_s", "held_out"})
-    if unknown:
-        raise UsageError(f"{where}: there is no {', '.join(unknown)}; a step has kind, place, share, speeds_m_s, held_out")
-    try:
-        place, share = float(entry.get("place", 0.5)), float(entry.get("share", LOUD))
-        speeds = tuple(float(v) for v in entry.get("speeds_m_s") or ())
-    except (TypeError, ValueError) as error:
-        raise UsageError(f"{where}: {error}; give plain numbers") from error
-    if not (0.0 <= place <= 1.0 and 0.0 < share <= 1.0):
-        raise UsageError(f"{where}: place {place:g} and share {share:g} must lie between 0 and 1")
-    if entry["kind"] == "strokes" and (not speeds or min(speeds) <= 0.0):
-        raise UsageError(f"{where}: strokes need speeds_m_s, all above 0")
-    return Step(entry["kind"], place, share, speeds, bool(entry.get("held_out", False)))

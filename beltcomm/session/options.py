@@ -7,7 +7,9 @@ from dataclasses import dataclass, field
 
 from beltcomm.control import PrefilterKind
 from beltcomm.design.feedforward import FeedforwardKind
+from beltcomm.errors import UsageError
 from beltcomm.session.commission import Apply
+from beltcomm.session.programme import Extent
 
 
 @dataclass(frozen=True)
@@ -17,7 +19,7 @@ class Options:
     yes : no questions.   seed : of everything random in a virtual drive.   dry_run : plan only.   resume : go on with a run.
     position_m : where the carriage stands.   window_m : how far it may move from there, (low, high).   home : find the zero first.
     payload_kg : heaviest further load.   apply : "keep", "restore" or "save" the new gains; None asks, with ``yes`` it restores.
-    quick : one place only.
+    quick : one place only.   thorough : what every effect needs.   visible : say beforehand what the records could show; thorough does.
     force : gains in doubt too.   prefilter, feedforward : None is the best one.   profile, node, bitrate, realtime : of the drive.
     drive : further options for the adapter, by name.
     """
@@ -32,6 +34,8 @@ class Options:
     payload_kg: float | None = None
     apply: Apply | None = None
     quick: bool = False
+    thorough: bool = False
+    visible: bool = False
     force: bool = False
     prefilter: PrefilterKind | None = None
     feedforward: FeedforwardKind | None = None
@@ -40,6 +44,13 @@ class Options:
     bitrate: int | None = None
     realtime: bool = False
     drive: Mapping[str, object] = field(default_factory=dict)
+
+    @property
+    def extent(self) -> Extent:
+        """How much a commissioning records.   Raises UsageError for both at once."""
+        if self.quick and self.thorough:
+            raise UsageError("quick and thorough are two things: choose one")
+        return "quick" if self.quick else "thorough" if self.thorough else "standard"
 
     def for_drive(self) -> dict[str, object]:
         """The adapter's options: those that were given."""

@@ -16,8 +16,16 @@ from numpy.typing import NDArray
 from beltcomm.axis_entries import TrajectoryLimits
 from beltcomm.drive import Capabilities
 from beltcomm.errors import Refused, SafetyStop, UsageError
-from beltcomm.excitation import SHORT_ORDER, Excitation, choose_prbs, prbs
-from beltcomm.identify.amplitude import AmplitudeStep, MotionLimits, Prediction, around, largest_amplitude, unknown_payload
+from beltcomm.excitation import Excitation, PrbsChoice, choose_prbs, prbs
+from beltcomm.identify.amplitude import (
+    UNKNOWN_MASSES_KG,
+    AmplitudeStep,
+    MotionLimits,
+    Prediction,
+    around,
+    largest_amplitude,
+    unknown_payload,
+)
 from beltcomm.identify.first_estimate import data_sheet_model, first_estimate, moved_enough, stiffness_range
 from beltcomm.linear import modes, operating_point
 from beltcomm.model import Model
@@ -26,8 +34,11 @@ from beltcomm.session import stops
 from beltcomm.session.creep import MOVED_M, SLIDING_SHARE, creep
 from beltcomm.session.expectation import Expectation
 from beltcomm.session.machine import Machine, Room, stroking
+from beltcomm.session.sequences import HARDLY, SHAPES, calmer_choice, held_choice
+from beltcomm.session.strokes import sweep_strokes
 from beltcomm.sidecar import ExcitationNote, Sidecar
-from beltcomm.trajectory import Strokes, Trajectory, at_rest, constant_speed_strokes, join, plan_trajectory
+from beltcomm.stopping import total_friction
+from beltcomm.trajectory import Strokes, Trajectory, at_rest, join, plan_trajectory
 
 Array = NDArray[np.float64]
 M = TypeVar("M", Trajectory, Strokes)
@@ -41,21 +52,16 @@ END_MARGIN_M = 5e-3
 BELT_SHARE = 0.9
 #: An excitation must reach this share of the breakaway torque; the ramp finds the latter some 20 % too high.
 OVER_BREAKAWAY = 1.0
-#: The short excitation: clocks that are tried until the limits allow more than the breakaway torque; a slower one leaves
-#: out the frequencies of a stiff belt.
-CLOCKS = (2, 3, 4)
+#: Breakaway torques that differ by less than this share of friction either way are the same.
+CLEAR_SHARE = 0.05
+#: A belt is at most this many times as stiff, or as soft, as its data sheet says.
+STIFFNESS_FACTOR = 4.0
 #: Growth of the amplitude from one record to the next.
 GROWTH = 1.7
 MOST_STEPS = 5
 #: Shares of the travel kept free at both ends: for the overshoot of a first position loop, and for the drift of a velocity loop.
 OVERSHOOT_SHARE = 0.06
 DRIFT_SHARE = 0.15
-#: Friction sweep: slowest speed, number of speeds, run-in left out, shortest and longest plateau that counts.
-SWEEP_SLOWEST_M_S = 0.01
-SWEEP_SPEEDS = 7
-SWEEP_RUN_IN_S = 0.2
-SWEEP_SHORTEST_S = 0.1
-SWEEP_LONGEST_S = 0.6
 #: Positioning, m: near enough to try no more, so far off that the loop cannot be trusted, and how often it is tried.
 ARRIVED_M = 1e-3
 ASTRAY_M = 2e-2
@@ -95,12 +101,13 @@ class Breakaway:
         The torque went on rising until the carriage had moved by ``MOVED_M``:  x = i_t Ṁ t³/6J  gives by how much.
         """
         rising_s = (6.0 * MOVED_M * inertia_kg_m2 / (ratio * self.slope_nm_s)) ** (1.0 / 3.0) if self.slope_nm_s else 0.0
-        return max(0.0, SLIDING_SHARE * (self.coulomb_nm - self.slope_nm_s * rising_s))
+        return max(0.0, SLIDING_SHARE * (self.coulomb_nm - self.slope_nm_s * rising_s) - abs(self.holding_nm))
 
     @property
     def holding_nm(self) -> float:
-        """Half the sum with sign: what holds the axis against gravity."""
-        return 0.5 * (self.forward_nm - self.backward_nm)
+        """Half the sum with sign: what holds the axis against gravity; 0 where that is within the scatter of friction."""
+        half = 0.5 * (self.forward_nm - self.backward_nm)
+        return half if abs(half) > CLEAR_SHARE * self.coulomb_nm else 0.0
 
 
 @dataclass(frozen=True)
@@ -157,7 +164,7 @@ def motion_limits(machine: Machine, position_m: float) -> MotionLimits:
     return MotionLimits(
         min(space, EXCITATION_TRAVEL_M),
         min(full.speed_m_s, EXCITATION_SPEED_M_S),
-        full.torque_nm,
+        full.torque_nm - abs(machine.holding_nm),
         BELT_SHARE * machine.axis.belt_force_limit_n,
         min(space, EXCITATION_TRAVEL_M) + END_MARGIN_M,
     )
@@ -172,6 +179,7 @@ def raise_amplitude(machine: Machine, breakaway: Breakaway) -> Excited:
     counts = machine.drive.capabilities.counts_per_rev
     sheet = data_sheet_model(machine.axis, machine.place_m(machine.position_m), breakaway.coulomb_nm)
     window = machine.full_room().window_m
+    known = sheet.with_effect("constant_offset", {"torque": machine.holding_nm}) if machine.holding_nm else sheet
     family = unknown_payload(sheet, (1.0, 1.0) if machine.place_known else stiffness_range(machine.axis, window))
     at_most = 2.0 * breakaway.coulomb_nm
     recordings: list[Recording] = []
@@ -179,8 +187,8 @@ def raise_amplitude(machine: Machine, breakaway: Breakaway) -> Excited:
         at = machine.position_m  # every excitation leaves the carriage a little beside where it began
         limits = motion_limits(machine, at)
         braking = stops.braking_of(machine, breakaway.sliding_nm)
-        for clock in CLOCKS:
-            shape = prbs(SHORT_ORDER, clock, 2.0, period, 1)
+        for order, clock in SHAPES:
+            shape = prbs(order, clock, 2.0, period, 1)
             unit = shape.torque / shape.amplitude_nm
             step = largest_amplitude(family, unit, period, at, limits, min(at_most, limits.torque_nm), braking)
             if step.amplitude_nm >= OVER_BREAKAWAY * breakaway.coulomb_nm:
@@ -195,23 +203,31 @@ def raise_amplitude(machine: Machine, breakaway: Breakaway) -> Excited:
             f"{step.prediction.belt_force_n:.0f} N in the belt (bound by {step.binds}); a stop takes up to "
             f"{1e3 * step.prediction.stop_m:.1f} mm"
         )
-        excitation = prbs(SHORT_ORDER, clock, 2.0 * step.amplitude_nm, period, 1, torque_step_nm=machine.drive.capabilities.torque_step_nm)
+        excitation = prbs(order, clock, 2.0 * step.amplitude_nm, period, 1, torque_step_nm=machine.drive.capabilities.torque_step_nm)
         recordings.append(_excite(machine, f"amplitude_{len(recordings) + 1}", excitation, at, step.prediction))
         if len(recordings) < MOST_STEPS and step.binds == "step" and not moved_enough(recordings[-1], sheet, counts):
             at_most = GROWTH * step.amplitude_nm  # an axis without Coulomb friction breaks away long before it moves visibly
             continue
         with machine.withdrawing():
-            model = first_estimate(recordings[-1:], sheet, counts)
+            model = believable(first_estimate(recordings[-1:], known, counts), sheet)
         machine.folder.journal(
             f"amplitude {step.amplitude_nm:.3f} N m ({step.binds}): mass {model['cart.mass']:.2f} kg, "
             f"stiffness {model['belt_stiffness.stiffness']:.4g} N/m"
         )
         stops.lend_brake(machine, model, at)
-        family = around(model)
+        family = around(balanced(model))
         at_most = GROWTH * step.amplitude_nm
         following = largest_amplitude(family, unit, period, at, limits, min(at_most, limits.torque_nm), stops.braking_of(machine))
         if following.amplitude_nm < 1.1 * step.amplitude_nm or len(recordings) >= MOST_STEPS:
             return Excited(following, tuple(recordings), model)
+
+
+def believable(model: Model, sheet: Model) -> Model:
+    """A first estimate within what can be: a gap or a lag drives it to a feather on a rod, and no prediction may count on that."""
+    stiffness, mass = sheet["belt_stiffness.stiffness"], UNKNOWN_MASSES_KG[0]
+    low, high = stiffness / STIFFNESS_FACTOR, stiffness * STIFFNESS_FACTOR
+    found = {"cart.mass": max(model["cart.mass"], mass), "belt_stiffness.stiffness": min(max(model["belt_stiffness.stiffness"], low), high)}
+    return model if all(model[name] == value for name, value in found.items()) else model.with_values(found, "first estimate, bounded")
 
 
 def _remedy(machine: Machine, step: AmplitudeStep, breakaway: Breakaway) -> str:
@@ -226,17 +242,25 @@ def _remedy(machine: Machine, step: AmplitudeStep, breakaway: Breakaway) -> str:
 
 
 def frequency_response(
-    machine: Machine, name: str, model: Model, amplitude_nm: float, seconds: float
+    machine: Machine, name: str, model: Model, amplitude_nm: float, seconds: float, *, held_out: bool = False, loud: bool = True
 ) -> tuple[Recording, Excitation, AmplitudeStep]:
-    """Excite at the present place with an amplitude that the limits allow there, long enough for a frequency response."""
+    """Excite at the present place with an amplitude that the limits allow there, long enough for a frequency response.
+
+    held_out : only to judge with; another sequence than those that are fitted, and one measured period of it.
+    loud : where friction hardly lets the carriage move, the sequence may leave the resonance out to be louder.
+    """
     at = machine.position_m
     limits = motion_limits(machine, at)
     period = machine.drive.capabilities.sample_period_s
     antiresonance, resonance = characteristic_hz(model, at)
     choice = choose_prbs(period, antiresonance, resonance, seconds)
-    shape = prbs(choice.order, choice.clock, 2.0, period, choice.repeats)
-    unit = shape.torque / shape.amplitude_nm
-    step = largest_amplitude(around(model), unit, period, at, limits, amplitude_nm, stops.braking_of(machine))
+    if held_out:
+        choice = held_choice(choice)
+    step = _loudest(machine, model, choice, amplitude_nm, at, limits)
+    if loud and step.amplitude_nm < HARDLY * total_friction(model):
+        calm = calmer_choice(choice, resonance, period)
+        louder = _loudest(machine, model, calm, machine.axis.torque_limit_nm, at, limits)
+        choice, step = (calm, louder) if louder.amplitude_nm > step.amplitude_nm else (choice, step)
     excitation = prbs(
         choice.order,
         choice.clock,
@@ -249,7 +273,20 @@ def frequency_response(
         f"{name}: {choice.reason}; ±{step.amplitude_nm:.3f} N m, bound by {step.binds}; a stop takes up to "
         f"{1e3 * step.prediction.stop_m:.1f} mm"
     )
-    return _excite(machine, name, excitation, at, step.prediction), excitation, step
+    return _excite(machine, name, excitation, at, step.prediction, held_out), excitation, step
+
+
+def _loudest(machine: Machine, model: Model, choice: PrbsChoice, at_most_nm: float, at: float, limits: MotionLimits) -> AmplitudeStep:
+    """The loudest version of a sequence that keeps the limits."""
+    period = machine.drive.capabilities.sample_period_s
+    shape = prbs(choice.order, choice.clock, 2.0, period, choice.repeats)
+    unit = shape.torque / shape.amplitude_nm
+    return largest_amplitude(around(balanced(model)), unit, period, at, limits, at_most_nm, stops.braking_of(machine))
+
+
+def balanced(model: Model) -> Model:
+    """The model without the constant torque that open-loop records hold."""
+    return model.with_values({name: 0.0 for name in ("constant_offset.torque", "tilt.angle") if name in model.parameters})
 
 
 def excitation_room(machine: Machine, at: float) -> Room:
@@ -257,7 +294,7 @@ def excitation_room(machine: Machine, at: float) -> Room:
     return room_around(machine, at, EXCITATION_TRAVEL_M + END_MARGIN_M)
 
 
-def _excite(machine: Machine, name: str, excitation: Excitation, at: float, predicted: Prediction) -> Recording:
+def _excite(machine: Machine, name: str, excitation: Excitation, at: float, predicted: Prediction, held_out: bool = False) -> Recording:
     """Record an excitation, watched so that a stop at any limit still ends in the window."""
     around_it = excitation_room(machine, at)
     low, high = around_it.window_m
@@ -269,7 +306,7 @@ def _excite(machine: Machine, name: str, excitation: Excitation, at: float, pred
         period_samples=excitation.period_samples,
         first_sample=excitation.first_sample,
     )
-    sidecar = Sidecar(experiment="frf", start_position_m=machine.place_m(at), session_time_s=machine.session_time_s, excitation=note)
+    sidecar = Sidecar("frf", machine.place_m(at), machine.session_time_s, held_out=held_out, excitation=note)
     return machine.record(name, machine.torque_motion(excitation.torque), room, sidecar, watch)
 
 
@@ -289,7 +326,7 @@ def move_to(machine: Machine, target_m: float, model: Model, slow_m_s: float = P
         if abs(machine.position_m - target_m) < ARRIVED_M:
             return
         plan = partial(plan_trajectory, machine.position_m, target_m, sample_period_s=machine.drive.capabilities.sample_period_s)
-        trajectory = _stoppable(machine, gentle_limits(machine, model, slow_m_s), plan)
+        trajectory = stoppable(machine, gentle_limits(machine, model, slow_m_s), plan)
         machine.run(machine.follow(held(trajectory, 0.3), machine.stroking()), loose_room(machine))
     if abs(machine.position_m - target_m) > ASTRAY_M:
         raise SafetyStop(
@@ -310,7 +347,7 @@ def gentle_limits(machine: Machine, model: Model, speed_m_s: float) -> Trajector
     return TrajectoryLimits(jerk_m_s3=20.0 * acceleration, acceleration_m_s2=acceleration, speed_m_s=min(speed_m_s, top))
 
 
-def _stoppable(machine: Machine, limits: TrajectoryLimits, plan: Callable[[TrajectoryLimits], M]) -> M:
+def stoppable(machine: Machine, limits: TrajectoryLimits, plan: Callable[[TrajectoryLimits], M]) -> M:
     """The motion with these limits, or with slower ones, such that a stop at any moment of it ends inside the travel.
 
     Of the slowest one tried the machine itself says what is wrong.
@@ -351,34 +388,9 @@ def stroke_share(capabilities: Capabilities) -> float:
     return OVERSHOOT_SHARE if stroking(capabilities) == "position" else DRIFT_SHARE
 
 
-def fastest_stroke_m_s(top_m_s: float, acceleration_m_s2: float, window_m: float) -> float:
-    """Fastest stroke of a sweep, m/s, that still has a plateau:  v²/a + v (0.05 s + plateau) = window,  at most a share of the top speed.
-
-    Two ramps of v (v/a + a/j)/2 each and a plateau with its run-in fill the window.
-    """
-    wait = 0.05 + SWEEP_RUN_IN_S + SWEEP_SHORTEST_S
-    filled = 0.5 * acceleration_m_s2 * (np.sqrt(wait**2 + 4.0 * window_m / acceleration_m_s2) - wait)
-    return min(0.8 * top_m_s, float(filled))
-
-
 def sweep(machine: Machine, model: Model) -> Strokes:
-    """Strokes both ways at seven speeds, from a slow creep to the fastest that still has a plateau within the travel; three twice."""
+    """:func:`sweep_strokes` from where the carriage stands to the farther end."""
     low, high = stroke_ends(machine)
     at = machine.position_m
-    far = high if high - at > at - low else low
-
-    def strokes(limits: TrajectoryLimits) -> Strokes:
-        fastest = fastest_stroke_m_s(limits.speed_m_s, limits.acceleration_m_s2, abs(far - at))
-        speeds = [float(v) for v in np.geomspace(SWEEP_SLOWEST_M_S, fastest, SWEEP_SPEEDS)]
-        return constant_speed_strokes(
-            at,
-            far,
-            speeds + speeds[1::2],  # how well friction repeats
-            limits,
-            machine.drive.capabilities.sample_period_s,
-            run_in_s=SWEEP_RUN_IN_S,
-            rest_s=0.15,
-            longest_plateau_s=SWEEP_RUN_IN_S + SWEEP_LONGEST_S,
-        )
-
-    return _stoppable(machine, gentle_limits(machine, model, np.inf), strokes)
+    far, period = high if high - at > at - low else low, machine.drive.capabilities.sample_period_s
+    return stoppable(machine, gentle_limits(machine, model, np.inf), lambda limits: sweep_strokes(at, far, limits, period))

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -11,8 +13,10 @@ from beltcomm.axis import Axis
 from beltcomm.drive import Capabilities
 from beltcomm.identify.amplitude import UNKNOWN_MASSES_KG
 from beltcomm.model import Model
-from beltcomm.session import creep, phases
-from beltcomm.session.commission import PLACES
+from beltcomm.session import creep, phases, programme
+from beltcomm.session.bounds import CREEP_SECONDS, Experiment, lines_of, top_speed_m_s
+from beltcomm.session.programme import Extent
+from beltcomm.session.strokes import fastest_stroke_m_s
 from beltcomm.session.verification import MOVE_M
 from beltcomm.stopping import Braking, first_deceleration
 from beltcomm.trajectory import Trajectory, plan_trajectory
@@ -20,42 +24,33 @@ from beltcomm.verify import demand
 
 
 @dataclass(frozen=True)
-class Experiment:
-    """One line of the plan; every number is an upper bound.   travel_m : either way.   torque_nm : motor shaft.
-
-    reach_m : travel either way with the way of a stop at any moment.
-    """
-
-    title: str
-    travel_m: float
-    reach_m: float
-    speed_m_s: float
-    torque_nm: float
-    belt_force_n: float
-    seconds: float
-
-
-@dataclass(frozen=True)
 class Plan:
-    """All experiments of a job.   text : one paragraph on what the machine will do."""
+    """All experiments of a job.   text : one paragraph on what the machine will do.
+
+    budget_s : machine time that is kept, whatever the single experiments may take; what does not fit is left out.
+    notes : lines after the table.   visible : what the records could show, where that was worked out.
+    """
 
     text: str
     experiments: tuple[Experiment, ...]
+    budget_s: float = math.inf
+    notes: tuple[str, ...] = ()
+    visible: Mapping[str, Any] | None = None
 
     @property
     def seconds(self) -> float:
         """Machine time, s."""
-        return sum(item.seconds for item in self.experiments)
+        return min(sum(item.seconds for item in self.experiments), self.budget_s)
 
     def lines(self) -> list[str]:
         """The plan as a table in plain text."""
-        head = f"{'experiment':34} {'travel':>9} {'with stop':>9} {'speed':>10} {'torque':>9} {'belt':>7} {'time':>6}"
+        head = f"{'experiment':40} {'travel':>9} {'with stop':>9} {'speed':>10} {'torque':>9} {'belt':>7} {'time':>6}"
         rows = [
-            f"{e.title:34} {1e3 * e.travel_m:6.0f} mm {1e3 * e.reach_m:6.0f} mm {e.speed_m_s:6.2f} m/s {e.torque_nm:5.2f} N m "
+            f"{e.title:40} {1e3 * e.travel_m:6.0f} mm {1e3 * e.reach_m:6.0f} mm {e.speed_m_s:6.2f} m/s {e.torque_nm:5.2f} N m "
             f"{e.belt_force_n:5.0f} N {e.seconds:4.0f} s"
             for e in self.experiments
         ]
-        return [self.text, "", head, *rows, f"{'on the machine, at most':34} {self.seconds:57.0f} s"]
+        return [self.text, "", head, *rows, f"{'on the machine, at most':40} {self.seconds:57.0f} s", *self.notes]
 
 
 def identify_plan(axis: Axis, capabilities: Capabilities, window_m: tuple[float, float] | None = None) -> Plan:
@@ -74,39 +69,27 @@ def identify_plan(axis: Axis, capabilities: Capabilities, window_m: tuple[float,
     )
 
 
-def commission_plan(axis: Axis, capabilities: Capabilities, quick: bool = False) -> Plan:
+def commission_plan(axis: Axis, capabilities: Capabilities, extent: Extent = "standard") -> Plan:
     """The whole job."""
     travel = axis.travel
     whole = float(travel.max_m or 0.0) - float(travel.min_m or 0.0)
-    speed, force = _top_speed_m_s(axis, capabilities), axis.belt_force_limit_n
     torque = min(axis.motor.peak_torque_nm or math.inf, capabilities.peak_torque_nm)
-    gentle = force / 3.0
-    shaking = phases.BELT_SHARE * force
-    ends = phases.stroke_share(capabilities)
-    places = 0 if quick else 2
     moved = _move_speed_m_s(axis, capabilities)
-    experiments = [
-        *_here(axis, capabilities),
-        Experiment(
-            f"frequency response, {places} places" if places else "positioning",
-            max(PLACES) * whole,
-            whole,
-            min(phases.POSITIONING_SPEED_M_S, speed),
-            torque,
-            shaking,
-            places * (RESPONSE_SECONDS + MOVE_SECONDS),
-        ),
-        Experiment(
-            "constant-speed sweep", (1.0 - 2.0 * ends) * whole, whole, _sweep_speed_m_s(axis, capabilities), torque, gentle, SWEEP_SECONDS
-        ),
-        Experiment("move that verifies the result", min(whole, MOVE_M), whole, moved, torque, force, 3.0 + MOVE_SECONDS),
-    ]
+    if extent == "quick":
+        steps = [_sweep(axis, capabilities, SWEEP_SECONDS)]
+    else:
+        steps = lines_of(axis, capabilities, [item.step for item in programme.BY_EXTENT[extent]])
+    force = axis.belt_force_limit_n
+    move = Experiment("move that verifies the result", min(whole, MOVE_M), whole, moved, torque, force, 3.0 + MOVE_SECONDS)
+    budget = programme.BUDGET_S[extent]
+    fits = f"What does not fit into {budget:.0f} s when the carriage is weighed is left out and named. " if extent != "quick" else ""
     return Plan(
         f"The carriage of {axis.name or 'the axis'} will creep some millimetres both ways, shake around where it stands with rising "
-        f"torque, then travel between {travel.min_m:g} m and {travel.max_m:g} m in closed loop: slow and fast strokes, and one fast "
-        "move. Keep people, tools and cables out of its travel; Ctrl-C stops it at any time, and at the end the drive is left as it "
-        f"was found unless you keep the new gains. {_stop_words(axis, capabilities)}",
-        tuple(e for e in experiments if e.seconds > 0.0),
+        f"torque, then travel between {travel.min_m:g} m and {travel.max_m:g} m in closed loop: slow and fast strokes, small triangles and "
+        "fast moves, and shake at other places. Keep people, tools and cables out of its travel; Ctrl-C stops it at any time, and at the "
+        f"end the drive is left as it was found unless you keep the new gains. {fits}{_stop_words(axis, capabilities)}",
+        (*_here(axis, capabilities), *steps, move),
+        budget,
     )
 
 
@@ -114,32 +97,27 @@ def with_homing(plan: Plan, axis: Axis, capabilities: Capabilities) -> Plan:
     """The plan with the search of the drive's zero before everything else."""
     whole = float(axis.travel.max_m or 0.0) - float(axis.travel.min_m or 0.0)
     torque = min(axis.motor.peak_torque_nm or math.inf, capabilities.peak_torque_nm)
-    speed = _top_speed_m_s(axis, capabilities)
+    speed = top_speed_m_s(axis, capabilities)
     first = Experiment("homing, until the zero is found", whole, whole, speed, torque, axis.belt_force_limit_n, HOMING_SECONDS)
     text = "First the drive searches its zero, along the whole axis if need be, and the carriage creeps off the end where it was found. "
-    return Plan(text + plan.text, (first, *plan.experiments))
+    return replace(plan, text=text + plan.text, experiments=(first, *plan.experiments), budget_s=plan.budget_s + HOMING_SECONDS)
 
 
 def friction_plan(axis: Axis, capabilities: Capabilities) -> Plan:
     """The sweep alone."""
-    whole = float(axis.travel.max_m or 0.0) - float(axis.travel.min_m or 0.0)
-    torque = min(axis.motor.peak_torque_nm or math.inf, capabilities.peak_torque_nm)
-    force = axis.belt_force_limit_n / 3.0
     return Plan(
         f"The carriage of {axis.name or 'the axis'} will travel its whole length in closed loop at seven speeds, both ways, with a loop "
         "designed from the run's model. Ctrl-C stops it at any time.",
-        (
-            Experiment(
-                "constant-speed sweep",
-                (1.0 - 2.0 * phases.stroke_share(capabilities)) * whole,
-                whole,
-                _sweep_speed_m_s(axis, capabilities),
-                torque,
-                force,
-                SWEEP_SECONDS + MOVE_SECONDS,
-            ),
-        ),
+        (_sweep(axis, capabilities, SWEEP_SECONDS + MOVE_SECONDS),),
     )
+
+
+def _sweep(axis: Axis, capabilities: Capabilities, seconds: float) -> Experiment:
+    """The sweep with three of its speeds twice."""
+    whole = float(axis.travel.max_m or 0.0) - float(axis.travel.min_m or 0.0)
+    torque = min(axis.motor.peak_torque_nm or math.inf, capabilities.peak_torque_nm)
+    travel, speed = (1.0 - 2.0 * phases.stroke_share(capabilities)) * whole, _sweep_speed_m_s(axis, capabilities)
+    return Experiment("constant-speed sweep", travel, whole, speed, torque, axis.belt_force_limit_n / 3.0, seconds)
 
 
 def move_plan(
@@ -165,21 +143,17 @@ def verification_plan(axis: Axis, model: Model, path: Trajectory, braking: Braki
     return move_plan(axis, travel, highest - lowest, asked.speed_m_s, asked.torque_nm, asked.feed_force_n, seconds, what)
 
 
-def _top_speed_m_s(axis: Axis, capabilities: Capabilities) -> float:
-    return min(float(axis.limits.speed_m_s or 0.0), capabilities.max_speed_rad_s * axis.transmission_m_rad)
-
-
 def _sweep_speed_m_s(axis: Axis, capabilities: Capabilities) -> float:
     """Fastest stroke over the whole travel with the lightest carriage that is thought of."""
     whole = float(axis.travel.max_m or 0.0) - float(axis.travel.min_m or 0.0)
     lightest = axis.belt_force_limit_n / 3.0 / max(UNKNOWN_MASSES_KG[0], axis.payload.mass_kg or 0.0)
     acceleration = min(axis.limits.acceleration_m_s2 or math.inf, lightest)
-    return phases.fastest_stroke_m_s(phases.SPEED_SHARE * _top_speed_m_s(axis, capabilities), acceleration, whole)
+    return fastest_stroke_m_s(phases.SPEED_SHARE * top_speed_m_s(axis, capabilities), acceleration, whole)
 
 
 def _move_speed_m_s(axis: Axis, capabilities: Capabilities) -> float:
     """Top speed of the standard move, before a heavy carriage slows it down."""
-    top, limits = _top_speed_m_s(axis, capabilities), axis.trajectories.get("T_A")
+    top, limits = top_speed_m_s(axis, capabilities), axis.trajectories.get("T_A")
     whole = float(axis.travel.max_m or 0.0) - float(axis.travel.min_m or 0.0)
     if limits is None or whole <= 0.0:
         return top
@@ -187,9 +161,8 @@ def _move_speed_m_s(axis: Axis, capabilities: Capabilities) -> float:
     return min(top, float(np.max(np.abs(path.velocity_m_s))))
 
 
-#: s, upper bounds of the parts, from the sequence's own constants: ramps both ways; five rising steps of 2.8 s; rest, run-in and
-#: measured periods; strokes at seven speeds, three of them twice.
-CREEP_SECONDS = 2.0 * (creep.RAMP_S + 0.5)
+#: s, upper bounds of the parts, from the sequence's own constants: rising steps of 2.8 s; rest, run-in and measured periods; strokes at
+#: seven speeds, three of them twice.
 STEP_SECONDS = 3.0
 RESPONSE_SECONDS = 7.5
 MOVE_SECONDS = 2.0
@@ -216,7 +189,7 @@ def _here(axis: Axis, capabilities: Capabilities, window_m: tuple[float, float] 
     shaking = phases.BELT_SHARE * force
     ratio = axis.transmission_m_rad
     rising = creep.BREAKAWAY_SHARE * torque
-    top = _top_speed_m_s(axis, capabilities)
+    top = top_speed_m_s(axis, capabilities)
     shaken = min(phases.EXCITATION_SPEED_M_S, top)
     travel = min(phases.EXCITATION_TRAVEL_M, widest)
     reach = min(phases.EXCITATION_TRAVEL_M + phases.END_MARGIN_M, widest)

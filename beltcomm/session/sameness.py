@@ -7,9 +7,10 @@ from numpy.typing import NDArray
 
 from beltcomm.drive import Row
 from beltcomm.errors import Refused, SafetyStop
-from beltcomm.excitation import SHORT_ORDER, prbs
+from beltcomm.excitation import prbs
 from beltcomm.recording import Recording
 from beltcomm.session.machine import Machine, Room
+from beltcomm.session.sequences import SHAPES
 
 #: Breakaway torque and motion may differ by this factor from the earlier session's: temperature, place and grease do less.
 GROSSLY = 1.5
@@ -39,10 +40,11 @@ def repeat_first_excitation(machine: Machine, room: Room) -> None:
     if note is None or not note.amplitude_nm:
         return
     capabilities = machine.drive.capabilities
-    clock = max(1, (note.period_samples or 0) // (2**SHORT_ORDER - 1))
-    excitation = prbs(
-        SHORT_ORDER, clock, 2.0 * note.amplitude_nm, capabilities.sample_period_s, 1, torque_step_nm=capabilities.torque_step_nm
-    )
+    same = [(order, clock) for order, clock in SHAPES if (2**order - 1) * clock == note.period_samples]
+    if not same:
+        return
+    order, clock = same[0]
+    excitation = prbs(order, clock, 2.0 * note.amplitude_nm, capabilities.sample_period_s, 1, torque_step_nm=capabilities.torque_step_nm)
     before = _speed_rad_s(earlier)
     fastest = GROSSLY * float(np.max(np.abs(before)))
     rows: list[tuple[float, float]] = []

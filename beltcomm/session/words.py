@@ -27,6 +27,8 @@ _SHOWN = (
     ("viscous_cart.damping", "viscous friction, carriage", "N s/m", 1.0),
     ("coulomb.level", "Coulomb friction, motor", "mN m", 1e3),
     ("cart_friction.level", "Coulomb friction, carriage", "N", 1.0),
+    ("dead_time.time", "dead time, reported torque to motion", "ms", 1e3),
+    ("constant_offset.torque", "constant torque: tilt, friction by direction, current offset", "mN m", 1e3),
 )
 _DERIVED = (
     ("resonance", "resonance", "Hz", 1.0),

@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 #: Largest (sub-step x fastest eigenvalue) that is let through.  The Verlet step is unstable above 2; at 0.5 its phase error
 #: is ω²h²/24, 1 %, in the fastest mode and far less in those that matter.
-_LARGEST_STEP = 0.5
+LARGEST_STEP = 0.5
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,7 @@ def check_step(model: Model, position_m: float, duration_s: float, substeps: int
         raise UsageError(f"simulation needs a period above 0 s and at least one sub-step, not {duration_s:g} s and {substeps}")
     if not describes(model, position_m):
         raise UsageError(f"the carriage cannot start at {position_m:g} m: model {model.name!r} has no belt there")
-    needed = duration_s * fastest_rate(model, operating_point(model, position_m)) / _LARGEST_STEP
+    needed = duration_s * fastest_rate(model, operating_point(model, position_m)) / LARGEST_STEP
     if substeps < needed:
         raise UsageError(
             f"{substeps} sub-steps in {1e3 * duration_s:g} ms are too few for model {model.name!r}; use {math.ceil(needed)} or more"

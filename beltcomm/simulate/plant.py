@@ -7,10 +7,10 @@ import math
 import numpy as np
 
 from beltcomm.errors import Refused, UsageError
-from beltcomm.linear import describes
+from beltcomm.linear import describes, fastest_rate, operating_point
 from beltcomm.model import Model
 from beltcomm.simulate.compose import kernel_for
-from beltcomm.simulate.forward import at_rest, check_step
+from beltcomm.simulate.forward import LARGEST_STEP, at_rest, check_step
 from beltcomm.simulate.imperfect import angle_sensor, is_late, late_torque, memory_s
 
 #: N/m and 1: rubber buffers at both ends; 3 N m on the rig (250 N) press them by 1.3 mm.  They belong to this plant and not to
@@ -21,6 +21,11 @@ _STOP_DAMPING_RATIO = 0.3
 
 #: m of travel after which the plant looks whether its model still describes the axis (too slow for every step).
 _LOOK_EVERY_M = 5e-3
+
+
+def substeps_needed(model: Model, position_m: float, least: int = 20) -> int:
+    """Sub-steps per millisecond that resolve a model's fastest motion with a fifth to spare, at least ``least``."""
+    return max(least, math.ceil(1.2 * 1e-3 * fastest_rate(model, operating_point(model, position_m)) / LARGEST_STEP))
 
 
 class SimulatedPlant:

@@ -31,8 +31,7 @@ from beltcomm.session.commission import (
     Settings,
     close_first_loop,
     identify_here,
-    measure_friction,
-    measure_places,
+    record_steps,
 )
 from beltcomm.session.machine import Machine
 from beltcomm.session.referencing import reference
@@ -70,9 +69,8 @@ def measure(folder: Path, rig: str, seed: int) -> None:
         with Machine(drive, axis, record, Silence()) as machine:
             reference(machine, Settings())
             model = identify_here(machine, findings)
-            close_first_loop(machine, findings, model)
-            measure_places(machine, model, findings.excited.step.amplitude_nm)
-            measure_friction(machine, model)
+            cascade = close_first_loop(machine, findings, model)
+            record_steps(machine, findings, model, cascade, "standard")
         record.save_model("first", model.to_dict())
     (run / "truth.json").write_text(json.dumps({**plant.truth, "machine_seconds": machine.machine_seconds}))
 

@@ -49,6 +49,8 @@ class Options:
     payload_kg: float | None = None
     apply: str = "restore"
     quick: bool = False
+    thorough: bool = False
+    visible: bool = False
     force: bool = False
     prefilter: str | None = None
     feedforward: str | None = None
@@ -94,14 +96,14 @@ def call(*words: str, answer: str | None = None) -> Result:
 
 
 def test_options_reach_the_api(api: StandIn) -> None:
-    words = "--drive virtual:g_a --run R --yes --seed 7 --dry-run --home --position 250mm --payload 11.2 --apply save --quick"
+    words = "--drive virtual:g_a --run R --yes --seed 7 --dry-run --home --position 250mm --payload 11.2 --apply save --quick --visible"
     drive_words = "--profile cmmp-as --node 3 --bitrate 500000 --realtime"
     outcome = call("commission", *words.split(), *drive_words.split())
     assert outcome.exit_code == 0, outcome.stderr
     name, (drive, axis, run), given = api.calls[0]
     assert (name, drive, axis.name, run) == ("commission", "virtual:g_a", "EGC-70-600", Path("R"))
     assert given["options"] == Options(
-        yes=True, seed=7, dry_run=True, home=True, position_m=0.25, payload_kg=11.2, apply="save", quick=True,
+        yes=True, seed=7, dry_run=True, home=True, position_m=0.25, payload_kg=11.2, apply="save", quick=True, visible=True,
         profile="cmmp-as", node=3, bitrate=500000, realtime=True,
     )  # fmt: skip
     assert outcome.stdout == "Verdict: pass\n"

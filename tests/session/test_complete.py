@@ -16,7 +16,10 @@ from beltcomm.runfolder import RunFolder
 from session.bench import RATIO
 from session.conftest import Complete
 
-RECORDINGS = ["amplitude_1", "amplitude_2", "frf_1", "frf_2", "frf_3", "move_1", "sweep"]
+RECORDINGS = [
+    "amplitude_1", "amplitude_2", "frf_1", "frf_2", "frf_3", "frf_4", "frf_5", "move_1", "moves_1", "reversals_1", "sweep", "sweep_2",
+]  # fmt: skip
+HELD_OUT = {"frf_4", "move_1", "moves_1"}
 #: (name in the model, name in the truth, share that the issue allows)
 PARAMETERS = (
     ("cart.mass", "mass_kg", 0.03),
@@ -137,9 +140,10 @@ def test_recorded_torque_and_motion_are_aligned(complete: Complete, name: str) -
 def test_every_recording_is_whole_and_says_what_it_is(complete: Complete, name: str) -> None:
     recording = load_recording(complete.path / "recordings" / f"{name}.csv", complete.folder.axis)
     note = recording.sidecar
-    kind = {"amplitude": "frf", "frf": "frf", "move": "trajectory", "sweep": "friction_sweep"}[name.partition("_")[0]]
+    kinds = {"amplitude": "frf", "frf": "frf", "sweep": "friction_sweep", "reversals": "reversal"}
+    kind = kinds.get(name.partition("_")[0], "trajectory")
     assert (note.experiment, note.finished, note.closed_loop) == (kind, True, kind != "frf")
-    assert note.held_out is (kind == "trajectory")
+    assert note.held_out is (name in HELD_OUT)
     assert note.start_position_m == pytest.approx(RATIO * recording.position[0], abs=1e-4)
     assert recording.t_s[0] == 0.0
     assert np.diff(recording.t_s) == pytest.approx(1e-3)
@@ -198,7 +202,7 @@ def test_the_backup_is_what_was_in_the_drive(complete: Complete) -> None:
 
 def test_the_talk_tells_the_plan_then_every_phase_once(complete: Complete) -> None:
     numbers = [index for index, _ in complete.talk.phases]
-    assert numbers == list(range(1, 10))
+    assert numbers == list(range(1, 9))
     plan = complete.talk.said[0]
     for word in ("Ctrl-C", "mm", "m/s", "N m", "on the machine, at most"):
         assert word in plan

@@ -40,10 +40,16 @@ def test_what_was_not_seen_gets_its_records() -> None:
 
 
 def test_records_that_are_there_are_not_made_again() -> None:
-    plan = plan_for((), [blind("belt_slack"), blind("stribeck")], frozenset({"places", "quiet", "sweep"}))
+    plan = plan_for((), [blind("belt_slack"), blind("stribeck")], frozenset({"places", "quiet", "sweep", "fast"}))
     assert {step.kind for step in plan.steps} == {"strokes"}
     assert any(text.startswith("belt_slack: such records are here already") for text in plan.by_hand)
-    assert plan_for((), [blind("belt_slack")], frozenset({"places", "quiet"})).steps == ()
+    assert plan_for((), [blind("belt_slack")], frozenset({"places", "quiet", "fast"})).steps == ()
+
+
+def test_reversals_and_fast_moves_are_proposed_where_an_effect_needs_them() -> None:
+    assert [s.kind for s in plan_for((), [blind("presliding")], frozenset({"quiet"})).steps] == ["reversals"]
+    moves = [s for s in plan_for((), [blind("torque_saturation")], frozenset({"places"})).steps if s.kind == "moves"]
+    assert [s.held_out for s in moves] == [False, True], "held-out moves judge what the fast ones show"
 
 
 def test_nothing_to_record() -> None:
@@ -52,7 +58,8 @@ def test_nothing_to_record() -> None:
 
 
 def test_the_file_holds_the_plan(tmp_path: Path) -> None:
-    plan = plan_for((), [blind("stribeck"), blind("backlash")])
+    plan = plan_for((), [blind("stribeck"), blind("backlash"), blind("warmup"), blind("torque_saturation")])
+    assert {step.kind for step in plan.steps} == {"response", "strokes", "sweep", "reversals", "moves"}
     path = tmp_path / "next.yaml"
     path.write_text(yaml.safe_dump(plan.to_dict()), encoding="utf-8")
     assert load_plan(path) == plan
@@ -67,6 +74,9 @@ def test_the_file_holds_the_plan(tmp_path: Path) -> None:
         ("steps: [{kind: strokes, place: 0.5}]", "speeds_m_s"),
         ("steps: [{kind: sweep, speed: 1}]", "there is no speed"),
         ("steps: [{kind: response, place: here}]", "plain numbers"),
+        ("steps: [{kind: reversals, place: 0.5}]", "amplitudes_m"),
+        ("steps: [{kind: reversals, amplitudes_m: [0.5]}]", "at most 0.02"),
+        ("steps: [{kind: moves, seconds: 900}]", "between 0 and 60"),
     ],
 )
 def test_a_wrong_file_is_a_sentence(tmp_path: Path, text: str, said: str) -> None:

@@ -1,0 +1,242 @@
+"""Before the machine moves: from which strength on could the planned records name an effect on this axis?
+
+The records are simulated with the model from the data sheets, and what they would show is worked out as for measured ones
+(:mod:`beltcomm.laboratory.visible`).  Nothing of a machine enters, so what a sheet does not say is assumed and told.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltcomm.axis import Axis
+from beltcomm.drive import Capabilities
+from beltcomm.errors import BeltcommError
+from beltcomm.excitation import choose_prbs, prbs
+from beltcomm.identify.amplitude import MotionLimits, largest_amplitude
+from beltcomm.identify.first_estimate import data_sheet_model
+from beltcomm.laboratory.diagnosis import fitted_base
+from beltcomm.laboratory.score import ground_of
+from beltcomm.laboratory.visible import Sight, visible
+from beltcomm.model import Model
+from beltcomm.recording import Recording
+from beltcomm.session import analyse, phases, programme
+from beltcomm.session.bounds import course_before, seconds_of
+from beltcomm.session.making import EXPERIMENT, RESPONSE_S, quieter
+from beltcomm.session.options import Options
+from beltcomm.session.paths import Course, path_of, start_of
+from beltcomm.session.plan import Plan
+from beltcomm.session.programme import Extent
+from beltcomm.session.sequences import held_choice
+from beltcomm.session.steps import LOUD, Step
+from beltcomm.sidecar import ExcitationNote, Sidecar
+from beltcomm.simulate.forward import simulate_torque
+from beltcomm.stopping import total_friction
+from beltcomm.talk import Talk
+from beltcomm.verify import Loop, predict_move
+
+Array = NDArray[np.float64]
+
+#: Assumed where no sheet says it: friction as a share of the torque that the axis may be driven with, belt damping, viscous friction
+#: as a share of Coulomb friction at 1 m/s, noise of the torque signal as a share of the motor's rated torque.
+FRICTION_SHARE, BELT_DAMPING_NS_M, VISCOUS_SHARE, NOISE_SHARE = 0.1, 20.0, 0.5, 0.004
+#: Units that are shown in thousandths or millionths where they are small.
+PREFIXED = ("m", "s", "N m", "rad", "N")
+#: Seed of the noise.
+SEED = 1
+#: s of simulated positioning between two records.
+BETWEEN_S = 1.0
+#: s of machine time for what is not simulated: breakaway, rising excitation, first response, the move that verifies.
+FIRST_AND_LAST_S = 19.0
+#: Sub-steps of a sampling period.
+SUBSTEPS = 20
+
+
+@dataclass(frozen=True)
+class Foresight:
+    """sights : of every effect.   assumed : in words.   records : how many were simulated.   extent : of the session."""
+
+    sights: tuple[Sight, ...]
+    assumed: str
+    records: int
+    extent: Extent
+
+    def to_dict(self) -> dict[str, Any]:
+        """For ``--json``; null for never."""
+        return {"extent": self.extent, "records": self.records, "assumed": self.assumed, "effects": [as_entry(s) for s in self.sights]}
+
+    def lines(self) -> list[str]:
+        """For people: the weakest strength of every effect that could be named, then in one line those that could not."""
+        seen = sorted((s for s in self.sights if s.seen), key=lambda s: s.effect.name)
+        blind = [s for s in self.sights if not s.seen]
+        lines = [f"What these records could name, to first order, by a simulation from the data sheets ({self.assumed}):"]
+        width = max((len(_amount(s)) for s in seen), default=0)
+        lines += [f"  {s.effect.name:22} from {_amount(s):{width}} on  {_share(s)}" for s in seen]
+        if blind:
+            lines.append("  cannot be named at a typical size: " + "; ".join(f"{s.effect.name} ({_remedy(s, self.extent)})" for s in blind))
+        return lines
+
+
+def as_entry(sight: Sight) -> dict[str, Any]:
+    """One effect for ``--json``."""
+    weakest = None if math.isinf(sight.hardest) else sight.hardest * sight.size
+    strength = None if math.isinf(sight.hardest) else sight.hardest
+    return {
+        "effect": sight.effect.name,
+        "parameter": sight.parameter,
+        "weakest": weakest,
+        "unit": sight.unit,
+        "strength": strength,
+        "seen": sight.seen,
+    }
+
+
+def _amount(sight: Sight) -> str:
+    """Weakest size with a unit that people read."""
+    value = sight.hardest * sight.size
+    if sight.unit in ("", "1"):
+        return f"{100.0 * value:.2g} %"
+    fits = ((p, f) for p, f in (("", 1.0), ("m", 1e3), ("u", 1e6)) if sight.unit not in PREFIXED or value * f >= 0.3 or p == "u")
+    prefix, factor = next(fits)
+    return f"{value * factor:.3g} {prefix}{sight.unit}"
+
+
+def _share(sight: Sight) -> str:
+    """Which parameter, and what share of a typical size that is."""
+    return f"{sight.parameter}, {sight.hardest:.1g} of a typical one"
+
+
+def _remedy(sight: Sight, extent: Extent) -> str:
+    """From where on, and which option would show it."""
+    weaker = f"only from {sight.hardest:.2g} x a typical one on" if math.isfinite(sight.hardest) else "at no size"
+    return f"{weaker}; {'the limits in axis.yaml allow no more' if extent == 'thorough' else '--thorough records more'}"
+
+
+def foresee(axis: Axis, capabilities: Capabilities, extent: Extent) -> Foresight:
+    """What the records of an extent could show.   Raises BeltcommError where no record can be simulated."""
+    model = sheet_model(axis)
+    noise = NOISE_SHARE * (axis.motor.rated_torque_nm or capabilities.rated_torque_nm)
+    recordings = list(records(axis, capabilities, model, extent, noise))
+    data, fitted = fitted_base(recordings, axis, model)
+    sights = visible(fitted, ground_of(fitted, data.fitted, axis))
+    assumed = (
+        f"assumed: carriage {model['cart.mass']:.3g} kg, friction {total_friction(model):.2g} N m, {1e3 * noise:.2g} mN m of torque noise, "
+        f"{capabilities.counts_per_rev} encoder steps per turn"
+    )
+    return Foresight(tuple(sights), assumed, len(recordings), extent)
+
+
+def foretold(plan: Plan, axis: Axis, capabilities: Capabilities, options: Options, talk: Talk) -> Plan:
+    """The plan with what its records could show; as it is where nobody asked for that.
+
+    Some 10 s of calculation: nothing beside the three minutes of a thorough session, too much before one of a minute.
+    """
+    if not (options.visible or options.thorough):
+        return plan
+    talk.phase(1, 1, "what the records could show")
+    try:
+        found = foresee(axis, capabilities, options.extent)
+    except BeltcommError as problem:
+        return replace(plan, notes=(f"What these records could name cannot be said beforehand: {problem}",))
+    return replace(plan, notes=tuple(found.lines()), visible=found.to_dict())
+
+
+def sheet_model(axis: Axis) -> Model:
+    """The base model with what the data sheets say, and with the assumptions of this module."""
+    friction = FRICTION_SHARE * axis.torque_limit_nm
+    middle = 0.5 * (float(axis.travel.min_m or 0.0) + float(axis.travel.max_m or 0.0))
+    sheet = data_sheet_model(axis, middle, friction).without_effect("cart_friction")
+    values = {
+        "coulomb.level": friction,
+        "viscous.damping": VISCOUS_SHARE * friction * axis.transmission_m_rad,
+        "belt_damping.damping": BELT_DAMPING_NS_M,
+    }
+    return sheet.with_values(values, "assumed")
+
+
+def records(axis: Axis, capabilities: Capabilities, model: Model, extent: Extent, noise_nm: float) -> Iterator[Recording]:
+    """The records of an extent as a machine like the model would give them."""
+    course, noise, clock_s = course_before(axis, capabilities, model["cart.mass"]), np.random.default_rng(SEED), 0.0
+    left = programme.BUDGET_S[extent] - FIRST_AND_LAST_S
+    steps = [Step("response"), *programme.fitting(programme.BY_EXTENT[extent], lambda step: seconds_of(step, course), left)[0]]
+    simulated = _Simulated(axis, capabilities, model, course)
+    for name, step in programme.named(steps):
+        motion = simulated.response(step) if step.kind == "response" else simulated.stroke(step)
+        sidecar = replace(motion.sidecar, session_time_s=clock_s, held_out=step.held_out)
+        torque = motion.torque_nm + noise.normal(0.0, noise_nm, len(motion.torque_nm))
+        setpoint = np.append(motion.torque_nm[1:], 0.0)
+        yield Recording(name, motion.t_s, torque, motion.position_rad, setpoint, sidecar=sidecar)
+        clock_s += float(motion.t_s[-1]) + BETWEEN_S
+
+
+@dataclass(frozen=True)
+class _Motion:
+    """t_s, torque_nm (acting, without noise), position_rad (in whole encoder steps) : (n,)."""
+
+    t_s: Array
+    torque_nm: Array
+    position_rad: Array
+    sidecar: Sidecar
+
+
+class _Simulated:
+    """Excitations and strokes of the model, as the machine would be asked for them."""
+
+    def __init__(self, axis: Axis, capabilities: Capabilities, model: Model, course: Course) -> None:
+        self.axis, self.capabilities, self.model, self.course = axis, capabilities, model, course
+        self.period_s = capabilities.sample_period_s
+        self.step_rad = 2.0 * math.pi / capabilities.counts_per_rev
+        self._loudest: dict[float, float] = {}
+        middle = 0.5 * sum(course.window_m)
+        design = analyse.first_loop(model, capabilities.structure, middle, self.period_s, 0.0)
+        self.cascade = analyse.with_feedforward(design.cascade, model, capabilities.structure, self.period_s)
+
+    def counted(self, position_rad: Array) -> Array:
+        """What the encoder shows."""
+        return np.floor(position_rad / self.step_rad + 0.5) * self.step_rad
+
+    def response(self, step: Step) -> _Motion:
+        """An excitation as loud as the belt allows, or quieter."""
+        at = self.course.place_m(step)
+        choice = choose_prbs(self.period_s, *phases.characteristic_hz(self.model, at), max(step.seconds, RESPONSE_S))
+        if step.held_out:
+            choice = held_choice(choice)
+        shape = prbs(choice.order, choice.clock, 2.0, self.period_s, choice.repeats)
+        unit = shape.torque / shape.amplitude_nm
+        amplitude = self.loudest(unit, at)
+        if step.share < LOUD:
+            amplitude = quieter(amplitude, total_friction(self.model), step.share)
+        torque = amplitude * unit
+        moved = simulate_torque(self.model, torque, self.period_s, at, substeps=SUBSTEPS)
+        note = ExcitationNote("prbs", amplitude, shape.period_samples, shape.first_sample)
+        return _Motion(moved.t_s, torque, self.counted(moved.position_rad), Sidecar("frf", at, excitation=note))
+
+    def loudest(self, unit: Array, at_m: float) -> float:
+        """Largest amplitude of a shape within travel, speed and belt force, N m; the way of a stop is left out."""
+        limits = MotionLimits(
+            phases.EXCITATION_TRAVEL_M,
+            phases.EXCITATION_SPEED_M_S,
+            self.capabilities.peak_torque_nm,
+            phases.BELT_SHARE * self.axis.belt_force_limit_n,
+        )
+        key = round(float(np.sum(np.abs(unit))), 6)
+        if key not in self._loudest:
+            found = largest_amplitude([self.model], unit, self.period_s, at_m, limits, self.axis.torque_limit_nm)
+            self._loudest[key] = found.amplitude_nm
+        return self._loudest[key]
+
+    def stroke(self, step: Step) -> _Motion:
+        """A motion in closed loop, with the cautious loop that this model gives."""
+        start = start_of(step, self.course)
+        path = path_of(step, self.course, start)
+        own = self.capabilities
+        moved = predict_move(self.model, self.cascade, path, Loop(own.structure, self.period_s, own.peak_torque_nm, own.counts_per_rev))
+        ratio = self.model["transmission.ratio"]
+        acting = np.concatenate(([0.0], moved.torque_nm[:-1]))  # one period late, as assumed
+        sidecar = Sidecar(EXPERIMENT[step.kind], start, closed_loop=True)
+        return _Motion(moved.t_s, acting, start / ratio + self.counted((moved.motor_m - start) / ratio), sidecar)

@@ -1,0 +1,117 @@
+"""One record of a plan: what a commissioning, ``identify --plan`` and ``diagnose --next`` have in common."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from beltcomm.errors import UsageError
+
+Kind = Literal["response", "strokes", "sweep", "reversals", "moves"]
+
+#: What a step of a kind may say beside its kind.
+KEYS: Mapping[str, tuple[str, ...]] = {
+    "response": ("place", "share", "seconds", "held_out"),
+    "strokes": ("place", "speeds_m_s", "held_out"),
+    "sweep": ("speeds_m_s", "again", "held_out"),
+    "reversals": ("place", "amplitudes_m", "held_out"),
+    "moves": ("share", "seconds", "seed", "held_out"),
+}
+#: Where along the travel, as shares of it.
+PLACES = (0.12, 0.5, 0.88)
+#: Shares of what the limits allow: as much as possible, and little enough that gaps and elastic friction show.
+LOUD, QUIET = 1.0, 0.1
+#: m/s: strokes below the speed at which grease carries.
+SLOW_M_S = (0.006, 0.015, 0.04, 0.1)
+#: m: triangles around one place, large to small; the smallest are turned round within elastic friction.
+TRIANGLES_M = (2e-3, 1e-3, 4e-4, 2e-4)
+#: m, longest triangle: more is a stroke.
+LONGEST_TRIANGLE_M = 2e-2
+
+
+@dataclass(frozen=True)
+class Step:
+    """One record.   place : share of the travel.   share : of what the limits allow, of the excitation's torque or of the belt's force.
+
+    speeds_m_s : of strokes; of a sweep, where none means the usual seven.   again : two of the seven only, to compare with.
+    amplitudes_m : of triangles.
+    seconds : of a response, 0 for the usual length; of random moves, 0 for fast moves between fixed places.   seed : of random moves.
+    """
+
+    kind: Kind
+    place: float = 0.5
+    share: float = LOUD
+    speeds_m_s: tuple[float, ...] = ()
+    amplitudes_m: tuple[float, ...] = ()
+    seconds: float = 0.0
+    seed: int = 0
+    again: bool = False
+    held_out: bool = False
+
+    @property
+    def here(self) -> bool:
+        """Whether it happens around one place."""
+        return "place" in KEYS[self.kind]
+
+    def words(self) -> str:
+        """For people."""
+        held = ", held out" if self.held_out else ""
+        where = f"at {100.0 * self.place:.0f} % of the travel{held}"
+        speeds = f"{', '.join(f'{v:g}' for v in self.speeds_m_s)} m/s"
+        if self.kind == "sweep":
+            which = f"at {speeds}" if self.speeds_m_s else "two speeds once more" if self.again else "slow to fast"
+            return f"constant-speed strokes over the whole travel, both ways, {which}{held}"
+        if self.kind == "strokes":
+            return f"slow strokes {where}: {speeds}"
+        if self.kind == "reversals":
+            return f"small triangles {where}: ±{', ±'.join(f'{1e3 * a:g}' for a in self.amplitudes_m)} mm"
+        if self.kind == "moves":
+            what = f"moves to random places for {self.seconds:.0f} s" if self.seconds else "fast moves from end to end"
+            return f"{what}, with up to {100.0 * self.share:.0f} % of the belt's force{held}"
+        return f"excitation {where}, with {100.0 * self.share:.0f} % of what the limits allow"
+
+    def title(self, place_m: float) -> str:
+        """In a few words.   place_m : where it happens, m."""
+        what = {
+            "response": "frequency response",
+            "strokes": "slow strokes",
+            "sweep": "constant-speed sweep",
+            "reversals": "reversals",
+            "moves": "moves" if self.seconds else "fast moves",
+        }[self.kind]
+        held = ", held out" if self.held_out else ""
+        if self.kind == "response" and self.share < LOUD and not self.held_out:
+            what = "quiet response"
+        return f"{what}{f' at {place_m:.2f} m' if self.here else ''}{held}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """As it stands in a plan file."""
+        said = {key: getattr(self, key) for key in KEYS[self.kind]}
+        return {"kind": self.kind, **{key: list(value) if isinstance(value, tuple) else value for key, value in said.items()}}
+
+
+def checked_step(entry: Any, where: str) -> Step:
+    """A step from a plan file.   Raises UsageError, naming the place in the file."""
+    if not isinstance(entry, Mapping) or entry.get("kind") not in KEYS:
+        raise UsageError(f"{where}: kind must be one of {', '.join(KEYS)}")
+    kind = entry["kind"]
+    unknown = sorted(set(entry) - {"kind", *KEYS[kind]})
+    if unknown:
+        raise UsageError(f"{where}: there is no {', '.join(unknown)}; a step of kind {kind} has {', '.join(KEYS[kind])}")
+    try:
+        place, share = float(entry.get("place", 0.5)), float(entry.get("share", LOUD))
+        seconds, seed = float(entry.get("seconds", 0.0)), int(entry.get("seed", 0))
+        speeds, amplitudes = (tuple(float(v) for v in entry.get(key) or ()) for key in ("speeds_m_s", "amplitudes_m"))
+    except (TypeError, ValueError) as error:
+        raise UsageError(f"{where}: {error}; give plain numbers") from error
+    if not (0.0 <= place <= 1.0 and 0.0 < share <= 1.0):
+        raise UsageError(f"{where}: place {place:g} and share {share:g} must lie between 0 and 1")
+    if not 0.0 <= seconds <= 60.0 or seed < 0:
+        raise UsageError(f"{where}: seconds must lie between 0 and 60 and the seed must not be negative, not {seconds:g} and {seed}")
+    if (kind == "strokes" and not speeds) or (speeds and not min(speeds) > 0.0):
+        raise UsageError(f"{where}: strokes need speeds_m_s, all above 0")
+    if kind == "reversals" and not (amplitudes and 0.0 < min(amplitudes) <= max(amplitudes) <= LONGEST_TRIANGLE_M):
+        raise UsageError(f"{where}: reversals need amplitudes_m, all above 0 and at most {LONGEST_TRIANGLE_M:g}")
+    again, held_out = bool(entry.get("again", False)), bool(entry.get("held_out", False))
+    return Step(kind, place, share, speeds, amplitudes, seconds, seed, again, held_out)
