@@ -32,7 +32,7 @@ def with_intervals(fitted: Fitted) -> Model:
     freedom = max(groups - len(free), 3)
     covariance = information @ (scores.T @ scores) @ information * (groups / freedom)
     deviation = np.zeros(len(fitted.x))
-    deviation[free] = np.sqrt(np.diag(covariance))
+    deviation[free] = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     half = deviation[:own] * problem.scale[:own] * float(student.ppf(0.975, freedom))
     parameters = dict(fitted.model.parameters)
     for name, width, bound in zip(problem.free, half, at_bound[:own], strict=True):

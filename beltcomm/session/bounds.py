@@ -11,7 +11,7 @@ import numpy as np
 from beltcomm.axis import Axis
 from beltcomm.axis_entries import TrajectoryLimits
 from beltcomm.drive import Capabilities
-from beltcomm.errors import BeltcommError
+from beltcomm.errors import BeltcommError, Refused
 from beltcomm.identify.amplitude import UNKNOWN_MASSES_KG
 from beltcomm.model import Model
 from beltcomm.session import creep, phases
@@ -83,6 +83,15 @@ def seconds_of(step: Step, course: Course) -> float:
     if step.kind == "response":
         return bring + (HELD_RESPONSE_S if step.held_out else step.seconds or RESPONSE_S)
     return bring + path_of(step, course, start_of(step, course)).duration_s
+
+
+def has_room(step: Step, course: Course) -> bool:
+    """Whether a step can be made within a travel at all."""
+    try:
+        seconds_of(step, course)
+    except Refused:
+        return False
+    return True
 
 
 def bounds_of(axis: Axis, capabilities: Capabilities, step: Step, model: Model | None = None) -> Experiment:

@@ -40,6 +40,8 @@ SAME_PLACE_M = 0.08
 VERIFYING_S = 4.0
 #: The same for a velocity loop, which follows slow moves only and takes several tries to arrive anywhere.
 DRIFTING_S = 22.0
+#: Share of the loudest response's torque from which on another one counts as loud.
+LOUD_SHARE = 0.7
 #: s of machine time that finding sign and breakaway takes as a rule.
 CREPT_S = 2.0
 #: s, from where a dead time is looked for; evidence that it must have.
@@ -157,9 +159,14 @@ def with_late_torque(found: FinalModel, recordings: Sequence[Recording], axis: A
 
 
 def measure_delay_and_damping(findings: Findings, recordings: Sequence[Recording], model: Model, solver: Solver = "lm") -> None:
-    """The thesis's fit of every response, and the dead time; both only inform, a failure is a remark."""
+    """The thesis's fit of every loud response, and the dead time; both only inform, a failure is a remark.
+
+    In quiet ones friction poses as so much damping that a loop robust from none up to it would be slow for nothing.
+    """
     recordings = [r for r in recordings if not r.sidecar.held_out]
-    for name, response in analyse.responses(recordings).items():
+    loudest = max((float(np.std(r.torque)) for r in recordings), default=0.0)
+    loud = [r for r in recordings if np.std(r.torque) > LOUD_SHARE * loudest]
+    for name, response in analyse.responses(loud).items():
         try:
             findings.thesis[name] = analyse.thesis_fit(response, model, solver)
         except (DataError, Refused) as problem:
@@ -216,7 +223,9 @@ def record_steps(machine: Machine, findings: Findings, model: Model, cascade: Ca
     machine.begin(TITLES[5])
     loop = making.Closed(model, cascade, delay(findings))
     course = making.course_of(machine, model)
-    items = [item for item in programme.BY_EXTENT[extent] if not measured_already(machine, item.step)]
+    items = [
+        i for i in programme.BY_EXTENT[extent] if not measured_already(machine, i.step) and (i.rank == 0 or bounds.has_room(i.step, course))
+    ]
     kept = VERIFYING_S
     if machine.stroking() == "velocity":  # which drifts, and does not turn within a millimetre; its last move is a slow one
         items = [item for item in items if item.step.kind != "reversals"]

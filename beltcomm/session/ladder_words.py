@@ -11,6 +11,7 @@ from beltcomm.laboratory.compare import Comparison
 from beltcomm.laboratory.diagnosis import Diagnosis
 from beltcomm.laboratory.fitting import Fitted
 from beltcomm.laboratory.intervals import with_intervals
+from beltcomm.laboratory.start import BELT_BASE, RIGID_BASE
 from beltcomm.laboratory.visible import Sight
 from beltcomm.model import Model, effect_parameters
 from beltcomm.session.revisions import Revision
@@ -42,12 +43,15 @@ def comparison_lines(comparison: Comparison, places: Sequence[str], model: Model
 def diagnosis_lines(found: Diagnosis) -> list[str]:
     """``beltcomm diagnose``."""
     lines = [f"Error before: {found.base.ratio:.2f} times the noise{held_words(found.base)}."]
+    known = [name for name in found.base.model.effects if name not in (*BELT_BASE, *RIGID_BASE)]
+    if known:
+        lines.append(f"The model has already: {', '.join(known)}.")
     first = found.steps[0].candidates if found.steps else ()
     shown = [c for c in first if c.fitted is not None][:5]
     if shown:
         lines += ["", f"{'effect':24} {'evidence':>9} {'explains':>9} {'held out':>9}"]
         for c in shown:
-            mark = "" if c.accepted else "  not accepted"
+            mark = "" if c.accepted else "  not accepted" + (", only as no axis can be" if c.hollow else "")
             lines.append(f"{c.effect.name:24} {c.evidence:9.0f} {100.0 * max(0.0, c.explained):8.0f}% {c.held_gain:9.0f}{mark}")
     added = [step.added for step in found.steps if step.added]
     model = with_intervals(found.after)

@@ -14,7 +14,7 @@ from beltcomm.drive import Capabilities
 from beltcomm.identify.amplitude import UNKNOWN_MASSES_KG
 from beltcomm.model import Model
 from beltcomm.session import creep, phases, programme
-from beltcomm.session.bounds import CREEP_SECONDS, Experiment, lines_of, top_speed_m_s
+from beltcomm.session.bounds import CREEP_SECONDS, Experiment, course_before, has_room, lines_of, masses_kg, top_speed_m_s
 from beltcomm.session.programme import Extent
 from beltcomm.session.strokes import fastest_stroke_m_s
 from beltcomm.session.verification import MOVE_M
@@ -78,7 +78,9 @@ def commission_plan(axis: Axis, capabilities: Capabilities, extent: Extent = "st
     if extent == "quick":
         steps = [_sweep(axis, capabilities, SWEEP_SECONDS)]
     else:
-        steps = lines_of(axis, capabilities, [item.step for item in programme.BY_EXTENT[extent]])
+        course = course_before(axis, capabilities, masses_kg(axis)[1])
+        possible = [i.step for i in programme.BY_EXTENT[extent] if i.rank == 0 or has_room(i.step, course)]
+        steps = lines_of(axis, capabilities, possible)
     force = axis.belt_force_limit_n
     move = Experiment("move that verifies the result", min(whole, MOVE_M), whole, moved, torque, force, 3.0 + MOVE_SECONDS)
     budget = programme.BUDGET_S[extent]

@@ -66,14 +66,16 @@ def complete(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Complete]:
 
 @pytest.fixture
 def copy_of_complete(complete: Complete, tmp_path: Path) -> Callable[..., Path]:
-    """A copy of the complete run, without the recordings named."""
+    """A copy of the complete run, without the recordings named; ``frf*`` names all that begin so."""
 
     def copy(*without: str, name: str = "copy") -> Path:
         path = tmp_path / name
         shutil.copytree(complete.path, path)
         for recording in without:
-            for suffix in (".csv", ".yaml"):
-                (path / "recordings" / f"{recording}{suffix}").unlink()
+            found = [file for suffix in (".csv", ".yaml") for file in (path / "recordings").glob(f"{recording}{suffix}")]
+            assert found, recording
+            for file in found:
+                file.unlink()
         return path
 
     return copy

@@ -100,7 +100,7 @@ def test_a_recording_is_cut_off_in_the_middle_of_a_row(copy_of_complete: Copy) -
 
 
 def test_all_recordings_are_gone(copy_of_complete: Copy) -> None:
-    run = copy_of_complete("amplitude_1", "amplitude_2", "frf_1", "frf_2", "frf_3", "move_1", "sweep")
+    run = copy_of_complete("*")
     refuses(call("fit", run), 3, "no complete recording")
 
 
@@ -212,7 +212,7 @@ def test_a_recording_without_its_sidecar_is_named(copy_of_complete: Copy, verb: 
 
 @pytest.mark.usefixtures("fitted")
 def test_a_delay_that_nobody_measured_is_never_zero(copy_of_complete: Copy) -> None:
-    run = copy_of_complete("frf_1", "frf_2", "frf_3", "amplitude_1", "amplitude_2")
+    run = copy_of_complete("frf*", "amplitude*")
     outcome = call("design", run)
     assert outcome.exit_code == 0
     assert "is not known: counted with 2 ms, 2 periods" in " ".join(outcome.stdout.split())
