@@ -100,7 +100,7 @@ def diagnose(
     limit = most + len(EFFECTS)
     for number in range(limit):
         ground = ground_of(current, data.fitted, axis)
-        candidates = search(data, current, ground, progress=lambda f, n=number: progress(1.0 - 1.0 / (1.0 + n + f)))  # type: ignore[misc]
+        candidates = search(data, current, ground, progress=in_stage(progress, number))
         # What the held-out records or its own values contradict stands in no one's way.
         standing = [c for c in candidates if c.stands]
         best = standing[0] if standing else None
@@ -116,6 +116,11 @@ def diagnose(
         current = kept
     progress(1.0)
     return Diagnosis(base, data, tuple(steps), verdict_of(base, steps, twins, remaining_structure(data, current)), twins)
+
+
+def in_stage(progress: Callable[[float], None], number: int) -> Callable[[float], None]:
+    """Progress within one stage, 0 to 1, as progress of a search whose number of stages nobody knows: 1 - 1/(1 + stages)."""
+    return lambda fraction: progress(1.0 - 1.0 / (1.0 + number + fraction))
 
 
 def further(name: str) -> bool:

@@ -24,7 +24,6 @@ PURE = (
     (phases, "first_estimate"),
     (phases, "largest_amplitude"),
     (analyse, "design_cascade"),
-    (analyse, "thesis_fit"),
     (analyse, "cautious_cascade"),
     (stops, "braked_by_loop"),
 )

@@ -181,7 +181,8 @@ def test_a_move_is_slowed_down_or_refused_for_a_belt_that_swings(
         assert 0.9 * limit < 80.0 * np.abs(slow.velocity_m_s).max() ** 2 <= limit
         assert "because the belt would carry more than" in kept.remark
         path = verification.predict_move(model, cascade, fast, verification.in_drive(machine, 1e-3))
-        with pytest.raises(Refused, match=r"the belt is predicted to carry 14\d\.\d N as it swings, limit 1[23]\d\.\d N"):
+        # 1.25 times 99.84 N and 3 to 4.5 N of friction at the carriage
+        with pytest.raises(Refused, match=r"the belt is predicted to carry 14\d\.\d N as it swings, limit (128|129|130)\.\d N"):
             verification._check_belt(machine, model, path, fast)
 
 
