@@ -127,7 +127,7 @@ def operating_point(model: Model, position_m: float, motor_speed_rad_s: float = 
     return Point(position_m, motor_speed_rad_s, model["transmission.ratio"], time_s)
 
 
-def matrices(model: Model, point: Point, standstill: Standstill = "refuse") -> Matrices:
+def matrices(model: Model, point: Point, standstill: Standstill = "refuse", closed: float = 1.0) -> Matrices:
     """Mass, damping and stiffness matrices at an operating point.
 
     K = Σ k g gᵀ,  D = Σ d g gᵀ  over the elements, with stretch = gᵀ q;  forces add -∂f/∂q to K and -∂f/∂q' to D, friction
@@ -135,6 +135,7 @@ def matrices(model: Model, point: Point, standstill: Standstill = "refuse") -> M
 
     standstill : what a body with set-valued friction is at speed zero: "refuse" raises Refused; "stuck" holds it (it is then
     not among the bodies of the result); an :class:`Oscillation` gives it the damping of :func:`equivalent_damping`.
+    closed : share of the time in which driving end and carriage touch: 0 in the middle of a gap.
     """
     bodies = model.bodies()
     names = tuple(body.name for _, body in bodies)
@@ -147,6 +148,8 @@ def matrices(model: Model, point: Point, standstill: Standstill = "refuse") -> M
         for element in effect.elements:
             stretch = stretch_of(model, element)
             k, d = element.slope(point.position_m, *values)
+            if element.ends == (DRIVING_END, "cart"):
+                k, d = closed * k, closed * d
             stiffness += k * np.outer(stretch, stretch)
             damping += d * np.outer(stretch, stretch)
         if effect.slot not in ("force", "friction_level") or effect.slope is None or effect.law is None:

@@ -32,7 +32,7 @@ EFFECT = Effect(
     title="backlash",
     parameters=(
         Parameter("gap", "m", "belt", 3e-5, 0.0, 5e-3, "whole width of the gap, at the belt"),
-        Parameter("rounding", "1", "belt", 0.03, 0.002, 0.5, "way over which contact builds up, as a share of the gap"),
+        Parameter("rounding", "1", "belt", 0.1, 0.002, 0.5, "way over which contact builds up, as a share of the gap"),
     ),
     law=stretch_law,
     slope=slope,

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.effects import effect_named
-from beltcomm.identify.residual import Stretch, in_noise
+from beltcomm.identify.residual import Stretch, in_noise, whitened
 from beltcomm.model import Model, expected_parameters
 from beltcomm.simulate.inverse import Lags, acting_torque, acts_on_motor, as_read, part_of_load, reading_lags, true_motion
 
@@ -117,6 +117,8 @@ class Problem:
     def one(self, i: int, x: Array) -> Array:
         """Whitened residual of piece i."""
         offset = OFFSET_M * float(x[len(self.free) + i]) if self.movable else 0.0
+        if self.pieces[i].follower is not None:
+            return whitened(self.pieces[i], self.model, self.full(x), offset)
         return in_noise(self.pieces[i], self.model, self.full(x), self.balance(i, x, offset).residual)
 
     def balance(self, i: int, x: Array, offset_m: float, old: Parts | None = None, touch: Touch = "all") -> Parts:
@@ -127,7 +129,8 @@ class Problem:
             inertia = np.zeros(motion.samples)
             inertia[1:-1] = vector[self.inertia] * np.diff(motion.theta[:: motion.substeps], 2) / motion.sample_s**2
             motor = part_of_load(self.model, motion, vector, offset_m, "motor")
-            belt = part_of_load(self.model, motion, vector, offset_m, "belt")
+            follows = piece.follower is not None  # then the belt's part is only known sample by sample, see ``one``
+            belt = np.zeros(motion.samples) if follows else part_of_load(self.model, motion, vector, offset_m, "belt")
             acting = acting_torque(self.model, motion, piece.torque, vector)
             return Parts(inertia, motor, belt, acting, motion.sample_s, reading_lags(self.model, vector))
         if touch == "inertia":
@@ -152,17 +155,22 @@ class Problem:
         asked = range(len(x)) if only is None else only
         vector = self.full(x)
         for i, piece in enumerate(self.pieces):
+            follows = piece.follower is not None
             old = self.balance(i, x, float(offsets[i]))
-            here, numbers, changes = old.residual, [], []
+            here, seen = old.residual, self.one(i, x) if follows else np.zeros(0)
+            numbers, changes = [], []
             for j in asked:
-                if j >= own and j - own != i:
-                    continue
+                if j >= own and (j - own != i or follows):
+                    continue  # an observer knows itself how the carriage may stand at first
                 step = 1e-3 * max(abs(x[j]), 0.1)
                 if x[j] + step > self.high[j]:
                     step = -step
                 ahead = x.copy()
                 ahead[j] = x[j] + step
                 touch: Touch = self.touches[j] if j < own else "belt"
+                if follows and touch in ("belt", "all"):
+                    columns[self.ends[i] : self.ends[i + 1], j] = (self.one(i, ahead) - seen) / step
+                    continue
                 offset = OFFSET_M * float(ahead[own + i]) if self.movable else 0.0
                 numbers.append(j)
                 changes.append((self.balance(i, ahead, offset, old, touch).residual - here) / step)

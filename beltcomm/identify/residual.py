@@ -17,11 +17,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from beltcomm.identify.following import Follower, follower_for, follows
 from beltcomm.identify.whitening import NoisePath, Whitener, noise_path, whiten
 from beltcomm.linear import matrices, operating_point
 from beltcomm.model import Model
 from beltcomm.recording import Recording
-from beltcomm.simulate.inverse import ABSURD_NM, FineMotion, begins_in_motion, fine_load, reconstruct, torque_residual
+from beltcomm.simulate.inverse import FineMotion, begins_in_motion, fine_load, reconstruct, torque_residual
+from beltcomm.simulate.mean import ABSURD_NM
 
 Array = NDArray[np.float64]
 
@@ -53,7 +55,8 @@ class Stretch:
     position, torque : ndarray (n,), rad and N m at the motor shaft.   motion : the same on a fine grid.
     keep : ndarray (n,) bool, samples that count.     noise_nm : torque noise, N m rms.    step_rad : encoder step, rad.
     offset_m : m, the belt may be stretched by up to this at the start.   whitener : gains worked out beforehand for a model near the
-    right one; without it every evaluation works out its own.   group : see :func:`grouped`.   rounding : shares for ``whitener``.
+    right one; without it every evaluation works out its own.   group : see :func:`grouped`.   rounding : shares for ``whitener``.   follower :
+    observer where the carriage is free at times, see :func:`dressed`.
     """
 
     record: str
@@ -68,6 +71,7 @@ class Stretch:
     whitener: Whitener | None = None
     rounding: tuple[float, float] = (1.0, 0.0)
     group: int = 1
+    follower: Follower | None = None
 
     @cached_property
     def firsts(self) -> NDArray[np.intp]:
@@ -81,8 +85,13 @@ class Stretch:
 
     def white(self, torque: Array) -> Array:
         """A torque, N m, (n,) or (n, k), in units of the noise by the whitener worked out beforehand; linear in the torque."""
+        if self.follower is not None:
+            return self.grouped(self.follower.white(torque, self.keep))
         assert self.whitener is not None
-        single = self.whitener(torque, self.keep)
+        return self.grouped(self.whitener(torque, self.keep))
+
+    def grouped(self, single: Array) -> Array:
+        """Values of the kept samples, (kept,) or (kept, k), put together group by group."""
         if self.group == 1:
             return single
         return np.asarray(sum(single[self.firsts + i] for i in range(self.group)) / math.sqrt(self.group))
@@ -228,13 +237,26 @@ def _rough_noise(recording: Recording) -> float:
     return 1.4826 * float(np.median(np.abs(rough - np.median(rough)))) / math.sqrt(70.0)
 
 
+def dressed(stretch: Stretch, model: Model) -> Stretch:
+    """The stretch with the observer that a model with a gap needs, or without one."""
+    if not follows(model):
+        return stretch if stretch.follower is None else replace(stretch, follower=None)
+    noise = (stretch.step_rad, stretch.noise_nm, stretch.rounding)
+    return replace(stretch, follower=follower_for(model, stretch.motion, stretch.torque, stretch.keep, *noise, stretch.offset_m))
+
+
 def evaluate(stretch: Stretch, model: Model, vector: Array, offset_m: float = 0.0) -> Array:
     """Residual e[n], N m at the motor shaft, (n,): all samples, also those not kept.   offset_m : see ``fine_load``."""
+    if stretch.follower is not None:
+        return stretch.follower.innovations(model, stretch.motion, stretch.torque, vector, offset_m)[1]
     return torque_residual(model, stretch.motion, stretch.torque, vector, offset_m)
 
 
 def whitened(stretch: Stretch, model: Model, vector: Array, offset_m: float = 0.0) -> Array:
     """Residual of the kept samples in units of its own noise: independent, variance 1 where the model is right."""
+    if stretch.follower is not None:
+        single = stretch.follower.innovations(model, stretch.motion, stretch.torque, vector, offset_m)[0]
+        return stretch.grouped(single[stretch.keep])
     return in_noise(stretch, model, vector, evaluate(stretch, model, vector, offset_m))
 
 
@@ -243,7 +265,7 @@ def in_noise(stretch: Stretch, model: Model, vector: Array, torque: Array) -> Ar
 
     With a whitener worked out beforehand several torques at once, (n, k) -> (kept, k).
     """
-    if stretch.whitener is not None:
+    if stretch.whitener is not None or stretch.follower is not None:
         return stretch.white(torque)
     return whiten(torque, stretch.keep, path_of(stretch, model.with_vector(vector)), stretch.step_rad, stretch.noise_nm)
 

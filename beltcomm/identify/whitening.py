@@ -51,13 +51,13 @@ class NoisePath:
     sample_s: float
 
 
-def noise_path(model: Model, position_m: float, sample_s: float) -> NoisePath:
-    """The path of a model linearised with the carriage sliding at a place, m; ``sample_s`` : s.
+def noise_path(model: Model, position_m: float, sample_s: float, closed: float = 1.0) -> NoisePath:
+    """The path of a model linearised with the carriage sliding at a place, m; ``sample_s`` : s.   closed : see ``matrices``.
 
     The load's triangular mean is exact for rounding linear between the samples:  ∫_0^1 u load du before and ∫_0^1 (1-u) load du after
     a sample, from the first and the second integral of the load.
     """
-    linear = matrices(model, operating_point(model, position_m, 1.0))
+    linear = matrices(model, operating_point(model, position_m, 1.0), closed=closed)
     motor, behind = 0, np.arange(1, len(linear.bodies))
     n = 2 * len(behind)  # states; then the angle, its rate, the load's integral and that one's integral
     inverse = np.diag(1.0 / np.diag(linear.M)[behind])
@@ -166,6 +166,14 @@ def whitener(
 
     shares : of the rounding's variance step²/12 that is white, and that is slow: decaying with ``SLOW_HZ``.
     """
+    path, variances, start = noises(path, step_rad, noise_nm, shares)
+    gains, deviations = np.zeros((len(keep), len(path.H))), np.ones(len(keep))
+    _gains(keep, path.F, path.G, path.H, path.D, variances, start, gains, deviations)
+    return Whitener(path, gains, deviations)
+
+
+def noises(path: NoisePath, step_rad: float, noise_nm: float, shares: tuple[float, float]) -> tuple[NoisePath, Array, Array]:
+    """The path with its own state for slow rounding where there is some, variances of the noises, covariance of s at the first sample."""
     fast, slow, torque = shares[0] * step_rad**2 / 12.0, shares[1] * step_rad**2 / 12.0, noise_nm**2
     variances = np.array([fast, torque])
     if slow > 0.0:
@@ -175,9 +183,7 @@ def whitener(
     start[size - 3, size - 3], start[size - 1, size - 1] = fast + slow, torque
     if slow > 0.0:
         start[0, 0] = start[0, size - 3] = start[size - 3, 0] = slow
-    gains, deviations = np.zeros((len(keep), size)), np.ones(len(keep))
-    _gains(keep, path.F, path.G, path.H, path.D, variances, start, gains, deviations)
-    return Whitener(path, gains, deviations)
+    return path, variances, start
 
 
 def with_slow_rounding(path: NoisePath) -> NoisePath:
@@ -230,8 +236,9 @@ def _filtered_columns(e: Array, keep: NDArray[np.bool_], f: Array, h: Array, gai
                 ahead[i, c] = 0.0
             for j in range(own):
                 factor = f[i, j]
-                for c in range(columns):
-                    ahead[i, c] += factor * s[j, c]
+                if factor != 0.0:
+                    for c in range(columns):
+                        ahead[i, c] += factor * s[j, c]
         if keep[n]:
             innovation[:] = e[n]
             for i in range(size):

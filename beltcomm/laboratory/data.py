@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from beltcomm.axis import Axis
 from beltcomm.errors import DataError
+from beltcomm.identify.following import follows
 from beltcomm.identify.residual import Stretch, creeping, evaluate, path_of, stretches, torque_noise
 from beltcomm.identify.whitening import whitener
 from beltcomm.model import Model
@@ -24,7 +25,7 @@ Array = NDArray[np.float64]
 #: fit takes up in the stiffness.
 SUBSTEPS = 4
 #: The same for strokes at constant speed, in which the carriage hardly swings, and where contacts open and close.
-STROKE_SUBSTEPS, RATTLING_SUBSTEPS = 2, 16
+STROKE_SUBSTEPS, RATTLING_STROKE_SUBSTEPS, RATTLING_SUBSTEPS = 2, 4, 16
 #: Noise below this share of the torque itself is not believed.
 QUIETEST_SHARE = 1e-4
 #: Samples and relative difference of speed for records that repeat each other.
@@ -75,8 +76,8 @@ def made(
     rattles = any(effect.rattles for effect in model.effect_list())
     for recording in recordings:
         shown, group = shares.get(recording.name, (1.0, 0.0)), group_of(recording)
-        quiet = STROKE_SUBSTEPS if recording.sidecar.experiment == "friction_sweep" else SUBSTEPS
-        substeps = RATTLING_SUBSTEPS if rattles else quiet
+        stroke = recording.sidecar.experiment == "friction_sweep"
+        substeps = (RATTLING_STROKE_SUBSTEPS if rattles else STROKE_SUBSTEPS) if stroke else (RATTLING_SUBSTEPS if rattles else SUBSTEPS)
         for piece in stretches(recording, model, step_rad, noise_nm, fitted=True, substeps=substeps):
             pieces.append(rewhitened(replace(piece, rounding=shown, group=group), model))
     return Data(
@@ -109,7 +110,10 @@ def remade(data: Data, model: Model, offsets_m: Array) -> Data:
     starts = [*offsets_m, *np.zeros(len(data.held_out))]
     for piece, offset in zip((*data.fitted, *data.held_out), starts, strict=True):
         left.setdefault(piece.record, []).append((piece, evaluate(piece, model, model.vector(), float(offset))))
-    shares = {name: rounding_shares(parts, model) for name, parts in left.items()}
+    if follows(model):  # what an observer leaves says nothing of the rounding; the shares found before stay
+        shares = {piece.record: piece.rounding for piece in (*data.fitted, *data.held_out)}
+    else:
+        shares = {name: rounding_shares(parts, model) for name, parts in left.items()}
     return made(data.recordings, model, data.noise_nm, data.step_rad, shares)
 
 

@@ -12,7 +12,7 @@ from beltcomm.axis import Axis
 from beltcomm.effects import EFFECTS
 from beltcomm.errors import UsageError
 from beltcomm.identify.problem import OFFSET_M
-from beltcomm.laboratory.acceptance import EVIDENCE
+from beltcomm.laboratory.acceptance import EVIDENCE, drop_by
 from beltcomm.laboratory.compare import compare
 from beltcomm.laboratory.data import Data, prepare, remade
 from beltcomm.laboratory.fitting import Fitted, fit
@@ -100,7 +100,8 @@ def diagnose(
     limit = most + len(EFFECTS)
     for number in range(limit):
         ground = ground_of(current, data.fitted, axis)
-        candidates = search(data, current, ground, progress=in_stage(progress, number))
+        above = EXPLAINED_UP_TO if any(step.added for step in steps) else MISSING
+        candidates = search(data, current, ground, progress=in_stage(progress, number), swallowed_above=above)
         # What the held-out records or its own values contradict stands in no one's way.
         standing = [c for c in candidates if c.stands]
         best = standing[0] if standing else None
@@ -140,7 +141,7 @@ def superfluous(data: Data, fitted: Fitted, base: Model, newest: str) -> tuple[D
         except UsageError:  # a later effect stands on it
             continue
         trial = fit(data, smaller, NEXT_ITERATIONS, offsets=fitted.offsets)
-        if trial.objective - fitted.objective < EVIDENCE:
+        if drop_by(trial, fitted) < EVIDENCE:
             removed.append(name)
             fitted = trial
     return data, fitted, tuple(removed)

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beltcomm.identify.problem import OFFSET_M, Minimum, Problem, free_parameters, time_blocks
-from beltcomm.identify.residual import Stretch, whitened
+from beltcomm.identify.following import follows
+from beltcomm.identify.problem import OFFSET_M, Problem, free_parameters, time_blocks
+from beltcomm.identify.residual import Stretch, dressed, whitened
 from beltcomm.laboratory.data import Data
 from beltcomm.model import Model
 
@@ -19,11 +20,8 @@ Array = NDArray[np.float64]
 BLOCK_S = 0.2
 #: Gain of O that is not worth another iteration, nats.
 ENOUGH = 0.1
-#: A carriage that rattles: share of the largest start offset, and number of offsets, that are looked at; rounds of looking and fitting,
-#: and the gain that is worth another one, nats.
-WIDEST, STARTS, ROUNDS, RATTLING_GAIN = 0.2, 41, 4, 50.0
-#: Variation of ln of the misfit with the start below which a record has forgotten it.
-FORGOTTEN = 0.1
+#: Where an observer follows the carriage: iterations after which it is made anew, and the gain that is worth more of them, nats.
+AT_A_TIME, FOLLOWED_ENOUGH = 3, 5.0
 
 
 @dataclass(frozen=True)
@@ -67,71 +65,34 @@ def fit(
     offsets : scaled start offsets to begin with.   enough : gain of O that is not worth another iteration, nats.
     """
     problem = problem_of(data, model, fixed)
-    x = problem.start(offsets)
-    found = rattling_minimum(problem, x, iterations, enough) if rattles(model) else problem.minimise(x, iterations, enough=enough)
+    following = follows(model)  # then an observer knows itself how the carriage may stand at first
+    start = problem.start(None if following else offsets)
+    found = problem.minimise(start, min(iterations, AT_A_TIME) if following else iterations, enough=enough)
+    for _ in range((iterations - 1) // AT_A_TIME if following else 0):
+        # The observer's gains are those of the model it was made for.
+        model = problem.model_at(found.x, "laboratory")
+        ahead = problem_of(data, model, fixed)
+        x = ahead.start()
+        before = ahead.objective(ahead.residual(x))
+        problem, found = ahead, ahead.minimise(x, AT_A_TIME, enough=enough)
+        if before - found.objective < FOLLOWED_ENOUGH:
+            break
     best = problem.model_at(found.x, "laboratory")
     held_residual = tuple(judged(piece, best) for piece in data.held_out)
     return Fitted(best, problem, found.x, found.residual, found.objective, held_residual, held_objective(data, held_residual))
 
 
-def rattles(model: Model) -> bool:
-    """Whether the carriage is free at times."""
-    return any(effect.rattles for effect in model.effect_list())
-
-
-def rattling_minimum(problem: Problem, x: Array, iterations: int, enough: float) -> Minimum:
-    """The minimum where the carriage is free at times: records that forget their start say what the parameters are."""
-    own = len(problem.free)
-    best: Minimum | None = None
-    for _ in range(ROUNDS):
-        looked = [best_start(piece, problem.model, problem.full(x), float(x[own + i])) for i, piece in enumerate(problem.pieces)]
-        x = np.concatenate((x[:own], [start for start, _ in looked]))
-        calm = [i for i, (_, spread) in enumerate(looked) if spread < FORGOTTEN]
-        if not calm:
-            break
-        inner = Problem([problem.pieces[i] for i in calm], problem.model, problem.free, BLOCK_S)
-        found = inner.minimise(np.concatenate((x[:own], x[own:][calm])), iterations, enough=enough)
-        x = np.concatenate((found.x[:own], x[own:]))
-        x[own:][calm] = found.x[own:]
-        residual = problem.residual(x)
-        ahead = Minimum(x, residual, problem.objective(residual))
-        if best is not None and best.objective - ahead.objective < RATTLING_GAIN:
-            return ahead if ahead.objective < best.objective else best
-        best = ahead
-    return best if best is not None else problem.minimise(x, iterations, enough=enough)
-
-
-def best_start(piece: Stretch, model: Model, vector: Array, here: float) -> tuple[float, float]:
-    """The likeliest scaled start offset of a stretch, and by how much ln of the misfit per block varies with it.   here : one known."""
-    blocks = np.arange(0, max(len(piece.counted), 1), max(1, int(BLOCK_S / piece.motion.sample_s)))
-
-    def cost(offset: float) -> float:
-        squares = whitened(piece, model, vector, OFFSET_M * offset) ** 2
-        means = np.add.reduceat(squares, blocks) / np.diff([*blocks, len(squares)])
-        return float(np.mean(np.log(np.maximum(means, 1.0))))
-
-    if not len(piece.counted):
-        return here, 0.0
-    wide = np.array([here, *np.linspace(-WIDEST, WIDEST, STARTS)])
-    costs = [cost(offset) for offset in wide]
-    best = float(wide[int(np.argmin(costs))])
-    near = best + np.linspace(-1.0, 1.0, 9) * 2.0 * WIDEST / (STARTS - 1)
-    return float(near[int(np.argmin([cost(offset) for offset in near]))]), float(np.ptp(costs))
-
-
 def problem_of(data: Data, model: Model, fixed: Sequence[str] = ()) -> Problem:
     """The free parameters of a model as unknowns."""
-    return Problem(data.fitted, model, free_parameters(model, ("transmission.ratio", *fixed)), BLOCK_S)
+    return Problem([dressed(piece, model) for piece in data.fitted], model, free_parameters(model, ("transmission.ratio", *fixed)), BLOCK_S)
 
 
 def judged(piece: Stretch, model: Model) -> Array:
     """Whitened residual of a held-out stretch; only where its carriage stuck at the start is fitted to it."""
-    vector = model.vector()
+    vector, piece = model.vector(), dressed(piece, model)
     here = whitened(piece, model, vector)
-    if "cart" not in model.base_bodies:
+    if "cart" not in model.base_bodies or piece.follower is not None:
         return here
-    if rattles(model):
-        return whitened(piece, model, vector, OFFSET_M * best_start(piece, model, vector, 0.0)[0])
     probe = 0.2 * OFFSET_M
     slope = (whitened(piece, model, vector, probe) - here) / probe
     weight = 1.0 / np.maximum(1.0, here**2 / 9.0)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from beltcomm.axis import Axis
 from beltcomm.effects import Effect, Ground, Trial
 from beltcomm.identify.problem import OFFSET_M, Parts, Problem
-from beltcomm.identify.residual import Stretch, in_noise
+from beltcomm.identify.residual import Stretch, in_noise, whitened
 from beltcomm.laboratory.fitting import Fitted
 from beltcomm.laboratory.harmonics import gain_means, load_means
 from beltcomm.laboratory.hints import stiffness_by_record
@@ -167,6 +167,11 @@ class Scorer:
         vectors = [model.vector() for model in extended]
         parts = []
         for i, piece in enumerate(self.problem.pieces):
+            if piece.follower is not None and not (acts_on_motor(effect) and effect.slot != "friction_onset"):
+                here = whitened(piece, self.model, self.vector, float(self.offsets[i]))
+                there = [whitened(piece, m, v, float(self.offsets[i])) for m, v in zip(extended, vectors, strict=True)]
+                parts.append(np.stack(there, axis=1) - here[:, None])
+                continue
             motion = true_motion(self.model, piece.motion, self.vector)
             changes = [self.change(effect, m, v, i, motion) for m, v in zip(extended, vectors, strict=True)]
             parts.append(in_noise(piece, self.model, self.vector, np.stack(changes, axis=1)))

@@ -57,9 +57,17 @@ class Candidate:
 
 
 def search(
-    data: Data, base: Fitted, ground: Ground, effects: Sequence[Effect] | None = None, progress: Callable[[float], None] = lambda _f: None
+    data: Data,
+    base: Fitted,
+    ground: Ground,
+    effects: Sequence[Effect] | None = None,
+    progress: Callable[[float], None] = lambda _f: None,
+    swallowed_above: float = MISSING,
 ) -> list[Candidate]:
-    """All effects that the model does not have yet, best first."""
+    """All effects that the model does not have yet, best first.
+
+    swallowed_above : O per sample from which on, where nothing explains it, it is asked what the base may have swallowed.
+    """
     scorer = Scorer(base)
     wanted = [e for e in (effects or EFFECTS) if e.trials is not None and not e.bound and may_add(base, e)]
     ways: dict[str, list[Scored]] = {}
@@ -83,7 +91,7 @@ def search(
         else:
             candidates.append(Candidate(best[name].effect, best[name].drop, promised, 0.0, 0.0, None, False))
         progress(0.7 + 0.3 * min(1.0, (number + 1) / REFITTED))
-    if not any(c.accepted for c in candidates) and base.objective > MISSING * base.problem.samples:
+    if not any(c.accepted for c in candidates) and base.objective > swallowed_above * base.problem.samples:
         for effect in wanted:
             candidates = swallowed(data, scorer, effect, ground, candidates, len(ways[effect.name]))
     return sorted(candidates, key=lambda c: (c.fitted is None, -c.evidence))

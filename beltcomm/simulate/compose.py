@@ -29,7 +29,7 @@ from beltcomm.model import Model, body_list
 from beltcomm.simulate.writer import LOOK_AHEAD, MOVING_RAD_S, Writer, indented
 
 #: Changes whenever the generated source changes shape, so that an old cache is never met.
-_VERSION = 11
+_VERSION = 14
 
 
 @dataclass(frozen=True)
@@ -113,8 +113,9 @@ def kernel_source(base_bodies: tuple[str, ...], effects: tuple[str, ...]) -> str
 class Inverse:
     """The masked functions over the whole catalogue; ``p``, ``on`` as :func:`catalogue_vector` gives them.
 
-    load(theta, omega, p, on, t, h, bristle, offset, load, cart): load torque at the motor shaft, N m, that the given motor
+    load(theta, omega, p, on, t, h, bristle, offset, load, cart, watch): load torque at the motor shaft, N m, that the given motor
         motion needs besides the motor's own inertia; cart position, m.  ``bristle`` : m, in which motor friction turns round.
+        ``watch`` : see ``observer``.
     torque(cells, theta, p, on, t, h, out): acting torque of each cell between two points of ``theta``.
     angle(theta, omega, p, on): measured motion made true, in place.
     """
@@ -140,10 +141,12 @@ def inverse_source() -> str:
     begin = [f"q{i} = {writer.start(i)}{' + offset' if i == writer.cart else ''}" for i in others]
     begin += [f"v{i} = o{i} = {writer.follow(i)}" for i in others]
     turn = "z0 = min(1.0, max(-1.0, z0 + step / bristle))"
+    fences, follow_up = writer.fenced(writer.follow_up())
     load = [
         "@compiled",
-        "def load(theta, omega, p, on, t, h, bristle, offset, load, cart):",
-        *indented([*writer.constants(), *zeros, "q0 = theta[0]"], 1),
+        "def load(theta, omega, p, on, t, h, bristle, offset, load, cart, watch):",
+        *indented([*writer.constants(), *fences, *zeros, "q0 = theta[0]"], 1),
+        "    inside, shut, watched = 0, 0.0, watch.wanted.shape[0] > 0",
         f"    half = max(1, min({LOOK_AHEAD}, theta.shape[0] - 1) // 2)",
         "    first = (4.0 * theta[half] - theta[2 * half] - 3.0 * theta[0]) / (2.0 * h * half) if theta.shape[0] > 2 else 0.0",
         f"    if abs(first) < {MOVING_RAD_S}:",
@@ -153,9 +156,10 @@ def inverse_source() -> str:
         *indented([
             "step = ratio * (theta[k] - q0)", "q0 = theta[k]", "v0 = omega[k]",
             f"if s{writer.switch[writer.onsets()[0].name]}:", "    " + writer.turn(0, "step"), "else:", "    " + turn,
-            *writer.follow_up(),
+            *follow_up,
             "load[k] = l0 * z0 - f0",
-            "cart[k] = u" if writer.masked else "",
+            "cart[k] = u",
+            *writer.watching(),
         ], 2),
         *indented(["if belt:", f"    cart[k] = {writer.carriage()}"], 2),
         *indented([line for i in others for line in writer.with_body(i, [f"q{i} += h * v{i}"])], 2),

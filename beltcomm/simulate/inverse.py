@@ -16,6 +16,7 @@ differentiation with a sinc would leave a bias of 0.3 to 0.5 % in J.
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -25,10 +26,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from beltcomm.compiled import compiled
 from beltcomm.effects import EFFECTS, Effect, effect_named
 from beltcomm.model import Model, expected_parameters
 from beltcomm.simulate.compose import inverse_kernel
+from beltcomm.simulate.mean import ABSURD_NM, triangular_mean
+from beltcomm.simulate.observer import NOTHING, Watch
 from beltcomm.simulate.writer import LOOK_AHEAD, MOVING_RAD_S, catalogue_parameters
 
 Array = NDArray[np.float64]
@@ -39,8 +41,6 @@ Lags = tuple[tuple[Callable[..., Array], tuple[float, ...]], ...]
 #: in a fine step; samples in which it rests or reverses are left out by the caller, so chatter there does no harm.  (1.3 um would
 #: reach into the samples after a reversal: 1 % of the viscous and 0.3 % of the Coulomb friction of rig g_b.)
 BRISTLE_M = 2e-8
-#: N m; a load beyond it, or none at all, comes from bodies that an absurd model let fly off: as bad as any.
-ABSURD_NM = 1e12
 _CATALOGUE_SIZE = len(catalogue_parameters())
 
 
@@ -158,6 +158,22 @@ def switchboard(base_bodies: tuple[str, ...], effects: tuple[str, ...]) -> Switc
     )
 
 
+class _Scratch(threading.local):
+    """Memory for what a triangular mean is taken of, each thread its own: fetching it from the system anew costs as much as the kernel."""
+
+    def __init__(self) -> None:
+        self.memory = np.empty((2, 0))
+
+    def rows(self, length: int) -> Array:
+        """Two rows, (2, length); what they hold is lost with the next call."""
+        if self.memory.shape[1] < length:
+            self.memory = np.empty((2, 2 * length))
+        return self.memory[:, :length]
+
+
+_SCRATCH = _Scratch()
+
+
 def true_motion(model: Model, motion: FineMotion, vector: Array | None = None) -> FineMotion:
     """The motion with the errors of the angle sensor taken out; the same object where the model knows of none."""
     board = switchboard(model.base_bodies, model.effects)
@@ -179,7 +195,7 @@ def fine_load(model: Model, motion: FineMotion, vector: Array | None = None, off
     p = board.spread(model.vector() if vector is None else vector)
     load, cart = np.empty_like(motion.theta), np.empty_like(motion.theta)
     h = motion.sample_s / motion.substeps
-    inverse_kernel().load(motion.theta, motion.omega, p, board.on, motion.time_s, h, motion.bristle_m, offset_m, load, cart)
+    inverse_kernel().load(motion.theta, motion.omega, p, board.on, motion.time_s, h, motion.bristle_m, offset_m, load, cart, NOTHING)
     return load, cart
 
 
@@ -189,10 +205,20 @@ def part_of_load(model: Model, motion: FineMotion, vector: Array, offset_m: floa
     on = board.motor if part == "motor" else board.belt
     if not on.any():
         return np.zeros(motion.samples)
-    load, cart = np.empty_like(motion.theta), np.empty_like(motion.theta)
+    load, cart = _SCRATCH.rows(len(motion.theta))
     h = motion.sample_s / motion.substeps
-    inverse_kernel().load(motion.theta, motion.omega, board.spread(vector), on, motion.time_s, h, motion.bristle_m, offset_m, load, cart)
+    inverse_kernel().load(motion.theta, motion.omega, board.spread(vector), on, motion.time_s, h, motion.bristle_m, offset_m, load, cart, NOTHING)
     return triangular_mean(load, motion.substeps)
+
+
+def followed(model: Model, motion: FineMotion, vector: Array, offset_m: float, watch: Watch) -> None:
+    """Everything beyond the motor followed by the torque; the results stand in ``watch``."""
+    board = switchboard(model.base_bodies, model.effects)
+    load, cart = _SCRATCH.rows(len(motion.theta))
+    h, p = motion.sample_s / motion.substeps, board.spread(vector)
+    inverse_kernel().load(
+        motion.theta, motion.omega, p, board.belt, motion.time_s, h, motion.bristle_m, offset_m, load, cart, watch
+    )
 
 
 def load_of(model: Model, motion: FineMotion, vector: Array, effect: str) -> Array:
@@ -200,9 +226,9 @@ def load_of(model: Model, motion: FineMotion, vector: Array, effect: str) -> Arr
     board = switchboard(model.base_bodies, model.effects)
     on = np.zeros_like(board.on)
     on[[e.name for e in EFFECTS].index(effect)] = True
-    load, cart = np.empty_like(motion.theta), np.empty_like(motion.theta)
+    load, cart = _SCRATCH.rows(len(motion.theta))
     h = motion.sample_s / motion.substeps
-    inverse_kernel().load(motion.theta, motion.omega, board.spread(vector), on, motion.time_s, h, motion.bristle_m, 0.0, load, cart)
+    inverse_kernel().load(motion.theta, motion.omega, board.spread(vector), on, motion.time_s, h, motion.bristle_m, 0.0, load, cart, NOTHING)
     return triangular_mean(load, motion.substeps)
 
 
@@ -257,30 +283,6 @@ def load_torque(model: Model, motion: FineMotion, vector: Array | None = None, o
     """
     load, cart = fine_load(model, motion, vector, offset_m)
     return triangular_mean(load, motion.substeps), cart
-
-
-@compiled
-def triangular_mean(fine: Array, substeps: int) -> Array:
-    """Mean with weight 1 - |s| over one sample before and after each sample, by Simpson's rule; ``substeps`` even.
-
-    (n*substeps - substeps + 1,) -> (n,), ends 0, at most ``ABSURD_NM``.
-
-    The trapezoidal rule would take (2 pi f h)²/12 off, 0.02 % at 134 Hz and 16 kHz.
-    """
-    if substeps % 2:
-        raise ValueError("Simpson's rule needs an even number of substeps")
-    n = (fine.shape[0] - 1) // substeps + 1
-    mean = np.zeros(n)
-    for k in range(1, n - 1):
-        middle = k * substeps
-        total = 2.0 * substeps * fine[middle]  # the end of one half and the beginning of the other
-        for j in range(1, substeps):
-            weight = 4.0 if j % 2 else 2.0
-            total += weight * (substeps - j) * (fine[middle - j] + fine[middle + j])
-        mean[k] = total / (3.0 * substeps**2)
-        if not abs(mean[k]) < ABSURD_NM:
-            mean[k] = ABSURD_NM
-    return mean
 
 
 def torque_residual(model: Model, motion: FineMotion, torque: Array, vector: Array | None = None, offset_m: float = 0.0) -> Array:

@@ -24,6 +24,7 @@ from beltcomm.effects import (
     is_plain_belt,
 )
 from beltcomm.model import BASE_BODIES, body_list, effect_parameters, expected_parameters
+from beltcomm.simulate.observer import observe
 from beltcomm.simulate.stick import stick_or_slide
 
 #: rad/s: a stretch that begins faster than this begins in motion, all bodies with the motor (a gap in the middle of a stroke);
@@ -32,6 +33,9 @@ MOVING_RAD_S = 3.0
 #: Fine steps over which that first speed is taken, free of a constant acceleration: single ones carry the encoder's rounding and
 #: the end of the interpolation.
 LOOK_AHEAD = 32
+#: Effects that nearly every model has, and how many neighbours that are seldom on get a switch of their own.
+USUAL = ("belt_stiffness", "belt_damping", "viscous", "viscous_cart", "coulomb", "cart_friction")
+FENCED = 2
 
 
 def catalogue_parameters() -> dict[str, int]:
@@ -87,6 +91,41 @@ class Writer:
             return lines
         return [f"if s{self.switch[effect.name]}:", *("    " + line for line in lines)]
 
+    def fenced(self, lines: list[str]) -> tuple[list[str], list[str]]:
+        """Lines that set one switch for each run of neighbouring effects that are seldom on, and the lines behind these switches.
+
+        A step that asks one switch instead of forty is twice as fast.
+        """
+        usual = {f"s{self.switch[name]}" for name in USUAL}
+        switches: list[str] = []
+        out: list[str] = []
+        run: list[list[str]] = []
+
+        def close() -> None:
+            if len(run) < FENCED:
+                out.extend(line for block in run for line in block)
+            else:
+                tests = dict.fromkeys(test for block in run for test in block[0][3:-1].split(" or "))
+                switches.append(f"some{len(switches)} = {' or '.join(tests)}")
+                out.extend([f"if some{len(switches) - 1}:", *indented([line for block in run for line in block], 1)])
+            run.clear()
+
+        blocks: list[list[str]] = []
+        for line in lines:
+            if blocks and (line.startswith(" ") or line == "else:"):
+                blocks[-1].append(line)
+            else:
+                blocks.append([line])
+        for block in blocks:
+            tests = block[0][3:-1].split(" or ") if block[0].startswith("if s") and "else:" not in block else []
+            if tests and not usual & set(tests):
+                run.append(block)
+            else:
+                close()
+                out.extend(block)
+        close()
+        return switches, out
+
     def with_body(self, i: int, lines: list[str]) -> list[str]:
         """Lines that count only when body i is there."""
         name = self.bodies[i][1].name
@@ -128,6 +167,7 @@ class Writer:
         lines = [f"ratio = p[{self.place['transmission.ratio']}]"]
         lines += [f"m{i} = p[{self.place[name]}]" for i, (name, _) in enumerate(self.bodies)]
         if self.masked:
+            lines += [f"n{i} = 1.0 / m{i} if m{i} > 0.0 else 0.0" for i in range(len(self.bodies))]
             springs = [e for e in self.effects if e.group == BELT_SPRING]
             # Local switches: the compiler cannot know that writing the results leaves ``on`` alone.
             lines += [f"s{self.switch[e.name]} = on[{self.switch[e.name]}]" for e in self.effects]
@@ -196,17 +236,13 @@ class Writer:
 
     def belt_laws(self) -> list[str]:
         """Gap and slack act on the stretch of everything between driving end and carriage; then the stiffness others ask for."""
-        lines = []
+        lines = ["closed = 1.0"] if self.masked else []
         for effect in self.chosen("belt_law"):
             assert effect.slope is not None
             assert effect.law is not None
-            lines += self.when(
-                effect,
-                [
-                    f"rate *= {self.law(effect.slope)}(stretch{self.arguments(effect)})",
-                    f"stretch = {self.law(effect.law)}(stretch{self.arguments(effect)})",
-                ],
-            )
+            share = [f"share = {self.law(effect.slope)}(stretch{self.arguments(effect)})", "rate *= share"]
+            closed = ["closed *= share"] if self.masked else []
+            lines += self.when(effect, [*share, *closed, f"stretch = {self.law(effect.law)}(stretch{self.arguments(effect)})"])
         if any(BELT_STIFFNESS in e.uses for e in self.effects):
             lines += ["k_belt = 0.0", "d_belt = 0.0"]
             for effect in self.effects:
@@ -312,14 +348,32 @@ class Writer:
         lines += self.forces("w") + self.levels("w", range(len(self.bodies)))
         for i in others:
             if self.has_level(i):
-                jump = [f"v{i} = {self.law(stick_or_slide)}(v{i}, f{i} / m{i}, l{i} / m{i}, h)"]
+                jump = [f"v{i} = {self.law(stick_or_slide)}(v{i}, f{i} * n{i}, l{i} * n{i}, h)"]
                 if i in elastic:
-                    slide = [f"v{i} += h * (f{i} - l{i} * z{i}) / m{i}", self.turn(i, f"h * {self.coordinate(i, 'v', False)}")]
+                    slide = [f"v{i} += h * (f{i} - l{i} * z{i}) * n{i}", self.turn(i, f"h * {self.coordinate(i, 'v', False)}")]
                     jump = [f"if s{self.switch[elastic[i].name]}:", *indented(slide, 1), "else:", *indented(jump, 1)]
                 lines += self.with_body(i, jump)
             else:
-                lines += self.with_body(i, [f"v{i} += h * f{i} / m{i}"])
+                lines += self.with_body(i, [f"v{i} += h * f{i} * n{i}"])
         return lines
+
+    def watching(self) -> list[str]:
+        """Corrects the bodies behind the motor at the end of every sample, by what the torque says of them; ``observer``."""
+        correct = []
+        for i in range(1, len(self.bodies)):
+            taken = [f"q{i} -= watch.s[at]", f"v{i} -= watch.s[at + watch.behind]", f"o{i} -= watch.s[at + watch.behind]"]
+            correct += [f"at = watch.places[{i}]", "if at >= 0:", *indented([*taken, "watch.s[at] = watch.s[at + watch.behind] = 0.0"], 1)]
+        sample = [
+            "before = k // watch.substeps - 1",
+            "left = 0.0",
+            "if before > 0:",
+            "    left = weighted(load, before * watch.substeps, watch.substeps) - watch.wanted[before]",
+            f"{self.law(observe)}(before, left, shut / inside, watch)",
+            *correct,
+            f"q{self.cart} -= contact(before, lever, u - q{self.cart}, watch)",
+            "inside, shut = 0, 0.0",
+        ]
+        return ["if watched and k > 0:", "    inside += 1", "    shut += closed", "    if inside == watch.substeps:", *indented(sample, 2)]
 
     # -- how a stretch begins ---------------------------------------------------------------------------------------------------
 
@@ -344,6 +398,8 @@ class Writer:
             "from numba import njit",
             "",
             "from beltcomm.compiled import compiled",
+            "from beltcomm.simulate.mean import weighted",
+            "from beltcomm.simulate.observer import contact",
             *imports,
             "",
             *laws,

@@ -1,0 +1,108 @@
+"""A stretch whose carriage is free at times: innovations of an observer that follows it by the torque (``simulate.observer``)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltcomm.identify.whitening import noise_path, noises
+from beltcomm.model import Model
+from beltcomm.simulate.inverse import FineMotion, acting_torque, followed, part_of_load, true_motion
+from beltcomm.simulate.observer import Watch, filtered
+from beltcomm.simulate.writer import catalogue_bodies
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Follower:
+    """The observer of one stretch.   watch : its filter, with gains, deviations and shares as worked out near the right model."""
+
+    watch: Watch
+
+    def white(self, torque: Array, keep: NDArray[np.bool_]) -> Array:
+        """What changes of the residual, N m, (n,) or (n, k), change of the innovations to first order, over their deviation."""
+        w = self.watch
+        columns = np.ascontiguousarray(torque if torque.ndim == 2 else torque[:, None])
+        out = filtered(columns, keep, w.F, w.H, w.gains, w.deviations, w.shares)
+        return out if torque.ndim == 2 else out[:, 0]
+
+    def innovations(self, model: Model, motion: FineMotion, torque: Array, vector: Array, offset_m: float) -> tuple[Array, Array]:
+        """ν over its deviation, and e, N m, of a model; (n,) each, 0 where nothing is kept."""
+        true = true_motion(model, motion, vector)
+        n = motion.samples
+        watch = self.watch._replace(
+            wanted=left_for_bodies(model, true, torque, vector), s=np.zeros_like(self.watch.s), left=np.zeros(n), white=np.zeros(n)
+        )
+        followed(model, true, vector, offset_m, watch)
+        return watch.white, watch.left
+
+
+def follows(model: Model) -> bool:
+    """Whether the model's bodies are to be followed: it has a gap, and no lag between what the motor needs and what is read."""
+    effects = model.effect_list()
+    return any(e.rattles for e in effects) and not any(e.slot == "torque_reading" for e in effects)
+
+
+def left_for_bodies(model: Model, motion: FineMotion, torque: Array, vector: Array) -> Array:
+    """Load that the torque leaves for everything beyond the motor, N m, (n,).   motion : true."""
+    left = acting_torque(model, motion, torque, vector) - part_of_load(model, motion, vector, 0.0, "motor")
+    left[1:-1] -= vector[model.index("motor.inertia")] * np.diff(motion.theta[:: motion.substeps], 2) / motion.sample_s**2
+    return left
+
+
+def follower_for(
+    model: Model,
+    motion: FineMotion,
+    torque: Array,
+    keep: NDArray[np.bool_],
+    step_rad: float,
+    noise_nm: float,
+    rounding: tuple[float, float],
+    start_m: float,
+) -> Follower:
+    """The observer of a stretch for a model.   start_m : rms stretch of the belt at first, m."""
+    ratio = model["transmission.ratio"]
+    middle = 0.5 * float(motion.theta.min() + motion.theta.max()) * ratio
+    sides = [noises(noise_path(model, middle, motion.sample_s, closed), step_rad, noise_nm, rounding) for closed in (0.0, 1.0)]
+    (opened, variances, start), (shut, _, _) = sides
+    names = [body.name for _, body in model.bodies()]
+    first = len(shut.H) - 2 * (len(names) - 1) - 3
+    places = np.array([first + names.index(b.name) - 1 if b.name in names[1:] else -1 for _, b in catalogue_bodies()], dtype=np.int64)
+    covariance = start.copy()
+    cart = first + names.index("cart") - 1
+    half, stiffness = 0.5 * model["backlash.gap"], model["belt_stiffness.stiffness"]
+    covariance[cart, cart] += start_m**2 + half**2
+    n, size = motion.samples, len(shut.H)
+    vector = model.vector()
+    true = true_motion(model, motion, vector)
+    watch = Watch(
+        wanted=left_for_bodies(model, true, torque, vector),
+        keep=keep,
+        places=places,
+        behind=len(names) - 1,
+        substeps=motion.substeps,
+        cart=cart,
+        half_gap_m=half,
+        stiffness=stiffness,
+        spread=np.array([(0.5 * half) ** 2, half**2 * stiffness / model["cart.mass"]]),
+        lost=np.zeros(motion.samples, dtype=np.bool_),
+        learning=True,
+        F=np.stack([opened.F, shut.F]),
+        G=np.stack([opened.G, shut.G]),
+        H=np.stack([opened.H, shut.H]),
+        D=np.stack([opened.D, shut.D]),
+        variances=variances,
+        P=covariance,
+        s=np.zeros(size),
+        ahead=np.zeros(size),
+        gains=np.zeros((n, size)),
+        deviations=np.ones(n),
+        shares=np.zeros(n),
+        left=np.zeros(n),
+        white=np.zeros(n),
+    )
+    followed(model, true, vector, 0.0, watch)
+    return Follower(watch._replace(learning=False))

@@ -1,0 +1,39 @@
+"""Means of a load with the triangular weight of one sample before and after each sample."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltcomm.compiled import compiled
+
+Array = NDArray[np.float64]
+
+#: N m; a load beyond it, or none at all, comes from bodies that an absurd model let fly off: as bad as any.
+ABSURD_NM = 1e12
+
+
+@compiled
+def weighted(fine: Array, middle: int, substeps: int) -> float:
+    """Mean with weight 1 - |s| around one place of a fine grid, by Simpson's rule; ``substeps`` even.   At most ``ABSURD_NM``.
+
+    The trapezoidal rule would take (2 pi f h)²/12 off, 0.02 % at 134 Hz and 16 kHz.
+    """
+    total = 2.0 * substeps * fine[middle]  # the end of one half and the beginning of the other
+    for j in range(1, substeps):
+        weight = 4.0 if j % 2 else 2.0
+        total += weight * (substeps - j) * (fine[middle - j] + fine[middle + j])
+    mean = total / (3.0 * substeps**2)
+    return float(mean) if abs(mean) < ABSURD_NM else ABSURD_NM
+
+
+@compiled
+def triangular_mean(fine: Array, substeps: int) -> Array:
+    """The same around every sample; (n*substeps - substeps + 1,) -> (n,), ends 0."""
+    if substeps % 2:
+        raise ValueError("Simpson's rule needs an even number of substeps")
+    n = (fine.shape[0] - 1) // substeps + 1
+    mean = np.zeros(n)
+    for k in range(1, n - 1):
+        mean[k] = weighted(fine, k * substeps, substeps)
+    return mean

@@ -1,0 +1,192 @@
+"""Follows the bodies behind the motor by the torque: an extended Kalman filter inside the kernel that rebuilds their motion.
+
+A carriage that is free in a gap at times strikes its ends sooner or later by chance: rebuilt from the motor's motion alone it soon is
+anywhere.  The torque shows every stroke, so what the motor needed corrects where the carriage is, sample by sample:
+
+    ν[n] = e[n] - H s[n],    s[n+1] = F s[n] + K[n] ν[n],    then the part x of s is taken off the motion and set to 0.
+
+e, F, H, s as in ``beltcomm.identify.whitening``; F, H, G, D go from those of an open gap to those of a closed one with the share of the
+sample in which it is closed.  Where nothing opens, ν are the same innovations as without it.
+Source: Anderson, Moore, Optimal Filtering, 1979, section 8.2.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltcomm.compiled import compiled
+
+Array = NDArray[np.float64]
+
+
+class Watch(NamedTuple):
+    """What the kernel needs to follow the bodies; without samples in ``wanted`` it does not.
+
+    wanted : (n,), N m, load that the measured torque leaves for everything beyond the motor.   keep : (n,), samples that count.
+    places : place of each body's position in s, -1 for none; its speed stands ``behind`` places further.   substeps : fine steps per
+    sample.   learning : whether gains, deviations and shares are worked out, or taken as they are.   F : (2, k, k).  G : (2, k, m).
+    H : (2, k).   D : (2, m), open and closed.   variances : (m,).   P : (k, k), covariance.   s, ahead : (k,).   gains : (n, k).
+    deviations, shares : (n,).   left : (n,), e.   white : (n,), ν over its deviation.
+    """
+
+    wanted: Array
+    keep: NDArray[np.bool_]
+    places: NDArray[np.int64]
+    behind: int
+    substeps: int
+    cart: int
+    half_gap_m: float
+    stiffness: float
+    spread: Array
+    lost: NDArray[np.bool_]
+    learning: bool
+    F: Array
+    G: Array
+    H: Array
+    D: Array
+    variances: Array
+    P: Array
+    s: Array
+    ahead: Array
+    gains: Array
+    deviations: Array
+    shares: Array
+    left: Array
+    white: Array
+
+
+def _nothing() -> Watch:
+    none = np.zeros(0)
+    cube, square = np.zeros((0, 0, 0)), np.zeros((0, 0))
+    whole, some = np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.bool_)
+    return Watch(none, some, whole, 0, 1, 0, 0.0, 1.0, none, some, False, cube, cube, square, square, none, square, none, none, square, none, none, none, none)
+
+
+#: Deviations of an innovation beyond which the carriage is not where it was taken to be.
+LOST = 3.5
+#: A watch that sees nothing.
+NOTHING = _nothing()
+
+
+def observe(n: int, left: float, closed: float, w: Watch) -> None:
+    """One sample: ν[n], and s[n+1] in place.   left : e[n], N m.   closed : share of the sample after n in which the gap is closed."""
+    size, own = w.s.shape[0], w.s.shape[0] - 2
+    if w.learning:
+        w.shares[n] = closed
+    share = w.shares[n]
+    innovation = left
+    for i in range(size):
+        innovation -= (w.H[0, i] + share * (w.H[1, i] - w.H[0, i])) * w.s[i]
+    if w.learning:
+        _learn(n, innovation, w)
+    if w.keep[n]:
+        w.left[n] = left
+        w.white[n] = innovation / w.deviations[n]
+    else:
+        innovation = 0.0
+    for i in range(size):
+        total = w.gains[n, i] * innovation
+        for j in range(own):
+            total += (w.F[0, i, j] + share * (w.F[1, i, j] - w.F[0, i, j])) * w.s[j]
+        w.ahead[i] = total
+    for i in range(size):
+        w.s[i] = w.ahead[i]
+
+
+@compiled
+def _learn(n: int, innovation: float, w: Watch) -> None:
+    """Gain and deviation of sample n, and the covariance ahead.   innovation : N m, beyond ``LOST`` deviations the carriage is lost."""
+    share, size, own, noises = w.shares[n], w.s.shape[0], w.s.shape[0] - 2, w.variances.shape[0]
+    f, g, h = np.empty((size, own)), np.empty((size, noises)), np.empty(size)
+    ph, k, fp, variance = np.zeros(size), np.zeros(size), np.zeros((size, own)), 0.0
+    for i in range(size):
+        h[i] = w.H[0, i] + share * (w.H[1, i] - w.H[0, i])
+        for j in range(own):
+            f[i, j] = w.F[0, i, j] + share * (w.F[1, i, j] - w.F[0, i, j])
+        for m in range(noises):
+            g[i, m] = w.G[0, i, m] + share * (w.G[1, i, m] - w.G[0, i, m])
+    for i in range(size):
+        for j in range(own):
+            for m in range(own):
+                fp[i, j] += f[i, m] * w.P[m, j]
+    if w.keep[n]:
+        for i in range(size):
+            for j in range(size):
+                ph[i] += w.P[i, j] * h[j]
+            variance += h[i] * ph[i]
+        for m in range(noises):
+            d = w.D[0, m] + share * (w.D[1, m] - w.D[0, m])
+            variance += d * d * w.variances[m]
+            for i in range(size):
+                k[i] += g[i, m] * d * w.variances[m]
+        for i in range(size):
+            for j in range(own):
+                k[i] += f[i, j] * ph[j]
+            w.gains[n, i] = k[i] / variance
+        w.deviations[n] = math.sqrt(variance)
+        w.lost[n] = abs(innovation) > LOST * w.deviations[n]
+    for i in range(size):
+        for j in range(i + 1):
+            total = 0.0
+            for m in range(noises):
+                total += g[i, m] * w.variances[m] * g[j, m]
+            for m in range(own):
+                total += fp[i, m] * f[j, m]
+            if variance > 0.0:
+                total -= k[i] * k[j] / variance
+            w.P[i, j] = w.P[j, i] = total
+    if w.lost[n]:
+        for at, variance in ((w.cart, w.spread[0]), (w.cart + w.behind, w.spread[1])):
+            for i in range(size):
+                w.P[i, at] = w.P[at, i] = 0.0
+            w.P[at, at] = variance
+
+
+@compiled
+def contact(n: int, lever: float, stretch: float, w: Watch) -> float:
+    """By how much the stretch, m, is less than what the torque of sample n tells where the carriage is lost; 0 where it is not.
+
+    While more than noise is passed on, the stretch is half the gap and what the belt gives way.
+    """
+    if not (w.keep[n] and w.lost[n]) or abs(w.wanted[n]) < LOST * w.deviations[n]:
+        return 0.0
+    pull = w.wanted[n] / lever
+    return math.copysign(w.half_gap_m, pull) + pull / w.stiffness - stretch
+
+
+@compiled
+def filtered(e: Array, keep: NDArray[np.bool_], f: Array, h: Array, gains: Array, deviations: Array, shares: Array) -> Array:
+    """What changes e of the residual change of the innovations to first order, over their deviations; (n, k) -> (kept, k)."""
+    size, own, columns = h.shape[1], h.shape[1] - 2, e.shape[1]
+    s, ahead, innovation = np.zeros((size, columns)), np.zeros((size, columns)), np.empty(columns)
+    out = np.empty((keep.sum(), columns))
+    number = 0
+    for n in range(e.shape[0]):
+        share = shares[n]
+        for i in range(size):
+            for c in range(columns):
+                ahead[i, c] = 0.0
+            for j in range(own):
+                factor = f[0, i, j] + share * (f[1, i, j] - f[0, i, j])
+                if factor != 0.0:
+                    for c in range(columns):
+                        ahead[i, c] += factor * s[j, c]
+        if keep[n]:
+            innovation[:] = e[n]
+            for i in range(size):
+                factor = h[0, i] + share * (h[1, i] - h[0, i])
+                for c in range(columns):
+                    innovation[c] -= factor * s[i, c]
+            for c in range(columns):
+                out[number, c] = innovation[c] / deviations[n]
+            number += 1
+            for i in range(size):
+                factor = gains[n, i]
+                for c in range(columns):
+                    ahead[i, c] += factor * innovation[c]
+        s, ahead = ahead, s
+    return out
