@@ -29,14 +29,16 @@ class Follower:
         out = filtered(columns, keep, w.F, w.H, w.gains, w.deviations, w.shares)
         return out if torque.ndim == 2 else out[:, 0]
 
-    def innovations(self, model: Model, motion: FineMotion, torque: Array, vector: Array, offset_m: float) -> tuple[Array, Array]:
-        """ν over its deviation, and e, N m, of a model; (n,) each, 0 where nothing is kept."""
+    def innovations(
+        self, model: Model, motion: FineMotion, torque: Array, vector: Array, wanted: Array | None = None
+    ) -> tuple[Array, Array]:
+        """ν over its deviation, and e, N m, of a model; (n,) each, 0 where nothing is kept.   wanted : :func:`left_for_bodies`, if known."""
         true = true_motion(model, motion, vector)
         n = motion.samples
-        watch = self.watch._replace(
-            wanted=left_for_bodies(model, true, torque, vector), s=np.zeros_like(self.watch.s), left=np.zeros(n), white=np.zeros(n)
-        )
-        followed(model, true, vector, offset_m, watch)
+        if wanted is None:
+            wanted = left_for_bodies(model, true, torque, vector)
+        watch = self.watch._replace(wanted=wanted, s=np.zeros_like(self.watch.s), left=np.zeros(n), white=np.zeros(n))
+        followed(model, true, vector, watch)
         return watch.white, watch.left
 
 
@@ -104,5 +106,5 @@ def follower_for(
         left=np.zeros(n),
         white=np.zeros(n),
     )
-    followed(model, true, vector, 0.0, watch)
+    followed(model, true, vector, watch)
     return Follower(watch._replace(learning=False))

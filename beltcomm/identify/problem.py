@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.effects import effect_named
-from beltcomm.identify.residual import Stretch, in_noise, whitened
+from beltcomm.identify.residual import Stretch, followed, in_noise
 from beltcomm.model import Model, expected_parameters
 from beltcomm.simulate.inverse import Lags, acting_torque, acts_on_motor, as_read, part_of_load, reading_lags, true_motion
 
@@ -118,7 +118,7 @@ class Problem:
         """Whitened residual of piece i."""
         offset = OFFSET_M * float(x[len(self.free) + i]) if self.movable else 0.0
         if self.pieces[i].follower is not None:
-            return whitened(self.pieces[i], self.model, self.full(x), offset)
+            return followed(self.pieces[i], self.model, self.full(x))
         return in_noise(self.pieces[i], self.model, self.full(x), self.balance(i, x, offset).residual)
 
     def balance(self, i: int, x: Array, offset_m: float, old: Parts | None = None, touch: Touch = "all") -> Parts:
@@ -169,7 +169,8 @@ class Problem:
                 ahead[j] = x[j] + step
                 touch: Touch = self.touches[j] if j < own else "belt"
                 if follows and touch in ("belt", "all"):
-                    columns[self.ends[i] : self.ends[i + 1], j] = (self.one(i, ahead) - seen) / step
+                    there = followed(piece, self.model, self.full(ahead), -here if touch == "belt" else None)
+                    columns[self.ends[i] : self.ends[i + 1], j] = (there - seen) / step
                     continue
                 offset = OFFSET_M * float(ahead[own + i]) if self.movable else 0.0
                 numbers.append(j)

@@ -248,16 +248,22 @@ def dressed(stretch: Stretch, model: Model) -> Stretch:
 def evaluate(stretch: Stretch, model: Model, vector: Array, offset_m: float = 0.0) -> Array:
     """Residual e[n], N m at the motor shaft, (n,): all samples, also those not kept.   offset_m : see ``fine_load``."""
     if stretch.follower is not None:
-        return stretch.follower.innovations(model, stretch.motion, stretch.torque, vector, offset_m)[1]
+        return stretch.follower.innovations(model, stretch.motion, stretch.torque, vector)[1]
     return torque_residual(model, stretch.motion, stretch.torque, vector, offset_m)
 
 
 def whitened(stretch: Stretch, model: Model, vector: Array, offset_m: float = 0.0) -> Array:
     """Residual of the kept samples in units of its own noise: independent, variance 1 where the model is right."""
     if stretch.follower is not None:
-        single = stretch.follower.innovations(model, stretch.motion, stretch.torque, vector, offset_m)[0]
-        return stretch.grouped(single[stretch.keep])
+        return followed(stretch, model, vector)
     return in_noise(stretch, model, vector, evaluate(stretch, model, vector, offset_m))
+
+
+def followed(stretch: Stretch, model: Model, vector: Array, wanted: Array | None = None) -> Array:
+    """The same of a stretch with an observer.   wanted : load that the torque leaves for everything beyond the motor, if known."""
+    assert stretch.follower is not None
+    single = stretch.follower.innovations(model, stretch.motion, stretch.torque, vector, wanted)[0]
+    return stretch.grouped(single[stretch.keep])
 
 
 def in_noise(stretch: Stretch, model: Model, vector: Array, torque: Array) -> Array:

@@ -15,6 +15,7 @@ import numpy as np
 
 from beltcomm.effects import EFFECTS, Effect, Ground
 from beltcomm.errors import UsageError
+from beltcomm.identify.following import follows
 from beltcomm.laboratory.acceptance import drop_by, enough, explained_share, grown_out_of_bounds, impossible, refuted
 from beltcomm.laboratory.data import Data
 from beltcomm.laboratory.fitting import Fitted, fit, problem_of
@@ -91,7 +92,8 @@ def search(
         else:
             candidates.append(Candidate(best[name].effect, best[name].drop, promised, 0.0, 0.0, None, False))
         progress(0.7 + 0.3 * min(1.0, (number + 1) / REFITTED))
-    if not any(c.accepted for c in candidates) and base.objective > swallowed_above * base.problem.samples:
+    unexplained = base.objective > swallowed_above * base.problem.samples and not follows(base.model)
+    if unexplained and not any(c.accepted for c in candidates):
         for effect in wanted:
             candidates = swallowed(data, scorer, effect, ground, candidates, len(ways[effect.name]))
     return sorted(candidates, key=lambda c: (c.fitted is None, -c.evidence))

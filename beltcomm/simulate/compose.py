@@ -29,7 +29,7 @@ from beltcomm.model import Model, body_list
 from beltcomm.simulate.writer import LOOK_AHEAD, MOVING_RAD_S, Writer, indented
 
 #: Changes whenever the generated source changes shape, so that an old cache is never met.
-_VERSION = 14
+_VERSION = 15
 
 
 @dataclass(frozen=True)

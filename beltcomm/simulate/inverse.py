@@ -211,14 +211,12 @@ def part_of_load(model: Model, motion: FineMotion, vector: Array, offset_m: floa
     return triangular_mean(load, motion.substeps)
 
 
-def followed(model: Model, motion: FineMotion, vector: Array, offset_m: float, watch: Watch) -> None:
+def followed(model: Model, motion: FineMotion, vector: Array, watch: Watch) -> None:
     """Everything beyond the motor followed by the torque; the results stand in ``watch``."""
     board = switchboard(model.base_bodies, model.effects)
     load, cart = _SCRATCH.rows(len(motion.theta))
     h, p = motion.sample_s / motion.substeps, board.spread(vector)
-    inverse_kernel().load(
-        motion.theta, motion.omega, p, board.belt, motion.time_s, h, motion.bristle_m, offset_m, load, cart, watch
-    )
+    inverse_kernel().load(motion.theta, motion.omega, p, board.belt, motion.time_s, h, motion.bristle_m, 0.0, load, cart, watch)
 
 
 def load_of(model: Model, motion: FineMotion, vector: Array, effect: str) -> Array:

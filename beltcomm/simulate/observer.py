@@ -68,6 +68,8 @@ def _nothing() -> Watch:
 
 #: Deviations of an innovation beyond which the carriage is not where it was taken to be.
 LOST = 3.5
+#: Share of a sample in which a gap is closed up to which the torque is no news of where in the gap the carriage is.
+OPEN = 0.05
 #: A watch that sees nothing.
 NOTHING = _nothing()
 
@@ -140,10 +142,8 @@ def _learn(n: int, innovation: float, w: Watch) -> None:
                 total -= k[i] * k[j] / variance
             w.P[i, j] = w.P[j, i] = total
     if w.lost[n]:
-        for at, variance in ((w.cart, w.spread[0]), (w.cart + w.behind, w.spread[1])):
-            for i in range(size):
-                w.P[i, at] = w.P[at, i] = 0.0
-            w.P[at, at] = variance
+        w.P[w.cart, w.cart] += w.spread[0]
+        w.P[w.cart + w.behind, w.cart + w.behind] += w.spread[1]
 
 
 @compiled
@@ -152,7 +152,7 @@ def contact(n: int, lever: float, stretch: float, w: Watch) -> float:
 
     While more than noise is passed on, the stretch is half the gap and what the belt gives way.
     """
-    if not (w.keep[n] and w.lost[n]) or abs(w.wanted[n]) < LOST * w.deviations[n]:
+    if not (w.keep[n] and w.lost[n]) or w.shares[n] > OPEN or abs(w.wanted[n]) < LOST * w.deviations[n]:
         return 0.0
     pull = w.wanted[n] / lever
     return math.copysign(w.half_gap_m, pull) + pull / w.stiffness - stretch
