@@ -22,8 +22,8 @@ def slope(stretch: float, gap: float, rounding: float) -> float:
 
 
 def trials(ground: Ground) -> list[Trial]:
-    """Three gaps."""
-    return [Trial({"gap": gap}) for gap in (1.5e-5, 5e-5, 1.2e-4)]
+    """Four gaps, each twice the one before."""
+    return [Trial({"gap": gap}) for gap in (1.5e-5, 3e-5, 6e-5, 1.2e-4)]
 
 
 EFFECT = Effect(

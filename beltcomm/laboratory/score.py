@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from beltcomm.axis import Axis
 from beltcomm.effects import Effect, Ground, Trial
 from beltcomm.identify.problem import OFFSET_M, Parts, Problem
-from beltcomm.identify.residual import Stretch, in_noise, whitened
+from beltcomm.identify.residual import Stretch, dressed, in_noise, whitened
 from beltcomm.laboratory.fitting import Fitted
 from beltcomm.laboratory.harmonics import gain_means, load_means
 from beltcomm.laboratory.hints import stiffness_by_record
@@ -59,6 +59,8 @@ class Scorer:
 
     def score(self, effect: Effect, ground: Ground) -> list[Scored]:
         """The best trials of an effect that the model can take, best first."""
+        if effect.rattles:
+            return sorted((self.followed(effect, trial) for trial in self.listed(effect, ground)), key=lambda s: -s.drop)
         best: list[tuple[float, Trial, Array]] = []
         for some, columns in self.trials(effect, ground):
             width = columns.shape[1] // len(some)
@@ -127,6 +129,13 @@ class Scorer:
         if not trial.signed and not trial.amplitudes and near.amounts[0] <= 0.0:
             drop = 0.0
         return Scored(effect, trial, drop, self.start_values(effect, trial, near.amounts), near.step)
+
+    def followed(self, effect: Effect, trial: Trial) -> Scored:
+        """A trial of an effect by which the carriage is free at times: what an observer of its own leaves instead of the residual."""
+        grown = self.grown(effect, trial.values, trial)
+        left = [whitened(dressed(piece, grown), grown, grown.vector()) for piece in self.problem.pieces]
+        near = self.nearby.best(np.concatenate(left) - self.fitted.residual)
+        return Scored(effect, trial, self.nearby.objective - near.objective, dict(trial.values), near.step)
 
     def looked_at(self, effect: Effect, trial: Trial, own: Mapping[str, float]) -> Scored:
         """A trial with these own values as they are; amplitudes as the score test wants them."""
