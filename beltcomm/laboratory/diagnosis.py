@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -17,7 +18,7 @@ from beltcomm.laboratory.compare import compare
 from beltcomm.laboratory.data import Data, prepare, remade
 from beltcomm.laboratory.fitting import Fitted, fit
 from beltcomm.laboratory.score import ground_of
-from beltcomm.laboratory.stage import MISSING, Candidate, search
+from beltcomm.laboratory.stage import MISSING, Candidate, held_at, merged, search, strayed
 from beltcomm.laboratory.structure import structure
 from beltcomm.model import Model
 from beltcomm.recording import Recording
@@ -102,6 +103,10 @@ def diagnose(
         ground = ground_of(current, data.fitted, axis)
         above = EXPLAINED_UP_TO if any(step.added for step in steps) else MISSING
         candidates = search(data, current, ground, progress=in_stage(progress, number), swallowed_above=above)
+        if strayed(current, start):
+            held = held_at(data, current, start)
+            beside = ground_of(held, data.fitted, axis)
+            candidates = merged(candidates, search(data, held, beside, swallowed_above=math.inf, against=current))
         # What the held-out records or its own values contradict stands in no one's way.
         standing = [c for c in candidates if c.stands]
         best = standing[0] if standing else None

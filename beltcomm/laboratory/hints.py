@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from beltcomm.identify.residual import Stretch, whitened
+from beltcomm.identify.residual import Stretch, dressed, whitened
+from beltcomm.laboratory.data import SUBSTEPS
 from beltcomm.laboratory.fitting import BLOCK_S, Fitted
 
 #: m; a record whose carriage stays within this is taken at one place.
@@ -36,6 +39,7 @@ def stiffness_by_record(fitted: Fitted) -> tuple[tuple[float, float, float], ...
 
 def likeliest(fitted: Fitted, piece: Stretch) -> float | None:
     """The stiffness that explains a record best, N/m; None where half and double of it explain it as well."""
+    rough = replace(piece, motion=piece.motion.coarser(min(SUBSTEPS, piece.motion.substeps)))
     vector, place = fitted.model.vector(), fitted.model.index(STIFFNESS)
     start = vector[place]
     size = max(1, int(BLOCK_S / piece.motion.sample_s))
@@ -43,7 +47,8 @@ def likeliest(fitted: Fitted, piece: Stretch) -> float | None:
 
     def cost(logarithm: float) -> float:
         vector[place] = start * np.exp(logarithm)
-        squares = whitened(piece, fitted.model, vector) ** 2
+        model = fitted.model.with_vector(vector)
+        squares = whitened(dressed(rough, model), model, vector) ** 2
         means = np.add.reduceat(squares, blocks) / np.diff([*blocks, len(squares)])
         return float(np.sum(np.log(np.maximum(means, 1.0))))
 

@@ -15,6 +15,7 @@ from scipy.optimize import minimize
 
 from beltcomm.effects import Effect
 from beltcomm.effects._effect import BELT_STIFFNESS
+from beltcomm.identify.following import follows
 from beltcomm.laboratory.score import Scored, Scorer
 from beltcomm.model import Model
 
@@ -22,8 +23,8 @@ Array = NDArray[np.float64]
 
 #: Share of a value that a search moves it by at first where the trials say nothing.
 FIRST_STEP = 0.3
-#: Looks per parameter searched, and the gain below which a search ends, nats.
-LOOKS, ENOUGH = 18, 0.5
+#: Looks per parameter searched, the same where an observer makes each of them dear, and the gain below which a search ends, nats.
+LOOKS, FOLLOWED_LOOKS, ENOUGH = 18, 8, 0.5
 #: What a law of the belt changes so much that a first order does not do.
 BELT = ("belt_stiffness.stiffness",)
 
@@ -75,7 +76,7 @@ def climbed(scorer: Scorer, way: Scored, names: Sequence[str], trials: Sequence[
         corners[0],
         method="Nelder-Mead",
         bounds=list(zip(low, high, strict=True)),
-        options={"initial_simplex": np.clip(corners, low, high), "maxfev": LOOKS * len(names), "fatol": ENOUGH, "xatol": 1e-3},
+        options={"initial_simplex": np.clip(corners, low, high), "maxfev": (FOLLOWED_LOOKS if follows(scorer.model) else LOOKS) * len(names), "fatol": ENOUGH, "xatol": 1e-3},
     )
     return best
 

@@ -14,8 +14,10 @@ from numpy.typing import NDArray
 
 from beltcomm.axis import Axis
 from beltcomm.effects import Effect, Ground, Trial
+from beltcomm.identify.following import follows
 from beltcomm.identify.problem import OFFSET_M, Parts, Problem
 from beltcomm.identify.residual import Stretch, dressed, in_noise, whitened
+from beltcomm.laboratory.data import SUBSTEPS
 from beltcomm.laboratory.fitting import Fitted
 from beltcomm.laboratory.harmonics import gain_means, load_means
 from beltcomm.laboratory.hints import stiffness_by_record
@@ -27,6 +29,8 @@ Array = NDArray[np.float64]
 
 #: Trials whose columns are held at a time, and trials of an effect that are looked at again with bounds and weights of their own.
 BATCH, LOOKED_AT = 10, 3
+#: O per sample from which on an observer is made anew for an effect in one of these slots.
+FAR_OFF, BELT_SLOTS = 1.3, ("element", "body", "belt_law")
 
 
 @dataclass(frozen=True)
@@ -56,6 +60,8 @@ class Scorer:
         self.offsets = OFFSET_M * fitted.offsets if fitted.problem.movable else np.zeros(len(fitted.problem.pieces))
         self.parts: list[Parts] = [fitted.problem.balance(i, fitted.x, float(o)) for i, o in enumerate(self.offsets)]
         self.nearby = Nearby(fitted.problem, fitted.x, fitted.residual)
+        rough = [replace(p, motion=p.motion.coarser(min(SUBSTEPS, p.motion.substeps))) for p in self.problem.pieces]
+        self.rough: list[Stretch] = [dressed(piece, self.model) for piece in rough] if follows(self.model) else []
 
     def score(self, effect: Effect, ground: Ground) -> list[Scored]:
         """The best trials of an effect that the model can take, best first."""
@@ -177,9 +183,11 @@ class Scorer:
         parts = []
         for i, piece in enumerate(self.problem.pieces):
             if piece.follower is not None and not (acts_on_motor(effect) and effect.slot != "friction_onset"):
-                here = whitened(piece, self.model, self.vector, float(self.offsets[i]))
-                there = [whitened(piece, m, v, float(self.offsets[i])) for m, v in zip(extended, vectors, strict=True)]
-                parts.append(np.stack(there, axis=1) - here[:, None])
+                # An observer of a model that is far off has lost the carriage; what finds it again needs one of its own.
+                anew = effect.slot in BELT_SLOTS and self.fitted.objective > FAR_OFF * self.problem.samples
+                own = [dressed(self.rough[i], m) if anew else self.rough[i] for m in extended]
+                there = [whitened(o, m, v) for o, m, v in zip(own, extended, vectors, strict=True)]
+                parts.append(np.stack(there, axis=1) - whitened(self.rough[i], self.model, self.vector)[:, None])
                 continue
             motion = true_motion(self.model, piece.motion, self.vector)
             changes = [self.change(effect, m, v, i, motion) for m, v in zip(extended, vectors, strict=True)]

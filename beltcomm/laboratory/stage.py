@@ -16,21 +16,24 @@ import numpy as np
 from beltcomm.effects import EFFECTS, Effect, Ground
 from beltcomm.errors import UsageError
 from beltcomm.identify.following import follows
-from beltcomm.laboratory.acceptance import drop_by, enough, explained_share, grown_out_of_bounds, impossible, refuted
+from beltcomm.laboratory.acceptance import STIFFNESS, drop_by, enough, explained_share, grown_out_of_bounds, impossible, refuted
 from beltcomm.laboratory.data import Data
 from beltcomm.laboratory.fitting import Fitted, fit, problem_of
 from beltcomm.laboratory.refine import refined
 from beltcomm.laboratory.score import Scored, Scorer
+from beltcomm.model import Model
 
 #: O per sample above which something is missing: measured as the floor in ``acceptance``.
 MISSING = 1.04
-#: Effects whose own parameters are searched, and ways of each; effects that are refitted with everything free.
-SEARCHED, WAYS, REFITTED = 8, 2, 4
+#: Effects whose own parameters are searched, and ways of each; effects that are refitted with everything free, and where an observer makes that dear.
+SEARCHED, WAYS, REFITTED, FOLLOWED_REFITTED = 8, 2, 4, 3
 #: An effect that promises less than this share of the best, or less than this many nats, is not searched, or not refitted.
 SEARCH_SHARE, SEARCH_PROMISE = 0.03, 20.0
 REFIT_SHARE, REFIT_PROMISE = 0.3, 30.0
 #: Iterations of a refit, and the gain that is not worth another one, nats.
-ITERATIONS, SWALLOWED_ITERATIONS, ENOUGH = 10, 25, 0.5
+ITERATIONS, FOLLOWED_ITERATIONS, SWALLOWED_ITERATIONS, ENOUGH = 10, 6, 25, 0.5
+#: Factor by which masses and stiffness may leave their start values before the search begins there as well.
+STRAYED = 1.5
 
 
 @dataclass(frozen=True)
@@ -64,10 +67,12 @@ def search(
     effects: Sequence[Effect] | None = None,
     progress: Callable[[float], None] = lambda _f: None,
     swallowed_above: float = MISSING,
+    against: Fitted | None = None,
 ) -> list[Candidate]:
     """All effects that the model does not have yet, best first.
 
     swallowed_above : O per sample from which on, where nothing explains it, it is asked what the base may have swallowed.
+    against : model that the refits must be better than where it is not the base, from which the search begins.
     """
     scorer = Scorer(base)
     wanted = [e for e in (effects or EFFECTS) if e.trials is not None and not e.bound and may_add(base, e)]
@@ -80,15 +85,15 @@ def search(
     most = promise(best[order[0]], base, len(ways[order[0]])) if order else 0.0
     for number, name in enumerate(order[:SEARCHED]):
         if promise(best[name], base, len(ways[name])) > max(SEARCH_PROMISE, SEARCH_SHARE * most):
-            best[name] = refined(scorer, ways[name], WAYS)
+            best[name] = refined(scorer, ways[name], 1 if follows(base.model) else WAYS)
         progress(0.4 + 0.3 * (number + 1) / SEARCHED)
     order = sorted(best, key=lambda name: -promise(best[name], base, len(ways[name])))
     candidates: list[Candidate] = []
     for number, name in enumerate(order):
         promised = promise(best[name], base, len(ways[name]))
         found_most = max((c.evidence for c in candidates if c.stands), default=promised)
-        if number < REFITTED and promised > max(REFIT_PROMISE, REFIT_SHARE * found_most):
-            candidates.append(refitted(data, base, best[name], len(ways[name])))
+        if number < (FOLLOWED_REFITTED if follows(base.model) else REFITTED) and promised > max(REFIT_PROMISE, REFIT_SHARE * found_most):
+            candidates.append(refitted(data, base, best[name], len(ways[name]), against or base))
         else:
             candidates.append(Candidate(best[name].effect, best[name].drop, promised, 0.0, 0.0, None, False))
         progress(0.7 + 0.3 * min(1.0, (number + 1) / REFITTED))
@@ -142,9 +147,39 @@ def price(effect: Effect, base: Fitted, starts: int) -> float:
     return added * math.log(base.problem.samples) + 2.0 * math.log(max(starts, 1))
 
 
-def refitted(data: Data, base: Fitted, way: Scored, starts: int) -> Candidate:
+def refitted(data: Data, base: Fitted, way: Scored, starts: int, against: Fitted) -> Candidate:
     """Everything fitted again with the effect, from its best way."""
-    return candidate(base, way.effect, way.drop, grown(data, base, way), starts)
+    return candidate(against, way.effect, way.drop, grown(data, base, way), starts)
+
+
+def strayed(base: Fitted, start: Model) -> bool:
+    """Whether a fit that explains little left what the start values say of the masses and of the belt, to make up for what is missing."""
+    solid = [inertia for inertia, body in base.model.bodies() if body.name in base.model.base_bodies]
+    shared = [name for name in (*solid, STIFFNESS) if name in base.model.parameters and name in start.parameters]
+    missing = base.objective > MISSING * base.problem.samples and not follows(base.model)
+    return missing and any(abs(math.log(base.model[name] / start[name])) > math.log(STRAYED) for name in shared)
+
+
+def held_at(data: Data, base: Fitted, start: Model) -> Fitted:
+    """The model fitted with masses and belt as the start values have them."""
+    solid = [inertia for inertia, body in base.model.bodies() if body.name in base.model.base_bodies]
+    held = {name: start[name] for name in (*solid, STIFFNESS) if name in base.model.parameters and name in start.parameters}
+    return fit(data, base.model.with_values(held, "start"), ITERATIONS, fixed=tuple(held), enough=ENOUGH)
+
+
+def merged(candidates: Sequence[Candidate], more: Sequence[Candidate]) -> list[Candidate]:
+    """Both searches: of every effect the candidate that stands and has more evidence."""
+    best: dict[str, Candidate] = {}
+    for item in (*candidates, *more):
+        old = best.get(item.effect.name)
+        if old is None or rank(item) > rank(old):
+            best[item.effect.name] = item
+    return sorted(best.values(), key=lambda c: (c.fitted is None, -c.evidence))
+
+
+def rank(item: Candidate) -> tuple[bool, bool, float]:
+    """What makes one candidate for an effect better than another."""
+    return item.accepted, item.fitted is not None and item.stands, -item.fitted.objective if item.fitted is not None else item.evidence
 
 
 def candidate(base: Fitted, effect: Effect, promised: float, best: Fitted, starts: int) -> Candidate:
@@ -167,7 +202,7 @@ def grown(data: Data, base: Fitted, way: Scored) -> Fitted:
         problem = problem_of(data, model)
         starts.append((problem.objective(problem.residual(problem.start(here.offsets(x)))), model, here.offsets(x)))
     _, model, offsets = min(starts, key=lambda start: start[0])
-    return fit(data, model, ITERATIONS, offsets=offsets, enough=ENOUGH)
+    return fit(data, model, FOLLOWED_ITERATIONS if follows(base.model) else ITERATIONS, offsets=offsets, enough=ENOUGH)
 
 
 def with_effect(data: Data, base: Fitted, ground: Ground, effect: Effect) -> Fitted:

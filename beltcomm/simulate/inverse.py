@@ -61,6 +61,11 @@ class FineMotion:
     time_s: float
     bristle_m: float = BRISTLE_M
 
+    def coarser(self, substeps: int) -> FineMotion:
+        """The same motion with fewer fine steps per sample, of which today's are a multiple; itself where it has no more."""
+        skip = self.substeps // substeps
+        return replace(self, theta=self.theta[::skip].copy(), omega=self.omega[::skip].copy(), substeps=substeps) if skip > 1 else self
+
 
 def reconstruct(
     position: Array,
