@@ -32,7 +32,10 @@ class Follower:
     def innovations(
         self, model: Model, motion: FineMotion, torque: Array, vector: Array, wanted: Array | None = None
     ) -> tuple[Array, Array]:
-        """ν over its deviation, and e, N m, of a model; (n,) each, 0 where nothing is kept.   wanted : :func:`left_for_bodies`, if known."""
+        """ν over its deviation, and e, N m, of a model; (n,) each, 0 where nothing is kept.
+
+        wanted : :func:`left_for_bodies`, N m, (n,), where it is known.
+        """
         true = true_motion(model, motion, vector)
         n = motion.samples
         if wanted is None:

@@ -55,8 +55,8 @@ class Stretch:
     position, torque : ndarray (n,), rad and N m at the motor shaft.   motion : the same on a fine grid.
     keep : ndarray (n,) bool, samples that count.     noise_nm : torque noise, N m rms.    step_rad : encoder step, rad.
     offset_m : m, the belt may be stretched by up to this at the start.   whitener : gains worked out beforehand for a model near the
-    right one; without it every evaluation works out its own.   group : see :func:`grouped`.   rounding : shares for ``whitener``.   follower :
-    observer where the carriage is free at times, see :func:`dressed`.
+    right one; without it every evaluation works out its own.   group : see :func:`grouped`.   rounding : shares for ``whitener``.
+    follower : observer where the carriage is free at times, see :func:`dressed`.
     """
 
     record: str

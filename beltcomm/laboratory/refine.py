@@ -70,13 +70,14 @@ def climbed(scorer: Scorer, way: Scored, names: Sequence[str], trials: Sequence[
             best = found
         return -found.drop
 
+    looks = FOLLOWED_LOOKS if follows(scorer.model) else LOOKS
     corners = np.vstack([np.zeros(len(names)), np.diag(np.where(high >= 1.0, 1.0, -1.0))])
     minimize(
         look,
         corners[0],
         method="Nelder-Mead",
         bounds=list(zip(low, high, strict=True)),
-        options={"initial_simplex": np.clip(corners, low, high), "maxfev": (FOLLOWED_LOOKS if follows(scorer.model) else LOOKS) * len(names), "fatol": ENOUGH, "xatol": 1e-3},
+        options={"initial_simplex": np.clip(corners, low, high), "maxfev": looks * len(names), "fatol": ENOUGH, "xatol": 1e-3},
     )
     return best
 

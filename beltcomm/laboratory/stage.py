@@ -25,12 +25,13 @@ from beltcomm.model import Model
 
 #: O per sample above which something is missing: measured as the floor in ``acceptance``.
 MISSING = 1.04
-#: Effects whose own parameters are searched, and ways of each; effects that are refitted with everything free, and where an observer makes that dear.
+#: Effects whose own parameters are searched, and ways of each; effects that are refitted with everything free, and the same where an
+#: observer makes that dear.
 SEARCHED, WAYS, REFITTED, FOLLOWED_REFITTED = 8, 2, 4, 3
 #: An effect that promises less than this share of the best, or less than this many nats, is not searched, or not refitted.
 SEARCH_SHARE, SEARCH_PROMISE = 0.03, 20.0
 REFIT_SHARE, REFIT_PROMISE = 0.3, 30.0
-#: Iterations of a refit, and the gain that is not worth another one, nats.
+#: Iterations of a refit, also beside an observer and from far away, and the gain that is not worth another one, nats.
 ITERATIONS, FOLLOWED_ITERATIONS, SWALLOWED_ITERATIONS, ENOUGH = 10, 6, 25, 0.5
 #: Factor by which masses and stiffness may leave their start values before the search begins there as well.
 STRAYED = 1.5

@@ -29,7 +29,7 @@ from scipy.interpolate import CubicSpline
 from beltcomm.effects import EFFECTS, Effect, effect_named
 from beltcomm.model import Model, expected_parameters
 from beltcomm.simulate.compose import inverse_kernel
-from beltcomm.simulate.mean import ABSURD_NM, triangular_mean
+from beltcomm.simulate.mean import triangular_mean
 from beltcomm.simulate.observer import NOTHING, Watch
 from beltcomm.simulate.writer import LOOK_AHEAD, MOVING_RAD_S, catalogue_parameters
 
@@ -212,7 +212,9 @@ def part_of_load(model: Model, motion: FineMotion, vector: Array, offset_m: floa
         return np.zeros(motion.samples)
     load, cart = _SCRATCH.rows(len(motion.theta))
     h = motion.sample_s / motion.substeps
-    inverse_kernel().load(motion.theta, motion.omega, board.spread(vector), on, motion.time_s, h, motion.bristle_m, offset_m, load, cart, NOTHING)
+    inverse_kernel().load(
+        motion.theta, motion.omega, board.spread(vector), on, motion.time_s, h, motion.bristle_m, offset_m, load, cart, NOTHING
+    )
     return triangular_mean(load, motion.substeps)
 
 
@@ -231,7 +233,9 @@ def load_of(model: Model, motion: FineMotion, vector: Array, effect: str) -> Arr
     on[[e.name for e in EFFECTS].index(effect)] = True
     load, cart = _SCRATCH.rows(len(motion.theta))
     h = motion.sample_s / motion.substeps
-    inverse_kernel().load(motion.theta, motion.omega, board.spread(vector), on, motion.time_s, h, motion.bristle_m, 0.0, load, cart, NOTHING)
+    inverse_kernel().load(
+        motion.theta, motion.omega, board.spread(vector), on, motion.time_s, h, motion.bristle_m, 0.0, load, cart, NOTHING
+    )
     return triangular_mean(load, motion.substeps)
 
 

@@ -60,10 +60,10 @@ class Watch(NamedTuple):
 
 
 def _nothing() -> Watch:
-    none = np.zeros(0)
-    cube, square = np.zeros((0, 0, 0)), np.zeros((0, 0))
-    whole, some = np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.bool_)
-    return Watch(none, some, whole, 0, 1, 0, 0.0, 1.0, none, some, False, cube, cube, square, square, none, square, none, none, square, none, none, none, none)
+    none, square, cube = np.zeros(0), np.zeros((0, 0)), np.zeros((0, 0, 0))
+    some, places = np.zeros(0, dtype=np.bool_), np.zeros(0, dtype=np.int64)
+    at = Watch(none, some, places, 0, 1, 0, 0.0, 1.0, none, some, False, cube, cube, square, square, *(none,) * 9)
+    return at._replace(P=square, gains=square)
 
 
 #: Deviations of an innovation beyond which the carriage is not where it was taken to be.
@@ -155,7 +155,7 @@ def contact(n: int, lever: float, stretch: float, w: Watch) -> float:
     if not (w.keep[n] and w.lost[n]) or w.shares[n] > OPEN or abs(w.wanted[n]) < LOST * w.deviations[n]:
         return 0.0
     pull = w.wanted[n] / lever
-    return math.copysign(w.half_gap_m, pull) + pull / w.stiffness - stretch
+    return float(math.copysign(w.half_gap_m, pull) + pull / w.stiffness - stretch)
 
 
 @compiled

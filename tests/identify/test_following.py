@@ -1,0 +1,80 @@
+"""A carriage that is free in a gap, followed by the torque; truth from the independent simulator."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from beltcomm.identify.residual import Stretch, dressed, evaluate, in_noise, whitened
+from beltcomm.laboratory.data import Data, prepare, remade
+from beltcomm.laboratory.start import start_model
+from beltcomm.model import Model
+from beltcomm.runfolder import RunFolder
+from truth.hidden import draw, write_session
+from truth.hidden.quantities import true_base, true_values
+
+
+@pytest.fixture(scope="module")
+def rattling(tmp_path_factory: pytest.TempPathFactory) -> tuple[Data, Model]:
+    """Records of an axis with a gap of some hundredths of a millimetre, and the model with its true values."""
+    machine = draw(31, ("backlash",), 0.7, "sheet")
+    folder = tmp_path_factory.mktemp("rattling") / "run"
+    write_session(machine, folder, plan="thorough")
+    run = RunFolder.open(folder)
+    records = run.recordings()
+    model = start_model(run.axis, records).with_effect("backlash")
+    truth = true_base(machine) | {names[0]: value for names, value in true_values(machine).items()}
+    model = model.with_values({name: value for name, value in truth.items() if name in model.parameters})
+    data = prepare(records, run.axis, model)
+    return remade(data, model, np.zeros(len(data.fitted))), model
+
+
+def excited(data: Data) -> list[Stretch]:
+    return [piece for piece in data.fitted if "frf" in piece.record and len(piece.counted) > 300]
+
+
+def test_true_values_leave_noise_only_where_the_torque_tells_where_the_carriage_is(rattling: tuple[Data, Model]) -> None:
+    data, model = rattling
+    followed, rebuilt = [], []
+    for piece in excited(data):
+        followed.append(whitened(dressed(piece, model), model, model.vector()))
+        rebuilt.append(in_noise(piece, model, model.vector(), evaluate(piece, model, model.vector())))
+    assert len(followed) >= 4
+    rms = [float(np.sqrt(np.mean(np.concatenate(parts) ** 2))) for parts in (followed, rebuilt)]
+    assert rms[0] < 1.2, rms  # the contact is a quadratic in the simulator, another corner in the model
+    assert rms[1] > 1.5, rms  # from the motor's motion alone the strokes are soon anywhere
+
+
+def test_a_wrong_gap_leaves_more_than_noise(rattling: tuple[Data, Model]) -> None:
+    data, model = rattling
+    errors = []
+    for share in (1.0, 0.7, 1.3):
+        wrong = model.with_values({"backlash.gap": share * model["backlash.gap"]})
+        white = [whitened(dressed(piece, wrong), wrong, wrong.vector()) for piece in excited(data)]
+        errors.append(float(np.mean(np.log(np.maximum(np.concatenate(white) ** 2, 1.0)))))
+    assert errors[1] > 1.5 * errors[0]
+    assert errors[2] > 1.5 * errors[0]
+
+
+def test_without_a_gap_the_observer_is_the_whitening_filter(rattling: tuple[Data, Model]) -> None:
+    data, model = rattling
+    plain, closed = model.without_effect("backlash"), model.with_values({"backlash.gap": 0.0})
+    piece = replace(excited(data)[0], offset_m=0.0)
+    one = whitened(piece, plain, plain.vector())
+    # The observer takes its correction off at the end of a sample, the filter in the middle of its weight.
+    other = whitened(dressed(piece, closed), closed, closed.vector())
+    assert np.sqrt(np.mean((one - other) ** 2)) < 0.03 * np.sqrt(np.mean(one**2))
+
+
+def test_a_torque_beside_the_observer_is_whitened_to_first_order(rattling: tuple[Data, Model]) -> None:
+    data, model = rattling
+    piece = dressed(excited(data)[0], model)
+    change = 1e-6 * np.sin(np.arange(piece.motion.samples) / 7.0)
+    change[[0, -1]] = 0.0
+    felt = replace(piece, torque=piece.torque + change)
+    exact = whitened(felt, model, model.vector()) - whitened(piece, model, model.vector())
+    acting = np.zeros_like(change)
+    acting[1:-1] = 0.5 * (change[:-2] + change[1:-1])
+    assert np.sqrt(np.mean((exact - piece.white(-acting)) ** 2)) < 0.05 * np.sqrt(np.mean(exact**2))
