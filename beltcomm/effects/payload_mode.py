@@ -7,13 +7,13 @@ import math
 from beltcomm.effects._effect import Body, Effect, Element, Ground, Parameter, Trial
 
 
-def force(stretch: float, rate: float, x: float, stiffness: float, damping: float) -> float:
-    """Force between carriage and payload:  stiffness stretch + damping rate, N."""
-    return stiffness * stretch + damping * rate
+def force(stretch: float, rate: float, x: float, stiffness: float, damping: float, hardening: float) -> float:
+    """Force between carriage and payload:  stiffness stretch (1 + hardening stretch²) + damping rate, N."""
+    return stiffness * stretch * (1.0 + hardening * stretch * stretch) + damping * rate
 
 
-def slope(x: float, stiffness: float, damping: float) -> tuple[float, float]:
-    """(stiffness N/m, damping N s/m)."""
+def slope(x: float, stiffness: float, damping: float, hardening: float) -> tuple[float, float]:
+    """(stiffness N/m, damping N s/m) of small swings."""
     return stiffness, damping
 
 
@@ -35,6 +35,7 @@ EFFECT = Effect(
     parameters=(
         Parameter("stiffness", "N/m", "cart", 2e4, 1.0, 1e8, "spring between carriage and payload"),
         Parameter("damping", "N s/m", "cart", 10.0, 0.0, 1e5, "damper between carriage and payload"),
+        Parameter("hardening", "1/m2", "cart", 1e3, 0.0, 1e7, "how much the spring stiffens with the square of its stretch"),
     ),
     bodies=(Body("payload", Parameter("mass", "kg", "cart", 0.5, 1e-3, 1e3, "mass that swings; the carriage keeps the rest")),),
     elements=(Element(("cart", "payload"), force, slope),),

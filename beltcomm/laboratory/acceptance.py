@@ -12,6 +12,7 @@ its noise is less, and what is left over must be less, too.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -19,6 +20,7 @@ import numpy as np
 from beltcomm.effects import Effect
 from beltcomm.identify.following import follows
 from beltcomm.identify.problem import Problem
+from beltcomm.identify.residual import Stretch
 from beltcomm.laboratory.data import rewhitened
 from beltcomm.laboratory.fitting import BLOCK_S, Fitted
 from beltcomm.model import Model
@@ -86,14 +88,14 @@ def drop_by(base: Fitted, grown: Fitted) -> float:
     if lags(base) != lags(grown):
         drop += min(0.0, base_noise(grown))
     elif follows(base.model) != follows(grown.model):
-        drop += loudness(base.problem) - loudness(grown.problem)
+        drop += loudness(base.problem.pieces) - loudness(grown.problem.pieces)
     return drop - (new - old)
 
 
-def loudness(problem: Problem) -> float:
+def loudness(pieces: Sequence[Stretch]) -> float:
     """2 Σ ln deviation of the innovations, nats: an observer's noise goes with what its model says is closed."""
     total = 0.0
-    for piece in problem.pieces:
+    for piece in pieces:
         noise = piece.follower.watch if piece.follower is not None else piece.whitener
         if noise is not None:
             total += 2.0 * float(np.sum(piece.grouped(np.log(noise.deviations[piece.keep])))) / math.sqrt(piece.group)

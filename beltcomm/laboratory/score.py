@@ -17,6 +17,7 @@ from beltcomm.effects import Effect, Ground, Trial
 from beltcomm.identify.following import follows
 from beltcomm.identify.problem import OFFSET_M, Parts, Problem
 from beltcomm.identify.residual import Stretch, dressed, in_noise, whitened
+from beltcomm.laboratory.acceptance import loudness
 from beltcomm.laboratory.data import SUBSTEPS
 from beltcomm.laboratory.fitting import Fitted
 from beltcomm.laboratory.harmonics import gain_means, load_means
@@ -139,9 +140,10 @@ class Scorer:
     def followed(self, effect: Effect, trial: Trial) -> Scored:
         """A trial of an effect by which the carriage is free at times: what an observer of its own leaves instead of the residual."""
         grown = self.grown(effect, trial.values, trial)
-        left = [whitened(dressed(piece, grown), grown, grown.vector()) for piece in self.problem.pieces]
-        near = self.nearby.best(np.concatenate(left) - self.fitted.residual)
-        return Scored(effect, trial, self.nearby.objective - near.objective, dict(trial.values), near.step)
+        pieces = [dressed(piece, grown) for piece in self.problem.pieces]
+        near = self.nearby.best(np.concatenate([whitened(piece, grown, grown.vector()) for piece in pieces]) - self.fitted.residual)
+        drop = self.nearby.objective - near.objective + loudness(self.problem.pieces) - loudness(pieces)
+        return Scored(effect, trial, drop, dict(trial.values), near.step)
 
     def looked_at(self, effect: Effect, trial: Trial, own: Mapping[str, float]) -> Scored:
         """A trial with these own values as they are; amplitudes as the score test wants them."""

@@ -195,7 +195,7 @@ def belt_slack(rng: np.random.Generator, base: Base, strength: float, p: Array) 
 
 
 def payload_mode(rng: np.random.Generator, base: Base, strength: float, p: Array) -> Mapping[str, Any]:
-    """Second mass on a spring that hardens by 1 to 4 % at 1 mm (catalogue: straight), damping ratio 1 to 5 %."""
+    """Second mass on a spring that hardens by 1 to 4 % at 1 mm, later less (catalogue: cubic), damping ratio 1 to 5 %."""
     mass = strength * rng.uniform(0.2, 0.8) * base.mass_kg
     frequency = 5.0 * (0.75 * base.antiresonance_hz / 5.0) ** rng.uniform(0.0, 1.0)
     ratio = rng.uniform(0.01, 0.05)

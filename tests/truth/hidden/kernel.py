@@ -23,7 +23,8 @@ Nine = tuple[float, float, float, float, float, float, float, float, float]
 def payload_force(way: float, rate: float, p: Array) -> float:
     """Force of the second mass on the carriage, N.   way, rate : of the second mass from the carriage, m and m/s.
 
-    On a spring that hardens a little, or loose between two stops (Hunt-Crossley contact) on a greasy plate.
+    On a spring that is stretched sideways, too, and hardens a little, y √(1 + 2 h y²); or loose between two stops (Hunt-Crossley
+    contact) on a greasy plate.
     """
     if p[at.LOOSE] > 0.0:
         force = p[at.D_LOOSE] * rate
@@ -32,7 +33,7 @@ def payload_force(way: float, rate: float, p: Array) -> float:
             inward = math.copysign(rate, rate * way)
             force += math.copysign(max(0.0, p[at.K_IMPACT] * depth * (1.0 + p[at.LOSS_IMPACT] * inward)), way)
         return force
-    return p[at.K_PAYLOAD] * way * (1.0 + p[at.HARDENING] * way * way) + p[at.D_PAYLOAD] * rate
+    return p[at.K_PAYLOAD] * way * math.sqrt(1.0 + 2.0 * p[at.HARDENING] * way * way) + p[at.D_PAYLOAD] * rate
 
 
 @compiled
