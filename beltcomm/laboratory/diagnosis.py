@@ -12,6 +12,7 @@ import numpy as np
 from beltcomm.axis import Axis
 from beltcomm.effects import EFFECTS
 from beltcomm.errors import UsageError
+from beltcomm.identify.following import follows
 from beltcomm.identify.problem import OFFSET_M
 from beltcomm.laboratory.acceptance import EVIDENCE, drop_by
 from beltcomm.laboratory.compare import compare
@@ -145,7 +146,9 @@ def superfluous(data: Data, fitted: Fitted, base: Model, newest: str) -> tuple[D
             smaller = fitted.model.without_effect(name)
         except UsageError:  # a later effect stands on it
             continue
-        trial = fit(data, smaller, NEXT_ITERATIONS, offsets=fitted.offsets)
+        # Where an observer is no longer needed, where each carriage stood at first has to be found anew.
+        iterations = NEXT_ITERATIONS if follows(smaller) == follows(fitted.model) else FIRST_ITERATIONS
+        trial = fit(data, smaller, iterations, offsets=fitted.offsets)
         if drop_by(trial, fitted) < EVIDENCE:
             removed.append(name)
             fitted = trial

@@ -13,8 +13,8 @@ from beltcomm.laboratory.fitting import BLOCK_S, Fitted
 
 #: m; a record whose carriage stays within this is taken at one place.
 ONE_PLACE_M = 0.06
-#: Values of the residual that a record needs.
-ENOUGH = 300
+#: Values of the residual that a record needs, and the torque, rms, as a share of the loudest one's.
+ENOUGH, LOUD = 300, 0.2
 #: Factor by which the stiffness is searched up and down, and points of the first grid.
 RANGE, GRID = 3.0, 25
 #: Rise of the objective on both sides that makes a minimum, nats.
@@ -27,9 +27,13 @@ def stiffness_by_record(fitted: Fitted) -> tuple[tuple[float, float, float], ...
     if STIFFNESS not in fitted.problem.free:
         return ()
     ratio = fitted.model["transmission.ratio"]
+    # A slow stroke shows the belt only where it starts, and there the carriage may stand off: it says what the model says already.
+    loud = LOUD * max(float(np.std(piece.torque)) for piece in fitted.problem.pieces)
     found = []
     for piece in fitted.problem.pieces:
         theta = piece.motion.theta * ratio
+        if float(np.std(piece.torque)) < loud:
+            continue
         if np.ptp(theta) < ONE_PLACE_M and len(piece.counted) >= ENOUGH:
             stiffness = likeliest(fitted, piece)
             if stiffness is not None:
