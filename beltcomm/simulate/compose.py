@@ -26,7 +26,8 @@ from types import ModuleType
 from platformdirs import user_cache_path
 
 from beltcomm.model import Model, body_list
-from beltcomm.simulate.writer import LOOK_AHEAD, MOVING_RAD_S, Writer, indented
+from beltcomm.simulate.fences import indented
+from beltcomm.simulate.writer import LOOK_AHEAD, MOVING_RAD_S, Writer
 
 #: Changes whenever the generated source changes shape, so that an old cache is never met.
 _VERSION = 15

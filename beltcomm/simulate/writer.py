@@ -24,6 +24,7 @@ from beltcomm.effects import (
     is_plain_belt,
 )
 from beltcomm.model import BASE_BODIES, body_list, effect_parameters, expected_parameters
+from beltcomm.simulate.fences import fenced, indented
 from beltcomm.simulate.observer import observe
 from beltcomm.simulate.stick import stick_or_slide
 
@@ -33,9 +34,8 @@ MOVING_RAD_S = 3.0
 #: Fine steps over which that first speed is taken, free of a constant acceleration: single ones carry the encoder's rounding and
 #: the end of the interpolation.
 LOOK_AHEAD = 32
-#: Effects that nearly every model has, and how many neighbours that are seldom on get a switch of their own.
+#: Effects that nearly every model has.
 USUAL = ("belt_stiffness", "belt_damping", "viscous", "viscous_cart", "coulomb", "cart_friction")
-FENCED = 2
 
 
 def catalogue_parameters() -> dict[str, int]:
@@ -92,39 +92,8 @@ class Writer:
         return [f"if s{self.switch[effect.name]}:", *("    " + line for line in lines)]
 
     def fenced(self, lines: list[str]) -> tuple[list[str], list[str]]:
-        """Lines that set one switch for each run of neighbouring effects that are seldom on, and the lines behind these switches.
-
-        A step that asks one switch instead of forty is twice as fast.
-        """
-        usual = {f"s{self.switch[name]}" for name in USUAL}
-        switches: list[str] = []
-        out: list[str] = []
-        run: list[list[str]] = []
-
-        def close() -> None:
-            if len(run) < FENCED:
-                out.extend(line for block in run for line in block)
-            else:
-                tests = dict.fromkeys(test for block in run for test in block[0][3:-1].split(" or "))
-                switches.append(f"some{len(switches)} = {' or '.join(tests)}")
-                out.extend([f"if some{len(switches) - 1}:", *indented([line for block in run for line in block], 1)])
-            run.clear()
-
-        blocks: list[list[str]] = []
-        for line in lines:
-            if blocks and (line.startswith(" ") or line == "else:"):
-                blocks[-1].append(line)
-            else:
-                blocks.append([line])
-        for block in blocks:
-            tests = block[0][3:-1].split(" or ") if block[0].startswith("if s") and "else:" not in block else []
-            if tests and not usual & set(tests):
-                run.append(block)
-            else:
-                close()
-                out.extend(block)
-        close()
-        return switches, out
+        """Lines that set switches for several effects that are seldom on, and the lines behind them; see ``fences``."""
+        return fenced(lines, {f"s{self.switch[name]}" for name in USUAL})
 
     def with_body(self, i: int, lines: list[str]) -> list[str]:
         """Lines that count only when body i is there."""
@@ -407,8 +376,3 @@ class Writer:
         modules = sorted({law.__module__ for law in self.laws.values()})
         text = "".join(inspect.getsource(sys.modules[module]) for module in modules)
         return "\n".join(head) + "\n\n\n" + body + "\n# " + hashlib.sha256(text.encode()).hexdigest() + "\n"
-
-
-def indented(lines: list[str], depth: int) -> list[str]:
-    """Lines moved in by so many steps."""
-    return ["    " * depth + line for line in lines]

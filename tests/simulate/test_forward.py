@@ -13,6 +13,7 @@ from beltcomm.model import Model, build_model
 from beltcomm.simulate.compose import inverse_kernel
 from beltcomm.simulate.forward import State, simulate_torque
 from beltcomm.simulate.inverse import switchboard
+from beltcomm.simulate.observer import NOTHING
 from beltcomm.statics import equilibrium
 
 IT, INERTIA, MASS, C, D = 0.01242, 71.73e-6, 13.44, 203740.0, 20.0
@@ -246,7 +247,7 @@ def test_inverse_of_the_simulated_motion_is_its_torque(friction: float) -> None:
         load, cart = np.empty_like(torque), np.empty_like(torque)
         board = switchboard(model.base_bodies, model.effects)
         p = board.spread(model.vector())
-        inverse_kernel().load(out.position_rad, out.velocity_rad_s, p, board.on, 0.0, h, 1e-9, 0.0, load, cart)
+        inverse_kernel().load(out.position_rad, out.velocity_rad_s, p, board.on, 0.0, h, 1e-9, 0.0, load, cart, NOTHING)
         speed = np.append(out.velocity_rad_s, out.end.speeds[0])
         expected = torque - INERTIA * np.diff(speed) / h
         moving = np.minimum(np.abs(speed[:-1]), np.abs(speed[1:])) > 0.2

@@ -1,0 +1,58 @@
+"""One switch for neighbouring effects that are seldom on: a step that asks one switch instead of forty is nearly twice as fast."""
+
+from __future__ import annotations
+
+#: Neighbours that get a switch of their own.
+FEWEST = 2
+
+
+def fenced(lines: list[str], usual: set[str]) -> tuple[list[str], list[str]]:
+    """Lines that set the switches, and the lines behind them.
+
+    lines : source in which a block that counts only when an effect is on begins with ``if s1:`` or ``if s1 or s2:``.
+    usual : switches that are nearly always on; they stay outside.
+    """
+    switches: list[str] = []
+    out: list[str] = []
+    run: list[list[str]] = []
+
+    def close() -> None:
+        inner = [line for block in run for line in block]
+        if len(run) >= FEWEST:
+            tests = dict.fromkeys(test for block in run for test in asked(block))
+            out.append(f"if some{len(switches)}:")
+            switches.append(f"some{len(switches)} = {' or '.join(tests)}")
+            inner = indented(inner, 1)
+        out.extend(inner)
+        run.clear()
+
+    for block in blocks(lines):
+        if asked(block) and not usual & set(asked(block)):
+            run.append(block)
+        else:
+            close()
+            out.extend(block)
+    close()
+    return switches, out
+
+
+def blocks(lines: list[str]) -> list[list[str]]:
+    """Lines at the margin, each with those that belong to it."""
+    found: list[list[str]] = []
+    for line in lines:
+        if found and (line.startswith(" ") or line == "else:"):
+            found[-1].append(line)
+        else:
+            found.append([line])
+    return found
+
+
+def asked(block: list[str]) -> list[str]:
+    """Switches that a block asks; none where it is more than that."""
+    head = block[0]
+    return head[3:-1].split(" or ") if head.startswith("if s") and head[4:5].isdigit() and "else:" not in block else []
+
+
+def indented(lines: list[str], depth: int) -> list[str]:
+    """Lines moved in by so many steps."""
+    return ["    " * depth + line for line in lines]
