@@ -19,7 +19,7 @@ from beltcomm.identify.problem import OFFSET_M, Parts, Problem
 from beltcomm.identify.residual import Stretch, dressed, in_noise, whitened
 from beltcomm.laboratory.acceptance import loudness
 from beltcomm.laboratory.data import SUBSTEPS
-from beltcomm.laboratory.fitting import Fitted
+from beltcomm.laboratory.fitting import BLOCK_S, Fitted
 from beltcomm.laboratory.harmonics import gain_means, load_means
 from beltcomm.laboratory.hints import stiffness_by_record
 from beltcomm.laboratory.nearby import Nearby
@@ -30,6 +30,8 @@ Array = NDArray[np.float64]
 
 #: Trials whose columns are held at a time, and trials of an effect that are looked at again with bounds and weights of their own.
 BATCH, LOOKED_AT = 10, 3
+#: Fine steps per sample at most.
+ROUGH_SUBSTEPS = 2
 #: O per sample from which on an observer is made anew for an effect in one of these slots.
 FAR_OFF, BELT_SLOTS = 1.3, ("element", "body", "belt_law")
 
@@ -59,10 +61,12 @@ class Scorer:
         self.model: Model = fitted.model
         self.vector = fitted.problem.full(fitted.x)
         self.offsets = OFFSET_M * fitted.offsets if fitted.problem.movable else np.zeros(len(fitted.problem.pieces))
-        self.parts: list[Parts] = [fitted.problem.balance(i, fitted.x, float(o)) for i, o in enumerate(self.offsets)]
         self.nearby = Nearby(fitted.problem, fitted.x, fitted.residual)
-        rough = [replace(p, motion=p.motion.coarser(min(SUBSTEPS, p.motion.substeps))) for p in self.problem.pieces]
-        self.rough: list[Stretch] = [dressed(piece, self.model) for piece in rough] if follows(self.model) else []
+        # The change by an effect is a difference of two runs: what coarse steps do wrong is in both.
+        most = SUBSTEPS if follows(self.model) else ROUGH_SUBSTEPS
+        self.rough = [dressed(replace(p, motion=p.motion.coarser(min(most, p.motion.substeps))), self.model) for p in self.problem.pieces]
+        rough = Problem(self.rough, self.model, self.problem.free, BLOCK_S)
+        self.parts: list[Parts] = [rough.balance(i, fitted.x, float(o)) for i, o in enumerate(self.offsets)]
 
     def score(self, effect: Effect, ground: Ground) -> list[Scored]:
         """The best trials of an effect that the model can take, best first."""
@@ -183,13 +187,13 @@ class Scorer:
         """
         vectors = [model.vector() for model in extended]
         parts = []
-        for i, piece in enumerate(self.problem.pieces):
+        for i, piece in enumerate(self.rough):
             if piece.follower is not None and not (acts_on_motor(effect) and effect.slot != "friction_onset"):
                 # An observer of a model that is far off has lost the carriage; what finds it again needs one of its own.
                 anew = effect.slot in BELT_SLOTS and self.fitted.objective > FAR_OFF * self.problem.samples
-                own = [dressed(self.rough[i], m) if anew else self.rough[i] for m in extended]
+                own = [dressed(piece, m) if anew else piece for m in extended]
                 there = [whitened(o, m, v) for o, m, v in zip(own, extended, vectors, strict=True)]
-                parts.append(np.stack(there, axis=1) - whitened(self.rough[i], self.model, self.vector)[:, None])
+                parts.append(np.stack(there, axis=1) - whitened(piece, self.model, self.vector)[:, None])
                 continue
             motion = true_motion(self.model, piece.motion, self.vector)
             changes = [self.change(effect, m, v, i, motion) for m, v in zip(extended, vectors, strict=True)]
@@ -198,7 +202,7 @@ class Scorer:
 
     def change(self, effect: Effect, extended: Model, vector: Array, i: int, motion: FineMotion) -> Array:
         """Change of a piece's residual, N m, (n,)."""
-        piece, old, offset = self.problem.pieces[i], self.parts[i], float(self.offsets[i])
+        piece, old, offset = self.rough[i], self.parts[i], float(self.offsets[i])
         if effect.slot == "sensor":
             return Problem([piece], extended, (), 1.0).balance(0, np.zeros(1), offset).residual - old.residual
         if acts_on_motor(effect) and effect.slot != "friction_onset":
