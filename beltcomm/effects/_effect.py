@@ -106,11 +106,15 @@ class Trial:
 
 @dataclass(frozen=True)
 class Body:
-    """A moving mass with its inertia parameter; ``rotary`` bodies move in rad at the motor shaft, others in m."""
+    """A moving mass with its inertia parameter; ``rotary`` bodies move in rad at the motor shaft, others in m.
+
+    swings : m or rad, rms by which it may still swing when a record begins, from the motion before it.
+    """
 
     name: str
     inertia: Parameter
     rotary: bool = False
+    swings: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -37,7 +37,9 @@ EFFECT = Effect(
         Parameter("damping", "N s/m", "cart", 10.0, 0.0, 1e5, "damper between carriage and payload"),
         Parameter("hardening", "1/m2", "cart", 1e3, 0.0, 1e7, "how much the spring stiffens with the square of its stretch"),
     ),
-    bodies=(Body("payload", Parameter("mass", "kg", "cart", 0.5, 1e-3, 1e3, "mass that swings; the carriage keeps the rest")),),
+    bodies=(
+        Body("payload", Parameter("mass", "kg", "cart", 0.5, 1e-3, 1e3, "mass that swings; the carriage keeps the rest"), swings=2e-3),
+    ),
     elements=(Element(("cart", "payload"), force, slope),),
     trials=trials,
     seen="a second notch and peak in the frequency response; ringing after moves at low frequency",

@@ -41,13 +41,15 @@ class NoisePath:
     """How the noises reach the residual:  s[n+1] = F s[n] + G (q[n+1], w[n]),   e[n] = H s[n] + D (q[n+1], w[n]).
 
     s = (x[n], q[n], what x[n-1] and q[n-1] leave of e[n], w[n-1]).   F : (k, k), zero in its last two columns.   G : (k, 2).
-    H : (k,).   D : (2,).   e in N m, q in rad, both at the motor shaft, w in N m.   sample_s : s.
+    H : (k,).   D : (2,).   begins : (k,), variance of s at the first sample by motion that the record does not show.
+    e in N m, q in rad, both at the motor shaft, w in N m.   sample_s : s.
     """
 
     F: Array
     G: Array
     H: Array
     D: Array
+    begins: Array
     sample_s: float
 
 
@@ -87,7 +89,11 @@ def noise_path(model: Model, position_m: float, sample_s: float, closed: float =
     h[: n + 1] = after[: n + 1]
     h[n] -= 2.0 * g
     h[n + 1], h[n + 2] = 1.0, -0.5
-    path = NoisePath(f, gain, h, np.array([after[n + 1] + g, -0.5]), sample_s)
+    begins = np.zeros(n + 3)
+    for i, (_, body) in zip(behind, model.bodies()[1:], strict=True):
+        begins[i - 1] = body.swings**2
+        begins[n // 2 + i - 1] = body.swings**2 * linear.K[i, i] / linear.M[i, i]
+    path = NoisePath(f, gain, h, np.array([after[n + 1] + g, -0.5]), begins, sample_s)
     return read_late(path, sum(model[f"{e.name}.time"] for e in model.effect_list() if e.slot == "torque_reading"))
 
 
@@ -109,11 +115,13 @@ def read_late(path: NoisePath, time_s: float) -> NoisePath:
     old, place = np.r_[:torque, torque], np.r_[1 : torque + 1, size + 1]
     f, gain, h = np.zeros((size + 2, size + 2)), np.zeros((size + 2, 2)), np.zeros(size + 2)
     f[np.ix_(place, place)], gain[place] = path.F[np.ix_(old, old)], path.G[old]
+    begins = np.zeros(size + 2)
+    begins[place] = path.begins[old]
     f[0, 0], gain[0, 0] = decay, (decay * c + b) * path.D[0]
     f[0, place] = (decay * c + b) * needed[old]
     h[0], h[place] = 1.0, c * needed[old]
     h[size + 1] = path.H[torque]
-    return NoisePath(f, gain, h, np.array([c * path.D[0], path.D[1]]), path.sample_s)
+    return NoisePath(f, gain, h, np.array([c * path.D[0], path.D[1]]), begins, path.sample_s)
 
 
 def exponential(a: Array) -> Array:
@@ -179,7 +187,7 @@ def noises(path: NoisePath, step_rad: float, noise_nm: float, shares: tuple[floa
     if slow > 0.0:
         path, variances = with_slow_rounding(path), np.array([fast, slow, torque])
     size = len(path.H)
-    start = np.zeros((size, size))
+    start = np.diag(path.begins)
     start[size - 3, size - 3], start[size - 1, size - 1] = fast + slow, torque
     if slow > 0.0:
         start[0, 0] = start[0, size - 3] = start[size - 3, 0] = slow
@@ -195,7 +203,8 @@ def with_slow_rounding(path: NoisePath) -> NoisePath:
     f[0, 0], f[1:, 0], f[1:, 1:] = keeps, keeps * path.G[:, 0], path.F
     g[0, 1], g[1:, 0], g[1:, 1], g[1:, 2] = new, path.G[:, 0], new * path.G[:, 0], path.G[:, 1]
     d = np.array([path.D[0], new * path.D[0], path.D[1]])
-    return NoisePath(f, g, np.concatenate(([keeps * path.D[0]], path.H)), d, path.sample_s)
+    h, begins = (np.concatenate(([first], old)) for first, old in ((keeps * path.D[0], path.H), (0.0, path.begins)))
+    return NoisePath(f, g, h, d, begins, path.sample_s)
 
 
 @compiled

@@ -307,3 +307,20 @@ def test_torque_noise_has_a_floor() -> None:
     plant = draw("g_b", np.random.default_rng(16))
     quiet = Recorder(noise_nm=0.0).shaken(plant, 0.3, 1)
     assert torque_noise([quiet], quiet_nm=2e-3) == 2e-3
+
+
+def test_a_payload_that_still_swings_when_the_record_begins_leaves_no_trace() -> None:
+    plain = build_model("axis", ("belt_stiffness", "belt_damping"), {"transmission.ratio": 0.0125})
+    model = plain.with_effect("payload_mode", {"stiffness": 2.6e3, "damping": 2.0, "hardening": 0.0, "payload.mass": 2.0})
+    path = noise_path(model, 0.3, PERIOD_S)
+    swing = np.zeros(len(path.H))
+    swing[[body.name for _, body in model.bodies()].index("payload") - 1] = 1e-3
+    residual = np.empty(3000)
+    for n in range(len(residual)):
+        residual[n] = path.H @ swing
+        swing = path.F @ swing
+    keep = np.ones(len(residual), dtype=bool)
+    left = whiten(residual, keep, path, STEP_RAD, NOISE_NM)
+    unknown = whiten(residual, keep, replace(path, begins=np.zeros_like(path.begins)), STEP_RAD, NOISE_NM)
+    assert np.abs(unknown[500:]).max() > 3.0  # it rings for seconds, and is far above the noise
+    assert np.abs(left[500:]).max() < 0.1
