@@ -163,8 +163,8 @@ class Effect:
     that need data of their own).    twins : effects that no motion of this axis can tell from it, or hardly.    separate : the
     experiment that tells the twins apart.    causes : usual causes.    harmonic : a sine and a cosine of the motor angle times the
     first parameter, added to the load or to the gain of the torque (so that all orders can be searched in one pass).    rattles : the
-    carriage is free at times, so that where it stood at the start decides what follows.    bound : it only says how much any law of
-    its kind could explain; a diagnosis never adds it.
+    carriage is free at times, within a gap that is the first parameter, m: only the torque says where it is then.    bound : it only
+    says how much any law of its kind could explain; a diagnosis never adds it.
     """
 
     name: str

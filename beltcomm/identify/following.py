@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.identify.whitening import noise_path, noises
+from beltcomm.linear import matrices, operating_point
 from beltcomm.model import Model
 from beltcomm.simulate.inverse import FineMotion, acting_torque, followed, part_of_load, true_motion
 from beltcomm.simulate.observer import Watch, filtered
@@ -32,7 +33,7 @@ class Follower:
     def innovations(
         self, model: Model, motion: FineMotion, torque: Array, vector: Array, wanted: Array | None = None
     ) -> tuple[Array, Array]:
-        """ν over its deviation, and e, N m, of a model; (n,) each, 0 where nothing is kept.
+        """ν over its deviation, 0 where nothing is kept, and e, N m at the motor shaft, of a model; (n,) each.
 
         wanted : :func:`left_for_bodies`, N m, (n,), where it is known.
         """
@@ -46,9 +47,10 @@ class Follower:
 
 
 def follows(model: Model) -> bool:
-    """Whether the model's bodies are to be followed: it has a gap, and no lag between what the motor needs and what is read."""
+    """Whether the model's bodies are to be followed: a carriage, a gap, and no lag between what the motor needs and what is read."""
     effects = model.effect_list()
-    return any(e.rattles for e in effects) and not any(e.slot == "torque_reading" for e in effects)
+    loose = "cart" in model.base_bodies and any(e.rattles for e in effects)
+    return loose and not any(e.slot == "torque_reading" for e in effects)
 
 
 def left_for_bodies(model: Model, motion: FineMotion, torque: Array, vector: Array) -> Array:
@@ -78,7 +80,9 @@ def follower_for(
     places = np.array([first + names.index(b.name) - 1 if b.name in names[1:] else -1 for _, b in catalogue_bodies()], dtype=np.int64)
     covariance = start.copy()
     cart = first + names.index("cart") - 1
-    half, stiffness = 0.5 * model["backlash.gap"], model["belt_stiffness.stiffness"]
+    half = 0.5 * sum(model[e.full_names()[0]] for e in model.effect_list() if e.rattles)  # the gap comes first
+    held = matrices(model, operating_point(model, middle, 1.0))
+    stiffness, mass = (float(m[names.index("cart"), names.index("cart")]) for m in (held.K, held.M))
     covariance[cart, cart] += start_m**2 + half**2
     n, size = motion.samples, len(shut.H)
     vector = model.vector()
@@ -92,7 +96,7 @@ def follower_for(
         cart=cart,
         half_gap_m=half,
         stiffness=stiffness,
-        spread=np.array([(0.5 * half) ** 2, half**2 * stiffness / model["cart.mass"]]),
+        spread=np.array([(0.5 * half) ** 2, half**2 * stiffness / mass]),
         lost=np.zeros(motion.samples, dtype=np.bool_),
         learning=True,
         F=np.stack([opened.F, shut.F]),

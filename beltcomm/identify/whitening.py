@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from beltcomm.compiled import compiled
 from beltcomm.linear import matrices, operating_point
 from beltcomm.model import Model
+from beltcomm.simulate.observer import filtered
 
 Array = NDArray[np.float64]
 
@@ -164,7 +165,8 @@ class Whitener:
         """
         if residual.ndim == 1:
             return _filtered(residual, keep, self.path.F, self.path.H, self.gains, self.deviations)
-        return _filtered_columns(np.ascontiguousarray(residual), keep, self.path.F, self.path.H, self.gains, self.deviations)
+        f, h = np.stack([self.path.F] * 2), np.stack([self.path.H] * 2)  # one path, however much of a sample nothing is closed
+        return filtered(np.ascontiguousarray(residual), keep, f, h, self.gains, self.deviations, np.zeros(len(keep)))
 
 
 def whitener(
@@ -229,40 +231,6 @@ def _filtered(e: Array, keep: NDArray[np.bool_], f: Array, h: Array, gains: Arra
                 ahead[i] += gains[n, i] * innovation
         for i in range(size):
             s[i] = ahead[i]
-    return out
-
-
-@compiled
-def _filtered_columns(e: Array, keep: NDArray[np.bool_], f: Array, h: Array, gains: Array, deviations: Array) -> Array:
-    """The same for several residuals side by side, (n, k) -> (kept, k): a step costs little more for eight than for one."""
-    size, own, columns = h.shape[0], h.shape[0] - 2, e.shape[1]
-    s, ahead, innovation = np.zeros((size, columns)), np.zeros((size, columns)), np.empty(columns)
-    out = np.empty((keep.sum(), columns))
-    number = 0
-    for n in range(e.shape[0]):
-        for i in range(size):
-            for c in range(columns):
-                ahead[i, c] = 0.0
-            for j in range(own):
-                factor = f[i, j]
-                if factor != 0.0:
-                    for c in range(columns):
-                        ahead[i, c] += factor * s[j, c]
-        if keep[n]:
-            innovation[:] = e[n]
-            for i in range(size):
-                factor = h[i]
-                for c in range(columns):
-                    innovation[c] -= factor * s[i, c]
-            scale = 1.0 / deviations[n]
-            for c in range(columns):
-                out[number, c] = innovation[c] * scale
-            number += 1
-            for i in range(size):
-                factor = gains[n, i]
-                for c in range(columns):
-                    ahead[i, c] += factor * innovation[c]
-        s, ahead = ahead, s
     return out
 
 

@@ -28,7 +28,10 @@ class Watch(NamedTuple):
 
     wanted : (n,), N m, load that the measured torque leaves for everything beyond the motor.   keep : (n,), samples that count.
     places : place of each body's position in s, -1 for none; its speed stands ``behind`` places further.   substeps : fine steps per
-    sample.   learning : whether gains, deviations and shares are worked out, or taken as they are.   F : (2, k, k).  G : (2, k, m).
+    sample.   cart : place of the carriage's position in s.   half_gap_m : m, and stiffness : N/m at the belt: while a torque is passed on
+    the carriage stands half the gap and what the belt gives way behind.   spread : (2,), m² and m²/s², variances of its position and speed
+    once it is lost.   lost : (n,), where it was.   learning : whether gains, deviations, shares and losses are worked out, or taken as
+    they are.   F : (2, k, k).  G : (2, k, m).
     H : (2, k).   D : (2, m), open and closed.   variances : (m,).   P : (k, k), covariance.   s, ahead : (k,).   gains : (n, k).
     deviations, shares : (n,).   left : (n,), e.   white : (n,), ν over its deviation.
     """
@@ -83,10 +86,10 @@ def observe(n: int, left: float, closed: float, w: Watch) -> None:
     innovation = left
     for i in range(size):
         innovation -= (w.H[0, i] + share * (w.H[1, i] - w.H[0, i])) * w.s[i]
+    w.left[n] = left
     if w.learning:
         _learn(n, innovation, w)
     if w.keep[n]:
-        w.left[n] = left
         w.white[n] = innovation / w.deviations[n]
     else:
         innovation = 0.0

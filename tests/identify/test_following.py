@@ -10,7 +10,7 @@ import pytest
 from beltcomm.identify.residual import Stretch, dressed, evaluate, in_noise, whitened
 from beltcomm.laboratory.data import Data, prepare, remade
 from beltcomm.laboratory.start import start_model
-from beltcomm.model import Model
+from beltcomm.model import Model, build_model
 from beltcomm.runfolder import RunFolder
 from truth.hidden import draw, write_session
 from truth.hidden.quantities import true_base, true_values
@@ -78,3 +78,13 @@ def test_a_torque_beside_the_observer_is_whitened_to_first_order(rattling: tuple
     acting = np.zeros_like(change)
     acting[1:-1] = 0.5 * (change[:-2] + change[1:-1])
     assert np.sqrt(np.mean((exact - piece.white(-acting)) ** 2)) < 0.05 * np.sqrt(np.mean(exact**2))
+
+
+def test_a_gap_in_a_belt_of_two_spans_is_followed_too(rattling: tuple[Data, Model]) -> None:
+    data, model = rattling
+    effects = tuple("belt_spans" if name == "belt_stiffness" else name for name in model.effects)
+    spans = build_model("spans", effects, {n: v.value for n, v in model.parameters.items() if not n.startswith("belt_stiffness")})
+    piece = dressed(excited(data)[0], spans)
+    residual = evaluate(piece, spans, spans.vector())
+    assert np.all(np.isfinite(whitened(piece, spans, spans.vector())))
+    assert np.all(residual[2:-2] != 0.0)  # of all samples, also of those that do not count
