@@ -77,7 +77,7 @@ def floor_line(axes: Axes, *, vertical: bool = False, label: str = "noise, 1.00"
 
 def ratio_ticks(axes: Axes, lowest: float, highest: float, *, vertical: bool = True) -> None:
     """A logarithmic axis of ratios with plain numbers."""
-    fine = (0.8, 0.9, 1.1, 1.2, 1.3, 1.5, 1.7) if highest <= 3.0 else (1.5, 3.0) if highest <= 20.0 else ()
+    fine = (0.8, 0.9, 1.1, 1.2, 1.3, 1.5, 1.7) if highest <= 3.0 * lowest else (0.7, 1.5, 3.0) if highest <= 20.0 else ()
     ticks = [v for v in sorted((0.5, 1.0, *fine, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0)) if lowest <= v <= highest]
     axis = axes.yaxis if vertical else axes.xaxis
     if vertical:
