@@ -22,7 +22,7 @@ from beltcomm.identify.whitening import NoisePath, Whitener, noise_path, whiten
 from beltcomm.linear import matrices, operating_point
 from beltcomm.model import Model
 from beltcomm.recording import Recording
-from beltcomm.simulate.inverse import FineMotion, begins_in_motion, fine_load, reconstruct, torque_residual
+from beltcomm.simulate.inverse import FineMotion, acting_cells, begins_in_motion, coarse, fine_load, reconstruct, torque_residual
 from beltcomm.simulate.mean import ABSURD_NM
 
 Array = NDArray[np.float64]
@@ -124,7 +124,9 @@ def stretches(
         if fitted:
             load, _ = fine_load(model, motion)
             if np.all(np.abs(load) < ABSURD_NM):  # else the model lets its bodies fly off and says nothing of the motor
-                motion = reconstruct(position, torque, sample, inertia, start_rad=place, substeps=substeps, time_s=time, load=load)
+                acting = acting_cells(model, motion, torque)
+                push = coarse(acting, len(acting) // (len(motion.theta) - 1))
+                motion = reconstruct(position, push, sample, inertia, start_rad=place, substeps=substeps, time_s=time, load=load)
         keep = ~resting(motion, STICK_SPEED_M_S if recording.side == "load" else STICK_SPEED_RAD_S)
         if "cart" in model.base_bodies:
             keep &= ran_in(motion, ratio)

@@ -69,15 +69,23 @@ def prepare(recordings: Sequence[Recording], axis: Axis, model: Model) -> Data:
 
 
 def made(
-    recordings: Sequence[Recording], model: Model, noise_nm: float, step_rad: float, shares: Mapping[str, tuple[float, float]]
+    recordings: Sequence[Recording],
+    model: Model,
+    noise_nm: float,
+    step_rad: float,
+    shares: Mapping[str, tuple[float, float]],
+    usual: int = SUBSTEPS,
 ) -> Data:
-    """The same with known noise and step.   shares : by record, :func:`rounding_shares`; all of it white where it is missing."""
+    """The same with known noise and step.
+
+    shares : by record, :func:`rounding_shares`; all of it white where it is missing.   usual : fine steps a sample.
+    """
     pieces = []
     rattles = any(effect.rattles for effect in model.effect_list())
     for recording in recordings:
         shown, group = shares.get(recording.name, (1.0, 0.0)), group_of(recording)
         stroke = recording.sidecar.experiment == "friction_sweep"
-        substeps = (RATTLING_STROKE_SUBSTEPS if rattles else STROKE_SUBSTEPS) if stroke else (RATTLING_SUBSTEPS if rattles else SUBSTEPS)
+        substeps = (RATTLING_STROKE_SUBSTEPS if rattles else STROKE_SUBSTEPS) if stroke else (RATTLING_SUBSTEPS if rattles else usual)
         for piece in stretches(recording, model, step_rad, noise_nm, fitted=True, substeps=substeps):
             pieces.append(rewhitened(replace(piece, rounding=shown, group=group), model))
     return Data(
@@ -101,10 +109,10 @@ def rewhitened(piece: Stretch, model: Model) -> Stretch:
     return replace(piece, whitener=whitener(piece.keep, path_of(piece, model), piece.step_rad, piece.noise_nm, piece.rounding))
 
 
-def remade(data: Data, model: Model, offsets_m: Array) -> Data:
+def remade(data: Data, model: Model, offsets_m: Array, substeps: int = SUBSTEPS) -> Data:
     """The same records with the motion between the samples rebuilt, and the noise calibrated, by a better model.
 
-    offsets_m : start offsets of the fitted stretches, m.
+    offsets_m : start offsets of the fitted stretches, m.   substeps : fine steps a sample, where nothing rattles and nothing creeps.
     """
     left: dict[str, list[tuple[Stretch, Array]]] = {}
     starts = [*offsets_m, *np.zeros(len(data.held_out))]
@@ -114,7 +122,7 @@ def remade(data: Data, model: Model, offsets_m: Array) -> Data:
         shares = {piece.record: piece.rounding for piece in (*data.fitted, *data.held_out)}
     else:
         shares = {name: rounding_shares(parts, model) for name, parts in left.items()}
-    return made(data.recordings, model, data.noise_nm, data.step_rad, shares)
+    return made(data.recordings, model, data.noise_nm, data.step_rad, shares, substeps)
 
 
 def rounding_shares(parts: Sequence[tuple[Stretch, Array]], model: Model) -> tuple[float, float]:

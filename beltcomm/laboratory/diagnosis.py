@@ -16,7 +16,7 @@ from beltcomm.identify.following import follows
 from beltcomm.identify.problem import OFFSET_M
 from beltcomm.laboratory.acceptance import EVIDENCE, drop_by
 from beltcomm.laboratory.compare import compare
-from beltcomm.laboratory.data import Data, prepare, remade
+from beltcomm.laboratory.data import SUBSTEPS, Data, prepare, remade
 from beltcomm.laboratory.fitting import Fitted, fit
 from beltcomm.laboratory.score import ground_of
 from beltcomm.laboratory.stage import MISSING, Candidate, held_at, merged, search, strayed
@@ -28,6 +28,8 @@ Verdict = Literal["nothing missing", "explained", "partly explained", "none of t
 
 #: Iterations of the first fit from start values, and of one that goes on from a neighbouring model.
 FIRST_ITERATIONS, NEXT_ITERATIONS = 25, 12
+#: The same, and fine steps a sample, for the model that the search ends with.
+SETTLED_ITERATIONS, SETTLED_SUBSTEPS = 4, 2 * SUBSTEPS
 #: O per sample up to which a model with added effects counts as complete.
 EXPLAINED_UP_TO = 1.08
 #: Structure of the rest from which on it is not noise: where nothing was added (a simulated healthy machine stays below 3), and beside
@@ -78,9 +80,14 @@ def fitted_base(recordings: Sequence[Recording], axis: Axis, start: Model) -> tu
     return again(data, first, NEXT_ITERATIONS)
 
 
-def again(data: Data, fitted: Fitted, iterations: int) -> tuple[Data, Fitted]:
+def settled(data: Data, fitted: Fitted) -> tuple[Data, Fitted]:
+    """The last model of a search at its best, with the steps of time halved: they cost stiffness 0.05 % and belt damping 0.5 %."""
+    return (data, fitted) if follows(fitted.model) else again(data, fitted, SETTLED_ITERATIONS, SETTLED_SUBSTEPS)
+
+
+def again(data: Data, fitted: Fitted, iterations: int, substeps: int = SUBSTEPS) -> tuple[Data, Fitted]:
     """Motion and noise rebuilt by a fitted model, and the model fitted to them."""
-    ahead = remade(data, fitted.model, OFFSET_M * fitted.offsets)
+    ahead = remade(data, fitted.model, OFFSET_M * fitted.offsets, substeps)
     if sum(len(piece.counted) for piece in ahead.fitted) < LEAST_LEFT * fitted.problem.samples:
         return data, fitted  # by a model that is far off the motor rests nearly all the time
     return ahead, fit(ahead, fitted.model, iterations, offsets=fitted.offsets)
@@ -121,6 +128,10 @@ def diagnose(
         data, kept, removed = superfluous(data, grown, base.model, best.effect.name)
         steps.append(Step(current, tuple(candidates), best.effect.name, removed, kept))
         current = kept
+    if any(step.added for step in steps):
+        data, last = settled(data, current)
+        steps = [replace(step, after=last) if step.after is current else step for step in steps]
+        current = last
     progress(1.0)
     return Diagnosis(base, data, tuple(steps), verdict_of(base, steps, twins, remaining_structure(data, current)), twins)
 

@@ -1,40 +1,119 @@
-"""95 % intervals of a fitted model: scatter of the gradient between groups of time (sandwich form)."""
+"""95 % intervals of a fitted model, from how its records disagree: over time and among each other, whichever says more.
+
+    over time       V = A⁻¹ (Σ_g s_g s_gᵀ) A⁻¹ G/(G - n)              sandwich form, groups g of :data:`GROUP_S`
+    among records   V = (G - 1)/G Σ_r d_r d_rᵀ,  d_r = (A - A_r)⁻¹ s_r   what leaving out a record would move (jackknife, to first order)
+
+A = Σ A_r : information.   s : gradient.   A law that is not quite the machine's makes long stretches pull the same way, each kind of
+record another one; the scatter over time is blind to that.
+"""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.stats import t as student
 
-from beltcomm.identify.problem import time_blocks
+from beltcomm.identify.problem import Problem, time_blocks
 from beltcomm.laboratory.fitting import Fitted
 from beltcomm.model import Model
 
+Array = NDArray[np.float64]
+
 #: s; groups between which the gradient is taken as independent.
 GROUP_S = 2.0
+#: Share of a record that is left out: a parameter that one record alone tells would else have nothing left to be told by.
+LEFT_OUT = 0.99
+#: Least degrees of freedom of a comparison among records.
+LEAST_FREEDOM = 2.0
+
+
+@dataclass(frozen=True)
+class Spread:
+    """How sure the parameters of a fit are, in their units.
+
+    names : of those that are not at a bound.   covariance, freedom : over time, (n, n).   moved : by leaving out each record, (records, n).
+    shares : information of each record, carried to the parameters, A⁻¹ A_r A⁻¹, (records, n, n).
+    """
+
+    names: tuple[str, ...]
+    covariance: Array
+    freedom: int
+    moved: Array
+    shares: Array
+
+    def half_width(self, combination: Mapping[str, float]) -> float | None:
+        """Half the 95 % interval of a sum of parameters with these factors; None where one of them sits at a bound."""
+        if any(name not in self.names for name in combination):
+            return None
+        c = np.array([combination.get(name, 0.0) for name in self.names])
+        over_time = np.sqrt(max(float(c @ self.covariance @ c), 0.0)) * float(student.ppf(0.975, self.freedom))
+        records, told = len(self.moved), np.einsum("i,rij,j->r", c, self.shares, c)
+        if records < 2 or not np.any(told > 0.0):
+            return float(over_time)
+        freedom = max(float(np.sum(told) ** 2 / np.sum(told**2)), LEAST_FREEDOM)  # Satterthwaite
+        among = np.sqrt(float(np.sum((self.moved @ c) ** 2)) * (records - 1) / records)
+        return float(max(over_time, among * float(student.ppf(0.975, freedom))))
+
+
+def spread_of(fitted: Fitted) -> Spread:
+    """The spread of a fit; start offsets of its records are taken along and then left out."""
+    problem = fitted.problem
+    weights, own = problem.weights(fitted.residual), len(problem.free)
+    jacobian, left = problem.jacobian(fitted.x) * weights[:, None], fitted.residual * weights
+    # What a start offset can take up says nothing; an offset acts in its own stretch alone.
+    columns, beside = jacobian[:, :own], jacobian[:, own:]
+    for i in range(beside.shape[1]):
+        here = slice(problem.ends[i], problem.ends[i + 1])
+        offset = beside[here, i]
+        size = float(offset @ offset)
+        if size > 0.0:
+            columns[here] -= np.outer(offset, offset @ columns[here] / size)
+            left[here] -= offset * float(offset @ left[here]) / size
+    bound = (fitted.x <= problem.low + 1e-9) | (fitted.x >= problem.high - 1e-9)
+    free = np.flatnonzero(~bound[:own] & (np.linalg.norm(columns, axis=0) > 0.0))
+    columns, scale = columns[:, free], problem.scale[free]
+    inverse = np.asarray(np.linalg.pinv(columns.T @ columns), dtype=np.float64)
+    labels = time_blocks(problem.pieces, GROUP_S)
+    scores = gradients(columns, left, labels)
+    freedom = max(len(scores) - len(free), 3)
+    covariance = inverse @ (scores.T @ scores) @ inverse * (len(scores) / freedom)
+    moved, shares = without_each(columns, left, records_of(problem), inverse)
+    names = tuple(problem.free[i] for i in free)
+    return Spread(names, covariance * np.outer(scale, scale), freedom, moved * scale, shares * np.outer(scale, scale))
+
+
+def gradients(columns: Array, left: Array, labels: NDArray[np.int64]) -> Array:
+    """Sum of column times residual over each group, (groups, n)."""
+    sums = np.zeros((int(labels.max()) + 1, columns.shape[1]))
+    np.add.at(sums, labels, columns * left[:, None])
+    return sums
+
+
+def records_of(problem: Problem) -> NDArray[np.int64]:
+    """Running number of the record of every value of the residual."""
+    numbers = {name: i for i, name in enumerate(dict.fromkeys(piece.record for piece in problem.pieces))}
+    return np.repeat([numbers[piece.record] for piece in problem.pieces], [len(piece.counted) for piece in problem.pieces])
+
+
+def without_each(columns: Array, left: Array, records: NDArray[np.int64], inverse: Array) -> tuple[Array, Array]:
+    """What leaving out each record moves, (records, n), and its information carried to the parameters, (records, n, n)."""
+    information = columns.T @ columns
+    moved, shares = [], []
+    for record in range(int(records.max()) + 1):
+        here = columns[records == record]
+        known = here.T @ here
+        moved.append(np.linalg.pinv(information - LEFT_OUT * known) @ (here.T @ left[records == record]))
+        shares.append(inverse @ known @ inverse)
+    return np.array(moved), np.array(shares)
 
 
 def with_intervals(fitted: Fitted) -> Model:
     """The model with half widths of 95 %; None where a parameter sits at a bound."""
-    problem = fitted.problem
-    weights = problem.weights(fitted.residual)
-    jacobian = problem.jacobian(fitted.x) * weights[:, None]
-    at_bound = (fitted.x <= problem.low + 1e-9) | (fitted.x >= problem.high - 1e-9)
-    free = np.flatnonzero(~at_bound & (np.linalg.norm(jacobian, axis=0) > 0.0))
-    reduced = jacobian[:, free]
-    labels = time_blocks(problem.pieces, GROUP_S)
-    groups = int(labels.max()) + 1
-    scores = np.zeros((groups, len(free)))
-    np.add.at(scores, labels, reduced * (fitted.residual * weights)[:, None])
-    information = np.linalg.pinv(reduced.T @ reduced)
-    own = len(problem.free)
-    freedom = max(groups - len(free), 3)
-    covariance = information @ (scores.T @ scores) @ information * (groups / freedom)
-    deviation = np.zeros(len(fitted.x))
-    deviation[free] = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    half = deviation[:own] * problem.scale[:own] * float(student.ppf(0.975, freedom))
+    spread = spread_of(fitted)
     parameters = dict(fitted.model.parameters)
-    for name, width, bound in zip(problem.free, half, at_bound[:own], strict=True):
-        parameters[name] = replace(parameters[name], interval=None if bound else float(width))
+    for name in fitted.problem.free:
+        parameters[name] = replace(parameters[name], interval=spread.half_width({name: 1.0}))
     return replace(fitted.model, parameters=parameters)

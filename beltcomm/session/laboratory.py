@@ -13,7 +13,7 @@ from beltcomm.errors import UsageError
 from beltcomm.laboratory.compare import Comparison, compare, landmarks, worst
 from beltcomm.laboratory.cross_checks import SheetDoubt
 from beltcomm.laboratory.data import Data
-from beltcomm.laboratory.diagnosis import NEXT_ITERATIONS, Diagnosis, again, diagnose, fitted_base
+from beltcomm.laboratory.diagnosis import NEXT_ITERATIONS, Diagnosis, again, diagnose, fitted_base, settled
 from beltcomm.laboratory.fitting import Fitted, fit
 from beltcomm.laboratory.intervals import with_intervals
 from beltcomm.laboratory.place_words import in_words
@@ -184,7 +184,7 @@ def climb(folder: RunFolder, found: Diagnosis, known: bool, command: str, when: 
         if confirmed(before, step.after) is False:
             break
         change = f"+{step.added}" + "".join(f" -{name}" for name in step.removed)
-        made.append(revision_of(folder, found.data, step.after, before, change, command, when))
+        made.append(revision_of(folder, step.after, before, change, command, when))
         before = step.after
     return made
 
@@ -210,10 +210,10 @@ def add_to_run(
     if effect in here.fitted.model.effects:
         raise UsageError(f"the model of {run} has {effect} already; take it out with `beltcomm remove {effect} {run}`")
     grown = with_effect(here.data, here.fitted, ground_of(here.fitted, here.data.fitted, here.folder.axis), effect_named(effect))
-    data, after = again(here.data, grown, NEXT_ITERATIONS)
+    data, after = settled(*again(here.data, grown, NEXT_ITERATIONS))
     if current_revision(here.folder) is None:
         base_revision(here.folder, here.fitted, command, when)
-    rung = revision_of(here.folder, data, after, here.fitted, f"+{effect}", command, when)
+    rung = revision_of(here.folder, after, here.fitted, f"+{effect}", command, when)
     note = (
         f"{asked}, friction by direction and an offset of the current look alike on this axis: added as {effect}" if asked != effect else ""
     )
@@ -241,8 +241,8 @@ def remove_from_run(
     if current_revision(here.folder) is None:
         base_revision(here.folder, here.fitted, command, when)
     smaller = fit(here.data, here.fitted.model.without_effect(effect), NEXT_ITERATIONS, offsets=here.fitted.offsets)
-    data, after = again(here.data, smaller, NEXT_ITERATIONS)
-    rung = revision_of(here.folder, data, after, here.fitted, f"-{effect}", command, when)
+    data, after = settled(*again(here.data, smaller, NEXT_ITERATIONS))
+    rung = revision_of(here.folder, after, here.fitted, f"-{effect}", command, when)
     return change_result(here, data, after, rung, "", command, pictures)
 
 
@@ -278,9 +278,8 @@ def base_revision(folder: RunFolder, fitted: Fitted, command: str, when: str) ->
     return new_revision(folder, model, "base", ratio=fitted.ratio, held_out=fitted.held_ratio, confirmed=None, command=command, when=when)
 
 
-def revision_of(folder: RunFolder, data: Data, after: Fitted, before: Fitted, change: str, command: str, when: str) -> Revision:
+def revision_of(folder: RunFolder, after: Fitted, before: Fitted, change: str, command: str, when: str) -> Revision:
     """A rung for a refitted model."""
-    del data
     return new_revision(
         folder,
         with_intervals(after),

@@ -30,7 +30,7 @@ from beltcomm.effects import effect_named
 from beltcomm.errors import BeltcommError
 from beltcomm.laboratory.diagnosis import Diagnosis, diagnose
 from beltcomm.laboratory.fitting import fit
-from beltcomm.laboratory.intervals import with_intervals
+from beltcomm.laboratory.intervals import spread_of
 from beltcomm.laboratory.run_checks import checked
 from beltcomm.laboratory.score import ground_of
 from beltcomm.laboratory.stage import with_effect
@@ -41,7 +41,7 @@ from truth.hidden.catalogue import EFFECTS
 from truth.hidden.draw import EXCLUSIVE
 from truth.hidden.folder import write_records
 from truth.hidden.outside import OUTSIDE
-from truth.hidden.quantities import covered, true_base, true_values
+from truth.hidden.quantities import DELAYS, covered, true_base, true_values
 from truth.hidden.session import run_session
 from truth.hidden.visibility import LEAST_INFORMATION, PER_SAMPLE, information_in, spectra_of
 
@@ -126,11 +126,17 @@ def judged(machine: Machine, found: Diagnosis, run: RunFolder) -> dict[str, Any]
     if wanted and not set(machine.effects) & set(OUTSIDE):
         line["best_held"] = reference(machine, found, run, wanted)
     if set(wanted) <= set(line["kept"]):
-        model = with_intervals(after)
+        model, spread = after.model, spread_of(after)
         line["covered"] = {}
         for names, truth in true_values(machine).items():
-            values = tuple(model.parameters[n].value for n in names)
-            inside = covered(truth, values, tuple(model.parameters[n].interval for n in names))
+            factors = {n: 1.0 for n in DELAYS if n in model.parameters} if set(names) <= set(DELAYS) else {}
+            if len(factors) > 1:  # two delays in a row: the machine's is told by their sum
+                value = sum(model[n] for n in factors)
+                inside = covered(truth, (value,), (spread.half_width(factors),))
+                line["covered"]["+".join(names)] = [truth, value, inside]
+                continue
+            values = tuple(model[n] for n in names)
+            inside = covered(truth, values, tuple(spread.half_width({n: 1.0}) for n in names))
             line["covered"]["+".join(names)] = [truth, *values, inside]
     return line
 

@@ -9,7 +9,17 @@ from scipy.integrate import simpson
 from scipy.interpolate import CubicSpline
 
 from beltcomm.model import Model, build_model
-from beltcomm.simulate.inverse import BRISTLE_M, FineMotion, fine_load, load_torque, reconstruct, torque_residual, triangular_mean
+from beltcomm.simulate.inverse import (
+    BRISTLE_M,
+    FineMotion,
+    acting_cells,
+    coarse,
+    fine_load,
+    load_torque,
+    reconstruct,
+    torque_residual,
+    triangular_mean,
+)
 from truth import Axis, ConstantBelt, TruthPlant
 
 Array = NDArray[np.float64]
@@ -123,6 +133,27 @@ def test_a_free_inertia_leaves_no_torque_over() -> None:
     np.testing.assert_allclose(left, 0.0, atol=4.0 * rounding)
     wrong = torque_residual(free.with_values({"motor.inertia": 1.01 * INERTIA}), motion, np.append(torque, 0.0))
     np.testing.assert_allclose(wrong[1:-1], 0.01 * 0.5 * (torque[:-1] + torque[1:]), atol=1e-6)
+
+
+@pytest.mark.parametrize("late_s", [0.28e-3, 0.5e-3, 1.63e-3])
+def test_a_torque_that_comes_late_is_known_between_the_samples(late_s: float) -> None:
+    """A free inertia under a late torque, in closed form: the residual is nothing, the angle between the samples is the true one."""
+    torque = np.random.default_rng(6).normal(0.0, 0.5, 400)
+    t = T / 200 * np.arange(400 * 200 + 1)
+    jumps = np.diff(torque, prepend=0.0)
+    angle = np.zeros_like(t)
+    for n, jump in enumerate(jumps.tolist()):
+        angle += 0.5 * jump / INERTIA * np.maximum(t - (T * n + late_s), 0.0) ** 2
+    given = np.append(torque, 0.0)
+    late = build_model("late", ("dead_time",), {"motor.inertia": INERTIA, "dead_time.time": late_s}, base_bodies=("motor",))
+    plain = reconstruct(angle[::200], given, T, INERTIA, start_rad=0.0, substeps=4)
+    left = torque_residual(late, plain, given)[10:-10]
+    # A step within a cell of T/32 counts as spread over it: T/(8 32²) of time, at most that share of a jump over two samples.
+    assert np.max(np.abs(left)) < 2.0 * np.max(np.abs(jumps)) / (8.0 * 32.0**2)
+    push = coarse(acting_cells(late, plain, given), 8)
+    known = reconstruct(angle[::200], push, T, INERTIA, start_rad=0.0, substeps=4)
+    errors = [float(np.std((m.theta - angle[::50])[40:-40])) for m in (plain, known)]
+    assert errors[1] < 0.1 * errors[0]
 
 
 def cruise(speed: float, acceleration: float = 0.0, samples: int = 2000) -> FineMotion:

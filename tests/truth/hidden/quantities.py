@@ -30,6 +30,10 @@ SAME_MEANING: Final[Mapping[str, tuple[tuple[tuple[str, ...], str], ...]]] = {
 }
 
 
+#: Candidates that let the torque act later: at low frequency their times add up, and the lag of the truth is of second order.
+DELAYS: Final = ("dead_time.time", "current_lag.time")
+
+
 def true_values(machine: Machine) -> dict[tuple[str, ...], float]:
     """True value of every quantity of the hidden effects that a candidate has as well, by the candidate's parameters."""
     found = {}

@@ -1,0 +1,104 @@
+"""Intervals against repetition: a straight line in several records, with and without a law that is not quite right."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from beltcomm.laboratory.fitting import Fitted
+from beltcomm.laboratory.intervals import Spread, spread_of
+
+Array = NDArray[np.float64]
+RECORDS, SAMPLES, SAMPLE_S = 12, 2000, 0.004
+TRUTH = np.array([2.0, -1.0])
+SCALE = np.array([3.0, 0.5])
+
+
+@dataclass
+class Line:
+    """A fit of two columns to records of noise, as the intervals see a problem."""
+
+    columns: Array
+    left: Array
+    found: Array
+    records: int
+
+    def spread(self, at_bound: bool = False) -> Spread:
+        size = len(self.left) // self.records
+        pieces = [
+            SimpleNamespace(record=f"record {i}", counted=np.arange(size), motion=SimpleNamespace(sample_s=SAMPLE_S, samples=size))
+            for i in range(self.records)
+        ]
+        x = self.found / SCALE
+        problem = SimpleNamespace(
+            pieces=pieces, free=("slope", "level"), scale=SCALE, ends=size * np.arange(self.records + 1),
+            low=np.array([-9.0, x[1] if at_bound else -9.0]), high=np.array([9.0, 9.0]),
+            jacobian=lambda _x: self.columns * SCALE, weights=lambda _r: np.ones(len(self.left)),
+        )  # fmt: skip
+        return spread_of(cast("Fitted", SimpleNamespace(problem=problem, x=x, residual=self.left)))
+
+
+def line(rng: np.random.Generator, disagreement: float, records: int = RECORDS) -> Line:
+    """Each record has a slope of its own, ``disagreement`` apart, noise of 1, and columns that look alike."""
+    slope = rng.normal(size=(records, SAMPLES)) * rng.uniform(0.5, 1.5, (records, 1))
+    columns = np.stack([slope.ravel(), 0.9 * slope.ravel() + 0.3 * rng.normal(size=slope.size)], axis=1)
+    own = np.repeat(disagreement * rng.normal(size=records), SAMPLES)
+    values = columns @ TRUTH + columns[:, 0] * own + rng.normal(size=len(columns))
+    found = np.linalg.lstsq(columns, values, rcond=None)[0]
+    return Line(columns, columns @ found - values, found, records)
+
+
+def shares(disagreement: float, runs: int = 200) -> tuple[float, float]:
+    """How often the interval of the slope holds the truth, and how often the one over time alone would."""
+    rng = np.random.default_rng(8)
+    held, alone = 0, 0
+    for _ in range(runs):
+        here = line(rng, disagreement)
+        spread = here.spread()
+        width = spread.half_width({"slope": 1.0})
+        assert width is not None
+        error = abs(float(here.found[0] - TRUTH[0]))
+        held += error <= width
+        alone += error <= 1.96 * float(np.sqrt(spread.covariance[0, 0]))
+    return held / runs, alone / runs
+
+
+def test_intervals_cover_where_the_law_is_right() -> None:
+    """Never less than 95 % but for chance, 3 √(0.95 0.05/200); the wider of two may cover more."""
+    held, _ = shares(0.0)
+    assert held > 0.95 - 3.0 * np.sqrt(0.95 * 0.05 / 200)
+
+
+def test_records_that_disagree_widen_the_interval() -> None:
+    held, alone = shares(0.2)
+    assert held > 0.95 - 3.0 * np.sqrt(0.95 * 0.05 / 200)
+    assert alone < 0.8
+
+
+def test_a_sum_is_surer_than_its_parts() -> None:
+    """Columns that look alike: what one takes the other gives."""
+    spread = line(np.random.default_rng(1), 0.0).spread()
+    parts = [spread.half_width({name: 1.0}) for name in ("slope", "level")]
+    whole = spread.half_width({"slope": 1.0, "level": 0.9})
+    assert whole is not None
+    assert whole < 0.5 * min(p for p in parts if p is not None)
+
+
+@pytest.mark.parametrize("records", [1, 2])
+def test_few_records_still_have_an_interval(records: int) -> None:
+    here = line(np.random.default_rng(2), 0.0, records)
+    width = here.spread().half_width({"slope": 1.0})
+    assert width is not None
+    assert 0.0 < width < 10.0 * np.sqrt(np.linalg.inv(here.columns.T @ here.columns)[0, 0])
+
+
+def test_what_sits_at_a_bound_has_none() -> None:
+    spread: Any = line(np.random.default_rng(3), 0.0).spread(at_bound=True)
+    assert spread.half_width({"level": 1.0}) is None
+    assert spread.half_width({"slope": 1.0, "level": 1.0}) is None
+    assert spread.half_width({"slope": 1.0}) is not None
