@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -13,6 +14,8 @@ from beltcomm.effects._effect import BELT_DAMPING, BELT_STIFFNESS, DRIVING_END, 
 _OFFSET_SHARES = (0.06, 0.15, 0.3)
 #: m; places nearer to each other than this are one.
 _APART_M = 0.1
+#: Shortest driven strand at ``middle`` that a search begins with, as a share of the pulley distance: at none the law has no slope.
+_NEXT_TO_PULLEY = 0.05
 #: Share of the compliance at ``middle`` below which no belt gets.
 LEAST_COMPLIANCE = 0.05
 _STIFFNESS = "belt_stiffness.stiffness"
@@ -70,23 +73,24 @@ def trials(ground: Ground) -> list[Trial]:
 
 
 def shown(ground: Ground, geometry: Mapping[str, float]) -> list[Trial]:
-    """The parabola through the compliance seen at three places or more; none where it bends up."""
+    """The parabola through the compliance seen at three places or more; where no two strands bend like it, the nearest that rise alike."""
     if not ground.stiffness_at:
         return []
     place, amplitude, seen = np.array(ground.stiffness_at).T
     middle, distance = geometry["middle"], geometry["pulley_distance"]
     if len(np.unique(np.round(place / _APART_M))) < 3:
         return []
-    curve, slope_of, whole = np.polyfit(place - middle, 1.0 / seen, 2, w=amplitude)
-    if not (curve < 0.0 < whole):
+    curve, rise, whole = np.polyfit(place - middle, 1.0 / seen, 2, w=amplitude)
+    if not whole > 0.0:
         return []
-    length = distance + 0.5 * slope_of / curve
-    share = -curve / whole * length * (2.0 * distance - length)
-    if not 0.0 < length < 2.0 * distance:
-        return []
-    return [
-        Trial({"share": float(share), "offset": float(length - middle), **geometry}, signed=True, base={_STIFFNESS: float(1.0 / whole)})
-    ]
+    length = distance + 0.5 * rise / curve if curve < 0.0 else -math.inf
+    if _NEXT_TO_PULLEY * distance < length < (2.0 - _NEXT_TO_PULLEY) * distance:
+        share = -curve / whole * length * (2.0 * distance - length)
+    else:
+        length = (_NEXT_TO_PULLEY if rise > 0.0 else 2.0 - _NEXT_TO_PULLEY) * distance
+        share = 0.5 * rise / whole * length * (2.0 * distance - length) / (distance - length)
+    values = {"share": float(share), "offset": float(length - middle), **geometry}
+    return [Trial(values, signed=True, base={_STIFFNESS: float(1.0 / whole)})]
 
 
 EFFECT = Effect(
