@@ -1,7 +1,6 @@
-"""The public functions, one per command of the command line.
+"""The public functions, one per command of the command line.   They raise only :class:`beltcomm.errors.BeltcommError` on purpose.
 
-Each opens what it needs, does one job, saves its results in the run folder, and returns a :class:`Result`.  They raise only
-:class:`beltcomm.errors.BeltcommError` on purpose.  Functions that move an axis leave it stopped and its drive restored.
+Each opens what it needs, does one job, saves its results, and returns a :class:`Result`.  An axis is left stopped, its drive restored.
 """
 
 from __future__ import annotations
@@ -37,6 +36,7 @@ from beltcomm.session.options import Options
 from beltcomm.session.plan import Plan, commission_plan, friction_plan, identify_plan, move_plan, verification_plan, with_homing
 from beltcomm.session.proof import admit, next_step, proof, thin_margins
 from beltcomm.session.store import cascade_from_dict, drive_to_dict, verdict_to_dict
+from beltcomm.session.thesis import thesis as thesis
 from beltcomm.talk import Silence, Talk
 
 #: The laboratory's commands on a run folder; see :mod:`beltcomm.session.laboratory`.

@@ -1,0 +1,65 @@
+"""Topics of the design source: each is compared, told in words, and drawn when pictures are asked for."""
+
+from __future__ import annotations
+
+import difflib
+import importlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from beltcomm.errors import UsageError
+from beltcomm.result import Result, plain
+
+if TYPE_CHECKING:  # matplotlib takes longer to import than a command without pictures may last
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True)
+class Topic:
+    """What a topic shows, and where in the source.   The module of its name in ``comparisons`` computes it, ``report/thesis_…`` draws."""
+
+    title: str
+    source: str
+
+
+#: Topics in the order of the source.
+TOPICS: Mapping[str, Topic] = {}
+
+
+def thesis(topic: str | None = None, *, pictures: Path | None = None, command: str = "") -> Result:
+    """All topics, or one of them recomputed.   pictures : folder for its figures, None for none.
+
+    Raises UsageError for a word that is no topic.
+    """
+    if topic is None:
+        lines = [f"{name:14} {about.title} ({about.source})" for name, about in TOPICS.items()]
+        return Result({"topics": {name: plain(about) for name, about in TOPICS.items()}}, lines)
+    if topic not in TOPICS:
+        close = difflib.get_close_matches(topic, TOPICS, n=1)
+        hint = f"did you mean {close[0]}?" if close else f"the topics are {', '.join(TOPICS)}"
+        raise UsageError(f"there is no topic {topic!r}; {hint}")
+    module = importlib.import_module(f"beltcomm.comparisons.{topic.replace('-', '_')}")
+    study: Any = module.compare()
+    made = drawn(topic, study, pictures, command) if pictures is not None else []
+    data = {"topic": topic, **plain(study), "pictures": made}
+    return Result(data, [*module.lines(study), *(f"drawn: {path}" for path in made)])
+
+
+def drawn(topic: str, study: Any, folder: Path, command: str) -> list[str]:
+    """The figures of a topic as PNG; their paths.   Raises UsageError when the folder cannot be written."""
+    from beltcomm.report.style import Caption
+
+    report = importlib.import_module(f"beltcomm.report.thesis_{topic.replace('-', '_')}")
+    figures: Mapping[str, Figure] = report.figures(study, Caption(command or f"beltcomm thesis {topic}", TOPICS[topic].source))
+    made = []
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, figure in figures.items():
+            path = folder / f"{name}.png"
+            figure.savefig(path, dpi=110)
+            made.append(str(path))
+    except OSError as error:
+        raise UsageError(f"the pictures cannot be written into {folder}: {error.strerror}") from error
+    return made
