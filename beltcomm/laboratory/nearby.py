@@ -77,7 +77,8 @@ class Nearby:
             square = weighted[:, own].T @ columns[:, own]
             left = square - shared[:, own].T @ self.inverse @ shared[:, own]
             if np.all(np.isfinite(left)) and np.all(np.diag(left) > IMITATED * np.diag(square)) and np.all(np.diag(square) > 0.0):
-                amounts = -np.linalg.solve(left, slope[own])
+                # Sine and cosine of an order may look alike where the axis hardly turns.
+                amounts = -np.linalg.pinv(left, rcond=1e-12, hermitian=True) @ slope[own]
                 if signed or group > 1 or amounts[0] > 0.0:
                     drops[g] = -float(amounts @ slope[own])
         return drops

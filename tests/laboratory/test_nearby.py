@@ -1,0 +1,49 @@
+"""Screening beside a fitted model: against plain least squares, and with columns that cannot be told apart."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import cast
+
+import numpy as np
+import pytest
+
+from beltcomm.identify.problem import Problem
+from beltcomm.laboratory.nearby import Nearby
+
+SAMPLES, BLOCKS = 4000, 20
+
+
+def beside(seed: int) -> tuple[Nearby, np.ndarray, np.ndarray]:
+    """A fit of two columns to loud noise, all blocks alike: then O is N (1 + ln(rest²/N))."""
+    rng = np.random.default_rng(seed)
+    known = rng.normal(size=(SAMPLES, 2))
+    residual = 3.0 * rng.normal(size=SAMPLES)
+    residual -= known @ np.linalg.lstsq(known, residual, rcond=None)[0]
+    blocks = np.repeat(np.arange(BLOCKS), SAMPLES // BLOCKS)
+    problem = SimpleNamespace(
+        jacobian=lambda _x: known, low=np.full(2, -9.0), high=np.full(2, 9.0), blocks=blocks, count=np.bincount(blocks).astype(float)
+    )
+    return Nearby(cast("Problem", problem), np.zeros(2), residual), known, residual
+
+
+def test_a_pair_of_columns_promises_what_least_squares_says() -> None:
+    near, known, residual = beside(1)
+    pair = np.random.default_rng(2).normal(size=(SAMPLES, 2)) + 0.02 * residual[:, None]
+    weights = np.repeat(1.0 / np.maximum([np.mean(r**2) for r in residual.reshape(BLOCKS, -1)], 1.0), SAMPLES // BLOCKS)
+    root = np.sqrt(weights)[:, None]
+    both = np.column_stack((known, pair)) * root
+    wanted = residual * root[:, 0]
+    left = [np.sum((wanted - c @ np.linalg.lstsq(c, wanted, rcond=None)[0]) ** 2) for c in (known * root, both)]
+    assert near.screened(pair, 2, True)[0] == pytest.approx(left[0] - left[1], rel=1e-6)
+
+
+@pytest.mark.parametrize("factor", [1.0, -2.0, 0.0])
+def test_a_pair_that_looks_alike_promises_what_one_does(factor: float) -> None:
+    """Sine and cosine of an order on an axis that hardly turns; a cosine that is not there promises nothing."""
+    near, _, residual = beside(1)
+    one = np.random.default_rng(3).normal(size=SAMPLES) + 0.02 * residual
+    alone = near.screened(one[:, None], 1, True)[0]
+    together = near.screened(np.stack([one, factor * one], axis=1), 2, True)[0]
+    assert alone > 1.0
+    assert together == pytest.approx(alone if factor else 0.0, rel=1e-6)
