@@ -35,7 +35,8 @@ def test_a_pair_of_columns_promises_what_least_squares_says() -> None:
     both = np.column_stack((known, pair)) * root
     wanted = residual * root[:, 0]
     left = [np.sum((wanted - c @ np.linalg.lstsq(c, wanted, rcond=None)[0]) ** 2) for c in (known * root, both)]
-    assert near.screened(pair, 2, True)[0] == pytest.approx(left[0] - left[1], rel=1e-6)
+    # Its weights are those of the blocks after a reweighting, which ends when it gains less than 0.05 nats: a share of 0.05/N of O.
+    assert near.screened(pair, 2, True)[0] == pytest.approx(left[0] - left[1], rel=1e-3)
 
 
 @pytest.mark.parametrize("factor", [1.0, -2.0, 0.0])
