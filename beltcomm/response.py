@@ -139,28 +139,8 @@ def estimate_response(
     Raises DataError when arrays do not match, fewer than two whole periods are left or no line is excited.
     Source: thesis (3.7) to (3.15), 3.4; Pintelon, Schoukens, System Identification (2012), section 2.4.
     """
-    angle, drive = _on_grid(torque, position, sample_period_s, t_s)
-    if period_samples < 4 or first_sample < 0:
-        raise DataError(f"a period of {period_samples} samples from sample {first_sample} on is no periodic excitation")
-    speed = np.concatenate(([np.nan], np.diff(angle)))
-    n_whole = max(0, (len(drive) - first_sample) // period_samples)
-    stop = first_sample + n_whole * period_samples
-    torque_periods = drive[first_sample:stop].reshape(n_whole, period_samples)
-    speed_periods = speed[first_sample:stop].reshape(n_whole, period_samples)
-    whole = np.isfinite(torque_periods).all(axis=1) & np.isfinite(speed_periods).all(axis=1)
-    n_used = int(whole.sum())
-    if n_used < 2:
-        raise DataError(
-            f"{n_used} whole period(s) of {period_samples} samples after sample {first_sample} ({n_whole - n_used} with "
-            f"lost samples), at least 2 are needed for a noise level; repeat the record with {2 - n_used} more"
-        )
-    remarks = []
-    if n_used < n_whole:
-        remarks.append(f"{n_whole - n_used} of {n_whole} periods left out because samples were lost in them")
-
-    freq_hz = np.fft.rfftfreq(period_samples, sample_period_s)[1:]
-    u = np.fft.rfft(torque_periods[whole], axis=1)[:, 1:]
-    w = np.fft.rfft(speed_periods[whole], axis=1)[:, 1:]
+    freq_hz, u, w, remarks = period_spectra(torque, position, sample_period_s, period_samples, first_sample, t_s=t_s)
+    n_used = len(u)
     u_mean, w_mean = u.mean(axis=0), w.mean(axis=0)
     u_std = np.sqrt(np.sum(np.abs(u - u_mean) ** 2, axis=0) / (n_used - 1) / n_used)
     strength = np.abs(u_mean)
@@ -190,6 +170,42 @@ def estimate_response(
         sample_period_s=sample_period_s,
         remarks=tuple(remarks),
     )
+
+
+def period_spectra(
+    torque: Array,
+    position: Array,
+    sample_period_s: float,
+    period_samples: int,
+    first_sample: int,
+    *,
+    t_s: Array | None = None,
+) -> tuple[Array, ComplexArray, ComplexArray, list[str]]:
+    """Spectra of torque and speed of every whole period: frequencies (k,), Hz, û_p and ŵ_p (periods, k), and what was left out.
+
+    Arguments and errors as for :func:`estimate_response`.
+    """
+    angle, drive = _on_grid(torque, position, sample_period_s, t_s)
+    if period_samples < 4 or first_sample < 0:
+        raise DataError(f"a period of {period_samples} samples from sample {first_sample} on is no periodic excitation")
+    speed = np.concatenate(([np.nan], np.diff(angle)))
+    n_whole = max(0, (len(drive) - first_sample) // period_samples)
+    stop = first_sample + n_whole * period_samples
+    torque_periods = drive[first_sample:stop].reshape(n_whole, period_samples)
+    speed_periods = speed[first_sample:stop].reshape(n_whole, period_samples)
+    whole = np.isfinite(torque_periods).all(axis=1) & np.isfinite(speed_periods).all(axis=1)
+    n_used = int(whole.sum())
+    if n_used < 2:
+        raise DataError(
+            f"{n_used} whole period(s) of {period_samples} samples after sample {first_sample} ({n_whole - n_used} with "
+            f"lost samples), at least 2 are needed for a noise level; repeat the record with {2 - n_used} more"
+        )
+    remarks = []
+    if n_used < n_whole:
+        remarks.append(f"{n_whole - n_used} of {n_whole} periods left out because samples were lost in them")
+
+    freq_hz = np.asarray(np.fft.rfftfreq(period_samples, sample_period_s)[1:], dtype=np.float64)
+    return freq_hz, np.fft.rfft(torque_periods[whole], axis=1)[:, 1:], np.fft.rfft(speed_periods[whole], axis=1)[:, 1:], remarks
 
 
 def log_spaced_lines(freq_hz: Array, n_lines: int, lowest_hz: float, highest_hz: float) -> NDArray[np.intp]:

@@ -1,21 +1,25 @@
-"""Torque signals that make an axis show its frequency response.
-
-An :class:`Excitation` is a finished torque record: rest, run-in, measured periods, rest.  Each kind of signal is one
-function that returns one.  All torques at the motor shaft.
-"""
+"""Pseudorandom binary torque (3.1) to (3.6), and which one shows a band of frequencies in a given time."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import floor
 
 import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.errors import Refused, UsageError
-
-Array = NDArray[np.float64]
+from beltcomm.excitation.record import (
+    FEWEST_REPEATS,
+    LOWEST_OVER_LINE,
+    NYQUIST_OVER_HIGHEST,
+    REST_AFTER_S,
+    REST_BEFORE_S,
+    WIDEST_LINE_SPACING_HZ,
+    Excitation,
+    finished,
+)
 
 #: Delays i with a_i = 1 in (3.2) that give the longest sequence, by order: one primitive polynomial over GF(2) each.
 #: Source: P. Alfke, Xilinx application note XAPP 052 (1996), table 3.
@@ -39,51 +43,8 @@ MAXIMAL_TAPS: Mapping[int, tuple[int, ...]] = {
 #: Spectrum zero (3.5) over highest frequency to be seen.  The lines have half their power at 0.443 of the zero
 #: (sinc² x = 1/2), and half an octave above a resonance is needed for its upper flank: 2^(1/2) / 0.443.
 ZERO_OVER_HIGHEST = 3.2
-#: Half the sampling frequency over highest frequency to be seen: the upper flank of a resonance belongs to it.
-NYQUIST_OVER_HIGHEST = 1.1
-#: Lowest frequency to be seen over lowest line (3.6), so that the rigid slope below an antiresonance is seen too.
-LOWEST_OVER_LINE = 10.0
-#: "these frequencies start in the range of one" hertz (3.1): the lines lie at least this close, Hz.
-WIDEST_LINE_SPACING_HZ = 1.0
-#: Measured periods without which the scatter between periods, and so the noise level, means little.
-FEWEST_REPEATS = 3
-#: Rest before and after the motion: effects-and-diagnosis.md, 3.
-REST_BEFORE_S = 0.25
-REST_AFTER_S = 0.45
 #: Order of the short excitations with which the amplitude rises.
 SHORT_ORDER = 9
-
-
-@dataclass(frozen=True, eq=False)
-class Excitation:
-    """One torque record that starts and ends at rest; ``torque[n]`` acts from sample n to n + 1.
-
-    kind : "prbs", the only one so far.     torque : ndarray (n,), N m, motor shaft, read-only.
-    period_samples : samples of one period.     repeats : measured periods, the run-in not counted.
-    amplitude_nm : N m, largest absolute torque.     sample_period_s : s.
-    first_sample : index where the first measured period begins.
-    band_hz : lowest and highest excited frequency, Hz.     parameters : what the signal was made from, by name.
-    """
-
-    kind: str
-    torque: Array
-    period_samples: int
-    repeats: int
-    amplitude_nm: float
-    sample_period_s: float
-    first_sample: int
-    band_hz: tuple[float, float]
-    parameters: Mapping[str, float] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        torque = np.array(self.torque, dtype=np.float64)
-        torque.setflags(write=False)
-        object.__setattr__(self, "torque", torque)
-
-    @property
-    def duration_s(self) -> float:
-        """Length of the whole record with rest and run-in, s."""
-        return len(self.torque) * self.sample_period_s
 
 
 @dataclass(frozen=True)
@@ -94,6 +55,10 @@ class PrbsChoice:
     clock: int
     repeats: int
     reason: str
+
+    def excitation(self, amplitude_nm: float, sample_period_s: float, *, torque_step_nm: float = 0.0) -> Excitation:
+        """The record with ±amplitude, N m, about its mean."""
+        return prbs(self.order, self.clock, 2.0 * amplitude_nm, sample_period_s, self.repeats, torque_step_nm=torque_step_nm)
 
 
 def prbs_bits(order: int) -> NDArray[np.int8]:
@@ -125,64 +90,26 @@ def prbs(
 
     u((P k + i) T_s) = A (s(k) - 1/2) - A / (2 M),   i = 0 ... P - 1,   M = 2^n - 1
 
-    The second term takes away the mean of (3.4); without it the cart drifts in open loop.  The sequence is rotated so that
-    its integral, the momentum, starts as near as a sample allows to its own mean; one sample before the run-in brings in the
-    rest and one after the last period takes it out again.  So a frictionless rigid axis has no mean speed in any
-    period and ends at rest, and the belt alone decides how long the run-in must be.
+    The second term takes away the mean of (3.4); see :func:`beltcomm.excitation.record.finished` for drift, start and rounding.
 
     order : n, 3 to 16.     clock : P, samples per bit.     peak_to_peak_nm : A of (3.4), N m, motor shaft: the thesis's
     0.3 N m is ±0.15 N m.     sample_period_s : T_s, s.     repeats : measured periods.
-    run_in_periods : periods before ``first_sample``.     torque_step_nm : N m, resolution of the drive's torque
-    setpoint, 0 for none.  The momentum is rounded instead of the torque, because the mean taken away is smaller than
-    a step and would be lost: the torque then has at most one step more than asked for.
+    run_in_periods : periods before ``first_sample``.     torque_step_nm : N m, resolution of the drive's torque setpoint, 0 for none.
     Raises UsageError for values that are no PRBS.     Source: thesis (3.1) to (3.6); thesis.md, erratum 10.
     """
-    if clock < 1 or repeats < 1 or run_in_periods < 0:
-        raise UsageError(
-            f"clock {clock}, {repeats} measured and {run_in_periods} run-in periods: clock and measured periods must be "
-            "at least 1, run-in periods at least 0"
-        )
-    if not peak_to_peak_nm > 0 or not sample_period_s > 0 or torque_step_nm < 0:
-        raise UsageError(
-            f"peak to peak {peak_to_peak_nm} N m, sample period {sample_period_s} s, torque step {torque_step_nm} N m: "
-            "the first two must be positive, the step not negative"
-        )
-    if torque_step_nm > peak_to_peak_nm / 2:
-        raise UsageError(
-            f"the amplitude ±{peak_to_peak_nm / 2:.4g} N m is below one torque step of the drive, {torque_step_nm:.4g} N m; "
-            f"ask for at least {2 * torque_step_nm:.4g} N m from peak to peak"
-        )
-    period = np.repeat(peak_to_peak_nm * (prbs_bits(order) - 0.5), clock)
-    period -= period.mean()
-    period, start = _rotated_to_mean_momentum(period)
-    if torque_step_nm > 0:
-        period, start = _in_steps(period, start, torque_step_nm)
-    torque = np.concatenate(
-        (
-            np.zeros(round(REST_BEFORE_S / sample_period_s)),
-            [start],
-            np.tile(period, run_in_periods + repeats),
-            [-start],
-            np.zeros(round(REST_AFTER_S / sample_period_s)),
-        )
-    )
-    n_period = len(period)
-    return Excitation(
-        kind="prbs",
-        torque=torque,
-        period_samples=n_period,
-        repeats=repeats,
-        amplitude_nm=float(np.max(np.abs(torque))),
-        sample_period_s=sample_period_s,
-        first_sample=round(REST_BEFORE_S / sample_period_s) + 1 + run_in_periods * n_period,
-        band_hz=prbs_band(order, clock, sample_period_s),
-        parameters={
-            "order": order,
-            "clock": clock,
-            "peak_to_peak_nm": peak_to_peak_nm,
-            "run_in_periods": run_in_periods,
-            "torque_step_nm": torque_step_nm,
-        },
+    if clock < 1:
+        raise UsageError(f"clock {clock}: a bit must last at least 1 sample")
+    if not peak_to_peak_nm > 0 or not sample_period_s > 0:
+        raise UsageError(f"peak to peak {peak_to_peak_nm} N m, sample period {sample_period_s} s: both must be positive")
+    return finished(
+        "prbs",
+        np.repeat(peak_to_peak_nm * (prbs_bits(order) - 0.5), clock),
+        repeats,
+        sample_period_s,
+        prbs_band(order, clock, sample_period_s),
+        {"order": order, "clock": clock, "peak_to_peak_nm": peak_to_peak_nm},
+        run_in_periods=run_in_periods,
+        torque_step_nm=torque_step_nm,
     )
 
 
@@ -256,19 +183,3 @@ def choose_prbs(sample_period_s: float, lowest_hz: float, highest_hz: float, dur
 def _smallest_order(clock: int, spacing_hz: float, sample_period_s: float) -> int | None:
     """The smallest order with lines no further apart than ``spacing_hz``; None when there is none."""
     return min((n for n in MAXIMAL_TAPS if prbs_band(n, clock, sample_period_s)[0] <= spacing_hz), default=None)
-
-
-def _rotated_to_mean_momentum(period: Array) -> tuple[Array, float]:
-    """The period begun where its running sum is nearest to the sum's mean, and the torque of one sample still missing."""
-    momentum = np.concatenate(([0.0], np.cumsum(period)[:-1]))
-    above_mean = momentum - momentum.mean()
-    start = int(np.argmin(np.abs(above_mean)))
-    return np.roll(period, -start), float(above_mean[start])
-
-
-def _in_steps(period: Array, start: float, step_nm: float) -> tuple[Array, float]:
-    """Period and lead-in in whole steps; their running sum never leaves the exact one by more than half a step."""
-    # The sum of a period is zero, so it ends on the level it began with: said here and not left to rounding.
-    momentum = np.concatenate(([start], start + np.cumsum(period)[:-1], [start]))
-    levels = np.rint(momentum / step_nm) * step_nm
-    return np.diff(levels), float(levels[0])

@@ -1,0 +1,83 @@
+"""What an axis answers on lines that a multisine leaves out: nonlinearity by kind, apart from noise."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltcomm.errors import DataError
+from beltcomm.response import LEAST_EXCITATION, period_spectra
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Silent:
+    """Answer on silent lines of one kind.
+
+    freq_hz : (k,), Hz.   level : (k,), |speed| over the torque of an excited line, rad/s/(N m), noise taken off.   noise : the same of the
+    noise, standard deviation of the mean over the periods.
+    """
+
+    freq_hz: Array
+    level: Array
+    noise: Array
+
+    def rms(self, low_hz: float, high_hz: float) -> float:
+        """Root mean square of the level within a band; nan without lines there."""
+        here = (self.freq_hz >= low_hz) & (self.freq_hz <= high_hz)
+        return float(np.sqrt(np.mean(self.level[here] ** 2))) if here.any() else float("nan")
+
+
+@dataclass(frozen=True, eq=False)
+class Distortion:
+    """Linear answer on the excited lines, and what the silent ones show.
+
+    freq_hz, speed : (k,), Hz, |G_ω| in rad/s/(N m).   noise : of it.   odd, even : silent lines.
+    """
+
+    freq_hz: Array
+    speed: Array
+    noise: Array
+    odd: Silent
+    even: Silent
+
+
+def distortion(
+    torque: Array, position: Array, sample_period_s: float, period_samples: int, first_sample: int, *, t_s: Array | None = None
+) -> Distortion:
+    """Split the answer to a multisine on odd lines into linear part, odd and even nonlinearity, and noise.
+
+    On a silent line k:  ŵ_k - G_k û_k,  G_k between its excited neighbours, û_k what rounding of the setpoint leaves there;
+    |level|² = |mean|² - noise²,  not below 0;  noise² = scatter between the periods over their number.
+
+    Arguments as for :func:`beltcomm.response.estimate_response`.   Raises DataError as it does, and where even lines are excited.
+    Source: Pintelon, Schoukens, System Identification (2012), section 4.3.
+    """
+    freq_hz, u, w, _ = period_spectra(torque, position, sample_period_s, period_samples, first_sample, t_s=t_s)
+    u_mean, w_mean = u.mean(axis=0), w.mean(axis=0)
+    strength = np.abs(u_mean)
+    excited = strength >= LEAST_EXCITATION * strength.max()
+    number = np.arange(1, len(freq_hz) + 1)
+    if np.any(excited & (number % 2 == 0)):
+        raise DataError(
+            f"{int(np.sum(excited & (number % 2 == 0)))} even lines are excited; only a multisine on odd lines separates nonlinearity from "
+            "noise: record with --excitation multisine"
+        )
+    typical = float(np.sqrt(np.mean(strength[excited] ** 2)))
+    linear = w_mean[excited] / u_mean[excited]
+    where = number[excited].astype(np.float64)
+    between = np.interp(number, where, linear.real) + 1j * np.interp(number, where, linear.imag)
+    left = w - between * u
+    mean = left.mean(axis=0)
+    noise = np.sqrt(np.sum(np.abs(left - mean) ** 2, axis=0) / (len(u) - 1) / len(u))
+    inside = ~excited & (number > where[0]) & (number < where[-1])
+
+    def silent(parity: int) -> Silent:
+        here = inside & (number % 2 == parity)
+        level = np.sqrt(np.maximum(np.abs(mean[here]) ** 2 - noise[here] ** 2, 0.0))
+        return Silent(freq_hz[here], level / typical, noise[here] / typical)
+
+    return Distortion(freq_hz[excited], np.abs(linear), noise[excited] / strength[excited], silent(1), silent(0))

@@ -1,0 +1,30 @@
+"""Torque signals that make an axis show its frequency response.   One file per kind; all torques at the motor shaft."""
+
+from beltcomm.excitation.binary import MAXIMAL_TAPS, SHORT_ORDER, PrbsChoice, choose_prbs, prbs, prbs_band, prbs_bits
+from beltcomm.excitation.choice import KINDS, Choice, ExcitationKind, choose
+from beltcomm.excitation.random_binary import GprbsChoice, gprbs
+from beltcomm.excitation.record import Excitation
+from beltcomm.excitation.sines import MultisineChoice, detection_lines, multisine
+from beltcomm.excitation.sweep import ChirpChoice, chirp
+
+__all__ = [
+    "KINDS",
+    "MAXIMAL_TAPS",
+    "SHORT_ORDER",
+    "ChirpChoice",
+    "Choice",
+    "Excitation",
+    "ExcitationKind",
+    "GprbsChoice",
+    "MultisineChoice",
+    "PrbsChoice",
+    "chirp",
+    "choose",
+    "choose_prbs",
+    "detection_lines",
+    "gprbs",
+    "multisine",
+    "prbs",
+    "prbs_band",
+    "prbs_bits",
+]

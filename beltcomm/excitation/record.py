@@ -1,0 +1,143 @@
+"""A finished torque record from one period of a signal: rest, run-in, measured periods, rest, and no drift of a free axis."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltcomm.errors import UsageError
+
+Array = NDArray[np.float64]
+
+#: Rest before and after the motion: effects-and-diagnosis.md, 3.
+REST_BEFORE_S = 0.25
+REST_AFTER_S = 0.45
+#: Lowest frequency to be seen over lowest line (3.6), so that the rigid slope below an antiresonance is seen too.
+LOWEST_OVER_LINE = 10.0
+#: "these frequencies start in the range of one" hertz (3.1): the lines lie at least this close, Hz.
+WIDEST_LINE_SPACING_HZ = 1.0
+#: Measured periods without which the scatter between periods, and so the noise level, means little.
+FEWEST_REPEATS = 3
+#: Half the sampling frequency over highest frequency to be seen: the upper flank of a resonance belongs to it.
+NYQUIST_OVER_HIGHEST = 1.1
+
+
+@dataclass(frozen=True, eq=False)
+class Excitation:
+    """One torque record that starts and ends at rest; ``torque[n]`` acts from sample n to n + 1.
+
+    kind : "prbs", "gprbs", "chirp" or "multisine".     torque : ndarray (n,), N m, motor shaft, read-only.
+    period_samples : samples of one period.     repeats : measured periods, the run-in not counted.
+    amplitude_nm : N m, largest absolute torque.     sample_period_s : s.
+    first_sample : index where the first measured period begins.
+    band_hz : lowest and highest excited frequency, Hz.     parameters : what the signal was made from, by name.
+    lines : numbers of the lines that are excited on purpose, 1 is 1/period; () for all within the band.
+    """
+
+    kind: str
+    torque: Array
+    period_samples: int
+    repeats: int
+    amplitude_nm: float
+    sample_period_s: float
+    first_sample: int
+    band_hz: tuple[float, float]
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    lines: tuple[int, ...] = ()
+
+    def __post_init__(self) -> None:
+        torque = np.array(self.torque, dtype=np.float64)
+        torque.setflags(write=False)
+        object.__setattr__(self, "torque", torque)
+
+    @property
+    def duration_s(self) -> float:
+        """Length of the whole record with rest and run-in, s."""
+        return len(self.torque) * self.sample_period_s
+
+    @property
+    def period(self) -> Array:
+        """The torque of one measured period, (period_samples,), N m."""
+        return self.torque[self.first_sample : self.first_sample + self.period_samples]
+
+    @property
+    def crest_factor(self) -> float:
+        """Largest over effective torque of a period; 1 for a binary signal."""
+        return float(np.max(np.abs(self.period)) / np.sqrt(np.mean(self.period**2)))
+
+
+def finished(
+    kind: str,
+    period: Array,
+    repeats: int,
+    sample_period_s: float,
+    band_hz: tuple[float, float],
+    parameters: Mapping[str, float],
+    *,
+    run_in_periods: int = 1,
+    torque_step_nm: float = 0.0,
+    lines: tuple[int, ...] = (),
+) -> Excitation:
+    """The record of a periodic torque that leaves a free axis where it was.
+
+    The mean is taken away; without that the cart drifts in open loop.  The period is rotated so that its integral, the momentum,
+    starts as near as a sample allows to its own mean; one sample before the run-in brings in the rest and one after the last period
+    takes it out again.  So a frictionless rigid axis has no mean speed in any period and ends at rest, and the belt alone decides how
+    long the run-in must be.
+
+    period : ndarray (n,), N m.     torque_step_nm : N m, resolution of the drive's torque setpoint, 0 for none.  The momentum is rounded
+    instead of the torque, because what is taken away as mean is smaller than a step and would be lost: the torque then has at most one
+    step more than asked for.     Raises UsageError for values that are no signal.     Source: thesis.md, erratum 10.
+    """
+    if repeats < 1 or run_in_periods < 0:
+        raise UsageError(
+            f"{repeats} measured and {run_in_periods} run-in periods: measured periods must be at least 1, run-in periods at least 0"
+        )
+    peak_to_peak = float(np.ptp(period))
+    if not peak_to_peak > 0 or not sample_period_s > 0 or torque_step_nm < 0:
+        raise UsageError(
+            f"peak to peak {peak_to_peak} N m, sample period {sample_period_s} s, torque step {torque_step_nm} N m: "
+            "the first two must be positive, the step not negative"
+        )
+    if torque_step_nm > peak_to_peak / 2:
+        raise UsageError(
+            f"the amplitude ±{peak_to_peak / 2:.4g} N m is below one torque step of the drive, {torque_step_nm:.4g} N m; "
+            f"ask for at least {2 * torque_step_nm:.4g} N m from peak to peak"
+        )
+    period, start = _rotated_to_mean_momentum(period - period.mean())
+    if torque_step_nm > 0:
+        period, start = _in_steps(period, start, torque_step_nm)
+    rest = round(REST_BEFORE_S / sample_period_s)
+    after = np.zeros(round(REST_AFTER_S / sample_period_s))
+    torque = np.concatenate((np.zeros(rest), [start], np.tile(period, run_in_periods + repeats), [-start], after))
+    return Excitation(
+        kind=kind,
+        torque=torque,
+        period_samples=len(period),
+        repeats=repeats,
+        amplitude_nm=float(np.max(np.abs(torque))),
+        sample_period_s=sample_period_s,
+        first_sample=rest + 1 + run_in_periods * len(period),
+        band_hz=band_hz,
+        parameters={**parameters, "run_in_periods": run_in_periods, "torque_step_nm": torque_step_nm},
+        lines=lines,
+    )
+
+
+def _rotated_to_mean_momentum(period: Array) -> tuple[Array, float]:
+    """The period begun where its running sum is nearest to the sum's mean, and the torque of one sample still missing."""
+    momentum = np.concatenate(([0.0], np.cumsum(period)[:-1]))
+    above_mean = momentum - momentum.mean()
+    start = int(np.argmin(np.abs(above_mean)))
+    return np.roll(period, -start), float(above_mean[start])
+
+
+def _in_steps(period: Array, start: float, step_nm: float) -> tuple[Array, float]:
+    """Period and lead-in in whole steps; their running sum never leaves the exact one by more than half a step."""
+    # The sum of a period is zero, so it ends on the level it began with: said here and not left to rounding.
+    momentum = np.concatenate(([start], start + np.cumsum(period)[:-1], [start]))
+    levels = np.rint(momentum / step_nm) * step_nm
+    return np.diff(levels), float(levels[0])

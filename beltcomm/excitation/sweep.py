@@ -1,0 +1,78 @@
+"""Chirp: a sine whose frequency rises, faded in and out by a trapezoid."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from scipy.signal import chirp as swept
+
+from beltcomm.errors import UsageError
+from beltcomm.excitation.record import Excitation, finished
+
+#: Share of a period over which the trapezoid rises, and falls.
+FADE = 0.05
+
+
+@dataclass(frozen=True)
+class ChirpChoice:
+    """Period, band and number of measured periods of a chirp, and in words why these."""
+
+    period_samples: int
+    band_hz: tuple[float, float]
+    repeats: int
+    reason: str
+
+    def excitation(self, amplitude_nm: float, sample_period_s: float, *, torque_step_nm: float = 0.0) -> Excitation:
+        """The record with this amplitude, N m."""
+        return chirp(self.period_samples, *self.band_hz, amplitude_nm, sample_period_s, self.repeats, torque_step_nm=torque_step_nm)
+
+
+def chirp(
+    period_samples: int,
+    lowest_hz: float,
+    highest_hz: float,
+    amplitude_nm: float,
+    sample_period_s: float,
+    repeats: int,
+    *,
+    spacing: Literal["logarithmic", "linear"] = "logarithmic",
+    fade: float = FADE,
+    run_in_periods: int = 1,
+    torque_step_nm: float = 0.0,
+) -> Excitation:
+    """Sine from the lowest to the highest frequency under a trapezoidal window, repeated.
+
+    u(t) = A w(t/t_1) sin φ(t), less its mean,   φ' = 2π f_1 (f_2/f_1)^(t/t_1)  (logarithmic)  or  2π (f_1 + (f_2 - f_1) t/t_1)  (linear)
+
+    w rises from 0 to 1 over the share ``fade`` of the period t_1, and falls so at its end.   It is begun within the period where the
+    carriage then stays about its place (:func:`beltcomm.excitation.record.finished`).
+    amplitude_nm : largest torque, N m, motor shaft.   Others as for :func:`beltcomm.excitation.prbs`.
+    Raises UsageError for values that are no chirp.     Source: thesis 3.1.
+    """
+    period_s = period_samples * sample_period_s
+    if not (sample_period_s > 0 and amplitude_nm > 0 and 0.0 <= fade <= 0.5):
+        raise UsageError(
+            f"amplitude {amplitude_nm} N m, sample period {sample_period_s} s, fade {fade}: the first two must be positive, the last "
+            "between 0 and 0.5"
+        )
+    if not 1.0 / period_s <= lowest_hz < highest_hz < 0.5 / sample_period_s:
+        raise UsageError(
+            f"a chirp from {lowest_hz:.4g} to {highest_hz:.4g} Hz does not fit: it must lie between {1.0 / period_s:.4g} Hz, one period, "
+            f"and {0.5 / sample_period_s:.4g} Hz, half the sampling frequency"
+        )
+    t_s = sample_period_s * (np.arange(period_samples) + 0.5)  # a held torque stands for the middle of its sample
+    window = np.interp(t_s / period_s, (0.0, fade, 1.0 - fade, 1.0), (0.0, 1.0, 1.0, 0.0)) if fade else np.ones(period_samples)
+    sine = np.asarray(swept(t_s, lowest_hz, period_s, highest_hz, method=spacing, phi=-90.0))
+    period = window * sine - np.mean(window * sine)
+    return finished(
+        "chirp",
+        amplitude_nm / float(np.max(np.abs(period))) * period,
+        repeats,
+        sample_period_s,
+        (lowest_hz, highest_hz),
+        {"amplitude_nm": amplitude_nm, "fade": fade},
+        run_in_periods=run_in_periods,
+        torque_step_nm=torque_step_nm,
+    )
