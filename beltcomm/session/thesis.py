@@ -25,7 +25,9 @@ class Topic:
 
 
 #: Topics in the order of the source.
-TOPICS: Mapping[str, Topic] = {}
+TOPICS: Mapping[str, Topic] = {
+    "excitations": Topic("PRBS, generalised PRBS, chirp and multisine at equal machine time", "thesis 3.1"),
+}
 
 
 def thesis(topic: str | None = None, *, pictures: Path | None = None, command: str = "") -> Result:
