@@ -26,6 +26,7 @@ class Topic:
 
 #: Topics in the order of the source.
 TOPICS: Mapping[str, Topic] = {
+    "identification": Topic("open loop, direct and indirect closed loop, speed setpoint; dead time; averaging", "thesis 3.3, 3.4"),
     "excitations": Topic("PRBS, generalised PRBS, chirp and multisine at equal machine time", "thesis 3.1"),
 }
 
