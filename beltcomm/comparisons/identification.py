@@ -258,7 +258,7 @@ def lines(study: Study) -> list[str]:
         "Standing, Coulomb friction is taken for damping (thesis.md 2.7); moving, where the motor never reverses, it is not: what is left "
         "is the belt's own damping, which (2.42) does not have.",
         "Indirect against direct (3.4): the thesis saw a bias of the indirect gain at low frequency, and with it of mass and damping.  It "
-        "comes with a controller that is not exactly known, ΔG/G = -G C ΔC/C: nothing in a weak loop, much below the crossover of a strong one; "
-        "with the loop as it runs there is none.",
+        "comes with a controller that is not exactly known, ΔG/G = -G C ΔC/C: nothing in a weak loop, much below the crossover of a "
+        "strong one; with the loop as it runs there is none.",
     ]
     return said
