@@ -21,7 +21,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
@@ -32,6 +31,8 @@ PHASES = 7
 #: In units in which the motion is about 1 long: how far a rounded solution may miss an end state or exceed a bound, or a duration may lie
 #: below zero; and the imaginary part of a root that may belong to a real double root.
 MISS, BEYOND, IMAGINARY = 1e-11, 1e-10, 1e-3
+#: Share of the longest duration by which a rounded root may make another one negative.
+HOPELESS = 1e-2
 #: Steps that refine a root of a polynomial; each doubles the digits, at a double root it adds one bit.
 REFINEMENTS = 40
 #: Constant speeds between which :func:`lasting` looks for the one that it needs.
@@ -114,10 +115,12 @@ def fastest(task: Task) -> tuple[Array, Array] | None:
     return best[0] * time, best[1] * max(task.rise, task.fall)  # the unit of the jerk is the larger one
 
 
-def to_speed(task: Task, speed: float) -> tuple[list[float], list[float]]:
-    """Fastest way from (v0, a0) of the task to (speed, 0): three durations and three jerks."""
-    away = 0.5 * task.a0 * abs(task.a0) / (task.fall if task.a0 > 0.0 else task.rise)
-    up = speed >= task.v0 + away
+def to_speed(task: Task, speed: float, *, top: bool = False) -> tuple[list[float], list[float]]:
+    """Fastest way from (v0, a0) of the task to (speed, 0): three durations and three jerks.
+
+    top : the speed is the upper bound, so that rounding cannot make it lower than where the acceleration comes to zero.
+    """
+    up = top or speed >= task.v0 + 0.5 * task.a0 * abs(task.a0) / (task.fall if task.a0 > 0.0 else task.rise)
     first, second = (task.rise, task.fall) if up else (task.fall, task.rise)
     most = task.a_high if up else -task.a_low
     sign = 1.0 if up else -1.0
@@ -128,10 +131,10 @@ def to_speed(task: Task, speed: float) -> tuple[list[float], list[float]]:
     return [(peak - a0) / first, max(held, 0.0), peak / second], [sign * first, 0.0, -sign * second]
 
 
-def from_speed(task: Task, speed: float) -> tuple[list[float], list[float]]:
+def from_speed(task: Task, speed: float, *, top: bool = False) -> tuple[list[float], list[float]]:
     """Fastest way from (speed, 0) to (v1, a1) of the task: the way there with time running backwards."""
     back = Task(0.0, task.v1, -task.a1, 0.0, 0.0, task.v_low, task.v_high, -task.a_high, -task.a_low, task.rise, task.fall)
-    durations, jerks = to_speed(back, speed)
+    durations, jerks = to_speed(back, speed, top=top)
     return durations[::-1], jerks[::-1]
 
 
@@ -177,6 +180,8 @@ def _solutions(task: Task) -> Iterator[Array]:
     jerks = _jerks(task)
     begin, end = np.array([0.0, task.v0, task.a0]), np.array([task.distance, task.v1, task.a1])
     for durations, free in _guesses(task):
+        if durations.min() < -HOPELESS * durations.max():
+            continue
         refined = _refined(begin, end, jerks, durations, free)
         if refined is None or refined.min() < -BEYOND:
             continue
@@ -190,56 +195,71 @@ def _solutions(task: Task) -> Iterator[Array]:
 
 def _guesses(task: Task) -> Iterator[tuple[Array, list[int]]]:
     """Durations and which of them are free, by case; all of the fall from the first to the last extreme acceleration stands in phase 3."""
-    v0, a0, v1, a1, rise, fall = task.v0, task.a0, task.v1, task.a1, task.rise, task.fall
-    both = 0.5 / rise + 0.5 / fall
-    gain = v1 - v0 + 0.5 * (a0 * a0 - a1 * a1) / rise  # = both (peak^2 - dip^2) + peak t2 + dip t6
-    x, most, least = Polynomial([0.0, 1.0]), task.a_high, task.a_low
-
-    def cases() -> Iterator[tuple[Polynomial, Sequence[Polynomial | float], list[int], bool]]:
-        """Unknown as a polynomial in x, durations of phases 1, 2, 3, 6, 7, which are free, and whether all is scaled by powers of x."""
-        # peak - dip = x, peak + dip = c/x
-        c = gain / both
-        peak, dip = 0.5 * (x * x + c), 0.5 * (c - x * x)
-        yield x, ((peak - a0 * x) / rise, 0.0, x * x / fall, 0.0, (a1 * x - dip) / rise), [0, 2, 6], True
-        # peak at its bound, dip = x
-        held = (gain - both * (most**2 - x * x)) / most
-        yield x, ((most - a0) / rise, held, (most - x) / fall, 0.0, (a1 - x) / rise), [1, 2, 6], False
-        # dip at its bound, peak = x
-        held = (gain - both * (x * x - least**2)) / least
-        yield x, ((x - a0) / rise, 0.0, (x - least) / fall, held, (a1 - least) / rise), [0, 2, 5], False
-        # both at their bounds, x = t2
-        held = (gain - both * (most**2 - least**2) - most * x) / least
-        yield x, ((most - a0) / rise, x, (most - least) / fall, held, (a1 - least) / rise), [1, 5], False
-
-    for _, (t1, t2, t3, t6, t7), free, weighted in cases():
-        unit = x if weighted else Polynomial([1.0])
-        p, v, a = Polynomial([0.0]), v0 * unit * unit, a0 * unit
-        for jerk, t in ((rise, t1), (0.0, t2), (-fall, t3), (0.0, t6), (rise, t7)):
-            p, v, a = p + v * t + 0.5 * a * t * t + jerk / 6.0 * t * t * t, v + a * t + 0.5 * jerk * t * t, a + jerk * t
-        for root in _real_roots(p - task.distance * unit * unit * unit):
+    a0, a1, rise, fall = task.a0, task.a1, task.rise, task.fall
+    for durations, free, weighted in _cases(task):
+        for root in _real_roots(_miss(task, durations, weighted)):
             if weighted and root <= 0.0:
                 continue
-            scale = root if weighted else 1.0
-            one, two, three, six, seven = (float(t(root)) / scale if isinstance(t, Polynomial) else t for t in (t1, t2, t3, t6, t7))
+            one, two, three, six, seven = durations @ np.array([1.0, root, root * root]) / (root if weighted else 1.0)
             yield np.array([one, two, three, 0.0, 0.0, six, seven]), free
-    # one rise all the way: there peak and dip are not determined
+    # one rise all the way: there the extreme accelerations are not determined
     yield np.array([(a1 - a0) / rise, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]), [0]
     if task.v_high != 0.0:
-        before, _ = to_speed(task, task.v_high)
-        after, _ = from_speed(task, task.v_high)
-        durations = np.array([*before, 0.0, *after])
-        way = states(np.array([0.0, v0, a0]), _jerks(task), durations)[-1, 0]
-        durations[3] = (task.distance - way) / task.v_high
-        yield durations, [3]
+        before, _ = to_speed(task, task.v_high, top=True)
+        after, _ = from_speed(task, task.v_high, top=True)
+        with_top = np.array([*before, 0.0, *after])
+        way = states(np.array([0.0, task.v0, a0]), _jerks(task), with_top)[-1, 0]
+        with_top[3] = (task.distance - way) / task.v_high
+        yield with_top, [3]
 
 
-def _real_roots(polynomial: Polynomial) -> list[float]:
+def _cases(task: Task) -> Iterator[tuple[Array, list[int], bool]]:
+    """The cases without a phase at top speed; of each durations, which are free, and whether it is weighted.
+
+    durations : (5, 3), of phases 1, 2, 3, 6, 7 as polynomials in the case's unknown x, lowest power first; when weighted they are x times
+    the durations.  They follow from the accelerations and the speeds at both ends; x from the distance.
+    """
+    a0, a1, rise, fall, most, least = task.a0, task.a1, task.rise, task.fall, task.a_high, task.a_low
+    both = 0.5 / rise + 0.5 / fall
+    gain = task.v1 - task.v0 + 0.5 * (a0 * a0 - a1 * a1) / rise  # = both (peak² − dip²) + peak t2 + dip t6
+    none, one, x, square = np.zeros(3), *np.eye(3)
+    # neither bound is touched: peak − dip = x, peak + dip = c/x, so that everything is rational
+    c = gain / both
+    peak, dip = 0.5 * (square + c * one), 0.5 * (c * one - square)
+    yield np.array([(peak - a0 * x) / rise, none, square / fall, none, (a1 * x - dip) / rise]), [0, 2, 6], True
+    # peak at its bound, dip = x
+    held = ((gain - both * most**2) * one + both * square) / most
+    yield np.array([(most - a0) / rise * one, held, (most * one - x) / fall, none, (a1 * one - x) / rise]), [1, 2, 6], False
+    # dip at its bound, peak = x
+    held = ((gain + both * least**2) * one - both * square) / least
+    yield np.array([(x - a0 * one) / rise, none, (x - least * one) / fall, held, (a1 - least) / rise * one]), [0, 2, 5], False
+    # both at their bounds, x = t2
+    held = ((gain - both * (most**2 - least**2)) * one - most * x) / least
+    yield np.array([(most - a0) / rise * one, x, (most - least) / fall * one, held, (a1 - least) / rise * one]), [1, 5], False
+
+
+def _miss(task: Task, durations: Array, weighted: bool) -> Array:
+    """Displacement too large as a polynomial, lowest power first, (7,); when weighted times x³.
+
+    Accelerations have 3 coefficients, speeds 5, displacements 7, whatever their degree.
+    """
+    own = int(weighted)
+    p, v, a = np.zeros(7), np.zeros(5), np.zeros(3)
+    a[own], v[2 * own], p[3 * own] = task.a0, task.v0, -task.distance
+    for jerk, t in zip((task.rise, 0.0, -task.fall, 0.0, task.rise), durations, strict=True):
+        square = np.convolve(t, t)
+        p = p + np.convolve(v, t) + np.convolve(0.5 * a, square) + np.convolve(jerk / 6.0 * t, square)
+        v = v + np.convolve(a, t) + 0.5 * jerk * square
+        a = a + jerk * t
+    return p
+
+
+def _real_roots(polynomial: Array) -> list[float]:
     """Real roots, and the real part of those that rounding may have made complex."""
-    coefficients = np.trim_zeros(polynomial.coef)
+    coefficients = np.trim_zeros(polynomial)[::-1]
     if len(coefficients) < 2:
         return []
-    roots = Polynomial(coefficients).roots()
-    return [float(root.real) for root in roots if abs(root.imag) <= IMAGINARY * (1.0 + abs(root.real))]
+    return [float(root.real) for root in np.roots(coefficients) if abs(root.imag) <= IMAGINARY * (1.0 + abs(root.real))]
 
 
 def _refined(begin: Array, end: Array, jerks: Array, durations: Array, free: list[int]) -> Array | None:
