@@ -18,7 +18,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +37,8 @@ HOPELESS = 1e-2
 REFINEMENTS = 40
 #: Constant speeds between which :func:`lasting` looks for the one that it needs.
 SPEEDS = 201
+#: Shares of the jerk between which :func:`softer` looks for the one that it needs.
+SHARES = (0.999, 0.99, 0.95, 0.8, 0.5)
 
 
 @dataclass(frozen=True)
@@ -171,6 +173,23 @@ def lasting(task: Task, duration: float) -> tuple[Array, Array] | None:
     return None
 
 
+def softer(task: Task, duration: float) -> tuple[Array, Array] | None:
+    """The fastest motion with less jerk that takes a given duration; None where the duration jumps over it as the jerk falls."""
+
+    def made(share: float) -> tuple[Array, Array] | None:
+        return fastest(replace(task, rise=share * task.rise, fall=share * task.fall))
+
+    def too_long(share: float) -> float:
+        found = made(share)
+        return math.inf if found is None else float(found[0].sum()) - duration
+
+    low = next((share for share in SHARES if too_long(share) > 0.0), None)
+    if low is None or not math.isfinite(too_long(low)):
+        return None
+    found = made(float(brentq(too_long, low, 1.0, xtol=1e-15, rtol=1e-15)))
+    return found if found is not None and abs(found[0].sum() - duration) <= BEYOND * duration else None
+
+
 def _jerks(task: Task) -> Array:
     return np.array([task.rise, 0.0, -task.fall, 0.0, -task.fall, 0.0, task.rise])
 
@@ -185,9 +204,10 @@ def _solutions(task: Task) -> Iterator[Array]:
         refined = _refined(begin, end, jerks, durations, free)
         if refined is None or refined.min() < -BEYOND:
             continue
-        refined = np.maximum(refined, 0.0)
-        if np.max(np.abs(states(begin, jerks, refined)[-1] - end)) > MISS:
-            refined = np.maximum(_refined(begin, end, jerks, refined, [i for i in free if refined[i] > 0.0]), 0.0)
+        if refined.min() < 0.0:  # rounding: that phase lasts no time, the others meet the end without it
+            refined = _refined(begin, end, jerks, np.maximum(refined, 0.0), [phase for phase in free if refined[phase] > 0.0])
+            if refined is None or refined.min() < 0.0:
+                continue
         refined = _with_top(refined, begin, task)
         if _kept(states(begin, jerks, refined), refined, task):
             yield refined
@@ -195,7 +215,7 @@ def _solutions(task: Task) -> Iterator[Array]:
 
 def _guesses(task: Task) -> Iterator[tuple[Array, list[int]]]:
     """Durations and which of them are free, by case; all of the fall from the first to the last extreme acceleration stands in phase 3."""
-    a0, a1, rise, fall = task.a0, task.a1, task.rise, task.fall
+    a0, a1, rise = task.a0, task.a1, task.rise
     for durations, free, weighted in _cases(task):
         for root in _real_roots(_miss(task, durations, weighted)):
             if weighted and root <= 0.0:
