@@ -373,6 +373,7 @@ __all__ = [
     "check_imports",
     "commission",
     "design",
+    "export",
     "fit",
     "follow",
     "friction",
@@ -381,5 +382,6 @@ __all__ = [
     "move",
     "rollback",
     "simulate",
+    "trajectory",
     "verify",
 ]

@@ -1,13 +1,15 @@
 """Durations of the seven phases of the fastest motion between two states, by enumeration of the possible switching patterns.
 
-Triple integrator  p' = v,  v' = a,  a' = j  with lower and upper bounds on v, a, j that need not be symmetric.  For a given duration T the
-displacements that can be reached form an interval, because the admissible motions form a convex set; the fastest motion lies on its border.
-The motion with the largest displacement (maximum principle; the multiplier of a is a convex parabola in time) has the jerk pattern
+Triple integrator  p' = v,  v' = a,  a' = j  with lower and upper bounds on v, a, j that need not be symmetric.  The admissible motions of
+a given duration form a convex set, so that their displacements form an interval; the fastest motion lies on its border, or that interval
+is a single point.  The motion with the largest displacement (maximum principle; the multiplier of a is a convex parabola in time) has the
+jerk pattern
 
     rise, 0, -fall, 0, -fall, 0, rise        (0 on the bounds a_high, v_high, a_low)
 
 and that with the smallest displacement is its mirror image.  So the fastest motion is the shortest of all solutions of these two patterns
-that keep the bounds.  Which bounds are touched gives five cases per pattern; each is one equation in one unknown, a polynomial.
+that keep the bounds.  Which bounds are touched gives five cases per pattern; each is one equation in one unknown, a polynomial.  A linear
+programme that knows of no pattern finds no faster motion (tests).
 
 Sources: thesis 6.3, (6.27) to (6.33); the cases are derived here.  Units are the caller's; the search works in units in which the motion
 is about 1 long.

@@ -26,8 +26,8 @@ Array = NDArray[np.float64]
 
 #: Share of a bound by which rounding may exceed it.
 ROUNDING = 1e-9
-#: Share of a sample period by which a duration may miss a whole number of them; and how many periods more are tried, each time by this
-#: factor, where a motion of the next whole number does not exist.
+#: Share of a sample period by which a duration may miss a whole number of them.  Where no motion of the next whole number exists, by which
+#: factor more are tried, and how often.
 WHOLE, MORE, TRIES = 1e-6, 1.1, 60
 
 
