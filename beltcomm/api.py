@@ -25,14 +25,16 @@ from beltcomm.result import Result, plain
 from beltcomm.runfolder import RunFolder
 from beltcomm.session import analyse, gains, offline, outcome, referencing, stops, verification, words
 from beltcomm.session import commission as sequence
-from beltcomm.session.commission import Findings, Settings
+from beltcomm.session.commission import Findings
 from beltcomm.session.creep import BREAKAWAY_SHARE, CREEP_SPEED_M_S, MARGIN_M, NEAR_M, RAMP_S, small_move
 from beltcomm.session.experiment import run_experiment
+from beltcomm.session.export import export as export
 from beltcomm.session.follow_job import follow_plan
 from beltcomm.session.foresight import foretold
 from beltcomm.session.laboratory import add_to_run, compare_run, diagnose_run, ladder_of_run, remove_from_run
 from beltcomm.session.machine import Machine, backed_up
-from beltcomm.session.options import Options
+from beltcomm.session.move_file import trajectory as trajectory
+from beltcomm.session.options import Options, settings_of
 from beltcomm.session.plan import Plan, commission_plan, friction_plan, identify_plan, move_plan, verification_plan, with_homing
 from beltcomm.session.proof import admit, next_step, proof, thin_margins
 from beltcomm.session.store import cascade_from_dict, drive_to_dict, verdict_to_dict
@@ -68,7 +70,7 @@ def commission(drive: str, axis: Axis | str, run: Path, *, options: Options | No
         folder = _new_folder(run, axis, connected, options)
         findings = Findings()
         with Machine(connected, axis, folder, talk) as machine:
-            settings = _settings(options)
+            settings = settings_of(options)
             machine.check_scaling()
             referencing.reference(machine, settings)
             _agree(plan, options, talk, machine)
@@ -97,7 +99,7 @@ def _identify(connected: Drive, drive: str, axis: Axis, run: Path, options: Opti
     findings = Findings()
     with Machine(connected, axis, folder, talk) as machine:
         machine.check_scaling()
-        window = referencing.reference(machine, _settings(options), needed=False)
+        window = referencing.reference(machine, settings_of(options), needed=False)
         _agree(identify_plan(axis, connected.capabilities, window), options, talk, machine)
         machine.titles = sequence.TITLES[1:4]
         try:
@@ -130,7 +132,7 @@ def follow(drive: str, run: Path, plan: Path, *, options: Options | None = None,
     """The records of a plan that ``diagnose`` wrote, into the run that it was written for."""
     options, talk = options or Options(), talk or Silence()
     with open_drive(drive, options.for_drive()) as connected:
-        return follow_plan(connected, run, plan, _settings(options), partial(_agree, options=options, talk=talk), talk, options.dry_run)
+        return follow_plan(connected, run, plan, settings_of(options), partial(_agree, options=options, talk=talk), talk, options.dry_run)
 
 
 def friction(drive: str, run: Path, *, options: Options | None = None, talk: Talk | None = None) -> Result:
@@ -145,7 +147,7 @@ def friction(drive: str, run: Path, *, options: Options | None = None, talk: Tal
         folder.claim_drive(connected.capabilities.identity)
         findings = offline.fitted(folder, "lm", Silence(), model)
         with Machine(connected, folder.axis, folder, talk) as machine:
-            referencing.reference(machine, _settings(options))
+            referencing.reference(machine, settings_of(options))
             _agree(plan, options, talk, machine)
             machine.titles = (sequence.TITLES[4], sequence.TITLES[5])
             sequence.close_first_loop(machine, findings, model, ask=not options.yes)
@@ -175,7 +177,7 @@ def design(
     sequence.measure_delay_and_damping(findings, [r for r in recordings if r.sidecar.experiment == "frf"], model)
     structure = offline.structure_of(folder, findings)
     analyse.offered(structure, options.prefilter, options.feedforward)
-    settings = replace(_settings(options), specification=specification)
+    settings = replace(settings_of(options), specification=specification)
     findings.design, findings.cascade = sequence.design_for(folder.axis, model, structure, findings, settings)
     along = compensated(model) if structure.torque_feedforward and settings.feedforward == "nonlinear" else ()
     if not offline.place_known(recordings):
@@ -218,7 +220,7 @@ def verify(
         cascade, delay_s = offline.cascade_of(saved, model, structure, options.feedforward)
         along = bool(saved.get("compensated")) and structure.torque_feedforward and options.feedforward in (None, "nonlinear")
         with Machine(connected, folder.axis, folder, talk) as machine:
-            referencing.reference(machine, _settings(options))
+            referencing.reference(machine, settings_of(options))
             braking = stops.count_on_loop(machine, [model], cascade, delay_s)
             path, remark = verification.move_asked_for(machine, model, move, trajectory)
             verification.refuse_broken(machine, model, path)
@@ -317,23 +319,6 @@ def _axis(axis: Axis | str) -> Axis:
     return axis if isinstance(axis, Axis) else load_axis(axis)
 
 
-def _settings(options: Options) -> Settings:
-    payload = options.payload_kg or 0.0
-    if payload < 0.0:
-        raise UsageError(f"the payload is {payload:g} kg; give what is to be carried further, 0 or more")
-    return Settings(
-        apply=options.apply,
-        position_m=options.position_m,
-        home=options.home,
-        window_m=options.window_m,
-        ask=not options.yes,
-        payloads_kg=(payload,) if payload else (),
-        extent=options.extent,
-        prefilter=options.prefilter,
-        feedforward=options.feedforward or "nonlinear",
-    )
-
-
 def _new_folder(run: Path, axis: Axis, drive: Drive, options: Options) -> RunFolder:
     folder = RunFolder.create(run, axis, resume=options.resume)
     folder.claim_drive(drive.capabilities.identity)
@@ -388,6 +373,7 @@ __all__ = [
     "check_imports",
     "commission",
     "design",
+    "export",
     "fit",
     "follow",
     "friction",
@@ -396,5 +382,6 @@ __all__ = [
     "move",
     "rollback",
     "simulate",
+    "trajectory",
     "verify",
 ]

@@ -38,6 +38,8 @@ VERBS = {
     "ladder": "All revisions of a model, down to the noise.",
     "simulate": "A virtual experiment from a model or plant into a run folder.",
     "import": "Foreign measurements into a run folder.",
+    "trajectory": "A jerk-limited motion into a file, with limits of its own each way.",
+    "export": "The designed controller as YAML, C or structured text.",
     "thesis": "What the design source compares, recomputed: tables and figures.",
     "drives": "Drive adapters found, or why one is broken.",
     "effects": "The physical effects a model can have.",

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from beltcomm.control import PrefilterKind
 from beltcomm.design.feedforward import FeedforwardKind
 from beltcomm.errors import UsageError
-from beltcomm.session.commission import Apply
+from beltcomm.session.commission import Apply, Settings
 from beltcomm.session.programme import Extent
 
 
@@ -59,3 +59,21 @@ class Options:
         if self.realtime:
             found["realtime"] = True
         return {**found, **self.drive}
+
+
+def settings_of(options: Options) -> Settings:
+    """What of them the sequence on the machine needs.   Raises UsageError for a negative payload."""
+    payload = options.payload_kg or 0.0
+    if payload < 0.0:
+        raise UsageError(f"the payload is {payload:g} kg; give what is to be carried further, 0 or more")
+    return Settings(
+        apply=options.apply,
+        position_m=options.position_m,
+        home=options.home,
+        window_m=options.window_m,
+        ask=not options.yes,
+        payloads_kg=(payload,) if payload else (),
+        extent=options.extent,
+        prefilter=options.prefilter,
+        feedforward=options.feedforward or "nonlinear",
+    )

@@ -1,0 +1,38 @@
+"""``beltcomm export``: the designed controller as text."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from beltcomm.cli import options as shared
+from beltcomm.cli.frame import Frame, api, options_of
+
+
+@click.command("export")
+@shared.run_argument
+@click.option(
+    "--format",
+    "format_",
+    required=True,
+    type=click.Choice(["yaml", "c", "st"]),
+    help="yaml: coefficients and equations; c: one C99 file; st: an IEC 61131-3 function block.",
+)
+@click.option("--out", type=click.Path(path_type=Path), metavar="FILE", help="Write to FILE; to stdout when left out.")
+@click.option(
+    "--torque-limit",
+    "torque_limit_nm",
+    type=shared.Quantity("torque_limit_nm"),
+    help="Largest torque of the controller at the motor shaft; the drive's peak torque when left out.",
+)
+@click.option("--yes", is_flag=True, help="Overwrite an existing file.")
+@shared.output_options
+@click.pass_obj
+def command(frame: Frame, /, run: Path, format_: str, out: Path | None, torque_limit_nm: float | None, yes: bool) -> int:
+    """Write the controller that was designed in the run folder RUN as text for another machine; nothing moves."""
+    return frame.show(
+        api().export(
+            run, format_, out=out, torque_limit_nm=torque_limit_nm, command=frame.line(), options=options_of(yes=yes), talk=frame.talk()
+        )
+    )

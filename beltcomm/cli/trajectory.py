@@ -1,0 +1,44 @@
+"""``beltcomm trajectory``: a jerk-limited motion into a file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import click
+
+from beltcomm.cli import options as shared
+from beltcomm.cli.frame import Frame, api, options_of
+
+
+def _quantity(words: str, name: str, meaning: str, *, required: bool = False) -> Callable[[shared.Function], shared.Function]:
+    """An option with its unit.   words : ``--speed``.   name : of the argument, whose suffix is the unit."""
+    return click.option(words, name, type=shared.Quantity(name), help=meaning, required=required)
+
+
+@click.command("trajectory")
+@click.argument("file", type=click.Path(path_type=Path))
+@_quantity("--from", "start_m", "Where it begins.", required=True)
+@_quantity("--to", "end_m", "Where it ends.", required=True)
+@_quantity("--speed", "speed_m_s", "Largest speed towards the end.", required=True)
+@_quantity("--acceleration", "acceleration_m_s2", "Largest acceleration towards the end.", required=True)
+@_quantity("--jerk", "jerk_m_s3", "How fast the acceleration may rise.", required=True)
+@_quantity("--speed-back", "speed_back_m_s", "Largest speed the other way; --speed when left out, 0 forbids it.")
+@_quantity("--deceleration", "deceleration_m_s2", "Largest deceleration; --acceleration when left out.")
+@_quantity("--jerk-down", "jerk_down_m_s3", "How fast the acceleration may fall; --jerk when left out.")
+@_quantity("--start-velocity", "start_velocity_m_s", "Velocity at the start, signed as the axis; 0 when left out.")
+@_quantity("--start-acceleration", "start_acceleration_m_s2", "Acceleration at the start, signed; 0 when left out.")
+@_quantity("--end-velocity", "end_velocity_m_s", "Velocity at the end, signed; 0 when left out.")
+@_quantity("--end-acceleration", "end_acceleration_m_s2", "Acceleration at the end, signed; 0 when left out.")
+@_quantity("--period", "period_s", "Time between rows; 1 ms when left out.")
+@click.option("--yes", is_flag=True, help="Overwrite an existing file.")
+@shared.output_options
+@click.pass_obj
+def command(frame: Frame, /, file: Path, start_m: float, end_m: float, yes: bool, **given: float | None) -> int:
+    """Write the fastest motion between two states to FILE (CSV): jerk, acceleration and speed limited, each way by its own.
+
+    Limits are positive and hold along the way, whichever way it leads. A motion from rest to rest can be driven with
+    `beltcomm verify --move FILE`.
+    """
+    said = {name: value for name, value in given.items() if value is not None}
+    return frame.show(api().trajectory(file, start_m, end_m, **said, options=options_of(yes=yes), talk=frame.talk()))

@@ -1,0 +1,340 @@
+"""The discrete cascade as data: its coefficients, states, inputs and statements, from which every exported text is made.
+
+The statements are those of :mod:`beltcomm.cascade_kernel`, one by one and in its order of operations, in a language of assignments and
+cases with Python's expressions: names, numbers, ``+ - * /``, comparisons, ``and``, ``min``, ``max``.  All quantities at the motor shaft.
+
+Sources: figure 4.1, (4.1), (4.3), (4.6), (4.16), (4.17), (6.1), (6.25), (6.26).
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from beltcomm.control import Cascade, discrete_coefficients
+from beltcomm.errors import UsageError
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """One named number.   unit : in ASCII, "" for none.   meaning : in words."""
+
+    name: str
+    unit: str
+    meaning: str
+
+    def __str__(self) -> str:
+        return f"{self.meaning} [{self.unit}]" if self.unit else self.meaning
+
+
+@dataclass(frozen=True)
+class Let:
+    """``target = value``.   why : the equation in words, "" where the one before it says it."""
+
+    target: str
+    value: str
+    why: str = ""
+
+
+@dataclass(frozen=True)
+class Case:
+    """The statements of the first condition that holds, else ``otherwise``.   why : in words."""
+
+    branches: tuple[tuple[str, tuple[Let, ...]], ...]
+    otherwise: tuple[Let, ...] = ()
+    why: str = ""
+
+
+Statement = Let | Case
+
+#: In the order of :func:`beltcomm.control.discrete_coefficients`.
+COEFFICIENTS = (
+    Quantity("period_s", "s", "sampling period T of the loop"),
+    Quantity("kp_nm_s_rad", "N m s/rad", "velocity controller K_P"),
+    Quantity("ki_nm_rad", "N m/rad", "velocity controller K_I"),
+    Quantity("kpp_1_s", "1/s", "position controller K_PP"),
+    Quantity("velocity_filter_s", "s", "time constant T_R of the velocity measurement"),
+    Quantity("filter_reference", "", "1: the reference velocity is filtered as the measured one, 0: not"),
+    Quantity("prefilter_b0", "", "prefilter (b0 + b1/z + b2/z^2)/(1 + a1/z + a2/z^2)"),
+    Quantity("prefilter_b1", "", "prefilter"),
+    Quantity("prefilter_b2", "", "prefilter"),
+    Quantity("prefilter_a1", "", "prefilter"),
+    Quantity("prefilter_a2", "", "prefilter"),
+    Quantity("ff_inertia_kg_m2", "kg m2", "feedforward: inertia, motor and carriage"),
+    Quantity("ff_viscous_nm_s_rad", "N m s/rad", "feedforward: viscous friction"),
+    Quantity("ff_coulomb_nm", "N m", "feedforward: Coulomb friction"),
+    Quantity("ff_offset_nm", "N m", "feedforward: constant torque"),
+    Quantity("ff_velocity", "", "share K_v of the reference velocity that the position loop hands on"),
+    Quantity("torque_limit_nm", "N m", "largest torque, either way"),
+    Quantity("ff_advance_s", "s", "how far ahead the feedforward is computed"),
+)
+#: In the order of the state of :mod:`beltcomm.cascade_kernel`.
+STATES = (
+    Quantity("last_position_rad", "rad", "motor angle of the step before"),
+    Quantity("measured_velocity_rad_s", "rad/s", "measured velocity"),
+    Quantity("last_compared_rad_s", "rad/s", "reference velocity of the step before"),
+    Quantity("filtered_reference_rad_s", "rad/s", "filtered reference velocity"),
+    Quantity("prefilter_1", "rad/s", "first state of the prefilter, transposed direct form II"),
+    Quantity("prefilter_2", "rad/s", "second state of the prefilter"),
+    Quantity("integral_rad", "rad", "integrator of the velocity error"),
+    Quantity("last_acceleration_rad_s2", "rad/s2", "reference acceleration of the step before"),
+)
+INPUTS = (
+    Quantity("reference_position_rad", "rad", "reference of the motor angle"),
+    Quantity("reference_velocity_rad_s", "rad/s", "reference of the velocity"),
+    Quantity(
+        "reference_acceleration_rad_s2", "rad/s2", "reference of the acceleration: difference of the reference velocity over one period"
+    ),
+    Quantity("position_rad", "rad", "measured motor angle"),
+    Quantity("extra_torque_nm", "N m", "torque that is added to the feedforward"),
+)
+RESET_INPUTS = (INPUTS[3], Quantity("reset_velocity_rad_s", "rad/s", "velocity at the moment of the reset"))
+OUTPUT = Quantity("torque_nm", "N m", "torque setpoint")
+LOCALS = (
+    Quantity("position_term_rad_s", "rad/s", "part of the velocity error that comes from the position error"),
+    Quantity("compared_rad_s", "rad/s", "reference velocity that is compared with the measured one"),
+    Quantity("pole", "", "pole of the velocity filter"),
+    Quantity("raw_error_rad_s", "rad/s", "velocity error"),
+    Quantity("error_rad_s", "rad/s", "velocity error behind the prefilter"),
+    Quantity("ahead", "", "advance of the feedforward in periods"),
+    Quantity("change_rad_s2", "rad/s2", "change of the reference acceleration over one period"),
+    Quantity("ff_velocity_rad_s", "rad/s", "reference velocity when the torque acts"),
+    Quantity("ff_acceleration_rad_s2", "rad/s2", "reference acceleration when the torque acts"),
+    Quantity("direction", "", "sign of that velocity"),
+    Quantity("feedforward_nm", "N m", "feedforward torque"),
+    Quantity("demand_nm", "N m", "torque before the limit"),
+    Quantity("next_integral_rad", "rad", "integrator after this step"),
+    Quantity("next_demand_nm", "N m", "torque that this error leads to with the integrator moved on"),
+)
+
+#: What comes first in a position loop, and in a velocity loop alone.
+POSITION_LOOP = (
+    Let(
+        "position_term_rad_s",
+        "kpp_1_s * (reference_position_rad - position_rad)",
+        "Position controller: K_PP times the position error; the reference velocity is handed on times K_v.",
+    ),
+    Let("compared_rad_s", "ff_velocity * reference_velocity_rad_s"),
+)
+VELOCITY_LOOP = (
+    Let("position_term_rad_s", "0.0", "Velocity loop alone: no position error, the whole reference velocity."),
+    Let("compared_rad_s", "reference_velocity_rad_s"),
+)
+RESET = (
+    Let("last_position_rad", "position_rad", "Only the position and the measured velocity are remembered."),
+    Let("measured_velocity_rad_s", "reset_velocity_rad_s"),
+    Let("last_compared_rad_s", "reset_velocity_rad_s"),
+    Let("filtered_reference_rad_s", "reset_velocity_rad_s"),
+    Let("prefilter_1", "0.0"),
+    Let("prefilter_2", "0.0"),
+    Let("integral_rad", "0.0"),
+    Let("last_acceleration_rad_s2", "0.0"),
+)
+#: One period of the velocity loop.
+STEP: tuple[Statement, ...] = (
+    Let(
+        "pole",
+        "velocity_filter_s / (velocity_filter_s + period_s)",
+        "Measured velocity (6.1): backward difference of the angle behind a first-order lag.",
+    ),
+    Let(
+        "measured_velocity_rad_s",
+        "pole * measured_velocity_rad_s + (1.0 - pole) * (position_rad - last_position_rad) / period_s",
+    ),
+    Let("last_position_rad", "position_rad"),
+    Case(
+        (
+            (
+                "filter_reference > 0.0",
+                (
+                    Let(
+                        "filtered_reference_rad_s",
+                        "pole * filtered_reference_rad_s + (1.0 - pole) * (0.5 * (compared_rad_s + last_compared_rad_s))",
+                    ),
+                ),
+            ),
+        ),
+        (Let("filtered_reference_rad_s", "compared_rad_s"),),
+        "Reference velocity: mean over the period behind the same lag, so that both lag alike; or as it is.",
+    ),
+    Let("last_compared_rad_s", "compared_rad_s"),
+    Let(
+        "raw_error_rad_s",
+        "position_term_rad_s + filtered_reference_rad_s - measured_velocity_rad_s",
+        "Velocity error, and the prefilter (4.1), (4.3) as a biquad in transposed direct form II.",
+    ),
+    Let("error_rad_s", "prefilter_b0 * raw_error_rad_s + prefilter_1"),
+    Let("prefilter_1", "prefilter_b1 * raw_error_rad_s - prefilter_a1 * error_rad_s + prefilter_2"),
+    Let("prefilter_2", "prefilter_b2 * raw_error_rad_s - prefilter_a2 * error_rad_s"),
+    Let(
+        "ahead",
+        "ff_advance_s / period_s",
+        "Reference as it will be when the torque acts: extrapolated along constant jerk. The acceleration comes as a difference over one "
+        "period, so it is half a period old.",
+    ),
+    Let("change_rad_s2", "reference_acceleration_rad_s2 - last_acceleration_rad_s2"),
+    Let("last_acceleration_rad_s2", "reference_acceleration_rad_s2"),
+    Let("ff_velocity_rad_s", "reference_velocity_rad_s"),
+    Let("ff_acceleration_rad_s2", "reference_acceleration_rad_s2"),
+    Case(
+        (
+            (
+                "ahead > 0.0",
+                (
+                    Let(
+                        "ff_velocity_rad_s",
+                        "reference_velocity_rad_s + ff_advance_s * (reference_acceleration_rad_s2 + 0.5 * (1.0 + ahead) * change_rad_s2)",
+                    ),
+                    Let("ff_acceleration_rad_s2", "reference_acceleration_rad_s2 + (0.5 + ahead) * change_rad_s2"),
+                ),
+            ),
+        ),
+    ),
+    Let("direction", "0.0", "Feedforward (4.16): inertia, viscous and Coulomb friction, constant torque."),
+    Case(
+        (
+            ("ff_velocity_rad_s > 0.0", (Let("direction", "1.0"),)),
+            ("ff_velocity_rad_s < 0.0", (Let("direction", "-1.0"),)),
+        )
+    ),
+    Let(
+        "feedforward_nm",
+        "ff_inertia_kg_m2 * ff_acceleration_rad_s2 + ff_viscous_nm_s_rad * ff_velocity_rad_s + ff_coulomb_nm * direction + ff_offset_nm "
+        "+ extra_torque_nm",
+    ),
+    Let("demand_nm", "kp_nm_s_rad * error_rad_s + ki_nm_rad * integral_rad + feedforward_nm", "PI velocity controller (4.6)."),
+    Let(
+        "next_integral_rad",
+        "integral_rad + period_s * error_rad_s",
+        "Integrator (6.25) with conditional integration (6.26): where the torque would pass its limit, the integrator is set so that the "
+        "limit is just met, and only ever discharged.",
+    ),
+    Let("next_demand_nm", "kp_nm_s_rad * error_rad_s + ki_nm_rad * next_integral_rad + feedforward_nm"),
+    Case(
+        (
+            (
+                "ki_nm_rad > 0.0 and next_demand_nm >= torque_limit_nm and error_rad_s > 0.0",
+                (
+                    Let(
+                        "next_integral_rad",
+                        "min(next_integral_rad, max((torque_limit_nm - kp_nm_s_rad * error_rad_s - feedforward_nm) / ki_nm_rad, "
+                        "min(integral_rad, 0.0)))",
+                    ),
+                ),
+            ),
+            (
+                "ki_nm_rad > 0.0 and next_demand_nm <= -torque_limit_nm and error_rad_s < 0.0",
+                (
+                    Let(
+                        "next_integral_rad",
+                        "max(next_integral_rad, min((-torque_limit_nm - kp_nm_s_rad * error_rad_s - feedforward_nm) / ki_nm_rad, "
+                        "max(integral_rad, 0.0)))",
+                    ),
+                ),
+            ),
+        )
+    ),
+    Let("integral_rad", "next_integral_rad"),
+    Let("torque_nm", "min(max(demand_nm, -torque_limit_nm), torque_limit_nm)", "Torque setpoint, limited."),
+)
+
+
+@dataclass(frozen=True)
+class Controller:
+    """What is exported: the numbers, where they come from, and what else to know.
+
+    values : coefficient -> SI value, in the order of :data:`COEFFICIENTS`.   provenance : word -> text.   notes : sentences.
+    """
+
+    values: Mapping[str, float]
+    provenance: Mapping[str, str] = field(default_factory=dict)
+    notes: Sequence[str] = ()
+
+
+def controller_of(
+    cascade: Cascade, period_s: float, torque_limit_nm: float, provenance: Mapping[str, str], notes: Sequence[str]
+) -> Controller:
+    """The exported form of a cascade.   period_s : s.   torque_limit_nm : N m, motor shaft.
+
+    Raises UsageError as :func:`beltcomm.control.discrete_coefficients`, or for a number that no text can hold.
+    """
+    numbers = discrete_coefficients(cascade, period_s, torque_limit_nm)
+    values = {quantity.name: float(number) for quantity, number in zip(COEFFICIENTS, numbers, strict=True)}
+    for quantity in COEFFICIENTS:
+        if not abs(values[quantity.name]) < 1e30:  # beyond that a float has no room; nan too
+            raise UsageError(f"{quantity.meaning} is {values[quantity.name]}, which cannot be exported; give a finite number")
+    return Controller(values, provenance, notes)
+
+
+def expression(text: str, words: Words) -> str:
+    """An expression in another language.   Raises ValueError for what the language of this module does not have."""
+    return _said(ast.parse(text, mode="eval").body, words)[0]
+
+
+@dataclass(frozen=True)
+class Words:
+    """How a target language writes names, numbers, conjunctions, and the smaller or larger of two."""
+
+    name: Callable[[str], str]
+    number: Callable[[float], str]
+    conjunction: str
+    least: str
+    most: str
+
+
+def names_in(text: str) -> set[str]:
+    """Names that an expression reads."""
+    nodes = list(ast.walk(ast.parse(text, mode="eval")))
+    functions = {id(node.func) for node in nodes if isinstance(node, ast.Call)}
+    return {node.id for node in nodes if isinstance(node, ast.Name) and id(node) not in functions}
+
+
+_SIGNS: Mapping[type[ast.AST], tuple[str, int]] = {
+    ast.Add: ("+", 3), ast.Sub: ("-", 3), ast.Mult: ("*", 4), ast.Div: ("/", 4),
+    ast.Gt: (">", 2), ast.GtE: (">=", 2), ast.Lt: ("<", 2), ast.LtE: ("<=", 2),
+}  # fmt: skip
+_ATOM = 9
+
+
+def _said(node: ast.expr, words: Words) -> tuple[str, int]:
+    """Text and how firmly it holds together; operands of less firmness get parentheses, as do right ones of the same."""
+    match node:
+        case ast.Name(id=name):
+            return words.name(name), _ATOM
+        case ast.Constant(value=float(number)):
+            return words.number(number), _ATOM
+        case ast.UnaryOp(op=ast.USub(), operand=ast.Constant(value=float(number))):
+            return words.number(-number), _ATOM
+        case ast.UnaryOp(op=ast.USub(), operand=inner):
+            return f"-{_inside(inner, words, _ATOM)}", 5
+        case ast.BinOp(left=left, op=op, right=right) if type(op) in _SIGNS:
+            sign, firm = _SIGNS[type(op)]
+            return f"{_inside(left, words, firm)} {sign} {_inside(right, words, firm + 1)}", firm
+        case ast.Compare(left=left, ops=[op], comparators=[right]) if type(op) in _SIGNS:
+            sign, firm = _SIGNS[type(op)]
+            return f"{_inside(left, words, firm + 1)} {sign} {_inside(right, words, firm + 1)}", firm
+        case ast.BoolOp(op=ast.And(), values=values):
+            # each in parentheses, because languages differ in what binds firmer
+            return f" {words.conjunction} ".join(f"({_said(value, words)[0]})" for value in values), 1
+        case ast.Call(func=ast.Name(id=name), args=[first, second]) if name in ("min", "max"):
+            function = words.least if name == "min" else words.most
+            return f"{function}({_said(first, words)[0]}, {_said(second, words)[0]})", _ATOM
+        case _:
+            raise ValueError(f"an exported equation cannot hold {ast.unparse(node)}")
+
+
+def _inside(node: ast.expr, words: Words, least: int) -> str:
+    text, firm = _said(node, words)
+    return text if firm >= least else f"({text})"
+
+
+def flat(statements: Sequence[Statement]) -> Iterator[Let]:
+    """All assignments, those inside cases too, in order."""
+    for statement in statements:
+        if isinstance(statement, Let):
+            yield statement
+        else:
+            for _, inner in statement.branches:
+                yield from inner
+            yield from statement.otherwise
