@@ -25,7 +25,9 @@ class Topic:
 
 
 #: Topics in the order of the source.
-TOPICS: Mapping[str, Topic] = {}
+TOPICS: Mapping[str, Topic] = {
+    "estimators": Topic("velocity from encoder edges: four estimators, their errors, debouncing, time-out", "6.1, appendix C"),
+}
 
 
 def thesis(topic: str | None = None, *, pictures: Path | None = None, command: str = "") -> Result:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -17,7 +19,7 @@ def walk(levels: list[tuple[int, int]], *, debounce: bool = True) -> tuple[list[
     """States with their "previous", and increments, for a sequence of levels, one channel at a time."""
     registers = new_decoder(*levels[0], debounce=debounce)
     states, steps = [(int(registers[STATE]), int(registers[PREVIOUS]))], []
-    for tick, (old, new) in enumerate(zip(levels, levels[1:], strict=False), 1):
+    for tick, (old, new) in enumerate(itertools.pairwise(levels), 1):
         channel = 0 if old[0] != new[0] else 1
         steps.append(take_edge(registers, tick, channel, new[channel]))
         states.append((int(registers[STATE]), int(registers[PREVIOUS])))
