@@ -23,7 +23,7 @@ SPEEDS = (1e-4, 2e-4, 5e-4, 1e-3, 2e-3, 5e-3, 1e-2, 2e-2, 5e-2, 0.1, 0.2, 0.5, 1
 #: Speeds tried around each, as factors: irrational steps, so that no broken part of a count repeats.
 NEARBY = tuple(0.99 + 0.02 * ((k * 0.6180339887498949) % 1.0) for k in range(8))
 #: Least periods and increments of a record, and the most increments.
-_PERIODS, _INCREMENTS, _MOST = 100, 12, 20_000
+_PERIODS, _INCREMENTS, _MOST = 100, 12, 8_000
 
 
 @dataclass(frozen=True)
@@ -333,6 +333,6 @@ def apart_rms_percent(speed_m_s: float, period_s: float) -> float:
     parts = []
     for k, factor in enumerate(NEARBY):
         speed = speed_m_s * factor
-        read = record_of(_steady(INCREMENT_M * (k + 0.3) / 8.0, speed), 200.0 * period_s, settings, speed)
+        read = record_of(_steady(INCREMENT_M * (k + 0.3) / 8.0, speed), 60.0 * period_s, settings, speed)
         parts.append((read.event_counter - read.high_pass)[1:] / speed)
     return 100.0 * float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))

@@ -36,8 +36,13 @@ def _high_pass(study: Study, caption: style.Caption) -> Figure:
     axes = made.subplots()
     shown = (study._fine.t_s > 0.015) & (study._fine.t_s < 0.021)
     for read, step, colour in ((study._coarse, INCREMENT_M, style.SEVERE), (study._fine, FINE_INCREMENT_M, style.MEASURED)):
-        axes.plot(
-            1e3 * read.t_s[shown], 1e3 * read.high_pass[shown], color=colour, linewidth=1.0, label=f"{1e6 * step:.3g} um per increment"
+        axes.step(
+            1e3 * read.t_s[shown],
+            1e3 * read.high_pass[shown],
+            where="post",
+            color=colour,
+            linewidth=1.2,
+            label=f"{1e6 * step:.3g} um per increment",
         )
     axes.axhline(100.0, color=style.FAINT, linewidth=1.5, label="true velocity")
     axes.set_xlabel("time in ms")
@@ -94,7 +99,7 @@ def _errors(study: Study, caption: style.Caption) -> Figure:
     )
     for axes, table in zip(made.subplots(1, 2, sharey=True), study.tables, strict=True):
         period = table.settings.period_s
-        speed = np.geomspace(1e-4, 5.0, 3000)
+        speed = np.geomspace(1e-4, 5.0, 1500)
         crossing = formulas.crossing_speed_m_s(INCREMENT_M, TICK_S, period)
         high_pass = formulas.high_pass_worst_percent(speed, INCREMENT_M, period, table.settings.lag_s)
         axes.plot(speed, high_pass, color=HIGH_PASS, linewidth=1.0, label="high-pass, bound (ours)")

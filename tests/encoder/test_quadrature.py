@@ -86,13 +86,18 @@ def test_the_state_machine_counts_what_a_reference_on_samples_counts(seed: int) 
         return np.asarray(wave.sum(axis=0).reshape(t.shape) + drift * t)
 
     duration = 2e-3
-    found = count_increments(edges_of(motion, duration, scan_s=2e-5))
-    ticks, steps = sampled(motion(1e-8 * np.arange(round(duration / 1e-8) + 1)), 2.5e-6)
+    edges = edges_of(motion, duration, scan_s=2e-5)
+    found, plain = count_increments(edges), count_increments(edges, debounce=False)
+    positions = motion(1e-8 * np.arange(round(duration / 1e-8) + 1))
+    ticks, steps = sampled(positions, 2.5e-6)
     assert len(ticks) > 20, "the motion of this seed must pass lines and turn"
     assert len(set(steps)) == 2
     assert found.invalid == 0
     np.testing.assert_array_equal(found.tick, ticks)
     np.testing.assert_array_equal(found.step, steps)
+    changes = np.diff(np.floor(positions / 2.5e-6).astype(int))
+    np.testing.assert_array_equal(plain.tick, np.flatnonzero(changes) + 1)
+    np.testing.assert_array_equal(plain.step, changes[changes != 0])
 
 
 @pytest.mark.parametrize("sense", [1.0, -1.0])

@@ -8,8 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from beltcomm.comparisons import estimator_loop
+from beltcomm.control import Cascade, CascadeStructure, Feedforward, Prefilter
+from beltcomm.model import load_plant
 from beltcomm.result import Result
 from beltcomm.session.thesis import thesis
+from beltcomm.trajectory import plan_trajectory
+from beltcomm.verify import Loop, predict_move
 
 
 @pytest.fixture(scope="module")
@@ -99,6 +104,28 @@ def test_the_loop_shows_lag_and_not_noise(data: Any) -> None:
     assert fast["high_pass_reference"]["error_m"] < 0.43e-3
     assert fast["combined"]["error_m"] < 0.5 * fast["high_pass"]["error_m"]
     assert all(r["invalid"] == 0 for moves in data["loop"].values() for r in moves.values())
+
+
+@pytest.mark.parametrize(("variant", "filtered"), [("high_pass", False), ("high_pass_reference", True)])
+def test_the_loop_with_the_high_pass_is_the_drives_own(data: Any, variant: str, filtered: bool) -> None:
+    """Independent: the prediction of ``verify`` runs the compiled cascade with its own differentiation of counts, without edges."""
+    model = load_plant("g_a").model
+    length, limits = estimator_loop.MOVES["0.5 m, T_A"]
+    move = plan_trajectory(0.05, 0.05 + length, limits, 1e-3)
+    ratio = model["transmission.ratio"]
+    feedforward = Feedforward(
+        inertia_kg_m2=model["motor.inertia"] + ratio**2 * model["cart.mass"],
+        viscous_nm_s_rad=model["viscous.damping"],
+        coulomb_nm=model["coulomb.level"] + ratio * model["cart_friction.level"],
+        advance_s=1.5e-3,
+    )
+    cascade = Cascade(0.12, 1.39, 6.29, 2e-3, Prefilter("butterworth", 123.24), feedforward, filtered)
+    structure = CascadeStructure("own", 1e-3, ("butterworth",), True, True, True)
+    predicted = predict_move(model, cascade, move, Loop(structure, 1e-3, 3.1, round(2.0 * np.pi * ratio / 2.5e-6)))
+    found = data["loop"]["0.5 m, T_A"][variant]
+    # They count from different places between two lines, which is two increments through the gains, and round differently.
+    assert found["error_m"] == pytest.approx(np.max(np.abs(move.position_m - predicted.motor_m)), abs=1e-5)
+    assert found["cart_error_m"] == pytest.approx(np.max(np.abs(move.position_m - predicted.cart_m)), abs=1e-5)
 
 
 def test_lines_and_figures(shown: Result, data: Any) -> None:
