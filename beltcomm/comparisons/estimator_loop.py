@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -10,11 +9,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.axis_entries import TrajectoryLimits
-from beltcomm.compiled import compiled
 from beltcomm.control import Cascade, Prefilter, discrete_coefficients, new_state, velocity_step
 from beltcomm.encoder.edges import INCREMENT_M
-from beltcomm.encoder.estimators import Settings, coefficients, combined_step, event_counter_step, gate_step, high_pass_step, new_estimator
-from beltcomm.encoder.quadrature import COUNT, INVALID, close_period, new_decoder, take_edge
+from beltcomm.encoder.estimators import Settings, coefficients
+from beltcomm.encoder.kernel import (
+    COUNT,
+    INVALID,
+    close_period,
+    combined_step,
+    event_counter_step,
+    gate_step,
+    high_pass_step,
+    new_decoder,
+    new_estimator,
+    take_stretch,
+)
 from beltcomm.model import Model, load_plant
 from beltcomm.simulate.plant import SimulatedPlant, substeps_needed
 from beltcomm.trajectory import Trajectory, plan_trajectory
@@ -95,7 +104,7 @@ def run_loop(model: Model, trajectory: Trajectory, variant: str, lag_s: float = 
             plant.step(torque, PERIOD_S / PARTS)
             x = 0.3 * INCREMENT_M + plant.position_rad * ratio
             begin = now + part * settings.period_ticks // PARTS
-            _take_line(registers, x_before, x, begin, settings.period_ticks // PARTS, INCREMENT_M)
+            take_stretch(registers, x_before, x, begin, settings.period_ticks // PARTS, INCREMENT_M)
             x_before = x
     return LoopResult(
         float(np.max(np.abs(reference - motor))),
@@ -125,18 +134,3 @@ def _feedforward(model: Model, trajectory: Trajectory) -> Array:
     speed = np.interp(t, trajectory.t_s, trajectory.velocity_m_s, right=0.0) / ratio
     acceleration = np.interp(t, trajectory.t_s, trajectory.acceleration_m_s2, right=0.0) / ratio
     return np.asarray(inertia * acceleration + model["viscous.damping"] * speed + coulomb * np.sign(speed))
-
-
-@compiled
-def _take_line(registers: IntArray, x_before: float, x: float, begin_tick: int, ticks: int, increment_m: float) -> None:
-    """The edges of a stretch with constant velocity."""
-    line, last = math.floor(x_before / increment_m), math.floor(x / increment_m)
-    while line != last:
-        up = last > line
-        crossed = line + 1 if up else line
-        tick = begin_tick + math.ceil((crossed * increment_m - x_before) / (x - x_before) * ticks)
-        line += 1 if up else -1
-        place = line % 4
-        level_a, level_b = (1 if place == 1 or place == 2 else 0), (1 if place >= 2 else 0)
-        channel = 0 if crossed % 2 == 1 else 1
-        take_edge(registers, tick, channel, level_a if channel == 0 else level_b)

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from beltcomm.encoder import formulas
 from beltcomm.encoder.edges import INCREMENT_M, TICK_S, Edges, Flaws, Motion, edges_of
 from beltcomm.encoder.estimators import Extension, Settings, Switching, Velocities, velocities
-from beltcomm.encoder.quadrature import COUNT, LEVEL_A, LEVEL_B, STATE, count_increments, new_decoder, take_edge
+from beltcomm.encoder.kernel import COUNT, LEVEL_A, LEVEL_B, STATE, new_decoder, take_edge
+from beltcomm.encoder.quadrature import count_increments
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]

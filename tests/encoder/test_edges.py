@@ -41,7 +41,8 @@ def test_a_steady_motion_passes_its_lines_on_time(speed: float) -> None:
 def test_a_turning_point_between_scans_is_not_missed() -> None:
     # The peak lies midway between two scans, so both see the same position; it passes a line for 80 us.
     def motion(t: NDArray[np.float64]) -> NDArray[np.float64]:
-        return 2.5e-6 + 1e-9 - ((t - 5.5e-3) / 1e-3) ** 2 * 1e-6
+        from_peak = np.round(t / 1e-8) - 550_000.0  # whole ticks, so that both scans see exactly the same
+        return np.asarray(2.5e-6 + 1e-9 - (from_peak / 100_000.0) ** 2 * 1e-6)
 
     edges = edges_of(motion, 1e-2, scan_s=1e-3)
     near = edges.tick[(edges.tick > 530_000) & (edges.tick < 570_000)]

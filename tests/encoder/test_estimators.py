@@ -9,19 +9,18 @@ import pytest
 from numpy.typing import NDArray
 
 from beltcomm.encoder.edges import Edges, Flaws, edges_of
-from beltcomm.encoder.estimators import (
-    Settings,
-    Velocities,
-    coefficients,
+from beltcomm.encoder.estimators import Settings, Velocities, coefficients, velocities
+from beltcomm.encoder.kernel import (
+    close_period,
     combined_step,
     event_counter_step,
     gate_step,
     high_pass_step,
+    new_decoder,
     new_estimator,
     switching_weight,
-    velocities,
+    take_edge,
 )
-from beltcomm.encoder.quadrature import close_period, new_decoder, take_edge
 from beltcomm.errors import DataError, UsageError
 
 METHODS = ("high_pass", "event_counter", "gate", "combined")
@@ -75,6 +74,17 @@ def test_without_time_out_the_gate_freezes() -> None:
     # Constant, then 0 from T_out after the last increment (at 0.1 s or one increment's 2.5 ms before) on.
     assert set(np.round(cut.gate[60:], 8)) == {0.0, 1e-3}
     assert 0.127 <= cut.t_s[np.flatnonzero(cut.gate)[-1]] <= 0.1305
+
+
+def test_the_first_increment_after_a_standstill_measures_the_standstill_and_not_the_velocity() -> None:
+    # Moves at 4 mm/s until 20 ms, rests 60 ms, goes on: an increment per 0.625 ms, T_out 30 ms.
+    edges = edges_of(lambda t: 4e-3 * (np.minimum(t, 0.02) + np.maximum(t - 0.08, 0.0)) + 1e-6, 0.1)
+    first, second = edges.tick[edges.tick * 1e-8 > 0.08][:2] * 1e-8
+    settings = Settings(period_s=1e-4, timeout_s=0.03)
+    found = velocities(edges, settings, 0.1)
+    assert np.all(found.gate[(found.t_s > first) & (found.t_s < second)] == 0.0)
+    assert np.sum((found.t_s > first) & (found.t_s < second)) >= 5
+    np.testing.assert_allclose(found.gate[found.t_s > second], 4e-3, rtol=1e-4)
 
 
 def test_the_extension_is_the_bound_that_no_increment_leaves() -> None:

@@ -178,6 +178,21 @@ def test_delays_under_acceleration() -> None:
     assert np.mean(late["high_pass"][settled]) == pytest.approx(f.high_pass_delay_s(PERIOD, LAG), rel=0.01)
 
 
+def test_the_delay_of_the_gate_fills_its_range() -> None:
+    # Through 10 mm/s at 0.1 m/s², an increment per 0.25 ms, from 16 places between two lines; a tick is worth 4 us of delay here.
+    shares = []
+    for k in range(16):
+        edges = edges_of(lambda t, k=k: STEP * (k + 0.5) / 16.0 + 0.05 * t**2, 0.105)  # type: ignore[misc]
+        found = velocities(edges, Settings(), 0.105)
+        near = found.t_s > 0.095
+        low, high = f.gate_delay_s(0.1 * found.t_s[near], STEP)
+        shares.append((found.t_s[near] - found.gate[near] / 0.1 - low) / (high - low))
+    spread = np.concatenate(shares)
+    assert -0.03 <= np.min(spread) < 0.1
+    assert 0.9 < np.max(spread) <= 1.03
+    assert np.mean(spread) == pytest.approx(0.5, abs=0.03)
+
+
 def test_where_a_formula_has_no_value() -> None:
     slow = np.array([1e-4, 2.4e-3])
     for values in (

@@ -9,7 +9,8 @@ import pytest
 from numpy.typing import NDArray
 
 from beltcomm.encoder.edges import Edges, Flaws, edges_of
-from beltcomm.encoder.quadrature import INVALID, PREVIOUS, STATE, count_increments, new_decoder, take_edge
+from beltcomm.encoder.kernel import COUNT, GAP, INCREMENTS, INVALID, PREVIOUS, STATE, STEPS, new_decoder, take_edge, take_stretch
+from beltcomm.encoder.quadrature import count_increments
 from beltcomm.errors import DataError
 
 FORWARD = [(0, 0), (1, 0), (1, 1), (0, 1)]  # S1 to S4; A leads
@@ -115,13 +116,26 @@ def test_a_lost_edge_is_noticed(sense: float, lost: int) -> None:
     assert registers[INVALID] == 1
 
 
+def test_nothing_is_measured_across_an_invalid_edge() -> None:
+    registers = new_decoder(0, 0)
+    for tick, channel, level in ((10, 0, 1), (20, 1, 1), (30, 0, 0)):
+        take_edge(registers, tick, channel, level)
+    assert (registers[GAP], registers[INCREMENTS], registers[STEPS]) == (10, 3, 2)
+    take_edge(registers, 40, 0, 0)  # A falls, but it is low: its rise and the edge of B before were missed
+    assert (registers[INVALID], registers[GAP], registers[INCREMENTS], registers[STEPS]) == (1, 0, 0, 0)
+    take_edge(registers, 50, 1, 0)
+    assert (registers[GAP], registers[INCREMENTS], registers[STEPS]) == (0, 1, 0), "one increment alone has no time"
+    take_edge(registers, 65, 0, 1)
+    assert (registers[GAP], registers[INCREMENTS], registers[STEPS]) == (15, 2, 1)
+
+
 def test_both_channels_in_one_tick_are_invalid_and_move_nothing() -> None:
     registers = new_decoder(0, 0)
     assert take_edge(registers, 10, 0, 1) == 1
-    before = registers[5]
+    before = registers[COUNT]
     assert take_edge(registers, 20, 1, 1) == 1
     assert take_edge(registers, 20, 0, 0) == -1, "the first edge of the tick is taken back"
-    assert (registers[5], registers[INVALID]) == (before, 1)
+    assert (registers[COUNT], registers[INVALID]) == (before, 1)
     # From (0, 1) it goes on as if it had come there forward.
     assert registers[STATE] == 4
     assert take_edge(registers, 30, 1, 0) == 1
@@ -167,3 +181,20 @@ def test_edges_out_of_order_are_refused() -> None:
     edges = Edges(np.array([5, 3]), np.array([0, 1]), np.array([1, 1]), 0, 0)
     with pytest.raises(DataError, match="edge 1 lies at tick 3, before edge 0 at tick 5; sort"):
         count_increments(edges)
+
+
+def test_a_stretch_makes_the_edges_of_its_motion() -> None:
+    # Straight stretches of 0.1 ms through a motion that turns, against the generator on the same broken line.
+    t = 1e-4 * np.arange(201)
+    nodes = 0.4e-6 + 40e-6 * np.sin(2.0 * np.pi * 90.0 * t)
+    edges = edges_of(lambda at: np.interp(at, t, nodes), 0.02)
+    registers, plain = new_decoder(0, 0), new_decoder(0, 0)
+    for k in range(200):
+        take_stretch(registers, nodes[k], nodes[k + 1], 10_000 * k, 10_000, 2.5e-6)
+    for tick, channel, level in zip(edges.tick, edges.channel, edges.level, strict=True):
+        take_edge(plain, tick, channel, level)
+    assert len(edges.tick) > 100
+    assert registers[INVALID] == 0
+    # Ticks may differ by one where a passage falls on a tick.
+    np.testing.assert_allclose(registers, plain, atol=2)
+    assert registers[COUNT] == plain[COUNT]
