@@ -16,7 +16,7 @@ from beltcomm.encoder.estimators import Settings, Velocities
 
 Array = NDArray[np.float64]
 
-#: s: T_s of our loops, and the fastest that the source's figures allow (it never states its T_s).
+#: s: T_s of our loops, and what the source's identification records suggest (it never states its T_s).
 PERIODS_S = (1e-3, 62.5e-6)
 #: Increments per period of the sweep around the crossing of the methods, in steps that meet no whole number.
 RATIOS = tuple(float(r) for r in np.arange(1.05, 4.5, 0.1))
@@ -157,7 +157,7 @@ def lines(study: Study) -> list[str]:
     """The study in words and tables, with the source's statements beside ours."""
     said = [
         "Velocity from an incremental encoder: 2.5 um per increment, edges timed to 10 ns; for each speed eight within 1 % of it.",
-        "The source does not state its T_s; 1 ms is that of our loops, 62.5 us the shortest that fits its identification records.",
+        "The source does not state its T_s; 1 ms is that of our loops, 62.5 us what its identification records suggest.",
     ]
     for table in study.tables:
         said += ["", *table_lines(table)]
@@ -339,7 +339,7 @@ def _verdict_lines(study: Study) -> list[str]:
         "What comes out of the source's findings",
         "  The gate is better at low, the event counter at high speed; errors as (6.16) and (C.5) say; they cross at 2 to 3 Δξ/T_s.",
         f"  The event counter tends to 100 Δt/T_s = {limit:g} % (6.13): {slow.worst['event_counter'][at[5.0]]:.2g} % at 5 m/s.",
-        f"  Below Δξ/T_s the high-pass jumps between zero and spikes: {slow.worst['high_pass'][at[1e-3]]:.0f} % at 1 mm/s; the combination "
+        f"  Below Δξ/T_s each increment is a spike in the high-pass: worst error {slow.worst['high_pass'][at[1e-3]]:.0f} % at 1 mm/s; the combination "
         f"{slow.worst['combined'][at[1e-3]]:.1e} %.",
         "  Debouncing removes false velocities at rest and delays a reversal by one increment; without time-out the gate never reads zero.",
         "What does not",
@@ -351,5 +351,5 @@ def _verdict_lines(study: Study) -> list[str]:
         f"  'Nearly an equivalent control performance' holds for margins ({won[0]:.1f} to {won[1]:.1f} degrees) and torque noise,",
         f"  and where the reference passes the same lag ({filtered:.2f} mm).  Against a reference that does not, the high-pass errs by",
         f"  {plain:.2f} mm in the 0.5 m move, the combination by {combined:.2f} mm: its lag does that, not its noise.",
-        "  (The source measured below 1 mm in this move on its rig, high-pass and all.)",
+        "  (The source measured below 1 mm in this move on its rig with the high-pass.)",
     ]
