@@ -339,8 +339,8 @@ def _verdict_lines(study: Study) -> list[str]:
         "What comes out of the source's findings",
         "  The gate is better at low, the event counter at high speed; errors as (6.16) and (C.5) say; they cross at 2 to 3 Δξ/T_s.",
         f"  The event counter tends to 100 Δt/T_s = {limit:g} % (6.13): {slow.worst['event_counter'][at[5.0]]:.2g} % at 5 m/s.",
-        f"  Below Δξ/T_s each increment is a spike in the high-pass: worst error {slow.worst['high_pass'][at[1e-3]]:.0f} % at 1 mm/s; the combination "
-        f"{slow.worst['combined'][at[1e-3]]:.1e} %.",
+        "  Below Δξ/T_s each increment is a spike in the high-pass: worst error at 1 mm/s "
+        f"{slow.worst['high_pass'][at[1e-3]]:.0f} %; of the combination {slow.worst['combined'][at[1e-3]]:.1e} %.",
         "  Debouncing removes false velocities at rest and delays a reversal by one increment; without time-out the gate never reads zero.",
         "What does not",
         "  (6.11) and (6.12) as bounds; (6.17) and (6.20) as printed; a tick as what limits the gate, once lines are off by a percent.",
