@@ -26,8 +26,9 @@ class Topic:
 
 #: Topics in the order of the source.
 TOPICS: Mapping[str, Topic] = {
-    "identification": Topic("open loop, direct and indirect closed loop, speed setpoint; dead time; averaging", "thesis 3.3, 3.4"),
     "excitations": Topic("PRBS, generalised PRBS, chirp and multisine at equal machine time", "thesis 3.1"),
+    "identification": Topic("open loop, direct and indirect closed loop, speed setpoint; dead time; averaging", "thesis 3.3, 3.4"),
+    "estimators": Topic("velocity from encoder edges: four estimators, their errors, debouncing, time-out", "thesis 6.1, appendix C"),
 }
 
 

@@ -1,0 +1,189 @@
+"""Edges of an incremental encoder that follows a given motion: what a logic sees that looks at both channels once in every tick.
+
+The channels change where the position passes a line of the scale.  Each passage is found by bisection in whole ticks, so an edge
+lies in the first tick at which the logic sees the new level, without the error of a sampled motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
+
+from beltcomm.errors import UsageError
+
+Array = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+Motion = Callable[[NDArray[Any]], NDArray[Any]]
+
+#: The source's hardware (6.15): m per increment, s per tick.
+INCREMENT_M, TICK_S = 2.5e-6, 1e-8
+#: Lines after which the errors of a scale repeat (one turn of a disc with 1024 lines, four edges each).
+LINES_PER_TURN = 4096
+#: Levels of A and B by count modulo 4: A leads when the count rises.
+LEVEL_A, LEVEL_B = np.array([0, 1, 1, 0]), np.array([0, 0, 1, 1])
+
+
+@dataclass(frozen=True)
+class Flaws:
+    """What a real encoder does beside its steps.
+
+    line_rms : standard deviation of where the lines lie, in increments, below 0.15; the same at every passage, repeats after
+    LINES_PER_TURN lines.   bounces : at most so many times a channel falls back after an edge and returns.   bounce_s : within this time,
+    and never longer than half the time to the next edge.   seed : of both.
+    """
+
+    line_rms: float = 0.0
+    bounces: int = 0
+    bounce_s: float = 0.0
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class Edges:
+    """Edges in order of time.   tick : (n,), in units of tick_s from the beginning.   channel : (n,), 0 for A, 1 for B.
+
+    level : (n,), 0 or 1, after the edge.   level_a, level_b : before the first edge.   increment_m : between edges of the two channels, m.
+    """
+
+    tick: IntArray
+    channel: IntArray
+    level: IntArray
+    level_a: int
+    level_b: int
+    increment_m: float = INCREMENT_M
+    tick_s: float = TICK_S
+
+
+def edges_of(
+    motion: Motion,
+    duration_s: float,
+    *,
+    increment_m: float = INCREMENT_M,
+    tick_s: float = TICK_S,
+    scan_s: float = 1e-4,
+    flaws: Flaws | None = None,
+) -> Edges:
+    """Edges that ``motion`` makes in 0 < t ≤ duration_s.
+
+    motion : position in m of times in s, both ndarray of one shape; continuous.   scan_s : the motion must not turn twice within twice
+    this time, s.   Lines lie at the multiples of increment_m.   Raises UsageError for a time, length or flaw that is out of range.
+    """
+    _require(increment_m > 0.0 and tick_s > 0.0, f"increment {increment_m:g} m, tick {tick_s:g} s: both must be above 0")
+    _require(duration_s >= 2.0 * tick_s, f"the record lasts {duration_s:g} s, less than two ticks of {tick_s:g} s; make it longer")
+    _require(scan_s >= tick_s, f"scan_s is {scan_s:g} s, less than a tick of {tick_s:g} s")
+    flaws = flaws or Flaws()
+    _require(
+        0.0 <= flaws.line_rms < 0.15,
+        f"lines off by {flaws.line_rms:g} increments rms would change places; give less than 0.15",
+    )
+    _require(flaws.bounces >= 0 and flaws.bounce_s >= 0.0, "the number of bounces and their time must not be negative")
+    knots = _monotone_knots(motion, duration_s, tick_s, scan_s)
+    position = motion(knots * tick_s)
+    _require(bool(np.all(np.isfinite(position))), "the motion is not finite at all times; give one that is")
+    scale = _Scale(increment_m, flaws)
+    counts = scale.count(position)
+    moves = np.diff(counts)
+    size = np.abs(moves)
+    part = np.repeat(np.arange(len(moves)), size)  # the stretch in which each line is passed
+    nth = np.arange(len(part)) - np.repeat(np.cumsum(size) - size, size)
+    upward = moves[part] > 0
+    line = np.where(upward, counts[part] + 1 + nth, counts[part] - nth)
+    tick = _first_ticks(motion, tick_s, scale.place(line), upward, knots[part], knots[part + 1])
+    # Passing line j from below turns the channel that differs between counts j−1 and j: A for odd j, B for even j.
+    channel = np.where(line % 2 == 1, 0, 1)
+    start = int(counts[0]) % 4
+    if flaws.bounces > 0 and flaws.bounce_s > 0.0:
+        tick, channel = _bounced(tick, channel, flaws, tick_s)
+    return _seen(tick, channel, int(LEVEL_A[start]), int(LEVEL_B[start]), increment_m, tick_s)
+
+
+class _Scale:
+    """Where the lines lie: line j between counts j−1 and j."""
+
+    def __init__(self, increment_m: float, flaws: Flaws) -> None:
+        self.increment_m = increment_m
+        self.off = np.zeros(LINES_PER_TURN)
+        if flaws.line_rms > 0.0:
+            rng = np.random.default_rng([flaws.seed, 1])
+            self.off = np.clip(rng.normal(0.0, flaws.line_rms, LINES_PER_TURN), -0.45, 0.45)
+
+    def place(self, line: IntArray) -> Array:
+        """Position of lines, m."""
+        return np.asarray((line + self.off[line % LINES_PER_TURN]) * self.increment_m)
+
+    def count(self, position: NDArray[Any]) -> IntArray:
+        """The line at or below each position."""
+        count = np.floor(position / self.increment_m).astype(np.int64)
+        count -= position < self.place(count)
+        return np.asarray(count + (position >= self.place(count + 1)))
+
+
+def _monotone_knots(motion: Motion, duration_s: float, tick_s: float, scan_s: float) -> IntArray:
+    """Ticks between which the motion does not turn: the scan, and every turning point in it."""
+    last = int(np.floor(duration_s / tick_s * (1.0 + 1e-12)))
+    count = max(int(np.ceil(last * tick_s / scan_s)), 2)
+    knots = np.unique(np.round(np.linspace(0, last, count + 1)).astype(np.int64))
+    position = motion(knots * tick_s)
+    slopes = np.sign(np.diff(position))
+    moving = np.maximum.accumulate(np.where(slopes != 0.0, np.arange(len(slopes)), 0))
+    slopes = slopes[moving]  # a stretch that ends where it began goes with the one before: it may hold the turning point
+    turns = np.flatnonzero(slopes[1:] * slopes[:-1] < 0) + 1
+    found = []
+    for i in turns:
+        sense = -slopes[i - 1]  # a maximum is the minimum of the negative
+        bounds = (float(knots[i - 1]), float(knots[i + 1]))
+        best = minimize_scalar(
+            lambda tick, sense=sense: float(sense * motion(np.array([tick * tick_s]))[0]),
+            bounds=bounds,
+            method="bounded",
+            options={"xatol": 0.1},
+        )
+        near = np.arange(int(best.x) - 1, int(best.x) + 3)
+        near = near[(near > bounds[0]) & (near < bounds[1])]
+        if len(near):
+            found.append(int(near[np.argmin(sense * motion(near * tick_s))]))
+    return np.unique(np.concatenate([knots, np.array(found, dtype=np.int64)]))
+
+
+def _first_ticks(motion: Motion, tick_s: float, place: Array, upward: NDArray[np.bool_], before: IntArray, after: IntArray) -> IntArray:
+    """The first tick at which the position is past each place, between two ticks that lie on both sides of it."""
+    low, high = before.copy(), after.copy()
+    while np.any(high - low > 1):
+        middle = (low + high) // 2
+        past = (motion(middle * tick_s) >= place) == upward
+        high, low = np.where(past, middle, high), np.where(past, low, middle)
+    return high
+
+
+def _bounced(tick: IntArray, channel: IntArray, flaws: Flaws, tick_s: float) -> tuple[IntArray, IntArray]:
+    """The edges with extra pairs after each: the channel falls back and returns."""
+    rng = np.random.default_rng([flaws.seed, 2])
+    room = np.append(np.diff(tick) // 2, np.iinfo(np.int64).max)
+    room = np.minimum(room, int(flaws.bounce_s / tick_s))
+    pairs = rng.integers(0, flaws.bounces + 1, len(tick))
+    pairs[room < 2] = 0
+    source = np.repeat(np.arange(len(tick)), 2 * pairs)
+    extra = tick[source] + 1 + np.floor(rng.random(len(source)) * room[source]).astype(np.int64)
+    return np.concatenate([tick, extra]), np.concatenate([channel, channel[source]])
+
+
+def _seen(tick: IntArray, channel: IntArray, level_a: int, level_b: int, increment_m: float, tick_s: float) -> Edges:
+    """Changes in order; what happens twice to one channel within a tick is not seen."""
+    key, times = np.unique(2 * tick + channel, return_counts=True)
+    key = key[times % 2 == 1]
+    tick, channel = key // 2, key % 2
+    level = np.empty(len(key), dtype=np.int64)
+    for which, first in ((0, level_a), (1, level_b)):
+        mine = channel == which
+        level[mine] = (first + np.arange(1, np.count_nonzero(mine) + 1)) % 2
+    return Edges(tick, channel, level, level_a, level_b, increment_m, tick_s)
+
+
+def _require(holds: bool, otherwise: str) -> None:
+    if not holds:
+        raise UsageError(otherwise)

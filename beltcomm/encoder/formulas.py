@@ -1,0 +1,202 @@
+"""Limits and relative errors of the velocity estimators: (6.3) to (6.19), (C.1) to (C.8), and what they leave out.
+
+Assumed throughout, unless said otherwise: constant positive velocity, lines of the scale exactly where they belong, no missed edge, and
+times of edges known within ±Δt_min.  Speeds in m/s, errors in percent of the true velocity, returned with the sign of a time measured
+too long (negative) or too short (positive).  Speeds are numbers or arrays; what is computed from them are arrays of the same shape.
+
+Printed and meant: (C.6) and the middle of (6.11) agree only with a factor 100 that (C.6) lacks; (6.13) is a limit and no argmin.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from beltcomm.errors import UsageError
+
+Array = NDArray[np.float64]
+
+
+def lowest_speed_m_s(increment_m: float, time_s: float) -> float:
+    """Δξ_min over a time, m/s.
+
+    (6.3) of the difference (6.9) and (6.5) of the event counter with T_s: two increments can lie in a period from this speed on, but do
+    so in every period only from twice this speed on.   (6.18) of the gate measurement with T_out.
+    """
+    return increment_m / time_s
+
+
+def highest_speed_m_s(increment_m: float, tick_s: float) -> float:
+    """Δξ_min/Δt_min, m/s: (6.6) and (6.15), one increment per tick."""
+    return increment_m / tick_s
+
+
+def travel_in_period_m(speed_m_s: ArrayLike, period_s: float) -> Array:
+    """(C.1): Δξ_Ts = ξ T_s, m."""
+    return _array(speed_m_s) * period_s
+
+
+def increments_real(speed_m_s: ArrayLike, increment_m: float, period_s: float) -> Array:
+    """(C.2): n_inc − 1 = ξ T_s/Δξ_min before it is cut to a whole number: increments that the axis travels in a period."""
+    return travel_in_period_m(speed_m_s, period_s) / increment_m
+
+
+def intervals_printed(speed_m_s: ArrayLike, increment_m: float, period_s: float) -> Array:
+    """(C.3): n_inc − 1 = ⌊ξ T_s/Δξ_min⌋.
+
+    That is the most that a period can hold, reached when an increment lies near its beginning; see :func:`intervals_fewest`.
+    """
+    return _floor(increments_real(speed_m_s, increment_m, period_s))
+
+
+def intervals_fewest(speed_m_s: ArrayLike, increment_m: float, period_s: float) -> Array:
+    """The fewest intervals between increments of one period: ⌊ξ T_s/Δξ_min⌋ − 1, below 1 where the event counter has no value in some.
+
+    A period of r = ξ T_s/Δξ_min holds ⌊r⌋ or ⌊r⌋ + 1 increments, so ⌊r⌋ − 1 or ⌊r⌋ intervals; (C.3) takes the better of the two cases.
+    """
+    return intervals_printed(speed_m_s, increment_m, period_s) - 1.0
+
+
+def measured_time_s(speed_m_s: ArrayLike, increment_m: float, period_s: float) -> Array:
+    """(C.4), with (6.7) and (6.8): T_n,inc = ⌊ξ T_s/Δξ_min⌋ Δξ_min/ξ, s, → T_s for high speeds (6.10)."""
+    return intervals_printed(speed_m_s, increment_m, period_s) * increment_m / _array(speed_m_s)
+
+
+def time_error_percent(measured_s: ArrayLike, tick_s: float, sign: int = 1) -> Array:
+    """100 (T/(T ± Δt_min) − 1) = ∓100 Δt_min/(T ± Δt_min): what a time T, measured wrong by a tick, does to a velocity.
+
+    The middle of (C.5), and (C.8).   measured_s : T, s, above the tick.   sign : 1 for a time measured too long, −1 for too short (worse).
+    """
+    return -sign * 100.0 * tick_s / (_array(measured_s) + sign * tick_s)
+
+
+def event_counter_error_exact_percent(
+    speed_m_s: ArrayLike, increment_m: float, tick_s: float, period_s: float, *, sign: int = 1, fewest: bool = False
+) -> Array:
+    """(C.5): ∓100 Δt_min ξ/(m Δξ_min ± Δt_min ξ), percent, with m = ⌊ξ T_s/Δξ_min⌋.
+
+    fewest : take m = ⌊ξ T_s/Δξ_min⌋ − 1 instead, the true worst case.   nan where m < 1.   sign as in :func:`time_error_percent`.
+    """
+    count = intervals_fewest if fewest else intervals_printed
+    intervals = _at_least_one(count(speed_m_s, increment_m, period_s))
+    return time_error_percent(intervals * increment_m / _array(speed_m_s), tick_s, sign)
+
+
+def event_counter_error_percent(speed_m_s: ArrayLike, increment_m: float, tick_s: float, period_s: float, *, sign: int = 1) -> Array:
+    """(6.11), (C.6): ∓100 ξ/(⌊ξ T_s/Δξ_min⌋ ξ_h,max), percent, for Δt_min ≪ T_s; (C.6) is printed without the 100.
+
+    nan below Δξ_min/T_s, where the floor is 0.
+    """
+    intervals = _at_least_one(intervals_printed(speed_m_s, increment_m, period_s))
+    return -sign * 100.0 * _array(speed_m_s) / (intervals * highest_speed_m_s(increment_m, tick_s))
+
+
+def event_counter_envelope_percent(speed_m_s: ArrayLike, increment_m: float, tick_s: float, period_s: float) -> Array:
+    """(6.12): 100 ξ/((ξ T_s/Δξ_min − 1) ξ_h,max), percent: (6.11) with the floor at its lowest.   nan up to Δξ_min/T_s.
+
+    The true worst case lies above it, see :func:`event_counter_worst_percent`.
+    """
+    intervals = increments_real(speed_m_s, increment_m, period_s) - 1.0
+    return 100.0 * _array(speed_m_s) / (_above_zero(intervals) * highest_speed_m_s(increment_m, tick_s))
+
+
+def event_counter_worst_percent(speed_m_s: ArrayLike, increment_m: float, tick_s: float, period_s: float) -> Array:
+    """(C.5) with the fewest intervals that a period can hold and the time measured too short, percent; nan below 2 Δξ_min/T_s."""
+    return event_counter_error_exact_percent(speed_m_s, increment_m, tick_s, period_s, sign=-1, fewest=True)
+
+
+def event_counter_limit_percent(tick_s: float, period_s: float) -> float:
+    """(6.13): 100 Δt_min/T_s, percent, which (6.11) and (6.12) tend to for high speeds (printed as an argmin)."""
+    return 100.0 * tick_s / period_s
+
+
+def gate_time_s(speed_m_s: ArrayLike, increment_m: float) -> Array:
+    """(C.7): T_inc = Δξ_min/ξ, s."""
+    return increment_m / _array(speed_m_s)
+
+
+def gate_error_percent(speed_m_s: ArrayLike, increment_m: float, tick_s: float, *, sign: int = 1) -> Array:
+    """(6.16), (C.8): ∓100 ξ/(ξ_l,max ± ξ), percent; exact.   sign : 1 for a time measured too long, −1 for too short (worse).
+
+    Meant for speeds below ξ_l,max = Δξ_min/Δt_min (6.15): above, no time is left to be measured.
+    """
+    speed = _array(speed_m_s)
+    return -sign * 100.0 * speed / (highest_speed_m_s(increment_m, tick_s) + sign * speed)
+
+
+def crossing_speed_m_s(increment_m: float, tick_s: float, period_s: float, *, sign: int = 1) -> float:
+    """(6.19): 2 Δξ_min/(T_s ∓ Δt_min), m/s, where (6.12) equals |(6.16)|.
+
+    sign : 1 as printed; it belongs to a gate time measured too long, the smaller error.   −1 : to the larger, which is the worst case the
+    source speaks of.   They differ by 2 Δt_min/T_s.   Raises UsageError for a period that is not longer than a tick.
+    """
+    if period_s <= tick_s:
+        raise UsageError(f"the sampling period {period_s:g} s is not longer than the tick {tick_s:g} s; there is no crossing")
+    return 2.0 * increment_m / (period_s - sign * tick_s)
+
+
+def high_pass_worst_percent(speed_m_s: ArrayLike, increment_m: float, period_s: float, lag_s: float) -> Array:
+    """100 Δξ_min/((T_R + T_s) ξ), percent: bound on the error of (6.1) by backward differences at constant velocity (not in the source).
+
+    The position is wrong by at most an increment; the first weight of (1 − z⁻¹)/(T_R + T_s − T_R z⁻¹) is 1/(T_R + T_s), all later ones
+    are negative and together its opposite.   With T_R = 0 it is 100 ξ_min/ξ of (6.3).
+    """
+    return 100.0 * increment_m / ((lag_s + period_s) * _array(speed_m_s))
+
+
+def gate_rms_percent(speed_m_s: ArrayLike, increment_m: float, tick_s: float, intervals: ArrayLike = 1.0) -> Array:
+    """100 Δt_min ξ/(√6 m Δξ_min), percent: rms over speeds and phases of (C.8), and of (C.5) with m intervals (not in the source).
+
+    Two times, each rounded up to a tick: the difference of two uniform errors has the variance Δt_min²/6.   For errors ≪ 100 %.
+    """
+    return _array(100.0 * tick_s * _array(speed_m_s) / (np.sqrt(6.0) * _array(intervals) * increment_m))
+
+
+def high_pass_rms_percent(speed_m_s: ArrayLike, increment_m: float, period_s: float, lag_s: float) -> Array:
+    """100 Δξ_min/((T_R + T_s) ξ √6) √((1 + p)⁻¹), p = T_R/(T_R + T_s), percent: rms where rounding is white (not in the source).
+
+    Rounding has the variance Δξ_min²/12 and, from a few increments per period on, no memory; the sum of the squared weights of
+    (1 − z⁻¹)/(1 − p z⁻¹) is 2/(1 + p).
+    """
+    pole = lag_s / (lag_s + period_s)
+    return 100.0 * increment_m / ((lag_s + period_s) * _array(speed_m_s)) * float(np.sqrt(1.0 / (6.0 * (1.0 + pole))))
+
+
+def high_pass_delay_s(period_s: float, lag_s: float) -> float:
+    """T_R + T_s/2, s: how far (6.1) by backward differences lags behind a steady acceleration (not in the source)."""
+    return lag_s + 0.5 * period_s
+
+
+def event_counter_delay_s(speed_m_s: ArrayLike, increment_m: float, period_s: float) -> tuple[Array, Array]:
+    """Least and largest delay of (6.4) under acceleration, s: (T_s ∓ Δξ_min/ξ)/2 (not in the source).
+
+    It is the true velocity midway between the first and the last increment; these lie at most an increment's time inside the period.
+    """
+    gap = gate_time_s(speed_m_s, increment_m)
+    return 0.5 * (period_s - gap), 0.5 * (period_s + gap)
+
+
+def gate_delay_s(speed_m_s: ArrayLike, increment_m: float) -> tuple[Array, Array]:
+    """Least and largest delay of (6.14) under acceleration, s: Δξ_min/(2 ξ) to 3 Δξ_min/(2 ξ) (not in the source).
+
+    The last increment is up to one increment's time old, and the middle of the gap half of one older.
+    """
+    gap = gate_time_s(speed_m_s, increment_m)
+    return 0.5 * gap, 1.5 * gap
+
+
+def _array(values: ArrayLike) -> Array:
+    return np.asarray(values, dtype=np.float64)
+
+
+def _floor(values: Array) -> Array:
+    # A product of T_s and ξ that should be whole comes out a rounding error below.
+    return np.floor(values * (1.0 + 4e-16))
+
+
+def _at_least_one(values: Array) -> Array:
+    return np.where(values >= 1.0, values, np.nan)
+
+
+def _above_zero(values: Array) -> Array:
+    return np.where(values > 0.0, values, np.nan)
