@@ -39,6 +39,7 @@ VERBS = {
     "simulate": "A virtual experiment from a model or plant into a run folder.",
     "import": "Foreign measurements into a run folder.",
     "thesis": "What the design source compares, recomputed: tables and figures.",
+    "convert": "Gains of a P-PI cascade as a PID controller, and back.",
     "drives": "Drive adapters found, or why one is broken.",
     "effects": "The physical effects a model can have.",
 }

@@ -75,9 +75,7 @@ def knobs_of(plant: DesignPlant, cascade: Cascade) -> Setting:
 
 def gains_for(plant: DesignPlant, prefilter: PrefilterKind | Prefilter, knobs: Knobs, velocity_filter_s: float = 0.002) -> ThesisDesign:
     """The gains that the knobs stand for.   velocity_filter_s : T_R, s.   Raises Refused as ``thesis.thesis_design``."""
-    return thesis_design(
-        plant, prefilter, velocity_filter_s, knobs.phase_margin_deg, knobs.suppression_db, knobs.position_phase_margin_deg
-    )
+    return thesis_design(plant, prefilter, velocity_filter_s, knobs.phase_margin_deg, knobs.suppression_db, knobs.position_phase_margin_deg)
 
 
 def turned(

@@ -128,9 +128,7 @@ def velocity_loop(plant: DesignPlant, cascade: Cascade, omega_rad_s: Array) -> C
 
 def position_loop(plant: DesignPlant, cascade: Cascade, omega_rad_s: Array) -> ComplexArray:
     """Open position loop K_PP G_ω,cl of figure 4.7, s = jω, shapes as :func:`velocity_loop`.   Source: (4.10), (4.11)."""
-    closed = _closed_velocity_loop(
-        plant, cascade.prefilter, cascade.velocity_filter_s, cascade.kp_nm_s_rad, cascade.ki_nm_rad, omega_rad_s
-    )
+    closed = _closed_velocity_loop(plant, cascade.prefilter, cascade.velocity_filter_s, cascade.kp_nm_s_rad, cascade.ki_nm_rad, omega_rad_s)
     return np.asarray(cascade.kpp_1_s * closed)
 
 
