@@ -25,7 +25,10 @@ class Topic:
 
 
 #: Topics in the order of the source.
-TOPICS: Mapping[str, Topic] = {}
+TOPICS: Mapping[str, Topic] = {
+    "designs": Topic("Prefilters, gains, margins and the three knobs, beside the product's own design", "chapter 4, tables A.4 to A.13"),
+    "discretisation": Topic("The discrete loops against the continuous design", "chapters 4 and 6, (4.1) to (4.6), (6.1), (6.25)"),
+}
 
 
 def thesis(topic: str | None = None, *, pictures: Path | None = None, command: str = "") -> Result:
