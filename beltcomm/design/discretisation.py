@@ -12,6 +12,7 @@ With θ = ωT and s = jω, for 0 < θ < π:
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +40,9 @@ def prefilter_bound(omega_rad_s: Array, prefilter: Prefilter, period_s: float) -
 
     Returns (n,).   Raises UsageError for a frequency beyond π/T.
     """
+    if prefilter.roll_off_rad_s > 0.0:
+        parts = (replace(prefilter, roll_off_rad_s=0.0), Prefilter("butterworth", prefilter.roll_off_rad_s))
+        return np.asarray(np.prod([1.0 + prefilter_bound(omega_rad_s, part, period_s) for part in parts], axis=0) - 1.0)
     if prefilter.kind == "none":
         return np.zeros_like(omega_rad_s)
     moved = warped(omega_rad_s, prefilter, period_s)
