@@ -8,7 +8,7 @@ Discrete form, sampling period T, z = exp(jωT):
 - measured velocity: (1 − z⁻¹)/(T_R + T − T_R z⁻¹), the backward difference behind a first-order lag with the pole
   T_R/(T_R + T); at low frequencies it lags by T_R + T/2;
 - reference velocity, when it is filtered: (1 + z⁻¹)/2 and the same lag, so that it lags by the same T_R + T/2;
-- prefilter on the velocity error: bilinear transform (Tustin), prewarped at its centre or cutoff;
+- prefilter on the velocity error, and the additional low-pass behind it: bilinear transform (Tustin), prewarped at centre or cutoff;
 - PI: K_P + K_I T/(z − 1), the forward-Euler integrator (6.25).
 
 The compiled step (``cascade_step``, ``velocity_step``, ``new_state``, ``reset_state``) stands in

@@ -50,8 +50,10 @@ def _from_cascade(cascade: Cascade, period_s: float, run: Path | None) -> Result
     text = [cascade_line("cascade", cascade), *pid_lines(pid)]
     if other is not None:
         text.append(cascade_line("the same PID is also the cascade", other))
-    if cascade.prefilter.kind != "none":
-        text.append(f"The {cascade.prefilter.kind} prefilter stays, in front of all three terms; the feedforward torque passes it by.")
+    filters = [f"{cascade.prefilter.kind} prefilter"] if cascade.prefilter.kind != "none" else []
+    filters += ["additional low-pass"] if cascade.prefilter.roll_off_rad_s else []
+    if filters:
+        text.append(f"In front of all three terms, but not of the feedforward torque, stays: {' and '.join(filters)}.")
     text.append(f"Computed {_form(cascade.velocity_filter_s, period_s)}.")
     data = {"run": None if run is None else str(run), "cascade": _gains(cascade), "period_s": period_s, "pid": pid_data(pid)}
     return Result({**data, "other": None if other is None else _gains(other)}, text)
