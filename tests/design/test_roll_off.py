@@ -15,6 +15,7 @@ from beltcomm.design.loops import closed_loop_poles
 from beltcomm.design.margins import margins
 from beltcomm.design.prefilters import continuous_prefilter
 from beltcomm.design.specification import Specification
+from beltcomm.drive import open_drive
 from beltcomm.model import load_plant
 from beltcomm.parameters import cascade_to_parameters, parameters_to_cascade
 from beltcomm.session.analyse import design_plants
@@ -120,3 +121,13 @@ def test_parameters_carry_the_low_pass_and_old_ones_have_none() -> None:
     assert parameters_to_cascade(parameters) == replace(cascade, feedforward=cascade.feedforward)
     del parameters["prefilter_roll_off_rad_s"]
     assert parameters_to_cascade(parameters).prefilter == Prefilter("notch", 673.0, 4.6)
+
+
+def test_the_drive_takes_the_low_pass_and_gives_it_back() -> None:
+    cascade = Cascade(0.08, 1.2, 8.0, 0.002, ROLLED_OFF)
+    with open_drive("virtual:g_b", {}) as drive:
+        assert drive.capabilities.structure.roll_off
+        drive.write(cascade_to_parameters(cascade))
+        back = parameters_to_cascade(drive.backup()).prefilter
+    # The drive keeps single precision.
+    assert (back.omega_rad_s, back.d_n, back.roll_off_rad_s) == pytest.approx((673.0, 4.6, 900.0), rel=1e-7)
