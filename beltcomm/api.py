@@ -26,6 +26,7 @@ from beltcomm.runfolder import RunFolder
 from beltcomm.session import analyse, gains, offline, outcome, referencing, stops, verification, words
 from beltcomm.session import commission as sequence
 from beltcomm.session.commission import Findings
+from beltcomm.session.convert import convert as convert
 from beltcomm.session.creep import BREAKAWAY_SHARE, CREEP_SPEED_M_S, MARGIN_M, NEAR_M, RAMP_S, small_move
 from beltcomm.session.experiment import run_experiment
 from beltcomm.session.export import export as export
@@ -155,8 +156,7 @@ def friction(drive: str, run: Path, *, options: Options | None = None, talk: Tal
             sequence.measure_friction(machine, model, "sweep" if number == 1 else f"sweep_{number}")
         findings.friction = analyse.friction_of(folder.recordings())
     folder.save_result("friction", plain(findings.friction))
-    how = "The strokes were driven by a loop designed from the run's model."
-    text = [how, *words.friction_lines(findings.friction), f"Next: beltcomm fit {run}"]
+    text = ["Driven by a loop designed from the run's model:", *words.friction_lines(findings.friction), f"Next: beltcomm fit {run}"]
     return Result({"run": str(run), "friction": plain(findings.friction)}, text)
 
 

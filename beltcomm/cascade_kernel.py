@@ -1,6 +1,6 @@
 """The cascade as a servo drive runs it: one compiled step per sampling period.
 
-Numbers are those of ``beltcomm.control.discrete_coefficients``; the state is one array of eight, so that other compiled
+Numbers are those of ``beltcomm.control.discrete_coefficients``; the state is one array of ten, so that other compiled
 code can hold it.  All quantities at the motor shaft.
 
 Sources: figure 4.1, (4.1), (4.3), (4.6), (4.16), (6.1), (6.25), (6.26).
@@ -16,17 +16,17 @@ from beltcomm.compiled import compiled
 Array = NDArray[np.float64]
 
 # Places in the state.
-_POSITION, _VELOCITY, _REFERENCE, _FILTERED_REFERENCE, _BIQUAD_1, _BIQUAD_2, _INTEGRAL, _ACCELERATION = range(8)
+_POSITION, _VELOCITY, _REFERENCE, _FILTERED_REFERENCE, _BIQUAD_1, _BIQUAD_2, _INTEGRAL, _ACCELERATION, _LOW_PASS_1, _LOW_PASS_2 = range(10)
 
 
 def new_state() -> Array:
-    """State of a cascade at rest at position 0: ndarray (8,).
+    """State of a cascade at rest at position 0: ndarray (10,).
 
     Motor angle of the last step, rad; measured velocity, rad/s; reference velocity of the last step, rad/s; filtered
     reference velocity, rad/s; two states of the prefilter (transposed direct form II), rad/s; integrator x_I, rad;
-    reference acceleration of the last step, rad/s².
+    reference acceleration of the last step, rad/s²; two states of the additional low-pass, rad/s.
     """
-    return np.zeros(8)
+    return np.zeros(10)
 
 
 @compiled
@@ -51,7 +51,7 @@ def cascade_step(
 
     e = K_PP (φ_d − φ) + filtered K_v ω_d − ω,   τ = PI(prefilter(e)) + feedforward(ω_d, dω_d/dt) + extra, limited.
 
-    coefficients, state : ndarray (18,), (8,).   The feedforward uses ω_d as it is, not filtered and not times K_v,
+    coefficients, state : ndarray (23,), (10,).   The feedforward uses ω_d as it is, not filtered and not times K_v,
     extrapolated by the advance: the torque acts a delay and half a period after it was computed.
     """
     error = coefficients[3] * (reference_position_rad - position_rad)
@@ -119,6 +119,10 @@ def _velocity_loop(
     error = coefficients[6] * raw_error + state[_BIQUAD_1]
     state[_BIQUAD_1] = coefficients[7] * raw_error - coefficients[9] * error + state[_BIQUAD_2]
     state[_BIQUAD_2] = coefficients[8] * raw_error - coefficients[10] * error
+    filtered = error
+    error = coefficients[18] * filtered + state[_LOW_PASS_1]
+    state[_LOW_PASS_1] = coefficients[19] * filtered - coefficients[21] * error + state[_LOW_PASS_2]
+    state[_LOW_PASS_2] = coefficients[20] * filtered - coefficients[22] * error
 
     # The acceleration arrives as the difference quotient of the velocity, so it is half a period old; its own change carries
     # both ahead.  Along a jerk-limited reference that is exact but for the samples at which the jerk switches.

@@ -8,7 +8,7 @@ Discrete form, sampling period T, z = exp(jωT):
 - measured velocity: (1 − z⁻¹)/(T_R + T − T_R z⁻¹), the backward difference behind a first-order lag with the pole
   T_R/(T_R + T); at low frequencies it lags by T_R + T/2;
 - reference velocity, when it is filtered: (1 + z⁻¹)/2 and the same lag, so that it lags by the same T_R + T/2;
-- prefilter on the velocity error: bilinear transform (Tustin), prewarped at its centre or cutoff;
+- prefilter on the velocity error, and the additional low-pass behind it: bilinear transform (Tustin), prewarped at centre or cutoff;
 - PI: K_P + K_I T/(z − 1), the forward-Euler integrator (6.25).
 
 The compiled step (``cascade_step``, ``velocity_step``, ``new_state``, ``reset_state``) stands in
@@ -44,6 +44,7 @@ __all__ = [
     "prefilter_coefficients",
     "prefilter_response",
     "reset_state",
+    "roll_off_coefficients",
     "velocity_filter_response",
     "velocity_step",
 ]
@@ -59,11 +60,13 @@ class Prefilter:
     """Filter of the velocity control error, in front of the PI controller.
 
     kind "none"; "notch" (4.1): centre ``omega_rad_s``, width ``d_n``; "butterworth" (4.3): cutoff ``omega_rad_s``.
+    ``roll_off_rad_s``: cutoff of a low-pass (4.3) behind it against further resonances (4.2.1), 0 for none.
     """
 
     kind: PrefilterKind = "none"
     omega_rad_s: float = 0.0
     d_n: float = 0.0
+    roll_off_rad_s: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -108,6 +111,7 @@ class CascadeStructure:
     period_s : s, sampling period of its loops.    prefilters : the kinds available.    steps : smallest step
     of each gain in SI by name (``kp_nm_s_rad`` ...), 0 when continuous for our purpose.  lowest, highest : SI bounds.
     Names besides the fields of :class:`Cascade`: ``integral_time_s`` for a drive that stores T_N = K_P/K_I in place of K_I.
+    roll_off : it has the additional low-pass behind the prefilter.
     output_limit_rad_s, dead_zone_rad : bound of the position controller's output, and position errors it does not see; as set
     in the drive, motor shaft.
     """
@@ -124,6 +128,7 @@ class CascadeStructure:
     highest: dict[str, float] = field(default_factory=dict)
     output_limit_rad_s: float = math.inf
     dead_zone_rad: float = 0.0
+    roll_off: bool = False
 
     def position_error_seen(self, error_rad: float, kpp_1_s: float) -> float:
         """Position error that acts: less the dead zone, and no more than makes the largest output; rad, motor shaft."""
@@ -135,8 +140,8 @@ def discrete_coefficients(cascade: Cascade, period_s: float, torque_limit_nm: fl
     """The numbers that the compiled step runs on, in the order that :mod:`beltcomm.cascade_kernel` unpacks.
 
     period_s : float, s, > 0, sampling period T of the loops.   torque_limit_nm : float, N m, motor shaft, > 0.
-    Returns ndarray (18,): T, K_P, K_I, K_PP, T_R, filter_reference (0 or 1), prefilter b0 b1 b2 a1 a2, inertia, viscous,
-    Coulomb and offset of the feedforward, K_v, torque limit, advance of the feedforward.
+    Returns ndarray (23,): T, K_P, K_I, K_PP, T_R, filter_reference (0 or 1), prefilter b0 b1 b2 a1 a2, inertia, viscous,
+    Coulomb and offset of the feedforward, K_v, torque limit, advance of the feedforward, additional low-pass b0 b1 b2 a1 a2.
     Raises UsageError when a number is out of its range, or the prefilter lies at or above the Nyquist frequency π/T.
     """
     if not (period_s > 0.0 and math.isfinite(period_s)):
@@ -161,6 +166,7 @@ def discrete_coefficients(cascade: Cascade, period_s: float, torque_limit_nm: fl
             forward.velocity,
             torque_limit_nm,
             forward.advance_s,
+            *roll_off_coefficients(cascade.prefilter, period_s),
         ]
     )
 
@@ -179,13 +185,16 @@ def velocity_filter_response(omega_rad_s: Array, velocity_filter_s: float, perio
 def prefilter_response(omega_rad_s: Array, prefilter: Prefilter, period_s: float) -> ComplexArray:
     """Frequency response of the prefilter as the compiled step runs it.
 
-    (b0 + b1 z⁻¹ + b2 z⁻²)/(1 + a1 z⁻¹ + a2 z⁻²),  z = exp(jωT):  (4.1), (4.3) by the prewarped bilinear transform.
+    (b0 + b1 z⁻¹ + b2 z⁻²)/(1 + a1 z⁻¹ + a2 z⁻²),  z = exp(jωT):  (4.1), (4.3) by the prewarped bilinear transform, times the
+    additional low-pass where there is one.
 
     omega_rad_s : ndarray, rad/s.   period_s : T, s.   Raises UsageError as :func:`discrete_coefficients`.
     """
-    b0, b1, b2, a1, a2 = prefilter_coefficients(prefilter, period_s)
     delayed = np.exp(-1j * omega_rad_s * period_s)
-    return np.asarray((b0 + (b1 + b2 * delayed) * delayed) / (1.0 + (a1 + a2 * delayed) * delayed))
+    response = np.ones_like(delayed)
+    for b0, b1, b2, a1, a2 in (prefilter_coefficients(prefilter, period_s), roll_off_coefficients(prefilter, period_s)):
+        response = response * (b0 + (b1 + b2 * delayed) * delayed) / (1.0 + (a1 + a2 * delayed) * delayed)
+    return np.asarray(response)
 
 
 def pi_response(omega_rad_s: Array, kp_nm_s_rad: float, ki_nm_rad: float, period_s: float) -> ComplexArray:
@@ -222,6 +231,17 @@ def prefilter_coefficients(prefilter: Prefilter, period_s: float) -> tuple[float
     a0 = 1.0 + 2.0 * damping_below + k * k
     b0, b1, b2 = (value / a0 for value in numerator)
     return b0, b1, b2, 2.0 * (k * k - 1.0) / a0, (1.0 - 2.0 * damping_below + k * k) / a0
+
+
+def roll_off_coefficients(prefilter: Prefilter, period_s: float) -> tuple[float, float, float, float, float]:
+    """b0, b1, b2, a1, a2 of the additional low-pass (4.2.1); 1, 0, 0, 0, 0 for none.   Arguments and errors as above."""
+    omega = prefilter.roll_off_rad_s
+    if omega != 0.0 and not 0.0 < omega < math.pi / period_s:
+        raise UsageError(
+            f"the additional low-pass at {omega:.6g} rad/s does not fit a loop of {period_s:g} s: "
+            f"choose a frequency above 0 and below {math.pi / period_s:.6g} rad/s, or 0 for none"
+        )
+    return prefilter_coefficients(Prefilter("butterworth", omega) if omega else Prefilter(), period_s)
 
 
 def __getattr__(name: str) -> Any:

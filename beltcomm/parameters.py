@@ -31,6 +31,7 @@ GAIN_NAMES: Final = (
     "ff_offset_nm",
     "ff_velocity",
     "ff_advance_s",
+    "prefilter_roll_off_rad_s",
 )
 
 #: Limits inside the drive: largest torque, N m, and largest speed, rad/s, motor shaft.
@@ -58,6 +59,7 @@ def cascade_to_parameters(cascade: Cascade) -> dict[str, float]:
         "ff_offset_nm": feedforward.offset_nm,
         "ff_velocity": feedforward.velocity,
         "ff_advance_s": feedforward.advance_s,
+        "prefilter_roll_off_rad_s": prefilter.roll_off_rad_s,
     }
 
 
@@ -83,7 +85,9 @@ def parameters_to_cascade(parameters: Mapping[str, float]) -> Cascade:
         ki_nm_rad=value("ki_nm_rad"),
         kpp_1_s=value("kpp_1_s"),
         velocity_filter_s=value("velocity_filter_s"),
-        prefilter=Prefilter(PREFILTER_KINDS[int(kind)], value("prefilter_omega_rad_s"), value("prefilter_d_n")),
+        prefilter=Prefilter(
+            PREFILTER_KINDS[int(kind)], value("prefilter_omega_rad_s"), value("prefilter_d_n"), value("prefilter_roll_off_rad_s")
+        ),
         feedforward=Feedforward(
             inertia_kg_m2=value("ff_inertia_kg_m2"),
             viscous_nm_s_rad=value("ff_viscous_nm_s_rad"),

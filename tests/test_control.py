@@ -29,6 +29,9 @@ PERIOD = 1e-3
 NO_LIMIT = 1e12
 NOTCH = Prefilter("notch", 673.0, 4.6)
 BUTTERWORTH = Prefilter("butterworth", 123.27)
+#: A notch with the additional low-pass of 4.2.1, and that low-pass alone.
+ROLLED_OFF, LOW_PASS = Prefilter("notch", 673.0, 4.6, 900.0), Prefilter(roll_off_rad_s=300.0)
+ALL = (Prefilter(), NOTCH, BUTTERWORTH, ROLLED_OFF, LOW_PASS)
 OMEGA = np.array([3.0, 20.0, 123.27, 400.0, 673.0, 1500.0, 3000.0])
 
 
@@ -54,7 +57,7 @@ def test_a_drive_sees_position_errors_beyond_its_dead_zone_up_to_its_bound(error
     assert CascadeStructure("free", PERIOD).position_error_seen(error, 20.0) == error
 
 
-@pytest.mark.parametrize("prefilter", [Prefilter(), NOTCH, BUTTERWORTH], ids=lambda p: p.kind)
+@pytest.mark.parametrize("prefilter", ALL, ids=lambda p: f"{p.kind}-{p.roll_off_rad_s:g}")
 @pytest.mark.parametrize("cycles", [37, 401, 1511])
 def test_compiled_step_has_the_stated_frequency_response(prefilter: Prefilter, cycles: int) -> None:
     cascade = Cascade(0.1, 0.0, 8.0, 0.002, prefilter)
@@ -64,7 +67,7 @@ def test_compiled_step_has_the_stated_frequency_response(prefilter: Prefilter, c
     assert measured == pytest.approx(complex(stated[0]), rel=1e-9)
 
 
-@pytest.mark.parametrize("prefilter", [Prefilter(), NOTCH, BUTTERWORTH], ids=lambda p: p.kind)
+@pytest.mark.parametrize("prefilter", ALL, ids=lambda p: f"{p.kind}-{p.roll_off_rad_s:g}")
 def test_compiled_pi_and_prefilter_impulse_response_transforms_to_the_stated_response(prefilter: Prefilter) -> None:
     """The impulse of the reference velocity sees prefilter and PI only; x_I ends in a constant, summed in closed form."""
     kp, ki = 0.1, 1.7
@@ -114,6 +117,15 @@ def test_prefilter_is_scipys_bilinear_transform_with_prewarping(kind: str) -> No
     b, a = signal.bilinear(*analog, fs=0.5 * omega_0 / np.tan(0.5 * omega_0 * PERIOD))
     _, expected = signal.freqz(b, a, worN=OMEGA * PERIOD)
     np.testing.assert_allclose(prefilter_response(OMEGA, prefilter, PERIOD), expected, rtol=1e-9)
+
+
+def test_the_additional_low_pass_is_scipys_and_in_series() -> None:
+    """Second-order Butterworth of scipy, which prewarps its cutoff, times the notch."""
+    b, a = signal.butter(2, 900.0, fs=2.0 * np.pi / PERIOD)
+    _, low_pass = signal.freqz(b, a, worN=OMEGA * PERIOD)
+    np.testing.assert_allclose(
+        prefilter_response(OMEGA, ROLLED_OFF, PERIOD), prefilter_response(OMEGA, NOTCH, PERIOD) * low_pass, rtol=1e-9
+    )
 
 
 def test_prefilters_are_exact_at_their_own_frequency() -> None:
@@ -174,6 +186,8 @@ def test_reset_forgets_everything_but_the_position() -> None:
         (Cascade(0.1, 1.0, 5.0, 0.002, Prefilter("notch", 3200.0, 4.0)), PERIOD, 1.0, "3200 rad/s .* below 3141.59"),
         (Cascade(0.1, 1.0, 5.0, 0.002, Prefilter("butterworth", 0.0)), PERIOD, 1.0, "above 0"),
         (Cascade(0.1, 1.0, 5.0, 0.002, Prefilter("notch", 100.0, 0.0)), PERIOD, 1.0, "d_n is 0"),
+        (Cascade(0.1, 1.0, 5.0, 0.002, Prefilter("notch", 100.0, 2.0, 3200.0)), PERIOD, 1.0, "low-pass at 3200 rad/s .* below 3141.59"),
+        (Cascade(0.1, 1.0, 5.0, 0.002, Prefilter(roll_off_rad_s=-1.0)), PERIOD, 1.0, "low-pass at -1 rad/s .* above 0"),
         (Cascade(-0.1, 1.0, 5.0, 0.002), PERIOD, 1.0, "K_P is -0.1"),
         (Cascade(0.1, float("nan"), 5.0, 0.002), PERIOD, 1.0, "K_I is nan"),
         (Cascade(0.1, 1.0, 5.0, 0.002), 0.0, 1.0, "loop period is 0"),

@@ -25,6 +25,8 @@ _SEARCH_POINTS = 220
 _RESERVE_DEG, _RESERVE_DB = 0.1, 0.05
 #: ω_r T_R beyond which a longer T_R is not tried: the resonance is already attenuated tenfold, and the crossover only loses phase.
 LONGEST_LAG_RAD = 10.0
+#: Cutoffs of the additional low-pass to try, over the notch's centre: nearer it costs phase below, further it leaves the next resonance.
+ROLL_OFFS = (1.0, 2.0)
 _LACKABLE: tuple[PrefilterKind, ...] = ("notch", "butterworth")
 
 
@@ -99,7 +101,10 @@ def meets(achieved: Sequence[Margins], specification: Specification) -> bool:
 
 
 def candidate_prefilters(plants: Sequence[DesignPlant], structure: CascadeStructure, specification: Specification) -> list[Prefilter]:
-    """The prefilters that drive and specification allow, laid out on the plant with the lowest resonance; below π/T only."""
+    """The prefilters that drive and specification allow, laid out on the plant with the lowest resonance; below π/T only.
+
+    On plants with further resonances a notch comes also with the additional low-pass of 4.2.1, as far as the drive has it.
+    """
     softest = min(plants, key=lambda plant: plant.resonance_rad_s)
     lowest_antiresonance = min(plant.antiresonance_rad_s for plant in plants)
     result = []
@@ -116,6 +121,9 @@ def candidate_prefilters(plants: Sequence[DesignPlant], structure: CascadeStruct
             prefilter = Prefilter(kind, softest.resonance_rad_s, width)
         if prefilter.omega_rad_s < math.pi / structure.period_s:
             result.append(prefilter)
+            if kind == "notch" and structure.roll_off and any(plant.bodies is not None for plant in plants):
+                cutoffs = (factor * softest.resonance_rad_s for factor in ROLL_OFFS)
+                result += [replace(prefilter, roll_off_rad_s=cutoff) for cutoff in cutoffs if cutoff < math.pi / structure.period_s]
     return result
 
 

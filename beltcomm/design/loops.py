@@ -15,6 +15,7 @@ from beltcomm.control import (
     pi_response,
     prefilter_coefficients,
     prefilter_response,
+    roll_off_coefficients,
     velocity_filter_response,
 )
 from beltcomm.design.design_plant import DesignPlant
@@ -116,20 +117,27 @@ def open_loops(plant: DesignPlant, cascade: Cascade, period_s: float, omega_rad_
 def closed_loop_poles(plant: DesignPlant, cascade: Cascade, period_s: float) -> ComplexArray:
     """Poles z of the closed cascade without feedforward; K_PP = 0 gives the velocity loop and one pole at 1, the free angle.
 
-    State: plant (4, or two per body), torque setpoints under way (n + 1), last angle, measured velocity, prefilter (2), integrator.
+    State: plant (4, or two per body), torque setpoints under way (n + 1), last angle, measured velocity, prefilter (2), integrator,
+    additional low-pass (2) where there is one.
     The matrix is one period of the loop applied to the unit vectors.
     """
     advance, new, old, whole = plant.sampled(period_s)
     n = len(advance)
-    state = np.eye(n + whole + 1 + 5)
+    low_pass = cascade.prefilter.roll_off_rad_s > 0.0
+    state = np.eye(n + whole + 1 + (7 if low_pass else 5))
     plant_state, line, rest = state[:n], state[n : n + 1 + whole], state[n + 1 + whole :]
-    last_angle, velocity, memory_1, memory_2, integral = rest
+    last_angle, velocity, memory_1, memory_2, integral = rest[:5]
     lag = cascade.velocity_filter_s
     angle = plant_state[0]
     measured = (lag * velocity + angle - last_angle) / (lag + period_s)
     raw_error = -cascade.kpp_1_s * angle - measured
     b0, b1, b2, a1, a2 = prefilter_coefficients(cascade.prefilter, period_s)
-    error = b0 * raw_error + memory_1
+    filtered = error = b0 * raw_error + memory_1
+    behind = []
+    if low_pass:
+        c0, c1, c2, d1, d2 = roll_off_coefficients(cascade.prefilter, period_s)
+        error = c0 * filtered + rest[5]
+        behind = [c1 * filtered - d1 * error + rest[6], c2 * filtered - d2 * error]
     torque = cascade.kp_nm_s_rad * error + cascade.ki_nm_rad * integral
     under_way = np.vstack([torque, line])
     matrix = np.vstack(
@@ -138,9 +146,10 @@ def closed_loop_poles(plant: DesignPlant, cascade: Cascade, period_s: float) -> 
             under_way[:-1],
             angle,
             measured,
-            b1 * raw_error - a1 * error + memory_2,
-            b2 * raw_error - a2 * error,
+            b1 * raw_error - a1 * filtered + memory_2,
+            b2 * raw_error - a2 * filtered,
             integral + period_s * error,
+            *behind,
         ]
     )
     return np.asarray(np.linalg.eigvals(matrix), dtype=np.complex128)  # eigvals returns real numbers when all of them are

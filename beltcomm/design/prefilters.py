@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,7 +37,11 @@ def butterworth_cutoff_rad_s(antiresonance_rad_s: float, attenuation_db: float) 
 
 
 def continuous_prefilter(omega_rad_s: NDArray[np.float64], prefilter: Prefilter) -> NDArray[np.complex128]:
-    """Frequency response of (4.1) or (4.3) as printed, s = jω; 1 for no prefilter."""
+    """Frequency response of (4.1) or (4.3) as printed, s = jω, times that of the additional low-pass; 1 for no prefilter."""
+    if prefilter.roll_off_rad_s > 0.0:
+        low_pass = Prefilter("butterworth", prefilter.roll_off_rad_s)
+        bare = replace(prefilter, roll_off_rad_s=0.0)
+        return np.asarray(continuous_prefilter(omega_rad_s, bare) * continuous_prefilter(omega_rad_s, low_pass))
     s = 1j * omega_rad_s
     omega_0 = prefilter.omega_rad_s
     if prefilter.kind == "notch":

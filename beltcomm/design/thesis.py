@@ -8,6 +8,7 @@ closed velocity loop (4.10) contains the prefilter that figure 4.6 shows (thesis
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -49,7 +50,7 @@ class ThesisMargins:
 
 def thesis_design(
     plant: DesignPlant,
-    kind: PrefilterKind,
+    kind: PrefilterKind | Prefilter,
     velocity_filter_s: float = 0.002,
     phase_margin_deg: float = 60.0,
     suppression_db: float = -10.0,
@@ -57,10 +58,10 @@ def thesis_design(
 ) -> ThesisDesign:
     """Solve (4.7) to (4.9) for K_P, K_I, ω_c and (4.13), (4.14) for K_PP.
 
-    kind : of the prefilter, laid out by −6 dB (notch) or −3 dB (Butterworth) at the antiresonance.
+    kind : of the prefilter, laid out by −6 dB (notch) or −3 dB (Butterworth) at the antiresonance; or a prefilter as it is.
     Of several solutions the one with the largest K_I K_PP.  Raises Refused when none exists, with the reason.
     """
-    prefilter = thesis_prefilter(plant, kind)
+    prefilter = kind if isinstance(kind, Prefilter) else thesis_prefilter(plant, kind)
     omega = np.geomspace(0.02 * plant.antiresonance_rad_s, plant.antiresonance_rad_s, 4000)
     excess = _pi_lag(plant, prefilter, velocity_filter_s, phase_margin_deg, omega)
     # Beyond the first frequency where nothing is left for the integrator, a margin could only come from a wrapped phase.
@@ -70,23 +71,29 @@ def thesis_design(
     if not len(grid):
         raise Refused(f"no crossover below the antiresonance leaves a phase margin of {phase_margin_deg:g} deg; ask for less")
 
-    def suppression(crossover: float) -> float:
-        kp, ki = _pi_for_crossover(plant, prefilter, velocity_filter_s, phase_margin_deg, crossover)
-        at = np.array([plant.resonance_rad_s])
-        return 20.0 * math.log10(abs(_velocity_loop(plant, prefilter, velocity_filter_s, kp, ki, at)[0])) - suppression_db
+    resonance = plant.resonance_rad_s
+    peak = float(abs(_loop_without_pi(plant, prefilter, velocity_filter_s, np.array([resonance]))[0]))
 
-    level = np.array([suppression(crossover) for crossover in grid])
+    def levels(crossovers: Array) -> Array:
+        kp, ki = _pi_for_crossover(plant, prefilter, velocity_filter_s, phase_margin_deg, crossovers)
+        return np.asarray(20.0 * np.log10(np.hypot(kp, ki / resonance) * peak) - suppression_db)
+
+    def suppression(crossover: float) -> float:
+        return float(levels(np.array([crossover]))[0])
+
+    level = levels(grid)
     signs = np.flatnonzero(np.diff(np.sign(level)) != 0.0)
     if not len(signs):
         raise Refused(
-            f"no PI controller behind the {kind} prefilter meets {suppression_db:g} dB at the resonance exactly: at "
+            f"no PI controller behind the {prefilter.kind} prefilter meets {suppression_db:g} dB at the resonance exactly: at "
             f"{grid[-1]:.3g} rad/s, where the phase margin of {phase_margin_deg:g} deg leaves nothing for the integrator, the "
             f"resonance lies at {level[-1] + suppression_db:.1f} dB; ask for an inequality (beltcomm design) or less margin"
         )
     designs = []
     for k in signs:
-        crossover = brentq(suppression, grid[k], grid[k + 1], xtol=1e-9)
-        kp, ki = _pi_for_crossover(plant, prefilter, velocity_filter_s, phase_margin_deg, crossover)
+        crossover = brentq(suppression, grid[k], grid[k + 1], xtol=1e-12 * grid[k], rtol=1e-14)
+        pair = _pi_for_crossover(plant, prefilter, velocity_filter_s, phase_margin_deg, np.array([crossover]))
+        kp, ki = float(pair[0][0]), float(pair[1][0])
         kpp, position_crossover = _position_gain(plant, prefilter, velocity_filter_s, kp, ki, position_phase_margin_deg)
         designs.append(ThesisDesign(Cascade(kp, ki, kpp, velocity_filter_s, prefilter), crossover, position_crossover))
     return max(designs, key=lambda design: design.cascade.ki_nm_rad * design.cascade.kpp_1_s)
@@ -107,15 +114,22 @@ def thesis_margins(plant: DesignPlant, cascade: Cascade) -> ThesisMargins:
 
     The first crossover counts.  Raises Refused when a loop has none between 0.1 rad/s and the resonance.
     """
-    omega = np.geomspace(0.1, plant.resonance_rad_s, 20000)
-    loop = _velocity_loop(plant, cascade.prefilter, cascade.velocity_filter_s, cascade.kp_nm_s_rad, cascade.ki_nm_rad, omega)
-    closed = _closed_velocity_loop(plant, cascade.prefilter, cascade.velocity_filter_s, cascade.kp_nm_s_rad, cascade.ki_nm_rad, omega)
     at = np.array([plant.resonance_rad_s])
-    resonance = _velocity_loop(plant, cascade.prefilter, cascade.velocity_filter_s, cascade.kp_nm_s_rad, cascade.ki_nm_rad, at)
-    margin, crossover = _first_margin(omega, loop)
-    position_margin, position_crossover = _first_margin(omega, cascade.kpp_1_s * closed)
-    suppression_db = 20.0 * math.log10(abs(resonance[0]))
+    margin, crossover = _first_margin(lambda omega: velocity_loop(plant, cascade, omega), plant.resonance_rad_s)
+    position_margin, position_crossover = _first_margin(lambda omega: position_loop(plant, cascade, omega), plant.resonance_rad_s)
+    suppression_db = 20.0 * math.log10(abs(velocity_loop(plant, cascade, at)[0]))
     return ThesisMargins(margin, crossover, suppression_db, position_margin, position_crossover)
+
+
+def velocity_loop(plant: DesignPlant, cascade: Cascade, omega_rad_s: Array) -> ComplexArray:
+    """Open velocity loop G_PI G_ω of figure 4.5, s = jω.   omega_rad_s : ndarray (n,), rad/s, above 0.   Source: (4.5), (4.6)."""
+    return _velocity_loop(plant, cascade.prefilter, cascade.velocity_filter_s, cascade.kp_nm_s_rad, cascade.ki_nm_rad, omega_rad_s)
+
+
+def position_loop(plant: DesignPlant, cascade: Cascade, omega_rad_s: Array) -> ComplexArray:
+    """Open position loop K_PP G_ω,cl of figure 4.7, s = jω, shapes as :func:`velocity_loop`.   Source: (4.10), (4.11)."""
+    closed = _closed_velocity_loop(plant, cascade.prefilter, cascade.velocity_filter_s, cascade.kp_nm_s_rad, cascade.ki_nm_rad, omega_rad_s)
+    return np.asarray(cascade.kpp_1_s * closed)
 
 
 def _loop_without_pi(plant: DesignPlant, prefilter: Prefilter, velocity_filter_s: float, omega: Array) -> ComplexArray:
@@ -143,13 +157,12 @@ def _pi_lag(plant: DesignPlant, prefilter: Prefilter, velocity_filter_s: float, 
 
 
 def _pi_for_crossover(
-    plant: DesignPlant, prefilter: Prefilter, velocity_filter_s: float, margin_deg: float, crossover: float
-) -> tuple[float, float]:
-    """K_P, K_I of (4.8), (4.9) at a given crossover below the antiresonance, where the principal phase is the unwrapped one."""
-    at = np.array([crossover])
-    lag = float(_pi_lag(plant, prefilter, velocity_filter_s, margin_deg, at)[0])
-    gain = 1.0 / float(abs(_loop_without_pi(plant, prefilter, velocity_filter_s, at)[0]))
-    return gain * math.cos(lag), gain * math.sin(lag) * crossover
+    plant: DesignPlant, prefilter: Prefilter, velocity_filter_s: float, margin_deg: float, crossover: Array
+) -> tuple[Array, Array]:
+    """K_P, K_I of (4.8), (4.9) at given crossovers below the antiresonance, where the principal phase is the unwrapped one; (n,) each."""
+    without = _loop_without_pi(plant, prefilter, velocity_filter_s, crossover)
+    lag = np.angle(without) + math.pi - math.radians(margin_deg)
+    return np.asarray(np.cos(lag) / np.abs(without)), np.asarray(np.sin(lag) / np.abs(without) * crossover)
 
 
 def _position_gain(
@@ -163,19 +176,30 @@ def _position_gain(
     if not len(below) or below[0] == 0:
         raise Refused(f"the position loop has no frequency with a phase margin of exactly {margin_deg:g} deg; ask for another")
     k = int(below[0])
-    crossover = float(np.interp(0.0, [room[k], room[k - 1]], [omega[k], omega[k - 1]]))
+    start, base = omega[k - 1], closed[k - 1]
+
+    def room_at(frequency: float) -> float:
+        here = _closed_velocity_loop(plant, prefilter, velocity_filter_s, kp, ki, np.array([frequency]))[0]
+        return float(room[k - 1] + np.angle(here / base))
+
+    crossover = float(brentq(room_at, start, omega[k], xtol=1e-12 * start, rtol=1e-14))
     at = np.array([crossover])
     return 1.0 / float(abs(_closed_velocity_loop(plant, prefilter, velocity_filter_s, kp, ki, at)[0])), crossover
 
 
-def _first_margin(omega: Array, loop: ComplexArray) -> tuple[float, float]:
-    """Phase margin, deg, and frequency, rad/s, of the first crossover from above to below 1."""
-    level = np.log(np.maximum(np.abs(loop), 1e-300))
+def _first_margin(loop: Callable[[Array], ComplexArray], highest: float) -> tuple[float, float]:
+    """Phase margin, deg, and frequency, rad/s, of the first crossover from above to below 1, between 0.1 rad/s and ``highest``."""
+    omega = np.geomspace(0.1, highest, 20000)
+    response = loop(omega)
+    level = np.log(np.maximum(np.abs(response), 1e-300))
     falls = np.flatnonzero((level[:-1] > 0.0) & (level[1:] <= 0.0))
     if not len(falls):
         raise Refused(f"the loop gain does not fall through 1 between {omega[0]:.3g} and {omega[-1]:.3g} rad/s")
     k = int(falls[0])
-    share = level[k] / (level[k] - level[k + 1])
-    phase = np.unwrap(np.angle(loop))
-    crossover = omega[k] + share * (omega[k + 1] - omega[k])
-    return math.degrees(phase[k] + share * (phase[k + 1] - phase[k]) + math.pi), float(crossover)
+
+    def level_at(frequency: float) -> float:
+        return math.log(abs(loop(np.array([frequency]))[0]))
+
+    crossover = float(brentq(level_at, omega[k], omega[k + 1], xtol=1e-12 * omega[k], rtol=1e-14))
+    phase = float(np.unwrap(np.angle(response[: k + 1]))[k] + np.angle(loop(np.array([crossover]))[0] / response[k]))
+    return math.degrees(phase + math.pi), crossover

@@ -68,6 +68,11 @@ COEFFICIENTS = (
     Quantity("ff_velocity", "", "share K_v of the reference velocity that the position loop hands on"),
     Quantity("torque_limit_nm", "N m", "largest torque, either way"),
     Quantity("ff_advance_s", "s", "how far ahead the feedforward is computed"),
+    Quantity("low_pass_b0", "", "additional low-pass against further resonances, as the prefilter; 1, 0, 0, 0, 0 for none"),
+    Quantity("low_pass_b1", "", "additional low-pass"),
+    Quantity("low_pass_b2", "", "additional low-pass"),
+    Quantity("low_pass_a1", "", "additional low-pass"),
+    Quantity("low_pass_a2", "", "additional low-pass"),
 )
 #: In the order of the state of :mod:`beltcomm.cascade_kernel`.
 STATES = (
@@ -79,6 +84,8 @@ STATES = (
     Quantity("prefilter_2", "rad/s", "second state of the prefilter"),
     Quantity("integral_rad", "rad", "integrator of the velocity error"),
     Quantity("last_acceleration_rad_s2", "rad/s2", "reference acceleration of the step before"),
+    Quantity("low_pass_1", "rad/s", "first state of the additional low-pass, transposed direct form II"),
+    Quantity("low_pass_2", "rad/s", "second state of the additional low-pass"),
 )
 INPUTS = (
     Quantity("reference_position_rad", "rad", "reference of the motor angle"),
@@ -96,7 +103,8 @@ LOCALS = (
     Quantity("compared_rad_s", "rad/s", "reference velocity that is compared with the measured one"),
     Quantity("pole", "", "pole of the velocity filter"),
     Quantity("raw_error_rad_s", "rad/s", "velocity error"),
-    Quantity("error_rad_s", "rad/s", "velocity error behind the prefilter"),
+    Quantity("filtered_error_rad_s", "rad/s", "velocity error behind the prefilter"),
+    Quantity("error_rad_s", "rad/s", "velocity error behind the additional low-pass"),
     Quantity("ahead", "", "advance of the feedforward in periods"),
     Quantity("change_rad_s2", "rad/s2", "change of the reference acceleration over one period"),
     Quantity("ff_velocity_rad_s", "rad/s", "reference velocity when the torque acts"),
@@ -130,6 +138,8 @@ RESET = (
     Let("prefilter_2", "0.0"),
     Let("integral_rad", "0.0"),
     Let("last_acceleration_rad_s2", "0.0"),
+    Let("low_pass_1", "0.0"),
+    Let("low_pass_2", "0.0"),
 )
 #: One period of the velocity loop.
 STEP: tuple[Statement, ...] = (
@@ -164,9 +174,12 @@ STEP: tuple[Statement, ...] = (
         "position_term_rad_s + filtered_reference_rad_s - measured_velocity_rad_s",
         "Velocity error, and the prefilter (4.1), (4.3) as a biquad in transposed direct form II.",
     ),
-    Let("error_rad_s", "prefilter_b0 * raw_error_rad_s + prefilter_1"),
-    Let("prefilter_1", "prefilter_b1 * raw_error_rad_s - prefilter_a1 * error_rad_s + prefilter_2"),
-    Let("prefilter_2", "prefilter_b2 * raw_error_rad_s - prefilter_a2 * error_rad_s"),
+    Let("filtered_error_rad_s", "prefilter_b0 * raw_error_rad_s + prefilter_1"),
+    Let("prefilter_1", "prefilter_b1 * raw_error_rad_s - prefilter_a1 * filtered_error_rad_s + prefilter_2"),
+    Let("prefilter_2", "prefilter_b2 * raw_error_rad_s - prefilter_a2 * filtered_error_rad_s"),
+    Let("error_rad_s", "low_pass_b0 * filtered_error_rad_s + low_pass_1", "Additional low-pass behind it, of the same form."),
+    Let("low_pass_1", "low_pass_b1 * filtered_error_rad_s - low_pass_a1 * error_rad_s + low_pass_2"),
+    Let("low_pass_2", "low_pass_b2 * filtered_error_rad_s - low_pass_a2 * error_rad_s"),
     Let(
         "ahead",
         "ff_advance_s / period_s",

@@ -13,7 +13,7 @@ from beltcomm.design.cascade import DesignResult, design_cascade
 from beltcomm.design.cautious import cautious_cascade
 from beltcomm.design.design_plant import DesignPlant, with_friction_fractions
 from beltcomm.design.feedforward import FeedforwardKind, feedforward_from
-from beltcomm.design.specification import Infeasible, Specification
+from beltcomm.design.specification import PRODUCT_SPECIFICATION, Infeasible, Specification
 from beltcomm.design.structure import late_s, loop_model
 from beltcomm.effects.tilt import GRAVITY_M_S2
 from beltcomm.errors import DamagedRecord, DataError, Refused
@@ -27,11 +27,6 @@ from beltcomm.recording import Recording
 from beltcomm.response import FrequencyResponse, estimate_response
 from beltcomm.transfer import two_mass
 
-#: What is asked of the final loop.  45 and 70 degrees hold for every damping down to none (the thesis's published gains have 30 to 36
-#: there); 60 and 80 would cost the stiffness K_I K_PP a factor of 17 on rig g_a, and with 3 % error of the feedforward both targets.
-PRODUCT_SPECIFICATION = Specification(
-    phase_margin_deg=45.0, position_phase_margin_deg=70.0, velocity_filters_s=(0.001, 0.002, 0.004, 0.008, 0.016, 0.032)
-)
 #: Below this a loop is refused, whatever the drive's structure.
 LEAST_PHASE_MARGIN_DEG = 10.0
 #: Uncertainty of mass and stiffness that the first loop must bear: as much as the drive's structure allows.

@@ -92,6 +92,7 @@ def _apart(cascade: Cascade, structure: CascadeStructure, saved: Mapping[str, An
     found = []
     for has, used, part in (
         (cascade.prefilter.kind == "none" or cascade.prefilter.kind in structure.prefilters, cascade.prefilter.kind != "none", "prefilter"),
+        (structure.roll_off, cascade.prefilter.roll_off_rad_s > 0.0, "additional low-pass"),
         (structure.torque_feedforward, torque, "torque feedforward"),
         (structure.velocity_feedforward, forward.velocity != 0.0, "velocity feedforward"),
         (structure.reference_filter, cascade.filter_reference, "filter of the reference velocity"),

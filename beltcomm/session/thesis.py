@@ -28,6 +28,8 @@ class Topic:
 TOPICS: Mapping[str, Topic] = {
     "excitations": Topic("PRBS, generalised PRBS, chirp and multisine at equal machine time", "thesis 3.1"),
     "identification": Topic("open loop, direct and indirect closed loop, speed setpoint; dead time; averaging", "thesis 3.3, 3.4"),
+    "designs": Topic("prefilters, gains, margins and the three knobs, beside the product's own design", "thesis chapter 4, appendix A"),
+    "discretisation": Topic("the discrete loops against the continuous design", "thesis chapters 4 and 6, (4.1) to (4.6), (6.1), (6.25)"),
     "estimators": Topic("velocity from encoder edges: four estimators, their errors, debouncing, time-out", "thesis 6.1, appendix C"),
 }
 

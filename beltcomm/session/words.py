@@ -122,6 +122,7 @@ def design_lines(design: DesignResult, cascade: Cascade) -> list[str]:
         "notch": f"notch at {prefilter.omega_rad_s / 2 / math.pi:.1f} Hz, d_n {prefilter.d_n:.2f}",
         "butterworth": f"Butterworth at {prefilter.omega_rad_s / 2 / math.pi:.1f} Hz",
     }[prefilter.kind]
+    shown += f", low-pass at {prefilter.roll_off_rad_s / 2 / math.pi:.1f} Hz" if prefilter.roll_off_rad_s else ""
     feedforward = cascade.feedforward
     lines = [
         "Controller:",

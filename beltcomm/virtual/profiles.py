@@ -105,6 +105,7 @@ def _reference_rows(node_id: int, motor: Motor, counts: int) -> list[Row]:
         gain(12, 0.0, "feedforward offset, N m", high=100.0, low=-100.0),
         gain(13, 0.0, "feedforward velocity K_v", high=2.0),
         gain(14, 0.0, "feedforward advance, s", high=0.02),
+        gain(15, 0.0, "additional low-pass behind the prefilter, cutoff, rad/s; 0 is none", high=_NYQUIST_RAD_S),
         Row(0x2101, 1, "u32", "ro", 1000, "loop period, us"),
         Row(0x2101, 2, "u8", "ro", 1, "torque sampling: 1 = mean of the period just ended"),
     ]
@@ -117,8 +118,8 @@ def _reference_scaling(dictionary: ObjectDictionary, counts: int) -> Scaling:
 
 
 def _reference_cascade(dictionary: ObjectDictionary) -> Cascade:
-    value = [dictionary.entry(0x2100, subindex).value for subindex in range(15)]
-    kind, centre, width = _PREFILTERS[value[5]], value[6], value[7]
+    value = [dictionary.entry(0x2100, subindex).value for subindex in range(16)]
+    kind, centre, width, low_pass = _PREFILTERS[value[5]], value[6], value[7], value[15]
     # The parts of a prefilter arrive one by one; until it is complete there is none.
     complete = centre > 0.0 and (kind != "notch" or width > 0.0)
     return Cascade(
@@ -126,7 +127,7 @@ def _reference_cascade(dictionary: ObjectDictionary) -> Cascade:
         ki_nm_rad=value[2],
         kpp_1_s=value[3],
         velocity_filter_s=value[4],
-        prefilter=Prefilter(kind, centre, width) if complete else Prefilter(),
+        prefilter=Prefilter(kind, centre, width, low_pass) if complete else Prefilter(roll_off_rad_s=low_pass),
         feedforward=Feedforward(*value[9:15]),
         filter_reference=bool(value[8]),
     )

@@ -16,7 +16,7 @@ STEPS, PERIOD_S, LIMIT_NM = 10_000, 1e-3, 1.24
 FEEDFORWARD = Feedforward(2.145e-3, 2.53e-3, 0.125, 0.01, 1.0, 1.5e-3)
 CASCADES = {
     "butterworth": Cascade(0.104, 1.67, 8.2, 2e-3, Prefilter("butterworth", 123.27), FEEDFORWARD),
-    "notch, no advance": Cascade(0.073, 1.63, 7.3, 2e-3, Prefilter("notch", 123.1, 4.6), Feedforward(2e-3, 2e-3, 0.1, 0.0, 0.8)),
+    "notch, no advance": Cascade(0.073, 1.63, 7.3, 2e-3, Prefilter("notch", 123.1, 4.6, 700.0), Feedforward(2e-3, 2e-3, 0.1, 0.0, 0.8)),
     "plain, no integrator": Cascade(0.05, 0.0, 5.0, 0.0, filter_reference=False),
 }
 

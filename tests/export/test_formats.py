@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from beltcomm.cascade_kernel import _velocity_loop
+from beltcomm.cascade_kernel import _velocity_loop, new_state
 from beltcomm.configfiles import read_yaml
 from beltcomm.control import Cascade, Feedforward, discrete_coefficients
 from beltcomm.errors import UsageError
@@ -108,7 +108,7 @@ def by_single_precision(cascade: Cascade, calls: Calls) -> np.ndarray:
     """The kernel's own statements, not compiled, on float32 numbers."""
     step = _velocity_loop.py_func  # type: ignore[attr-defined]
     c, torque = discrete_coefficients(cascade, PERIOD_S, LIMIT_NM).astype(np.float32), []
-    state = np.zeros(8, dtype=np.float32)
+    state = new_state().astype(np.float32)
     for kind, values in calls:
         reference, velocity, acceleration, position, extra = np.float32(values) if kind != "reset" else np.zeros(5, dtype=np.float32)
         if kind == "reset":

@@ -260,6 +260,21 @@ def test_prefilter_acts_in_the_loop(host: MakeHost) -> None:
     assert one.read(0x6074, code="h") * UNIT_NM > 0.5 * plain  # it lets slow errors pass
 
 
+@pytest.mark.parametrize("kind", [0, 1])
+def test_additional_low_pass_acts_behind_any_prefilter(host: MakeHost, kind: int) -> None:
+    """2100h:15 at 50 rad/s leaves of a first error step only its first sample b0, with a notch before it and alone."""
+    one = host()
+    for subindex, value in ((1, 0.05), (2, 0.0), (3, 1.0), (6, 600.0), (7, 2.0), (15, 50.0)):
+        one.write(0x2100, subindex, value, "f")
+    one.write(0x2100, 5, kind, "B")
+    one.enable(8)
+    one.write(0x607A, 0, 65536, "i")
+    one.run(0.001)
+    assert one.read(0x6074, code="h") == 0
+    one.run(0.05)
+    assert one.read(0x6074, code="h") * UNIT_NM > 0.5 * 0.05 * 2 * math.pi  # it lets slow errors pass
+
+
 def test_mode_change_while_moving_brakes_instead_of_jumping(host: MakeHost) -> None:
     one = host()
     one.gains()

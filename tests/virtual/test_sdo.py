@@ -97,7 +97,7 @@ def test_block_transfer_is_not_offered(host: MakeHost, first: int) -> None:
 def test_abort_codes_of_addressing_and_access(host: MakeHost) -> None:
     one = host()
     assert code_of(lambda: one.read(0x2FFF)) == 0x06020000
-    assert code_of(lambda: one.read(0x2100, 15)) == 0x06090011
+    assert code_of(lambda: one.read(0x2100, 16)) == 0x06090011
     assert code_of(lambda: one.write(0x6041, 0, 0, "H")) == 0x06010002
     assert code_of(lambda: one.write(0x1000, 0, 0, "I")) == 0x06010002
     assert one.ask(bytes.fromhex("2108100018000000"))[4:] == bytes.fromhex("02000106")  # segmented into a constant
@@ -151,7 +151,7 @@ COUNTS_PER_S = 65536
 
 def test_highest_subindex_and_real32(host: MakeHost) -> None:
     one = host()
-    assert one.read(0x2100, 0) == 14
+    assert one.read(0x2100, 0) == 15
     assert one.read(0x607D, 0) == 2
     one.write(0x2100, 7, 4.6, "f")
     assert one.read_raw(0x2100, 7) == struct.pack("<f", 4.6)

@@ -64,8 +64,8 @@ def test_save_needs_the_stage_off(host: MakeHost) -> None:
 
 def test_factory_values_of_the_reference_page(host: MakeHost) -> None:
     one = host()
-    expected = (0.002, 0.02, 1.0, 0.002, 0, 0, 0, 0, 0, 0, 0, 0, 0)
-    read = [one.read(0x2100, sub, "B" if sub in (5, 8) else "f") for sub in range(1, 14)]
+    expected = (0.002, 0.02, 1.0, 0.002, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0)
+    read = [one.read(0x2100, sub, "B" if sub in (5, 8) else "f") for sub in range(1, 16)]
     assert read == pytest.approx(expected)
     assert one.read(0x2101, 1) == 1000
     assert one.read(0x2101, 2) == 1

@@ -1,0 +1,91 @@
+"""The thesis's three tuning knobs (4.4): velocity phase margin, position phase margin, suppression of the resonance.
+
+On a plant, behind a prefilter and with T_R the three numbers fix the three gains:  A_sup is |G_PI G_ω| at the undamped resonance ω_r
+(4.7),  φ_ωr the distance to −180° at the first crossover of the open velocity loop (4.8), (4.9),  φ_φr the same of the open position
+loop (4.13), all on the continuous plant (2.42) with its dead time.   :func:`knobs_of` reads them off given gains,
+:func:`gains_for` goes the other way, :func:`turned` moves one of them alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from beltcomm.control import Cascade, Prefilter, PrefilterKind
+from beltcomm.design.design_plant import DesignPlant
+from beltcomm.design.thesis import ThesisDesign, thesis_design, thesis_margins
+from beltcomm.errors import Refused
+
+Knob = Literal["phase_margin_deg", "position_phase_margin_deg", "suppression_db"]
+#: Gains count as the same from this relative difference down: margins are solved to 1e-12, their inverse loses a few digits.
+SAME = 1e-6
+
+
+@dataclass(frozen=True)
+class Knobs:
+    """φ_ωr and φ_φr, deg, and A_sup, dB.   Defaults: the thesis's, tables A.6 and A.7."""
+
+    phase_margin_deg: float = 60.0
+    position_phase_margin_deg: float = 80.0
+    suppression_db: float = -10.0
+
+
+@dataclass(frozen=True)
+class Setting:
+    """Where the knobs must stand for given gains.
+
+    again : the design from these knobs, None when the equations refuse them (``refusal`` says why).
+    same : it has the given gains; otherwise they are another solution of the same equations.
+    """
+
+    knobs: Knobs
+    again: ThesisDesign | None
+    same: bool
+    refusal: str = ""
+
+
+@dataclass(frozen=True)
+class Turn:
+    """One position of one knob: the design, None where the equations have no solution, with the reason."""
+
+    value: float
+    design: ThesisDesign | None
+    refusal: str = ""
+
+
+def knobs_of(plant: DesignPlant, cascade: Cascade) -> Setting:
+    """The knobs that give these gains on this plant, exactly, and whether turning them there gives the gains back.
+
+    The prefilter and T_R of ``cascade`` count as given.   Raises Refused when a loop of these gains has no crossover.
+    """
+    achieved = thesis_margins(plant, cascade)
+    knobs = Knobs(achieved.phase_margin_deg, achieved.position_phase_margin_deg, achieved.suppression_db)
+    try:
+        again = gains_for(plant, cascade.prefilter, knobs, cascade.velocity_filter_s)
+    except Refused as refusal:
+        return Setting(knobs, None, False, str(refusal))
+    pairs = (
+        (again.cascade.kp_nm_s_rad, cascade.kp_nm_s_rad),
+        (again.cascade.ki_nm_rad, cascade.ki_nm_rad),
+        (again.cascade.kpp_1_s, cascade.kpp_1_s),
+    )
+    return Setting(knobs, again, all(abs(one - other) <= SAME * other for one, other in pairs))
+
+
+def gains_for(plant: DesignPlant, prefilter: PrefilterKind | Prefilter, knobs: Knobs, velocity_filter_s: float = 0.002) -> ThesisDesign:
+    """The gains that the knobs stand for.   velocity_filter_s : T_R, s.   Raises Refused as ``thesis.thesis_design``."""
+    return thesis_design(plant, prefilter, velocity_filter_s, knobs.phase_margin_deg, knobs.suppression_db, knobs.position_phase_margin_deg)
+
+
+def turned(
+    plant: DesignPlant, prefilter: PrefilterKind | Prefilter, knob: Knob, values: Sequence[float], knobs: Knobs | None = None
+) -> tuple[Turn, ...]:
+    """The designs with one knob at each of ``values`` and the others where ``knobs`` has them, T_R 2 ms."""
+    turns = []
+    for value in values:
+        try:
+            turns.append(Turn(value, gains_for(plant, prefilter, replace(knobs or Knobs(), **{knob: value}))))
+        except Refused as refusal:
+            turns.append(Turn(value, None, str(refusal)))
+    return tuple(turns)
