@@ -4,7 +4,8 @@
     among records   V = (G - 1)/G Σ_r d_r d_rᵀ,  d_r = (A - A_r)⁻¹ s_r   what leaving out a record would move (jackknife, to first order)
 
 A = Σ A_r : information.   s : gradient.   A law that is not quite the machine's makes long stretches pull the same way, each kind of
-record another one; the scatter over time is blind to that.
+record another one; the scatter over time is blind to that.  What all records share of it no record can tell: so much is added
+(:data:`LAW`) to the parameters of every effect but the belt's plain stiffness.
 """
 
 from __future__ import annotations
@@ -26,8 +27,12 @@ Array = NDArray[np.float64]
 GROUP_S = 2.0
 #: Share of a record that is left out: a parameter that one record alone tells would else have nothing left to be told by.
 LEFT_OUT = 0.99
+#: How well a law can mean a machine, relative to its parameter: gaps end in rough surfaces, lags have a second pole.  On simulated machines
+#: of other laws gaps were 0.1 to 0.9 % off, lags 0.2 to 0.5 %.
+LAW = 0.005
 #: Least degrees of freedom of a comparison among records.
 LEAST_FREEDOM = 2.0
+BELT = "belt_stiffness"
 
 
 @dataclass(frozen=True)
@@ -35,7 +40,8 @@ class Spread:
     """How sure the parameters of a fit are, in their units.
 
     names : of those that are not at a bound.   covariance, freedom : over time, (n, n).   moved : by leaving out each record, (records, n).
-    shares : information of each record, carried to the parameters, A⁻¹ A_r A⁻¹, (records, n, n).
+    shares : information of each record, carried to the parameters, A⁻¹ A_r A⁻¹, (records, n, n).   law : what the laws themselves leave
+    open, (n,), half a 95 % interval.
     """
 
     names: tuple[str, ...]
@@ -43,6 +49,7 @@ class Spread:
     freedom: int
     moved: Array
     shares: Array
+    law: Array
 
     def half_width(self, combination: Mapping[str, float]) -> float | None:
         """Half the 95 % interval of a sum of parameters with these factors; None where one of them sits at a bound."""
@@ -51,11 +58,12 @@ class Spread:
         c = np.array([combination.get(name, 0.0) for name in self.names])
         over_time = np.sqrt(max(float(c @ self.covariance @ c), 0.0)) * float(student.ppf(0.975, self.freedom))
         records, told = len(self.moved), np.einsum("i,rij,j->r", c, self.shares, c)
+        law = float(np.linalg.norm(c * self.law))
         if records < 2 or not np.any(told > 0.0):
-            return float(over_time)
+            return float(np.hypot(over_time, law))
         freedom = max(float(np.sum(told) ** 2 / np.sum(told**2)), LEAST_FREEDOM)  # Satterthwaite
         among = np.sqrt(float(np.sum((self.moved @ c) ** 2)) * (records - 1) / records)
-        return float(max(over_time, among * float(student.ppf(0.975, freedom))))
+        return float(np.hypot(max(over_time, among * float(student.ppf(0.975, freedom))), law))
 
 
 def spread_of(fitted: Fitted) -> Spread:
@@ -82,7 +90,9 @@ def spread_of(fitted: Fitted) -> Spread:
     covariance = inverse @ (scores.T @ scores) @ inverse * (len(scores) / freedom)
     moved, shares = without_each(columns, left, records_of(problem), inverse)
     names = tuple(problem.free[i] for i in free)
-    return Spread(names, covariance * np.outer(scale, scale), freedom, moved * scale, shares * np.outer(scale, scale))
+    loose = [f"{effect}." for effect in fitted.model.effects if effect != BELT]
+    law = np.array([LAW * abs(fitted.model[name]) if name.startswith(tuple(loose)) else 0.0 for name in names])
+    return Spread(names, covariance * np.outer(scale, scale), freedom, moved * scale, shares * np.outer(scale, scale), law)
 
 
 def gradients(columns: Array, left: Array, labels: NDArray[np.int64]) -> Array:

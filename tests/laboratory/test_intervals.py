@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any, cast
@@ -11,12 +12,18 @@ import pytest
 from numpy.typing import NDArray
 
 from beltcomm.laboratory.fitting import Fitted
-from beltcomm.laboratory.intervals import Spread, spread_of
+from beltcomm.laboratory.intervals import LAW, Spread, spread_of
 
 Array = NDArray[np.float64]
 RECORDS, SAMPLES, SAMPLE_S = 12, 2000, 0.004
 TRUTH = np.array([2.0, -1.0])
 SCALE = np.array([3.0, 0.5])
+
+
+class Named(dict[str, float]):
+    """Values by name, as a model has them."""
+
+    effects: tuple[str, ...] = ()
 
 
 @dataclass
@@ -27,6 +34,7 @@ class Line:
     left: Array
     found: Array
     records: int
+    effects: tuple[str, ...] = ()
 
     def spread(self, at_bound: bool = False) -> Spread:
         size = len(self.left) // self.records
@@ -36,11 +44,13 @@ class Line:
         ]
         x = self.found / SCALE
         problem = SimpleNamespace(
-            pieces=pieces, free=("slope", "level"), scale=SCALE, ends=size * np.arange(self.records + 1),
+            pieces=pieces, free=("line.slope", "body.level"), scale=SCALE, ends=size * np.arange(self.records + 1),
             low=np.array([-9.0, x[1] if at_bound else -9.0]), high=np.array([9.0, 9.0]),
             jacobian=lambda _x: self.columns * SCALE, weights=lambda _r: np.ones(len(self.left)),
         )  # fmt: skip
-        return spread_of(cast("Fitted", SimpleNamespace(problem=problem, x=x, residual=self.left)))
+        model = Named({"line.slope": float(self.found[0]), "body.level": float(self.found[1])})
+        model.effects = self.effects
+        return spread_of(cast("Fitted", SimpleNamespace(problem=problem, x=x, residual=self.left, model=model)))
 
 
 def line(rng: np.random.Generator, disagreement: float, records: int = RECORDS) -> Line:
@@ -60,7 +70,7 @@ def shares(disagreement: float, runs: int = 200) -> tuple[float, float]:
     for _ in range(runs):
         here = line(rng, disagreement)
         spread = here.spread()
-        width = spread.half_width({"slope": 1.0})
+        width = spread.half_width({"line.slope": 1.0})
         assert width is not None
         error = abs(float(here.found[0] - TRUTH[0]))
         held += error <= width
@@ -83,22 +93,32 @@ def test_records_that_disagree_widen_the_interval() -> None:
 def test_a_sum_is_surer_than_its_parts() -> None:
     """Columns that look alike: what one takes the other gives."""
     spread = line(np.random.default_rng(1), 0.0).spread()
-    parts = [spread.half_width({name: 1.0}) for name in ("slope", "level")]
-    whole = spread.half_width({"slope": 1.0, "level": 0.9})
+    parts = [spread.half_width({name: 1.0}) for name in ("line.slope", "body.level")]
+    whole = spread.half_width({"line.slope": 1.0, "body.level": 0.9})
     assert whole is not None
     assert whole < 0.5 * min(p for p in parts if p is not None)
+
+
+def test_no_law_is_better_than_half_a_percent() -> None:
+    """Beside what the data leave open, in squares; the parameters of bodies are none of a law."""
+    here = line(np.random.default_rng(4), 0.0)
+    plain, added = here.spread(), dataclasses.replace(here, effects=("line",)).spread()
+    width = plain.half_width({"line.slope": 1.0})
+    assert width is not None
+    assert added.half_width({"line.slope": 1.0}) == pytest.approx(np.hypot(width, LAW * abs(here.found[0])))
+    assert added.half_width({"body.level": 1.0}) == plain.half_width({"body.level": 1.0})
 
 
 @pytest.mark.parametrize("records", [1, 2])
 def test_few_records_still_have_an_interval(records: int) -> None:
     here = line(np.random.default_rng(2), 0.0, records)
-    width = here.spread().half_width({"slope": 1.0})
+    width = here.spread().half_width({"line.slope": 1.0})
     assert width is not None
     assert 0.0 < width < 10.0 * np.sqrt(np.linalg.inv(here.columns.T @ here.columns)[0, 0])
 
 
 def test_what_sits_at_a_bound_has_none() -> None:
     spread: Any = line(np.random.default_rng(3), 0.0).spread(at_bound=True)
-    assert spread.half_width({"level": 1.0}) is None
-    assert spread.half_width({"slope": 1.0, "level": 1.0}) is None
-    assert spread.half_width({"slope": 1.0}) is not None
+    assert spread.half_width({"body.level": 1.0}) is None
+    assert spread.half_width({"line.slope": 1.0, "body.level": 1.0}) is None
+    assert spread.half_width({"line.slope": 1.0}) is not None
