@@ -117,10 +117,11 @@ def predict_move(
     belt_stretch_m: float = 0.0,
     extra_torque_nm: Array | None = None,
     time_s: float = 0.0,
+    plant: SimulatedPlant | None = None,
 ) -> PredictedMove:
     """Simulate the drive's own cascade on the model along a reference motion that is sampled once per loop period.
 
-    belt_stretch_m : at the start.
+    belt_stretch_m : at the start.   plant : that the loop is closed on in place of the model's.
     extra_torque_nm : ndarray (n,), sent along with the reference and added to the drive's torque.   time_s : session's clock.
     The encoder counts as the drive sees them; the measurement noise of the torque signal does not enter the loop.
     """
@@ -130,7 +131,7 @@ def predict_move(
     velocity = trajectory.velocity_m_s / ratio
     acceleration = np.diff(velocity, prepend=velocity[0]) / period_s
     start_m = float(trajectory.position_m[0])
-    plant = SimulatedPlant(model, start_m, substeps_needed(model, start_m), belt_stretch_m=belt_stretch_m)
+    plant = plant or SimulatedPlant(model, start_m, substeps_needed(model, start_m), belt_stretch_m=belt_stretch_m)
     plant.time_s = time_s
     coefficients = discrete_coefficients(cascade, period_s, drive.torque_limit_nm)
     state = new_state()

@@ -30,6 +30,9 @@ TOPICS: Mapping[str, Topic] = {
     "identification": Topic("open loop, direct and indirect closed loop, speed setpoint; dead time; averaging", "thesis 3.3, 3.4"),
     "designs": Topic("prefilters, gains, margins and the three knobs, beside the product's own design", "thesis chapter 4, appendix A"),
     "discretisation": Topic("the discrete loops against the continuous design", "thesis chapters 4 and 6, (4.1) to (4.6), (6.1), (6.25)"),
+    "closed-loop": Topic(
+        "prefilter, feedforward, mass and anti-windup in the 0.5 m move, on the virtual drive", "thesis chapter 5, figure 6.10"
+    ),
     "estimators": Topic("velocity from encoder edges: four estimators, their errors, debouncing, time-out", "thesis 6.1, appendix C"),
 }
 

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -21,7 +22,9 @@ def test_ended_from_outside(tmp_path: Path, number: signal.Signals) -> None:
     run = tmp_path / "run"
     words = ["identify", "--drive", "virtual", "--yes", "--realtime", "--json", "--run", str(run)]
     command = [sys.executable, "-c", "from beltcomm.cli.main import main; main()", *words]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path) as process:
+    # Tests that run under nohup hand on a SIGHUP that is ignored; a terminal's is not.
+    heard = partial(signal.signal, signal.SIGHUP, signal.SIG_DFL)
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path, preexec_fn=heard) as process:
         give_up = time.monotonic() + 60.0
         while not (run / "recordings" / "amplitude_1.csv.part").exists():
             assert process.poll() is None, process.communicate()[1]
