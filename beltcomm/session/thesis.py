@@ -28,6 +28,7 @@ class Topic:
 TOPICS: Mapping[str, Topic] = {
     "excitations": Topic("PRBS, generalised PRBS, chirp and multisine at equal machine time", "thesis 3.1"),
     "identification": Topic("open loop, direct and indirect closed loop, speed setpoint; dead time; averaging", "thesis 3.3, 3.4"),
+    "friction": Topic("six orders of the friction sweep: drift, wear, load, Stribeck effect", "thesis 3.6, (A.1), figure 3.10"),
     "designs": Topic("prefilters, gains, margins and the three knobs, beside the product's own design", "thesis chapter 4, appendix A"),
     "discretisation": Topic("the discrete loops against the continuous design", "thesis chapters 4 and 6, (4.1) to (4.6), (6.1), (6.25)"),
     "closed-loop": Topic(
