@@ -102,17 +102,19 @@ def _identify(connected: Drive, drive: str, axis: Axis, run: Path, options: Opti
         machine.check_scaling()
         window = referencing.reference(machine, settings_of(options), needed=False)
         _agree(identify_plan(axis, connected.capabilities, window), options, talk, machine)
-        machine.titles = sequence.TITLES[1:4]
+        machine.titles, machine.excitation = sequence.TITLES[1:4], options.excitation
         try:
             sequence.identify_here(machine, findings)
             known = machine.place_known
         finally:
             findings.machine_seconds = machine.machine_seconds
             outcome.save(folder, findings)
+    split = analyse.nonlinearities(folder.recordings())
     text = outcome.identify_text(folder, findings, drive, known)
+    text[-1:] = [*words.nonlinearity_lines(split), text[-1]]
     if whole:
         text = ["Only the record at this place was made: the rest of the job needs to know where the carriage stands.", "", *text]
-    return Result(outcome.data(folder, findings), text, int(whole))
+    return Result({**outcome.data(folder, findings), "nonlinearity": plain(split)}, text, int(whole))
 
 
 def fit(run: Path, *, solver: Solver | None = None, options: Options | None = None, talk: Talk | None = None) -> Result:

@@ -19,6 +19,12 @@ from beltcomm.errors import UsageError
 @shared.new_run_option
 @shared.resume_option
 @click.option(
+    "--excitation",
+    type=click.Choice(("prbs", "gprbs", "chirp", "multisine")),
+    default="prbs",
+    help="Signal of the frequency response; prbs when left out.  A multisine tells nonlinearity from noise.",
+)
+@click.option(
     "--plan", type=click.Path(path_type=Path), metavar="FILE", help="Go on with a run by the plan that `beltcomm diagnose --next` wrote."
 )
 @shared.output_options

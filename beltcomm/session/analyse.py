@@ -15,6 +15,7 @@ from beltcomm.design.design_plant import DesignPlant, with_friction_fractions
 from beltcomm.design.feedforward import FeedforwardKind, feedforward_from
 from beltcomm.design.specification import PRODUCT_SPECIFICATION, Infeasible, Specification
 from beltcomm.design.structure import late_s, loop_model
+from beltcomm.distortion import distortion
 from beltcomm.effects.tilt import GRAVITY_M_S2
 from beltcomm.errors import DamagedRecord, DataError, Refused
 from beltcomm.identify.dead_time import DeadTime, dead_time_between
@@ -61,6 +62,44 @@ def responses(recordings: Sequence[Recording], *, setpoint: bool = False) -> dic
             )
         except DataError:
             continue  # a record with a single period: it serves the final fit, not the picture
+    return found
+
+
+@dataclass(frozen=True)
+class Nonlinearity:
+    """What a multisine shows on its silent lines in a band, Hz: rms of odd and even answers and noise, over the linear one."""
+
+    odd: float
+    even: float
+    noise: float
+    low_hz: float
+    high_hz: float
+
+
+def nonlinearities(recordings: Sequence[Recording]) -> dict[str, Nonlinearity]:
+    """By name, of every record of a multisine with at least two whole periods."""
+    found = {}
+    for recording in recordings:
+        note = recording.sidecar.excitation
+        if note is None or note.kind != "multisine" or not note.period_samples:
+            continue
+        try:
+            split = distortion(
+                recording.torque,
+                recording.position,
+                recording.sample_period_s,
+                note.period_samples,
+                note.first_sample,
+                t_s=recording.t_s,
+            )
+        except DataError:
+            continue  # too short: it serves the fit
+        low, high = float(split.freq_hz[0]), float(split.freq_hz[-1])
+        linear = float(np.sqrt(np.mean(split.speed**2)))
+        noise = float(np.sqrt(np.mean(np.concatenate((split.odd.noise, split.even.noise)) ** 2)))
+        found[recording.name] = Nonlinearity(
+            split.odd.rms(low, high) / linear, split.even.rms(low, high) / linear, noise / linear, low, high
+        )
     return found
 
 

@@ -20,6 +20,7 @@ from beltcomm.axis import Axis
 from beltcomm.control import Cascade
 from beltcomm.drive import COLUMNS, Capabilities, Drive, Limits, Motion, Row
 from beltcomm.errors import BeltcommError, DamagedRecord, DataError, Refused, UsageError
+from beltcomm.excitation import ExcitationKind
 from beltcomm.parameters import GAIN_NAMES, cascade_to_parameters, parameters_to_cascade
 from beltcomm.recording import Recording
 from beltcomm.runfolder import RunFolder
@@ -79,6 +80,7 @@ class Machine:
         self.titles: tuple[str, ...] = ()
         self.friction = (0.0, 0.0)
         self.holding_nm = 0.0
+        self.excitation: ExcitationKind = "prbs"
         self.deceleration_m_s2 = first_deceleration(axis, drive.capabilities.peak_torque_nm).value_m_s2
         self.braking: Braking | None = None
         self.machine_seconds = 0.0

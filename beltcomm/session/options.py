@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from beltcomm.control import PrefilterKind
 from beltcomm.design.feedforward import FeedforwardKind
 from beltcomm.errors import UsageError
+from beltcomm.excitation import ExcitationKind
 from beltcomm.session.commission import Apply, Settings
 from beltcomm.session.programme import Extent
 
@@ -20,7 +21,8 @@ class Options:
     position_m : where the carriage stands.   window_m : how far it may move from there, (low, high).   home : find the zero first.
     payload_kg : heaviest further load.   apply : "keep", "restore" or "save" the new gains; None asks, with ``yes`` it restores.
     quick : one place only.   thorough : what every effect needs.   visible : say beforehand what the records could show; thorough does.
-    force : gains in doubt too.   prefilter, feedforward : None is the best one.   profile, node, bitrate, realtime : of the drive.
+    excitation : of the long frequency response; the rising ones before it stay binary.   force : gains in doubt too.
+    prefilter, feedforward : None is the best one.   profile, node, bitrate, realtime : of the drive.
     drive : further options for the adapter, by name.
     """
 
@@ -36,6 +38,7 @@ class Options:
     quick: bool = False
     thorough: bool = False
     visible: bool = False
+    excitation: ExcitationKind = "prbs"
     force: bool = False
     prefilter: PrefilterKind | None = None
     feedforward: FeedforwardKind | None = None

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from beltcomm.axis_entries import TrajectoryLimits
 from beltcomm.drive import Capabilities
 from beltcomm.errors import Refused, SafetyStop, UsageError
-from beltcomm.excitation import Excitation, PrbsChoice, choose_prbs, prbs
+from beltcomm.excitation import Choice, Excitation, PrbsChoice, choose, choose_prbs, prbs
 from beltcomm.identify.amplitude import (
     UNKNOWN_MASSES_KG,
     AmplitudeStep,
@@ -253,22 +253,17 @@ def frequency_response(
     limits = motion_limits(machine, at)
     period = machine.drive.capabilities.sample_period_s
     antiresonance, resonance = characteristic_hz(model, at)
-    choice = choose_prbs(period, antiresonance, resonance, seconds)
+    choice: Choice
     if held_out:
-        choice = held_choice(choice)
+        choice = held_choice(choose_prbs(period, antiresonance, resonance, seconds))
+    else:
+        choice = choose(machine.excitation, period, antiresonance, resonance, seconds)
     step = _loudest(machine, model, choice, amplitude_nm, at, limits)
-    if loud and step.amplitude_nm < HARDLY * total_friction(model):
+    if loud and isinstance(choice, PrbsChoice) and step.amplitude_nm < HARDLY * total_friction(model):
         calm = calmer_choice(choice, resonance, period)
         louder = _loudest(machine, model, calm, machine.axis.torque_limit_nm, at, limits)
         choice, step = (calm, louder) if louder.amplitude_nm > step.amplitude_nm else (choice, step)
-    excitation = prbs(
-        choice.order,
-        choice.clock,
-        2.0 * step.amplitude_nm,
-        period,
-        choice.repeats,
-        torque_step_nm=machine.drive.capabilities.torque_step_nm,
-    )
+    excitation = choice.excitation(step.amplitude_nm, period, torque_step_nm=machine.drive.capabilities.torque_step_nm)
     machine.folder.journal(
         f"{name}: {choice.reason}; ±{step.amplitude_nm:.3f} N m, bound by {step.binds}; a stop takes up to "
         f"{1e3 * step.prediction.stop_m:.1f} mm"
@@ -276,10 +271,10 @@ def frequency_response(
     return _excite(machine, name, excitation, at, step.prediction, held_out), excitation, step
 
 
-def _loudest(machine: Machine, model: Model, choice: PrbsChoice, at_most_nm: float, at: float, limits: MotionLimits) -> AmplitudeStep:
+def _loudest(machine: Machine, model: Model, choice: Choice, at_most_nm: float, at: float, limits: MotionLimits) -> AmplitudeStep:
     """The loudest version of a sequence that keeps the limits."""
     period = machine.drive.capabilities.sample_period_s
-    shape = prbs(choice.order, choice.clock, 2.0, period, choice.repeats)
+    shape = choice.excitation(1.0, period)
     unit = shape.torque / shape.amplitude_nm
     return largest_amplitude(around(balanced(model)), unit, period, at, limits, at_most_nm, stops.braking_of(machine))
 

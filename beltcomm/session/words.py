@@ -12,7 +12,7 @@ from beltcomm.identify.friction import FrictionFit
 from beltcomm.identify.inverse_fit import InverseFit
 from beltcomm.identify.magnitude_fit import MagnitudeFit
 from beltcomm.model import Model
-from beltcomm.session.analyse import Characteristic
+from beltcomm.session.analyse import Characteristic, Nonlinearity
 from beltcomm.verify import Demand, Verdict
 
 #: (name in the model, words, unit shown, factor)
@@ -193,3 +193,19 @@ def remarks_lines(remarks: Sequence[str]) -> list[str]:
 def lasting(drive: str) -> str:
     """What a virtual drive keeps of what is written to it; nothing is said of a real one."""
     return ". A virtual drive begins anew with every command and forgets what was written" if drive.split(":")[0] == "virtual" else ""
+
+
+def nonlinearity_lines(found: Mapping[str, Nonlinearity]) -> list[str]:
+    """What the silent lines of multisines show, one line each."""
+    return [
+        f"{name}: on lines that were not excited, {n.low_hz:.3g} to {n.high_hz:.3g} Hz, the axis answers with {100 * n.odd:.1f} % of the "
+        f"linear answer on odd and {100 * n.even:.1f} % on even ones (noise {100 * n.noise:.2f} %): "
+        + (
+            "odd is friction or a stiffness that depends on its load"
+            if n.odd > max(n.even, 2.0 * n.noise)
+            else "even is something that differs by direction"
+            if n.even > 2.0 * n.noise
+            else "nothing above the noise"
+        )
+        for name, n in found.items()
+    ]
