@@ -51,6 +51,7 @@ class Options:
     quick: bool = False
     thorough: bool = False
     visible: bool = False
+    excitation: str = "prbs"
     force: bool = False
     prefilter: str | None = None
     feedforward: str | None = None
