@@ -26,6 +26,7 @@ class Topic:
 
 #: Topics in the order of the source.
 TOPICS: Mapping[str, Topic] = {
+    "models": Topic("belt springs, parameter sets, approximations, carriage; high frequencies and data reduction", "thesis 2, 3.4, 3.5"),
     "excitations": Topic("PRBS, generalised PRBS, chirp and multisine at equal machine time", "thesis 3.1"),
     "identification": Topic("open loop, direct and indirect closed loop, speed setpoint; dead time; averaging", "thesis 3.3, 3.4"),
     "friction": Topic("six orders of the friction sweep: drift, wear, load, Stribeck effect", "thesis 3.6, (A.1), figure 3.10"),
