@@ -28,11 +28,16 @@ class Result:
 
 
 def plain(value: Any) -> Any:
-    """The value in the types that YAML and JSON have: dataclasses and mappings as mappings, arrays as lists."""
+    """The value in the types that YAML and JSON have: dataclasses and mappings as mappings, arrays as lists.
+
+    Complex values, of which neither has any, as a mapping of ``real`` and ``imag``.
+    """
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         return {f.name: plain(getattr(value, f.name)) for f in dataclasses.fields(value) if not f.name.startswith("_")}
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, complex) or (isinstance(value, np.ndarray) and np.iscomplexobj(value)):
+        return {"real": plain(value.real), "imag": plain(value.imag)}
     if isinstance(value, np.ndarray):
         return [plain(item) for item in value.tolist()]
     if isinstance(value, (list, tuple, set, frozenset)):
