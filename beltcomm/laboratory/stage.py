@@ -16,7 +16,16 @@ import numpy as np
 from beltcomm.effects import EFFECTS, Effect, Ground
 from beltcomm.errors import UsageError
 from beltcomm.identify.following import follows
-from beltcomm.laboratory.acceptance import STIFFNESS, drop_by, enough, explained_share, grown_out_of_bounds, impossible, refuted
+from beltcomm.laboratory.acceptance import (
+    STIFFNESS,
+    drop_by,
+    enough,
+    explained_share,
+    fitted_to_nothing,
+    grown_out_of_bounds,
+    impossible,
+    refuted,
+)
 from beltcomm.laboratory.data import Data
 from beltcomm.laboratory.fitting import Fitted, fit, problem_of
 from beltcomm.laboratory.refine import refined
@@ -188,17 +197,21 @@ def candidate(base: Fitted, effect: Effect, promised: float, best: Fitted, start
     drop = drop_by(base, best)
     evidence, explained = drop - price(effect, base, starts), explained_share(drop, base)
     held_gain = base.held_objective - best.held_objective
-    hollow = bool(impossible(best.model)) or grown_out_of_bounds(best.model, effect)
+    hollow = bool(impossible(best.model)) or grown_out_of_bounds(best.model, effect) or fitted_to_nothing(best.model, effect)
     accepted = enough(evidence, explained, drop, held_gain, base) and not hollow
     return Candidate(effect, promised, evidence, explained, held_gain, best, accepted, hollow)
 
 
 def grown(data: Data, base: Fitted, way: Scored) -> Fitted:
-    """The model with the effect, begun where the score test says, or beside the base model where that is better."""
+    """The model with the effect, begun where the score test says, or with no more of the base moved than the trial moves; the better."""
     here = base.problem
     moved = np.clip(base.x + way.step, here.low, here.high)
+    beside = base.x.copy()
+    for name, value in way.trial.base.items():
+        number = here.free.index(name)
+        beside[number] = value / here.scale[number]
     starts = []
-    for x in (moved, base.x):
+    for x in (moved, beside):
         model = here.model_at(x, "trial").with_effect(way.effect.name, way.values)
         problem = problem_of(data, model)
         starts.append((problem.objective(problem.residual(problem.start(here.offsets(x)))), model, here.offsets(x)))

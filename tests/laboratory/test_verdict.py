@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from beltcomm.effects import effect_named
+from beltcomm.laboratory.acceptance import fitted_to_nothing
 from beltcomm.laboratory.diagnosis import run_away
 from beltcomm.laboratory.structure import excess
 from beltcomm.model import build_model
@@ -23,6 +25,11 @@ BASE = build_model("axis", ("belt_stiffness", "belt_damping", "viscous", "viscou
 )
 def test_a_parameter_that_ran_into_its_bound_is_named(effect: str, values: dict[str, float], wanted: list[str]) -> None:
     assert run_away(BASE.with_effect(effect, values), BASE) == wanted
+
+
+@pytest.mark.parametrize(("gap_m", "nothing"), [(0.0, True), (2e-5, False)])
+def test_a_gap_fitted_to_no_width_explains_nothing(gap_m: float, nothing: bool) -> None:
+    assert fitted_to_nothing(BASE.with_effect("backlash", {"gap": gap_m}), effect_named("backlash")) is nothing
 
 
 def test_noise_has_no_structure_and_a_small_constant_has() -> None:
