@@ -23,7 +23,7 @@ from beltcomm.model import load_plant
 from beltcomm.parameters import cascade_to_parameters
 from beltcomm.result import Result, plain
 from beltcomm.runfolder import RunFolder
-from beltcomm.session import analyse, gains, offline, outcome, referencing, stops, verification, words
+from beltcomm.session import analyse, gains, offline, outcome, referencing, words
 from beltcomm.session import commission as sequence
 from beltcomm.session.commission import Findings
 from beltcomm.session.convert import convert as convert
@@ -36,10 +36,11 @@ from beltcomm.session.laboratory import add_to_run, compare_run, diagnose_run, l
 from beltcomm.session.machine import Machine, backed_up
 from beltcomm.session.move_file import trajectory as trajectory
 from beltcomm.session.options import Options, settings_of
-from beltcomm.session.plan import Plan, commission_plan, friction_plan, identify_plan, move_plan, verification_plan, with_homing
-from beltcomm.session.proof import admit, next_step, proof, thin_margins
-from beltcomm.session.store import cascade_from_dict, drive_to_dict, verdict_to_dict
+from beltcomm.session.plan import Plan, commission_plan, friction_plan, identify_plan, move_plan, with_homing
+from beltcomm.session.proof import admit, thin_margins
+from beltcomm.session.store import cascade_from_dict, drive_to_dict
 from beltcomm.session.thesis import thesis as thesis
+from beltcomm.session.verify_job import verify_with
 from beltcomm.talk import Silence, Talk
 
 #: The laboratory's commands on a run folder; see :mod:`beltcomm.session.laboratory`.
@@ -204,38 +205,29 @@ def verify(
     *,
     move: Path | None = None,
     trajectory: str | None = None,
+    rungs: bool = False,
     options: Options | None = None,
     talk: Talk | None = None,
 ) -> Result:
     """Drive a move with the run's design, compare its error with the prediction.   Exit code 1 when a target is missed.
 
-    ``options.feedforward`` replaces the design's for this move only.
+    ``options.feedforward`` replaces the design's for this move only.   rungs : the move once for each step of what the model can bring.
     """
     options, talk = options or Options(), talk or Silence()
-    folder = RunFolder.open(run)
-    saved = folder.load("designs", "final")
-    model = offline.trusted(folder, str(saved.get("revision") or ""))[0]
     with open_drive(drive, options.for_drive()) as connected:
-        folder.claim_drive(connected.capabilities.identity)
-        structure = connected.capabilities.structure
-        analyse.offered(structure, None, options.feedforward)
-        cascade, delay_s = offline.cascade_of(saved, model, structure, options.feedforward)
-        along = bool(saved.get("compensated")) and structure.torque_feedforward and options.feedforward in (None, "nonlinear")
-        with Machine(connected, folder.axis, folder, talk) as machine:
-            referencing.reference(machine, settings_of(options))
-            braking = stops.count_on_loop(machine, [model], cascade, delay_s)
-            path, remark = verification.move_asked_for(machine, model, move, trajectory)
-            verification.refuse_broken(machine, model, path)
-            plan = verification_plan(machine.axis, model, path, braking)
-            if options.dry_run:
-                return _planned(plan, connected, options, folder.axis)
-            _agree(plan, options, talk, machine)
-            name = f"move_{1 + sum(n.startswith('move_') for n in folder.finished_names())}"
-            verdict, asked = verification.verify_move(machine, model, cascade, delay_s, path, name, compensating=along)
-    folder.save_result(f"verify_{name}", {**verdict_to_dict(verdict), "proof": proof(cascade, path, ())})
-    text = words.verdict_lines(verdict, asked, options.feedforward) + words.remarks_lines([remark] if remark else [])
-    text.append(f"Next: {next_step(folder, drive, verdict.passed)}")
-    return Result({"run": str(run), "recording": name, **verdict_to_dict(verdict)}, text, 0 if verdict.passed else 1)
+        return verify_with(
+            connected,
+            drive,
+            run,
+            settings_of(replace(options, feedforward=None)),
+            lambda plan, machine: _agree(plan, options, talk, machine),
+            talk,
+            move=move,
+            trajectory=trajectory,
+            feedforward=options.feedforward,
+            rungs=rungs,
+            planned=(lambda plan, axis: _planned(plan, connected, options, axis)) if options.dry_run else None,
+        )
 
 
 def apply(drive: str, run: Path, *, options: Options | None = None, talk: Talk | None = None) -> Result:

@@ -39,6 +39,7 @@ __all__ = [
     "Prefilter",
     "cascade_step",
     "discrete_coefficients",
+    "feedforward_torque",
     "new_state",
     "pi_response",
     "prefilter_coefficients",
@@ -168,6 +169,26 @@ def discrete_coefficients(cascade: Cascade, period_s: float, torque_limit_nm: fl
             forward.advance_s,
             *roll_off_coefficients(cascade.prefilter, period_s),
         ]
+    )
+
+
+def feedforward_torque(feedforward: Feedforward, velocity_rad_s: Array, period_s: float) -> Array:
+    """The drive's own feedforward along a sampled reference velocity, N m, (n,), as :func:`cascade_step` computes it from a rest.
+
+    J α + d ω + τ_c sign ω + offset, with ω and its difference quotient α carried ``advance_s`` ahead by their own change.
+    """
+    acceleration = np.diff(velocity_rad_s, prepend=velocity_rad_s[0]) / period_s
+    advance, ahead = feedforward.advance_s, feedforward.advance_s / period_s
+    velocity = velocity_rad_s
+    if ahead > 0.0:
+        change = np.diff(acceleration, prepend=0.0)
+        velocity = velocity + advance * (acceleration + 0.5 * (1.0 + ahead) * change)
+        acceleration = acceleration + (0.5 + ahead) * change
+    return np.asarray(
+        feedforward.inertia_kg_m2 * acceleration
+        + feedforward.viscous_nm_s_rad * velocity
+        + feedforward.coulomb_nm * np.sign(velocity)
+        + feedforward.offset_nm
     )
 
 

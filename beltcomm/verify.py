@@ -236,13 +236,15 @@ def judge(
     predicted: PredictedMove,
     reference_m: Array,
     *,
+    carriage_m: Array | None = None,
     predicted_range: tuple[TrackingError, TrackingError] | None = None,
     dynamic_target_m: float = DYNAMIC_TARGET_M,
     static_target_m: float = STATIC_TARGET_M,
 ) -> Verdict:
     """Measured tracking against the prediction and the targets.
 
-    ratio : i_t, m/rad.   reference_m : ndarray (n,), reference of the prediction, m.
+    ratio : i_t, m/rad.   reference_m : ndarray (n,), reference of the prediction, m.   carriage_m : ndarray (n,), where the carriage should
+    be, m, when that is not the motor's reference.
     Raises DataError when the recording has no reference position.
     """
     if recording.reference_position is None:
@@ -250,11 +252,13 @@ def judge(
     reference = ratio * recording.reference_position
     measured = tracking_error(recording.t_s, reference, ratio * recording.position)
     expected = tracking_error(predicted.t_s, reference_m, predicted.motor_m)
-    expected_cart = tracking_error(predicted.t_s, reference_m, predicted.cart_m)
+    wanted = reference_m if carriage_m is None else carriage_m
+    expected_cart = tracking_error(predicted.t_s, wanted, predicted.cart_m)
     measured_cart = None
     if recording.cart_position_m is not None:
-        offset = reference[0] - recording.cart_position_m[0]
-        measured_cart = tracking_error(recording.t_s, reference, recording.cart_position_m + offset)
+        followed = reference + np.interp(recording.t_s - recording.t_s[0], predicted.t_s, wanted - reference_m)
+        offset = followed[0] - recording.cart_position_m[0]
+        measured_cart = tracking_error(recording.t_s, followed, recording.cart_position_m + offset)
     reasons = []
     for what, value, target, unit, scale in (
         ("dynamic error", measured.dynamic_m, dynamic_target_m, "mm", 1e3),

@@ -153,6 +153,12 @@ feedforward_option = click.option(
     type=click.Choice(["nonlinear", "linear", "none"]),
     help="nonlinear: inertia, viscous and Coulomb friction; linear: all friction as damping; none: no velocity either.",
 )
+sent_feedforward_option = click.option(
+    "--feedforward",
+    type=click.Choice(["compliant", "nonlinear", "linear", "none"]),
+    help="In place of the design's, for this move only. compliant: the motor leads the carriage by the stretch of the belt; "
+    "nonlinear: inertia, viscous and Coulomb friction; linear: all friction as damping; none: no velocity either.",
+)
 window_option = click.option(
     "--window",
     "window_m",

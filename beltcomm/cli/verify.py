@@ -17,16 +17,16 @@ from beltcomm.errors import UsageError
 @shared.existing_run_option
 @click.option("--move", type=click.Path(path_type=Path), metavar="CSV", help="Your own move: columns t_s, position_m.")
 @click.option("--trajectory", metavar="NAME", help="Limits of the 0 to 0.5 m move, from axis.yaml; T_A when left out.")
-@shared.feedforward_option
+@shared.sent_feedforward_option
+@click.option("--rungs", is_flag=True, help="The move five times: what each step beyond the design source brings, in um.")
 @shared.output_options
 @click.pass_obj
-def command(frame: Frame, /, drive: str, run: Path, move: Path | None, trajectory: str | None, **given: Any) -> int:
-    """Drive a move with the run's design and compare its error with the predicted one; the machine moves.
-
-    --feedforward replaces the design's for this move only, to see what it brings.
-    """
+def command(frame: Frame, /, drive: str, run: Path, move: Path | None, trajectory: str | None, rungs: bool, **given: Any) -> int:
+    """Drive a move with the run's design and compare its error with the predicted one; the machine moves."""
     if move is not None and trajectory is not None:
         raise UsageError("--move brings its own motion, --trajectory names limits for the standard one; give one of them")
-    frame.run = run
     options = options_of(**given)
-    return frame.show(api().verify(drive, run, move=move, trajectory=trajectory, options=options, talk=frame.talk()))
+    if rungs and options.feedforward is not None:
+        raise UsageError("--rungs drives every feedforward in turn; leave --feedforward out")
+    frame.run = run
+    return frame.show(api().verify(drive, run, move=move, trajectory=trajectory, rungs=rungs, options=options, talk=frame.talk()))

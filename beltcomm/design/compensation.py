@@ -51,32 +51,36 @@ def compensation(model: Model, feedforward: Feedforward, trajectory: Trajectory,
     )
     extra = np.zeros(len(place))
     for k in range(len(place)):
-        extra[k] = _beyond(model, float(place[k]), float(speed[k]), time_s + float(ahead[k]), float(known[k]))
+        now = time_s + float(ahead[k])
+        torque, force = beyond(model, float(place[k]), float(speed[k]), now)
+        extra[k] = through_path(model, float(known[k]) + torque + ratio * force, float(place[k]), now) - known[k]
     return extra
 
 
-def _beyond(model: Model, place: float, speed: float, time_s: float, known: float) -> float:
-    """One instant: what is needed beside the torque that is known."""
+def beyond(model: Model, place: float, speed: float, time_s: float) -> tuple[float, float]:
+    """What effects beyond (4.16) need at an instant: torque at the motor shaft, N m, and force at the carriage, N."""
     ratio = model["transmission.ratio"]
-    needed = known
-    path = []
+    torque = force = 0.0
     for effect in model.effect_list():
-        if effect.slot not in SLOTS or effect.law is None or effect.name in OWN:
+        if effect.slot not in ("force", "friction_level") or effect.law is None or effect.name in OWN:
             continue
         values = values_of(model, effect, place)
-        if effect.slot == "torque_path":
-            path.append((effect.law, values))
-            continue
         i, lever = acts_on(model, effect)
         rotary = model.bodies()[i][1].rotary and lever == 1.0
-        arm = 1.0 if rotary else ratio
         own_speed = speed / ratio if rotary else speed
         if effect.slot == "force":
-            needed -= arm * effect.law(place / ratio if rotary else place, own_speed, time_s, *values)
-        elif speed != 0.0:
-            needed += arm * float(np.sign(speed)) * effect.law(abs(own_speed), place, time_s, *values)
+            needed = -effect.law(place / ratio if rotary else place, own_speed, time_s, *values)
+        else:
+            needed = float(np.sign(speed)) * effect.law(abs(own_speed), place, time_s, *values)
+        torque, force = (torque + needed, force) if rotary else (torque, force + needed)
+    return torque, force
+
+
+def through_path(model: Model, needed: float, place: float, time_s: float) -> float:
+    """The setpoint by which the torque path passes on what is needed, N m."""
+    path = [(e.law, values_of(model, e, place)) for e in model.effect_list() if e.slot == "torque_path" and e.law is not None]
     torque = needed
     for law, values in path:
         for _ in range(INVERSIONS):
-            torque = needed + torque - law(torque, place / ratio, time_s, *values)
-    return torque - known
+            torque = needed + torque - law(torque, place / model["transmission.ratio"], time_s, *values)
+    return torque

@@ -9,6 +9,8 @@ from beltcomm.control import CascadeStructure, Feedforward
 from beltcomm.errors import UsageError
 
 FeedforwardKind = Literal["nonlinear", "linear", "none"]
+#: With what the host can add: the motor led ahead of the carriage (``beltcomm.design.compliant``).
+SentFeedforward = Literal["nonlinear", "linear", "none", "compliant"]
 
 
 def feedforward_from(

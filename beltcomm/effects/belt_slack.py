@@ -7,8 +7,8 @@ from beltcomm.effects._effect import Effect, Ground, Parameter, Trial
 
 #: Share of the stiffness that a slack strand takes away at most.
 MOST_LOST = 0.95
-#: What a belt with both strands tight is stiffer by than one fitted to all states of it, in half of the trials.
-STIFFER = 1.15
+#: By the share of the stiffness that is left: what a belt with both strands tight is stiffer by than one fitted to all states of it.
+STIFFER = {0.8: 1.15, 0.6: 1.3}
 _STIFFNESS = "belt_stiffness.stiffness"
 
 
@@ -42,8 +42,11 @@ def trials(ground: Ground) -> list[Trial]:
     """
     largest = ground.peak_force_n / ground.stiffness
     plain = [Trial({"limit": part * largest, "share": 0.7, "balance": 0.5}) for part in (0.25, 0.4, 0.6, 0.8)]
-    stiffer = {_STIFFNESS: STIFFER * ground.stiffness}
-    return plain + [Trial({"limit": part * largest, "share": 0.8, "balance": 0.5}, base=stiffer) for part in (0.125, 0.2, 0.3, 0.45)]
+    return plain + [
+        Trial({"limit": part * largest, "share": share, "balance": 0.5}, base={_STIFFNESS: stiffer * ground.stiffness})
+        for share, stiffer in STIFFER.items()
+        for part in (0.125, 0.2, 0.3, 0.45)
+    ]
 
 
 EFFECT = Effect(

@@ -111,7 +111,7 @@ def diagnose(
         ground = ground_of(current, data.fitted, axis)
         above = EXPLAINED_UP_TO if any(step.added for step in steps) else MISSING
         candidates = search(data, current, ground, progress=in_stage(progress, number), swallowed_above=above)
-        if strayed(current, start):
+        if strayed(current, start, above):
             held = held_at(data, current, start)
             beside = ground_of(held, data.fitted, axis)
             candidates = merged(candidates, search(data, held, beside, swallowed_above=math.inf, against=current))

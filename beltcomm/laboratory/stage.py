@@ -162,11 +162,14 @@ def refitted(data: Data, base: Fitted, way: Scored, starts: int, against: Fitted
     return candidate(against, way.effect, way.drop, grown(data, base, way), starts)
 
 
-def strayed(base: Fitted, start: Model) -> bool:
-    """Whether a fit that explains little left what the start values say of the masses and of the belt, to make up for what is missing."""
+def strayed(base: Fitted, start: Model, above: float = MISSING) -> bool:
+    """Whether a fit that explains little left what the start values say of the masses and of the belt, to make up for what is missing.
+
+    above : O per sample from which on it explains little.
+    """
     solid = [inertia for inertia, body in base.model.bodies() if body.name in base.model.base_bodies]
     shared = [name for name in (*solid, STIFFNESS) if name in base.model.parameters and name in start.parameters]
-    missing = base.objective > MISSING * base.problem.samples and not follows(base.model)
+    missing = base.objective > above * base.problem.samples and not follows(base.model)
     return missing and any(abs(math.log(base.model[name] / start[name])) > math.log(STRAYED) for name in shared)
 
 

@@ -12,7 +12,7 @@ from beltcomm.control import Cascade, CascadeStructure, PrefilterKind
 from beltcomm.design.cascade import DesignResult, design_cascade
 from beltcomm.design.cautious import cautious_cascade
 from beltcomm.design.design_plant import DesignPlant, with_friction_fractions
-from beltcomm.design.feedforward import FeedforwardKind, feedforward_from
+from beltcomm.design.feedforward import FeedforwardKind, SentFeedforward, feedforward_from
 from beltcomm.design.specification import PRODUCT_SPECIFICATION, Infeasible, Specification
 from beltcomm.design.structure import late_s, loop_model
 from beltcomm.distortion import distortion
@@ -257,7 +257,7 @@ def first_loop(
     return cautious_cascade(plant, structure, UNCERTAINTIES[-1], nearest)
 
 
-def offered(structure: CascadeStructure, prefilter: PrefilterKind | None, feedforward: FeedforwardKind | None = None) -> None:
+def offered(structure: CascadeStructure, prefilter: PrefilterKind | None, feedforward: SentFeedforward | None = None) -> None:
     """Raise Refused for a prefilter or a feedforward that was asked for and that the drive does not have."""
     if prefilter is not None and prefilter not in structure.prefilters:
         raise Refused(f"{structure.name} has no {prefilter} prefilter; choose {' or '.join(structure.prefilters)}")

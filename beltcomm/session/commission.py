@@ -25,6 +25,7 @@ from beltcomm.session import analyse, bounds, making, phases, programme, samenes
 from beltcomm.session.machine import Machine
 from beltcomm.session.programme import Extent
 from beltcomm.session.proof import SURE_MARGIN_DEG, move_name, proof, thin_margins
+from beltcomm.session.proving import verify_move
 from beltcomm.session.steps import LOUD, Step
 from beltcomm.sidecar import Sidecar
 from beltcomm.trajectory import Trajectory
@@ -345,9 +346,7 @@ def commission(machine: Machine, settings: Settings, findings: Findings) -> Find
                 findings.reservations.append("this drive cannot follow the standard move within the target, only slower ones")
         findings.proof = proof(cascade, trajectory, settings.payloads_kg)
         name = move_name(machine.folder, findings.proof)
-        verdict, findings.demand = verification.verify_move(
-            machine, model, cascade, delay(findings), trajectory, name, settings.payloads_kg
-        )
+        verdict, findings.demand = verify_move(machine, model, cascade, delay(findings), trajectory, name, settings.payloads_kg)
         findings.verdict, findings.move_name = verdict, name
         dispose(machine, settings, findings, cascade)
     finally:

@@ -7,6 +7,7 @@ from beltcomm.session import phases, stops, verification
 from beltcomm.session.commission import Findings, Settings, close_first_loop, design_for, measure_friction
 from beltcomm.session.machine import Machine
 from beltcomm.session.making import RESPONSE_S
+from beltcomm.session.proving import verify_move
 
 
 def run_experiment(machine: Machine, model: Model, experiment: str) -> str:
@@ -24,5 +25,5 @@ def run_experiment(machine: Machine, model: Model, experiment: str) -> str:
     stops.count_on_loop(machine, [model], cascade, 0.0)
     standard = verification.kept_by_belt(machine, model, cascade, 0.0, verification.standard_move(machine, model))
     path = standard.at(1.0, machine.drive.capabilities.sample_period_s)
-    verification.verify_move(machine, model, cascade, 0.0, path)
+    verify_move(machine, model, cascade, 0.0, path)
     return "move_1"

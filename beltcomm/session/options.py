@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from beltcomm.control import PrefilterKind
-from beltcomm.design.feedforward import FeedforwardKind
+from beltcomm.design.feedforward import SentFeedforward
 from beltcomm.errors import UsageError
 from beltcomm.excitation import ExcitationKind
 from beltcomm.session.commission import Apply, Settings
@@ -22,7 +22,7 @@ class Options:
     payload_kg : heaviest further load.   apply : "keep", "restore" or "save" the new gains; None asks, with ``yes`` it restores.
     quick : one place only.   thorough : what every effect needs.   visible : say beforehand what the records could show; thorough does.
     excitation : of the long frequency response; the rising ones before it stay binary.   force : gains in doubt too.
-    prefilter, feedforward : None is the best one.   profile, node, bitrate, realtime : of the drive.
+    prefilter, feedforward : None is the best one; "compliant" is for ``verify``.   profile, node, bitrate, realtime : of the drive.
     drive : further options for the adapter, by name.
     """
 
@@ -41,7 +41,7 @@ class Options:
     excitation: ExcitationKind = "prbs"
     force: bool = False
     prefilter: PrefilterKind | None = None
-    feedforward: FeedforwardKind | None = None
+    feedforward: SentFeedforward | None = None
     profile: str | None = None
     node: int | None = None
     bitrate: int | None = None
@@ -65,7 +65,10 @@ class Options:
 
 
 def settings_of(options: Options) -> Settings:
-    """What of them the sequence on the machine needs.   Raises UsageError for a negative payload."""
+    """What of them the sequence on the machine needs.   Raises UsageError for a negative payload, or a compliant feedforward."""
+    feedforward = options.feedforward or "nonlinear"
+    if feedforward == "compliant":
+        raise UsageError("compliant is what the host sends along with a move; choose it in `beltcomm verify --feedforward compliant`")
     payload = options.payload_kg or 0.0
     if payload < 0.0:
         raise UsageError(f"the payload is {payload:g} kg; give what is to be carried further, 0 or more")
@@ -78,5 +81,5 @@ def settings_of(options: Options) -> Settings:
         payloads_kg=(payload,) if payload else (),
         extent=options.extent,
         prefilter=options.prefilter,
-        feedforward=options.feedforward or "nonlinear",
+        feedforward=feedforward,
     )

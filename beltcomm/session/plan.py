@@ -132,14 +132,15 @@ def move_plan(
     )
 
 
-def verification_plan(axis: Axis, model: Model, path: Trajectory, braking: Braking) -> Plan:
-    """The move that verifies a design, with the positioning before it and the rest after it.   braking : of its loop."""
+def verification_plan(axis: Axis, model: Model, path: Trajectory, braking: Braking, times: int = 1) -> Plan:
+    """The move that verifies a design, with the positioning before it and the rest after it.   braking : of its loop.   times : driven."""
     asked = demand(path, model)
     travel = float(np.ptp(path.position_m))
     lowest, highest = braking.span_m(path.position_m, path.velocity_m_s, path.sample_period_s)
-    seconds = path.duration_s + REST_SECONDS + MOVE_SECONDS
+    seconds = times * (path.duration_s + REST_SECONDS + MOVE_SECONDS)
     what = (
-        f"go to {path.position_m[0]:.3f} m and from there to {path.position_m[-1]:.3f} m in {path.duration_s:.2f} s with the new gains; "
+        f"go to {path.position_m[0]:.3f} m and from there to {path.position_m[-1]:.3f} m in {path.duration_s:.2f} s with the new gains"
+        f"{f', {times} times' if times > 1 else ''}; "
         f"a stop at its top speed takes {1e3 * braking.way_m(asked.speed_m_s):.0f} mm with {braking.deceleration_m_s2:.3g} m/s²"
     )
     return move_plan(axis, travel, highest - lowest, asked.speed_m_s, asked.torque_nm, asked.feed_force_n, seconds, what)

@@ -35,9 +35,12 @@ def _thin(margin_deg: float) -> list[str]:
     return [f"the velocity loop is left with {margin_deg:.0f} deg of phase margin, a sound one has {SURE_MARGIN_DEG:.0f} or more"]
 
 
-def proof(cascade: Cascade, trajectory: Trajectory, payloads_kg: Sequence[float]) -> dict[str, Any]:
-    """What a move is driven with, for the sidecar of its recording (``controller``) and for its verdict."""
-    return {
+def proof(cascade: Cascade, trajectory: Trajectory, payloads_kg: Sequence[float], led_by: str = "") -> dict[str, Any]:
+    """What a move is driven with, for the sidecar of its recording (``controller``) and for its verdict.
+
+    led_by : how the host led the motor ahead of the carriage; "" where the gains stood for themselves.
+    """
+    return ({"led_by": led_by} if led_by else {}) | {
         "gains": {name: float(value) for name, value in cascade_to_parameters(cascade).items()},
         "further_payloads_kg": [float(mass) for mass in payloads_kg],
         "path": [float(trajectory.position_m[0]), float(trajectory.position_m[-1]), float(trajectory.duration_s)],
@@ -56,6 +59,7 @@ def proves(recorded: Mapping[str, Any], wanted: Mapping[str, Any]) -> bool:
     path, payloads = recorded.get("path"), recorded.get("further_payloads_kg")
     return (
         isinstance(path, Sequence)
+        and recorded.get("led_by") == wanted.get("led_by")
         and all(math.isclose(a, b, rel_tol=SAME_GAIN, abs_tol=SAME_PLACE_M) for a, b in zip(path, wanted["path"], strict=True))
         and payloads == wanted["further_payloads_kg"]
         and same_gains(recorded.get("gains"), wanted["gains"])
@@ -81,7 +85,8 @@ def doubts(folder: RunFolder) -> list[str]:
     gains = designed.get("parameters")
     found += _thin(min((float(one["phase_margin_deg"]) for one in designed.get("margins") or ()), default=math.inf))
     results = [folder.load("results", name) for name in folder.names("results") if name.startswith("verify_")]
-    driven = [result for result in results if same_gains((result.get("proof") or {}).get("gains"), gains)]
+    proofs = [(result, result.get("proof") or {}) for result in results]
+    driven = [result for result, shown in proofs if same_gains(shown.get("gains"), gains) and "led_by" not in shown]
     if not driven:
         found.append("no verification move was driven with these gains")
     elif not driven[-1].get("passed"):

@@ -1,9 +1,8 @@
-"""The move that proves the result: which one is admissible, how it is driven, and what it shows."""
+"""The move that proves the result: which one is admissible, and which limits another one would break."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -12,36 +11,18 @@ from numpy.typing import NDArray
 
 from beltcomm.axis_entries import TrajectoryLimits
 from beltcomm.control import Cascade
-from beltcomm.design.compensation import compensation
 from beltcomm.errors import Refused
 from beltcomm.model import Model
 from beltcomm.session import phases
-from beltcomm.session.expectation import BELT_BEYOND
 from beltcomm.session.machine import Machine
-from beltcomm.session.proof import proof
-from beltcomm.sidecar import Sidecar
 from beltcomm.trajectory import Trajectory, load_move, plan_trajectory
-from beltcomm.verify import (
-    DYNAMIC_TARGET_M,
-    Demand,
-    Loop,
-    PredictedMove,
-    TrackingError,
-    Verdict,
-    demand,
-    judge,
-    predict_move,
-    predict_range,
-    tracking_error,
-)
+from beltcomm.verify import DYNAMIC_TARGET_M, Loop, demand, predict_move, tracking_error
 
 Array = NDArray[np.float64]
 
 #: m and s of the verification move: the thesis's 0 to 0.5 m, and the rest in which the static error is read.
 MOVE_M = 0.5
 REST_S = 1.6
-#: s: the range of a longer move is not predicted, it would take too long.
-LONGEST_RANGED_S = 15.0
 #: Where a drive cannot follow the standard move: share of the target that a prediction aims at, longest move named, s, longest one
 #: driven, s; slowest short one, m/s, and its ramp to full speed, s.
 AIM_SHARE = 0.9
@@ -53,10 +34,6 @@ RAMP_S = 0.2
 #: is slowed down for that.  A move that somebody asks for is refused beyond ``BELT_BEYOND`` only, where it would be stopped.
 BELT_SWING = 1.05
 BELT_TRIES = 8
-#: An axis this many times further off its reference than predicted, and by so many m more, is not the one predicted: it is stopped, in
-#: the drive and on the host.
-SURPRISE = 3.0
-LAG_SLACK_M = 2e-3
 
 
 @dataclass(frozen=True)
@@ -243,96 +220,6 @@ def refuse_broken(machine: Machine, model: Model, trajectory: Trajectory) -> Non
     broken = broken_limits(machine, model, trajectory)
     if broken:
         raise Refused("the move is refused: " + "; ".join(broken) + _fastest(machine, model, trajectory))
-
-
-def verify_move(
-    machine: Machine,
-    model: Model,
-    cascade: Cascade,
-    delay_s: float,
-    trajectory: Trajectory,
-    name: str = "move_1",
-    payloads_kg: Sequence[float] = (),
-    compensating: bool = False,
-) -> tuple[Verdict, Demand]:
-    """Phase 7: run the move with the new gains and compare with its prediction.   Raises Refused when it would break a limit.
-
-    payloads_kg : further ones that the design holds for, noted with the record, see :mod:`beltcomm.session.proof`.
-    compensating : the torque of :mod:`beltcomm.design.compensation` is sent along.
-    """
-    refuse_broken(machine, model, trajectory)
-    running = machine.write_cascade(cascade)
-    rested = phases.held(trajectory, REST_S)
-    clock_s = machine.session_time_s
-    along = compensation(model, running.feedforward, rested, rested.sample_period_s, clock_s) if compensating else None
-    drive = in_drive(machine, delay_s)
-    path = predict_move(model, running, rested, drive, extra_torque_nm=along, time_s=clock_s)
-    _check_path(machine, path)
-    if along is not None:
-        _check_along(machine, along, trajectory, model)
-    _check_belt(machine, model, path, trajectory)
-    lag = SURPRISE * float(np.max(np.abs(rested.position_m - path.motor_m))) + LAG_SLACK_M
-    start = float(trajectory.position_m[0])
-    if machine.folder.finished(name) is None and abs(machine.position_m - start) > 1e-4:
-        phases.move_to(machine, start, model)
-    # Positioning ends a little beside its goal; a reference that begins elsewhere would be a step, and no part of the move.
-    beside = replace(rested, position_m=rested.position_m + machine.position_m - start)
-    sidecar = Sidecar(
-        experiment="trajectory",
-        start_position_m=machine.position_m,
-        session_time_s=machine.session_time_s,
-        closed_loop=True,
-        held_out=True,
-        controller=proof(cascade, trajectory, payloads_kg),
-    )
-    recording = machine.record(name, machine.follow(beside, "position", along), replace(machine.full_room(), lag_m=lag), sidecar)
-
-    def error(other: Model, stretch_m: float) -> TrackingError:
-        path = predict_move(other, running, rested, drive, belt_stretch_m=stretch_m, extra_torque_nm=along, time_s=clock_s)
-        return tracking_error(path.t_s, rested.position_m, path.motor_m)
-
-    spread = predict_range(model, error) if rested.duration_s <= LONGEST_RANGED_S else None
-    verdict = judge(recording, machine.ratio, path, rested.position_m, predicted_range=spread)
-    if along is not None:
-        alone = predict_move(model, running, rested, drive, time_s=clock_s)
-        without = tracking_error(alone.t_s, rested.position_m, alone.motor_m)
-        sentence = (
-            f"up to {1e3 * float(np.max(np.abs(along))):.3g} mN m were sent along with the reference; a controller that sends none is "
-            f"predicted to have {1e3 * without.dynamic_m:.3g} mm and {1e6 * without.static_m:.3g} um with these gains"
-        )
-        verdict = replace(verdict, reasons=(*verdict.reasons, sentence))
-    return verdict, demand(trajectory, model)
-
-
-def _check_along(machine: Machine, along: Array, trajectory: Trajectory, model: Model) -> None:
-    """Raise Refused when the torque sent along would take the move beyond the torque that axis and drive allow."""
-    most, asked, limit = float(np.max(np.abs(along))), demand(trajectory, model).torque_nm, machine.full_room().torque_nm
-    if not most + asked <= limit:
-        raise Refused(
-            f"the move is refused: with the {most:.3g} N m that the model sends along, the motor torque would be {most + asked:.4g} N m, "
-            f"limit {limit:.4g} N m; slow the move down, look at the model's effects, or use --feedforward linear"
-        )
-
-
-def _check_path(machine: Machine, path: PredictedMove) -> None:
-    """Raise Refused when a loop is predicted to leave the travel, although its reference does not."""
-    low, high = machine.full_room().window_m
-    for where, places in (("motor", path.motor_m), ("carriage", path.cart_m)):
-        if float(np.min(places)) < low or float(np.max(places)) > high:
-            raise Refused(
-                f"the move is refused: with these gains the {where} is predicted to go from {np.min(places):.4g} m to "
-                f"{np.max(places):.4g} m, the travel is {low:g}..{high:g} m; slow the move down or design other gains"
-            )
-
-
-def _check_belt(machine: Machine, model: Model, path: PredictedMove, trajectory: Trajectory) -> None:
-    """Raise Refused when the belt is predicted to carry too much as it swings."""
-    limit = belt_force_limit_n(machine, model, float(np.max(np.abs(trajectory.velocity_m_s))), BELT_BEYOND)
-    if path.belt_force_n > limit:
-        raise Refused(
-            f"the move is refused: the belt is predicted to carry {path.belt_force_n:.1f} N as it swings, limit {limit:.1f} N (feed force, "
-            f"friction of the carriage and {100 * (BELT_BEYOND - 1):.0f} % of swing); stretch the move by {path.belt_force_n / limit:.2f}"
-        )
 
 
 def _fastest(machine: Machine, model: Model, trajectory: Trajectory) -> str:

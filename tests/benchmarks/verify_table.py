@@ -30,7 +30,7 @@ from beltcomm import api
 from beltcomm.api import Options
 from beltcomm.model import load_model
 from beltcomm.runfolder import RunFolder
-from beltcomm.session import offline, verification
+from beltcomm.session import offline, proving, verification
 from beltcomm.session.machine import Machine
 from beltcomm.talk import Silence
 from beltcomm.verify import TrackingError, Verdict, tracking_error
@@ -141,7 +141,7 @@ def cmmp_as(rig: str, folder: Path) -> None:
             if slow is not None:
                 moves[f"fastest within 1 mm, {slow.duration_s:.0f} s"] = slow
             for number, (title, move) in enumerate(moves.items(), start=2):
-                verdict, asked = verification.verify_move(machine, model, cascade, delay_s, move, f"move_{number}")
+                verdict, asked = proving.verify_move(machine, model, cascade, delay_s, move, f"move_{number}")
                 row(f"{title}, {1e3 * asked.speed_m_s:.3g} mm/s", verdict, at_the_carriage(bench, run, f"move_{number}"))
 
 

@@ -15,7 +15,7 @@ from beltcomm.axis import load_axis
 from beltcomm.errors import Refused, SafetyStop, UsageError
 from beltcomm.runfolder import RunFolder
 from beltcomm.session import commission as sequence
-from beltcomm.session import creep, phases, referencing, verification
+from beltcomm.session import creep, phases, proving, referencing, verification
 from beltcomm.session.commission import Findings, Settings
 from beltcomm.session.expectation import BELT_BEYOND, BeltWatch
 from beltcomm.session.machine import Machine
@@ -183,7 +183,7 @@ def test_a_move_is_slowed_down_or_refused_for_a_belt_that_swings(
         path = verification.predict_move(model, cascade, fast, verification.in_drive(machine, 1e-3))
         # 1.25 times 99.84 N and 3 to 4.5 N of friction at the carriage
         with pytest.raises(Refused, match=r"the belt is predicted to carry 14\d\.\d N as it swings, limit (128|129|130)\.\d N"):
-            verification._check_belt(machine, model, path, fast)
+            proving._check_belt(machine, model, path, fast)
 
 
 def test_success_needs_sound_margins_and_a_whole_move(complete: Complete, copy_of_complete: Copy) -> None:
