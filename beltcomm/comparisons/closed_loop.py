@@ -62,13 +62,23 @@ class Run:
 
 
 @dataclass(frozen=True)
+class Limited:
+    """A move with the torque cut off.   error : at the motor.   error_m : (n,), m.   asked_nm : of the controller, (n,), N m."""
+
+    error: TrackingError
+    t_s: Array
+    error_m: Array
+    asked_nm: Array
+
+
+@dataclass(frozen=True)
 class Study:
     """runs : in the order of the figures.   unstable : largest |z| of the poles with the filters removed, by prefilter.   windup : figure
-    6.10, simulated: by torque limit, errors without and with conditional integration.   demands : feed force of T_A and T_B on g_a, N."""
+    6.10, simulated: by torque limit, the move without and with conditional integration.   demands : feed force of T_A and T_B on g_a, N."""
 
     runs: tuple[Run, ...]
     unstable: Mapping[str, float]
-    windup: Mapping[float, tuple[TrackingError, TrackingError]]
+    windup: Mapping[float, tuple[Limited, Limited]]
     demands: Mapping[str, float]
 
 
@@ -190,8 +200,8 @@ def limits(ratio: float) -> Limits:
     return Limits(-0.05 / ratio, 0.75 / ratio, 3.0 / ratio, PEAK_NM, lag_rad=LOST_M / ratio, ratio_m_rad=ratio)
 
 
-def saturated(model: Model, cascade: Cascade, most_nm: float, windup: bool) -> TrackingError:
-    """T_B with the torque cut off, simulated; at the motor.
+def saturated(model: Model, cascade: Cascade, most_nm: float, windup: bool) -> Limited:
+    """T_B with the torque cut off, simulated.
 
     windup : the controller does not know the limit, so that its integrator goes on (6.25); else it is set to meet the limit (6.26).
     """
@@ -200,7 +210,8 @@ def saturated(model: Model, cascade: Cascade, most_nm: float, windup: bool) -> T
     known = 1e6 if windup else most_nm
     cut = CutOff(model, most_nm)
     moved = predict_move(model, cascade, path, Loop(structure, DELAY_S, known, COUNTS), plant=cut)
-    return tracking_error(path.t_s, path.position_m, moved.motor_m)
+    error = tracking_error(path.t_s, path.position_m, moved.motor_m)
+    return Limited(error, path.t_s, path.position_m - moved.motor_m, moved.torque_nm)
 
 
 class CutOff(SimulatedPlant):
@@ -233,7 +244,8 @@ def lines(study: Study) -> list[str]:
         f"Filter removed from a filtered design: largest |z| of the loop's poles {removed}; above 1 it is unstable (source: unstable)",
         *(
             f"6.10    T_B with the torque cut off at {most} N m, simulated, dynamic and static error in mm: without anti-windup "
-            f"{1e3 * off.dynamic_m:.2f} and {1e3 * off.static_m:.3f}, with it {1e3 * on.dynamic_m:.2f} and {1e3 * on.static_m:.3f}"
+            f"{1e3 * off.error.dynamic_m:.2f} and {1e3 * off.error.static_m:.3f}, with it {1e3 * on.error.dynamic_m:.2f} and "
+            f"{1e3 * on.error.static_m:.3f}"
             for most, (off, on) in study.windup.items()
         ),
         f"Feed force on g_a: T_A {study.demands['T_A']:.1f} N, T_B {study.demands['T_B']:.1f} N; the axis bears 100 N, T_B is simulated",

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from matplotlib.figure import Figure
 
 from beltcomm.comparisons.closed_loop import RIGS, Run, Study
-from beltcomm.report.style import HELD_OUT, MEASURED, MODEL, SEVERE, Caption, figure, styled
+from beltcomm.report.style import FAINT, HELD_OUT, MEASURED, MODEL, SEVERE, Caption, figure, styled
 
 COLOURS = (SEVERE, HELD_OUT, MODEL, MEASURED)
 TITLES = {
@@ -33,4 +33,24 @@ def figures(study: Study, caption: Caption) -> Mapping[str, Figure]:
             axes.set(xlabel="time in s", ylabel="reference - motor in mm", xlim=(0.0, 1.6))
             axes.legend()
         made[f"closed_loop_{number.replace('.', '_')}"] = shown
+    return made | {"closed_loop_6_10": _windup(study, caption)}
+
+
+def _windup(study: Study, caption: Caption) -> Figure:
+    """Error and torque asked for with and without conditional integration, one column per limit of the torque."""
+    with styled():
+        made = figure("Anti-windup (figure 6.10): T_B with 11.2 kg, the torque cut off, simulated", 5.2, caption)
+        axes = made.subplots(2, len(study.windup), sharex=True, sharey="row", squeeze=False)
+        for column, (most, (without, with_it)) in enumerate(study.windup.items()):
+            above, below = axes[0, column], axes[1, column]
+            for name, run, colour in (("none", without, SEVERE), ("conditional integration", with_it, MODEL)):
+                above.plot(run.t_s, 1e3 * run.error_m, color=colour, label=f"{name}: {1e3 * run.error.dynamic_m:.1f} mm")
+                below.plot(run.t_s, run.asked_nm, color=colour)
+            for limit in (-most, most):
+                below.axhline(limit, color=FAINT, linewidth=1.0, zorder=0.5)
+            above.set(title=f"cut off at {most:g} N m")
+            above.legend()
+            below.set(xlabel="time in s", xlim=(0.0, 1.4))
+        axes[0, 0].set(ylabel="reference - motor in mm")
+        axes[1, 0].set(ylabel="torque asked for in N m")
     return made
