@@ -92,6 +92,27 @@ def test_friction_of_both_bodies_has_its_own_place() -> None:
     assert on_motor.torque_nm[middle] == pytest.approx(led.torque_nm[middle], rel=1e-3)
 
 
+def test_at_a_reversal_the_stretch_by_friction_changes_its_side_where_the_carriage_turns() -> None:
+    """0 to 0.2 m and back without a rest: at the turn the carriage's own law is smooth, so all that jumps is 2 F_c/c."""
+    t_s = PERIOD_S * np.arange(1201)
+    angle = 2.0 * np.pi * t_s / 1.2
+    there_and_back = Trajectory(
+        t_s,
+        0.1 * (1.0 - np.cos(angle)),
+        0.1 * (2.0 * np.pi / 1.2) * np.sin(angle),
+        0.1 * (2.0 * np.pi / 1.2) ** 2 * np.cos(angle),
+    )
+    with_friction, without = (leading(model(**{"cart_friction.level": level}), there_and_back) for level in (CART_COULOMB, 0.0))
+    extra = with_friction.trajectory.position_m - without.trajectory.position_m
+    turn = len(extra) - len(t_s) + 600
+    assert extra[turn - 20] == pytest.approx(CART_COULOMB / STIFFNESS, rel=1e-6)
+    assert extra[turn + 20] == pytest.approx(-CART_COULOMB / STIFFNESS, rel=1e-6)
+    # The turn falls on a sample, which still counts as before it; two means over 5 samples go from one side to the other with 2/5 a sample.
+    assert abs(extra[turn]) < 0.4 * CART_COULOMB / STIFFNESS
+    assert with_friction.held_m == pytest.approx(CART_COULOMB / STIFFNESS)
+    assert extra[-1] == pytest.approx(-CART_COULOMB / STIFFNESS, rel=1e-6), "at rest it stays as it was in the motion before"
+
+
 def test_what_is_sent_along_and_the_drives_own_feedforward_make_the_whole_torque() -> None:
     feedforward = Feedforward(2.1e-3, 3e-3, 0.12, 0.05, 1.0, 1.5e-3)
     led = leading(model(), move(), feedforward.advance_s)
