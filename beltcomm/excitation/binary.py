@@ -13,11 +13,11 @@ from beltcomm.errors import Refused, UsageError
 from beltcomm.excitation.record import (
     FEWEST_REPEATS,
     LOWEST_OVER_LINE,
-    NYQUIST_OVER_HIGHEST,
     REST_AFTER_S,
     REST_BEFORE_S,
     WIDEST_LINE_SPACING_HZ,
     Excitation,
+    check_band,
     finished,
 )
 
@@ -135,18 +135,7 @@ def choose_prbs(sample_period_s: float, lowest_hz: float, highest_hz: float, dur
     Raises UsageError for numbers that cannot be meant, Refused when sampling or duration do not reach, with what would.
     Source: thesis (3.5), (3.6); thesis.md, erratum 9: at 1 kHz clock 2 with order 9 to 11.
     """
-    if not (sample_period_s > 0 and 0 < lowest_hz < highest_hz and duration_s > 0):
-        raise UsageError(
-            f"sample period {sample_period_s} s, {lowest_hz} Hz to {highest_hz} Hz in {duration_s} s: all must be positive "
-            "and the lowest frequency below the highest"
-        )
-    nyquist_hz = 0.5 / sample_period_s
-    if NYQUIST_OVER_HIGHEST * highest_hz > nyquist_hz:
-        raise Refused(
-            f"a resonance at {highest_hz:.4g} Hz cannot be seen with a sample period of {1e3 * sample_period_s:.4g} ms: "
-            f"that ends at {nyquist_hz:.4g} Hz and {NYQUIST_OVER_HIGHEST * highest_hz:.4g} Hz are needed; sample at least "
-            f"every {500.0 / (NYQUIST_OVER_HIGHEST * highest_hz):.3g} ms or leave the resonance out"
-        )
+    check_band(sample_period_s, lowest_hz, highest_hz, duration_s)
     largest = max(1, floor(1.0 / (ZERO_OVER_HIGHEST * highest_hz * sample_period_s)))
     spacing_hz = min(lowest_hz / LOWEST_OVER_LINE, WIDEST_LINE_SPACING_HZ)
     orders = {clock: _smallest_order(clock, spacing_hz, sample_period_s) for clock in range(largest, 0, -1)}

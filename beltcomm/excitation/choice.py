@@ -15,11 +15,11 @@ from beltcomm.excitation.random_binary import GprbsChoice
 from beltcomm.excitation.record import (
     FEWEST_REPEATS,
     LOWEST_OVER_LINE,
-    NYQUIST_OVER_HIGHEST,
     REST_AFTER_S,
     REST_BEFORE_S,
     WIDEST_LINE_SPACING_HZ,
     Excitation,
+    check_band,
 )
 from beltcomm.excitation.sines import MultisineChoice
 from beltcomm.excitation.sweep import ChirpChoice
@@ -35,12 +35,18 @@ BELOW_LOWEST = 0.2
 
 
 class Choice(Protocol):
-    """A signal but for its amplitude.   repeats : measured periods.   reason : in words why this one."""
+    """A signal but for its amplitude."""
 
     @property
-    def repeats(self) -> int: ...  # noqa: D102
+    def repeats(self) -> int:
+        """Measured periods."""
+        ...
+
     @property
-    def reason(self) -> str: ...  # noqa: D102
+    def reason(self) -> str:
+        """In words, why this one."""
+        ...
+
     def excitation(self, amplitude_nm: float, sample_period_s: float, *, torque_step_nm: float = 0.0) -> Excitation:
         """The record with this amplitude, N m."""
         ...
@@ -59,17 +65,8 @@ def choose(
         return choose_prbs(sample_period_s, lowest_hz, highest_hz, duration_s)
     if kind not in KINDS:
         raise UsageError(f"there is no excitation {kind!r}; choose {', '.join(KINDS)}")
-    if not (sample_period_s > 0 and 0 < lowest_hz < highest_hz and duration_s > 0):
-        raise UsageError(
-            f"sample period {sample_period_s} s, {lowest_hz} Hz to {highest_hz} Hz in {duration_s} s: all must be positive "
-            "and the lowest frequency below the highest"
-        )
+    check_band(sample_period_s, lowest_hz, highest_hz, duration_s)
     nyquist_hz = 0.5 / sample_period_s
-    if NYQUIST_OVER_HIGHEST * highest_hz > nyquist_hz:
-        raise Refused(
-            f"a resonance at {highest_hz:.4g} Hz cannot be seen with a sample period of {1e3 * sample_period_s:.4g} ms, which ends at "
-            f"{nyquist_hz:.4g} Hz; sample at least every {500.0 / (NYQUIST_OVER_HIGHEST * highest_hz):.3g} ms or leave the resonance out"
-        )
     spacing_hz = min(lowest_hz / LOWEST_OVER_LINE / (2.0 if kind == "multisine" else 1.0), WIDEST_LINE_SPACING_HZ)
     period = next_fast_len(math.ceil(1.0 / (spacing_hz * sample_period_s)), real=True)
     left_s = duration_s - REST_BEFORE_S - REST_AFTER_S - 2.0 * sample_period_s

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from beltcomm.errors import UsageError
+from beltcomm.errors import Refused, UsageError
 
 Array = NDArray[np.float64]
 
@@ -23,6 +23,22 @@ WIDEST_LINE_SPACING_HZ = 1.0
 FEWEST_REPEATS = 3
 #: Half the sampling frequency over highest frequency to be seen: the upper flank of a resonance belongs to it.
 NYQUIST_OVER_HIGHEST = 1.1
+
+
+def check_band(sample_period_s: float, lowest_hz: float, highest_hz: float, duration_s: float) -> None:
+    """Raise UsageError for numbers that cannot be meant, Refused when the sampling does not reach the highest frequency."""
+    if not (sample_period_s > 0 and 0 < lowest_hz < highest_hz and duration_s > 0):
+        raise UsageError(
+            f"sample period {sample_period_s} s, {lowest_hz} Hz to {highest_hz} Hz in {duration_s} s: all must be positive "
+            "and the lowest frequency below the highest"
+        )
+    nyquist_hz = 0.5 / sample_period_s
+    if NYQUIST_OVER_HIGHEST * highest_hz > nyquist_hz:
+        raise Refused(
+            f"a resonance at {highest_hz:.4g} Hz cannot be seen with a sample period of {1e3 * sample_period_s:.4g} ms: "
+            f"that ends at {nyquist_hz:.4g} Hz and {NYQUIST_OVER_HIGHEST * highest_hz:.4g} Hz are needed; sample at least "
+            f"every {500.0 / (NYQUIST_OVER_HIGHEST * highest_hz):.3g} ms or leave the resonance out"
+        )
 
 
 @dataclass(frozen=True, eq=False)
