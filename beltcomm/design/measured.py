@@ -10,7 +10,6 @@ The discs hold what differs between periods.  Friction also answers with wrong l
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,6 +32,8 @@ HIDDEN = 0.5
 #: Points per interval between lines; intervals longer than this many usual ones are gaps, and named.
 POINTS, GAP = 8, 3.0
 FEWEST_LINES = 8
+#: Hidden lines nearer to each other than this ratio are named as one range.
+NEAR = 1.25
 #: Recording and loop have one sampling period when they differ by less than this share of it.
 SAME_PERIOD = 1e-3
 
@@ -62,7 +63,7 @@ class MeasuredMargins:
     """A cascade on one measured response.
 
     stable : of the closed cascade, None where the tube reaches -1 or the band does not show it; velocity_stable : of its velocity loop.
-    lowest_hz, highest_hz : lines used.   hidden_hz : ranges whose lines noise hides.   gaps_hz : ranges without lines.
+    lowest_hz, highest_hz : lines used.   hidden_hz : ranges in which noise hides lines, ``hidden_lines`` of them.   gaps_hz : ranges without lines.
     hidden_gain_db : the most that |velocity loop| can be at the hidden lines; -inf without any.
     scatter : median relative difference of a line from its neighbours, standard deviation.   noise : that of the noise between periods.
     """
@@ -76,6 +77,7 @@ class MeasuredMargins:
     highest_hz: float
     lines: int
     hidden_hz: tuple[tuple[float, float], ...]
+    hidden_lines: int
     gaps_hz: tuple[tuple[float, float], ...]
     hidden_gain_db: float
     scatter: float
@@ -156,7 +158,8 @@ def measured_margins(
         float(loop.freq_hz[0]),
         float(loop.freq_hz[-1]),
         len(loop.freq_hz),
-        _ranges(loop.all_hz, loop.hidden),
+        _ranges(loop.all_hz[loop.hidden]),
+        int(np.sum(loop.hidden)),
         _gaps(loop.freq_hz, loop.all_hz, loop.hidden),
         20.0 * math.log10(hidden_gain) if hidden_gain > 0.0 else -math.inf,
         float(np.median(line_scatter(used) / np.abs(used.h))),
@@ -257,10 +260,12 @@ def _stable(loop: ComplexArray, tube: Array, *, integrators: int, hidden_gain: f
     return round(total / (2.0 * math.pi)) == 0
 
 
-def _ranges(freq_hz: Array, chosen: NDArray[np.bool_]) -> tuple[tuple[float, float], ...]:
-    """Runs of chosen lines as (first, last), Hz."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([0], chosen.astype(int), [0]))))
-    return tuple((float(freq_hz[a]), float(freq_hz[b - 1])) for a, b in zip(edges[::2], edges[1::2], strict=True))
+def _ranges(freq_hz: Array) -> tuple[tuple[float, float], ...]:
+    """Single frequencies as ranges (first, last), Hz: those nearer to each other than ``NEAR`` are one, whatever lies between."""
+    if not len(freq_hz):
+        return ()
+    cuts = np.flatnonzero(freq_hz[1:] > NEAR * freq_hz[:-1]) + 1
+    return tuple((float(part[0]), float(part[-1])) for part in np.split(freq_hz, cuts))
 
 
 def _gaps(freq_hz: Array, all_hz: Array, hidden: NDArray[np.bool_]) -> tuple[tuple[float, float], ...]:
@@ -271,8 +276,3 @@ def _gaps(freq_hz: Array, all_hz: Array, hidden: NDArray[np.bool_]) -> tuple[tup
     return tuple(
         (float(a), float(b)) for a, b, h, e in zip(freq_hz[:-1], freq_hz[1:], step, empty, strict=True) if h > GAP * usual and e
     )
-
-
-def worst_of(margins: Sequence[MeasuredMargins]) -> MeasuredMargins:
-    """The one whose loops may come nearest to -1 with 95 %."""
-    return max(margins, key=lambda one: max(one.velocity.most_sensitivity_db, one.position.most_sensitivity_db))

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from beltcomm.control import Cascade, pi_response, prefilter_response, velocity_filter_response
 from beltcomm.design.design_plant import DesignPlant, sampled_together
 from beltcomm.design.loops import closed_loop_matrix, frequencies
+from beltcomm.design.margins import margins
 from beltcomm.errors import UsageError
 
 Array = NDArray[np.float64]
@@ -29,7 +30,8 @@ class MarginSpread:
 
     phase_margin_deg, position_phase_margin_deg, gain_margin_db, sensitivity_db (the largest).   plants : per draw.
     unstable : closed loops with a pole on or outside the unit circle, of draws × plants.
-    worst : plant of the draw whose sensitivity ``WORST_SHARE`` of all draws exceed, at its largest; ``worst_at`` its number in the draw.
+    worst_values : what 97.5 % of the draws exceed, and the sensitivity that they stay below, on the grid of a proof.
+    worst : plant of that sensitivity; ``worst_at`` its number in its draw.
     """
 
     phase_margin_deg: Array
@@ -38,6 +40,7 @@ class MarginSpread:
     sensitivity_db: Array
     plants: int
     unstable: int
+    worst_values: dict[str, float]
     worst: DesignPlant
     worst_at: int
 
@@ -45,12 +48,6 @@ class MarginSpread:
     def draws(self) -> int:
         """How many sets of parameters."""
         return len(self.sensitivity_db)
-
-    def worst_values(self) -> dict[str, float]:
-        """Quantiles: margins that 97.5 % of the draws exceed, and the sensitivity that they stay below."""
-        low = {name: getattr(self, name) for name in ("phase_margin_deg", "position_phase_margin_deg", "gain_margin_db")}
-        found = {name: float(np.quantile(values, WORST_SHARE, method="lower")) for name, values in low.items()}
-        return found | {"sensitivity_db": float(np.quantile(self.sensitivity_db, 1.0 - WORST_SHARE, method="higher"))}
 
 
 def margin_spread(draws: Sequence[Sequence[DesignPlant]], cascade: Cascade, period_s: float) -> MarginSpread:
@@ -72,19 +69,38 @@ def margin_spread(draws: Sequence[Sequence[DesignPlant]], cascade: Cascade, peri
     position = cascade.kpp_1_s * velocity / ((1.0 + velocity) * estimator)
     nearest = np.minimum(np.min(np.abs(1.0 + velocity), axis=1), np.min(np.abs(1.0 + position), axis=1))
     stable = _stable(advance, new, old, whole, cascade, period_s)
-    per_draw = (len(draws), len(draws[0]))
-    sensitivity = -20.0 * np.log10(nearest).reshape(per_draw)
-    largest = sensitivity.max(axis=1)
-    at = int(np.argsort(largest)[math.ceil((1.0 - WORST_SHARE) * (len(draws) - 1))])
+    gains = np.minimum(_gain_margins_db(velocity), _gain_margins_db(position))
+    # By plant of each draw; the sensitivity negative, so that the least is the worst of all four.
+    found = {
+        "phase_margin_deg": smallest_phase_margins_deg(velocity),
+        "position_phase_margin_deg": smallest_phase_margins_deg(position),
+        "gain_margin_db": gains,
+        "sensitivity_db": 20.0 * np.log10(nearest),
+    }
+    by_draw = {name: every.reshape(len(draws), -1) for name, every in found.items()}
+    # The draw is found on the coarse grid; the number printed is that of a proof.
+    worst: dict[str, float] = {}
+    for name, table in by_draw.items():
+        at = int(np.argsort(table.min(axis=1), kind="stable")[math.floor(WORST_SHARE * (len(draws) - 1))])
+        plant = int(np.argmin(table[at]))
+        (one,) = margins(cascade, [draws[at][plant]], period_s)
+        both = {
+            "gain_margin_db": min(one.gain_margin_db, one.position_gain_margin_db),
+            "sensitivity_db": max(one.sensitivity_db, one.position_sensitivity_db),
+        }
+        worst[name] = both[name] if name in both else float(getattr(one, name))
+    least = {name: table.min(axis=1) for name, table in by_draw.items()}
+    stable = _stable(advance, new, old, whole, cascade, period_s)
     return MarginSpread(
-        smallest_phase_margins_deg(velocity).reshape(per_draw).min(axis=1),
-        smallest_phase_margins_deg(position).reshape(per_draw).min(axis=1),
-        np.minimum(_gain_margins_db(velocity), _gain_margins_db(position)).reshape(per_draw).min(axis=1),
-        largest,
-        per_draw[1],
+        least["phase_margin_deg"],
+        least["position_phase_margin_deg"],
+        least["gain_margin_db"],
+        -least["sensitivity_db"],
+        len(draws[0]),
         int(np.sum(~stable)),
-        draws[at][int(np.argmax(sensitivity[at]))],
-        int(np.argmax(sensitivity[at])),
+        worst,
+        draws[at][plant],  # of the sensitivity, which was the last
+        plant,
     )
 
 

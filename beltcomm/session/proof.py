@@ -80,6 +80,7 @@ def doubts(folder: RunFolder) -> list[str]:
     designed = folder.load("designs", "final")
     gains = designed.get("parameters")
     found += _thin(min((float(one["phase_margin_deg"]) for one in designed.get("margins") or ()), default=math.inf))
+    found += (designed.get("proof") or {}).get("doubts") or ()
     results = [folder.load("results", name) for name in folder.names("results") if name.startswith("verify_")]
     driven = [result for result in results if same_gains((result.get("proof") or {}).get("gains"), gains)]
     if not driven:
