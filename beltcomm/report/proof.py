@@ -38,8 +38,9 @@ def proof_figure(design: DesignResult, shown: Sequence[Shown], sentences: Sequen
     curves = [design.open_loops(i, omega) for i in range(len(design.plants))]
     disc = 10.0 ** (-design.specification.sensitivity_db / 20.0)
     with style.styled():
-        made = style.figure("Proof of the design: open loops by model and as measured", 9.6, caption, sentences)
-        grid = made.subplots(2, 2, height_ratios=[1.5, 1.0])
+        rows = 1 + math.ceil((len(shown) + 3) / 3)
+        made = style.figure("Proof of the design: open loops by model and as measured", 8.6 + 0.2 * rows, caption, sentences)
+        grid = made.subplots(3, 2, height_ratios=[4.6, 3.1, 0.2 * rows])
         for column, name in enumerate(("velocity", "position")):
             loops = [pair[column] for pair in curves]
             measured = [one.loop.velocity if column == 0 else one.loop.position for one in shown]
@@ -47,7 +48,10 @@ def proof_figure(design: DesignResult, shown: Sequence[Shown], sentences: Sequen
             _gain(grid[1, column], omega, loops, shown, measured, name)
         handles, labels = grid[1, 0].get_legend_handles_labels()
         top = grid[0, 0].get_legend_handles_labels()
-        made.legend(top[0] + handles, top[1] + labels, loc="outside lower left", ncols=2, fontsize=8)
+        for axes in grid[2]:
+            axes.set_axis_off()
+        legend = grid[2, 0].legend(top[0] + handles, top[1] + labels, loc="upper left", bbox_to_anchor=(-0.1, 1.0), ncols=3, fontsize=8)
+        legend.set_in_layout(False)  # it spans both columns; its row keeps its height
     return made
 
 
