@@ -9,6 +9,7 @@ The discs hold what differs between periods.  Friction also answers with wrong l
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 
@@ -63,7 +64,7 @@ class MeasuredMargins:
     """A cascade on one measured response.
 
     stable : of the closed cascade, None where the tube reaches -1 or the band does not show it; velocity_stable : of its velocity loop.
-    lowest_hz, highest_hz : lines used.   hidden_hz : ranges in which noise hides lines, ``hidden_lines`` of them.   gaps_hz : ranges without lines.
+    lowest_hz, highest_hz : lines used.   hidden_hz : ranges in which noise hides lines, ``hidden_lines`` of them.   gaps_hz : without lines.
     hidden_gain_db : the most that |velocity loop| can be at the hidden lines; -inf without any.
     scatter : median relative difference of a line from its neighbours, standard deviation.   noise : that of the noise between periods.
     """
@@ -270,9 +271,6 @@ def _ranges(freq_hz: Array) -> tuple[tuple[float, float], ...]:
 
 def _gaps(freq_hz: Array, all_hz: Array, hidden: NDArray[np.bool_]) -> tuple[tuple[float, float], ...]:
     """Intervals without lines that are long beside the usual one and hold no hidden line, which are named elsewhere."""
-    step = np.diff(freq_hz)
-    usual = float(np.median(np.diff(all_hz)))
-    empty = [not np.any(hidden & (all_hz > a) & (all_hz < b)) for a, b in zip(freq_hz[:-1], freq_hz[1:], strict=True)]
-    return tuple(
-        (float(a), float(b)) for a, b, h, e in zip(freq_hz[:-1], freq_hz[1:], step, empty, strict=True) if h > GAP * usual and e
-    )
+    usual, unseen = float(np.median(np.diff(all_hz))), all_hz[hidden]
+    long = [(a, b) for a, b in itertools.pairwise(map(float, freq_hz)) if b - a > GAP * usual]
+    return tuple((a, b) for a, b in long if not np.any((unseen > a) & (unseen < b)))

@@ -18,7 +18,7 @@ from beltcomm.errors import UsageError
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
-#: Base points of the frequency grid per plant: neighbours 9 % apart, and finer around ω_r and ω_z; a margin is off by 0.2 deg or dB at most.
+#: Base points of the frequency grid per plant: neighbours 9 % apart, and finer around ω_r and ω_z; a margin is off by 0.2 deg or dB.
 GRID_POINTS = 100
 #: Share of draws that are worse than what is called the worst.
 WORST_SHARE = 0.025

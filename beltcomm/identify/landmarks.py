@@ -79,7 +79,8 @@ def find_landmarks(response: FrequencyResponse, antiresonance_hz: float, resonan
     found = least_squares(residual, start, bounds=(low, high), loss="soft_l1", f_scale=0.3)
     freedom = 2 * count - len(start)
     variance = float(np.sum(residual(found.x) ** 2)) / freedom
-    covariance = np.linalg.pinv(found.jac.T @ found.jac) * variance
+    jacobian = np.asarray(found.jac, dtype=np.float64)
+    covariance = np.linalg.pinv(jacobian.T @ jacobian) * variance
     half = float(stdtrit(freedom, 0.975)) * np.sqrt(np.diag(covariance))
 
     def landmark(i: int) -> Landmark | None:

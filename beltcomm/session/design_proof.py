@@ -76,8 +76,8 @@ class Worst:
 
 @dataclass(frozen=True)
 class DesignProof:
-    """Everything that was examined.   left_out : records without a response, and why.   source : of the parameters' uncertainty.   seed : of
-    the draws.   conditions : of the measured responses.   doubts : what speaks against the design, in words; notes : what else to know.
+    """Everything that was examined.   left_out : records without a response, and why.   source : where the draws
+    come from, by ``seed``.   conditions : of the measured responses.   doubts : what speaks against the design, in words; notes : what else to know.
     """
 
     measured: tuple[MeasuredMargins, ...]
@@ -258,7 +258,9 @@ def contradicting(
     """Records whose torque the model does not explain, friction in it, and the design's margins on the load that each wants for itself."""
     model, counts = grounds.model, grounds.counts_per_rev
     if counts is None or not recordings:
-        return (), ("whether a record contradicts the model was not examined: the steps of the encoder are not known",) if recordings else ()
+        return (), (
+            "whether a record contradicts the model was not examined: the steps of the encoder are not known",
+        ) if recordings else ()
     noise, step = torque_noise(recordings), 2.0 * np.pi / counts
     free = [n for n in model.parameters if n.startswith(LOAD)]
     found = []

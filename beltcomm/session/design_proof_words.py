@@ -13,8 +13,8 @@ from beltcomm.session.design_proof import Contradiction, DesignProof, Grounds
 
 #: What a response around standstill shows of the friction, and what the model counts.
 STANDING = (
-    "around standstill friction shows as damping, which the moving axis does not have: the margins by calculation above count every damping "
-    "down to none"
+    "around standstill friction shows as damping, which the moving axis does not have: the margins by calculation count every damping down "
+    "to none"
 )
 
 
@@ -45,7 +45,8 @@ def _measured_lines(proof: DesignProof, asked: Specification) -> list[str]:
     most = max(nearest.velocity.most_sensitivity_db, nearest.position.most_sensitivity_db)
     lines = [
         f"measured responses, no model between ({len(measured)}, with 95 %): velocity phase margin at least "
-        f"{_margin(velocity.velocity.least_phase_margin_deg, velocity)}, position {_margin(position.position.least_phase_margin_deg, position)}, "
+        f"{_margin(velocity.velocity.least_phase_margin_deg, velocity)}, "
+        f"position {_margin(position.position.least_phase_margin_deg, position)}, "
         f"gain margin {_db(gain)}, sensitivity at most {_db(most)} ({nearest.record}); {_stability(measured)}"
     ]
     if below := _below(proof, asked):
@@ -55,10 +56,12 @@ def _measured_lines(proof: DesignProof, asked: Specification) -> list[str]:
     scatter, noise = max(m.scatter for m in measured), max(m.noise for m in measured)
     if scatter > 2.0 * noise:
         lines.append(
-            f"neighbouring lines differ by up to {100.0 * scatter:.0f} % where noise explains {100.0 * noise:.1f} %: friction answers with wrong "
-            "lines that repeat; they count as they stand and no interval holds them"
+            f"neighbouring lines differ by up to {100.0 * scatter:.0f} % where noise explains {100.0 * noise:.1f} %: friction answers with "
+            "wrong lines that repeat; they count as they stand and no interval holds them"
         )
-    hidden = [f"{m.record} {m.hidden_lines} within {_spans(m.hidden_hz)} (loop below {_db(m.hidden_gain_db)})" for m in measured if m.hidden_hz]
+    hidden = [
+        f"{m.record} {m.hidden_lines} within {_spans(m.hidden_hz)} (loop below {_db(m.hidden_gain_db)})" for m in measured if m.hidden_hz
+    ]
     if hidden:
         lines.append(f"lines that noise hides: {'; '.join(hidden)}")
     gaps = [f"{m.record} {_spans(m.gaps_hz)}" for m in measured if m.gaps_hz]
@@ -107,7 +110,8 @@ def _contradiction(one: Contradiction, model: Model) -> str:
     margin = min(m.phase_margin_deg for m in one.margins)
     stable = all(m.stable and m.velocity_stable for m in one.margins)
     return (
-        begin + f"it wants {one.own['cart.mass']:.2f} kg at the carriage instead of {model['cart.mass']:.2f} kg; on that load "
+        begin
+        + f"it wants {one.own['cart.mass']:.2f} kg at the carriage instead of {model['cart.mass']:.2f} kg; on that load "
         + (f"the velocity phase margin is {margin:.0f} deg, " if stable else "the loop is UNSTABLE, ")
         + ("enough" if one.holds else "not enough")
     )

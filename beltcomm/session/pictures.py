@@ -16,6 +16,7 @@ from beltcomm.laboratory.place_words import in_words
 from beltcomm.recording import Recording
 from beltcomm.runfolder import RunFolder
 from beltcomm.session.design_proof import DesignProof, plant_responses
+from beltcomm.session.response_table import Table
 from beltcomm.session.revisions import Revision
 
 if TYPE_CHECKING:  # matplotlib takes longer to import than a command without pictures may last
@@ -80,6 +81,22 @@ def ladder_picture(folder: RunFolder, rungs: Sequence[Revision], command: str) -
         caption = style.Caption(command or f"beltcomm ladder {folder.path}", f"{folder.path.resolve().name}/results/ladder.yaml")
         steps = [staircase.Rung(r.name, r.change, r.ratio, r.held_out, r.confirmed) for r in rungs]
         return {"ladder": staircase.staircase_figure(steps, caption)}
+
+    return _written(folder, draw)
+
+
+def responses_picture(folder: RunFolder, table: Table, command: str) -> tuple[list[str], list[str]]:
+    """All frequency responses of a run; nothing without any."""
+    if not table.rows:
+        return [], []
+
+    def draw() -> dict[str, Figure]:
+        from beltcomm.report import responses, style
+
+        caption = style.Caption(command or f"beltcomm compare {folder.path}", f"{folder.path.resolve().name}/recordings")
+        shown = [(f"{row.condition.record}, {row.condition.words()}", row.response, row.landmarks) for row in table.rows]
+        sentences = [f"by {d.cause}: {d.text}" for d in table.differences]
+        return {"responses": responses.responses_figure(shown, sentences, caption)}
 
     return _written(folder, draw)
 

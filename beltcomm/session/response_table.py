@@ -30,8 +30,8 @@ RIGID_SHARE = 0.7
 
 @dataclass(frozen=True)
 class Row:
-    """One response.   gain_db : mean of |h| ω² up to ``RIGID_SHARE`` of the antiresonance over that of the reference, with the half width of
-    its 95 % interval; 0 and 0 for the reference itself, nan without a common band.
+    """One response.   gain_db : mean of |h| ω² up to ``RIGID_SHARE`` of the antiresonance over that of the reference, with the half width
+    of its 95 % interval; 0 and 0 for the reference itself, nan without a common band.
     """
 
     condition: Condition
@@ -62,7 +62,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Difference:
-    """Two records that differ beyond the noise.   cause : "place", "amplitude" or "direction".   text : what differs and what it hints at."""
+    """Two records that differ beyond the noise.   cause : "place", "amplitude" or "direction".   text : what differs, what it hints at."""
 
     cause: str
     first: str
@@ -190,6 +190,10 @@ def _what(a: Row, b: Row) -> list[tuple[float, str]]:
     return sorted(sizes, reverse=True)
 
 
+def _shown(mark: Landmark) -> str:
+    return number(mark.freq_hz, mark.interval_hz, "Hz")
+
+
 def _told(cause: str, a: Row, b: Row) -> Difference:
     """Two records that differ, in words.   The one named first is nearer to the pulley, louder, or forward."""
     if cause == "place" and (a.condition.place_m or 0.0) > (b.condition.place_m or 0.0):
@@ -198,11 +202,7 @@ def _told(cause: str, a: Row, b: Row) -> Difference:
         a, b = b, a
     one, other = _marks(a), _marks(b)
     clear = [name for size, name in _what(a, b) if size > CLEAR]
-    parts = [
-        f"{name} {number(one[name].freq_hz, one[name].interval_hz, 'Hz')} against {number(other[name].freq_hz, other[name].interval_hz, 'Hz')}"
-        for name in clear
-        if name != "gain"
-    ]
+    parts = [f"{name} {_shown(one[name])} against {_shown(other[name])}" for name in clear if name != "gain"]
     if "gain" in clear:
         fall = a.gain_db - b.gain_db
         parts.append(f"{abs(fall):.1f} dB {'more' if fall > 0.0 else 'less'} motion below the antiresonance")
@@ -214,7 +214,7 @@ def _hint(cause: str, a: Row, b: Row, clear: Sequence[str]) -> str:
     """What a difference hints at."""
     one, other = _marks(a), _marks(b)
     if cause == "amplitude":
-        return "friction takes a larger share of the quieter excitation and poses as damping and as another mass: the louder one is nearer the axis"
+        return "friction takes more of the quieter excitation and poses as damping and as another mass: the louder one is nearer the axis"
     if cause == "direction":
         return "something acts that knows its direction: friction that differs each way, a tilt, a cable"
     ratios = {name: one[name].freq_hz / other[name].freq_hz for name in clear if name != "gain"}
@@ -222,7 +222,9 @@ def _hint(cause: str, a: Row, b: Row, clear: Sequence[str]) -> str:
         return "friction differs along the travel"
     both = one.keys() & other.keys() >= {"antiresonance", "resonance"}
     if both and _moved_apart(one, other):
-        return "the ratio of resonance to antiresonance differs too, which stiffness cannot do: another load, or friction that differs by place"
+        return (
+            "the ratio of resonance to antiresonance differs too, which no stiffness does: another load, or friction that differs by place"
+        )
     stiffer = 100.0 * (next(iter(ratios.values())) ** 2 - 1.0)
     place = f"{abs(stiffer):.0f} % {'stiffer' if stiffer > 0.0 else 'softer'} nearer the driven pulley"
     law = "as (2.26) has it" if stiffer > 0.0 else "against (2.26): a slack strand, or position 0 at the other end"
@@ -244,13 +246,15 @@ def table_lines(table: Table) -> list[str]:
     for row in table.rows:
         c, marks = row.condition, _marks(row)
         place = "?" if c.place_m is None else f"{c.place_m:.2f} m"
-        shown = [number(m.freq_hz, m.interval_hz, "Hz") if (m := marks.get(n)) else "cannot tell" for n in ("antiresonance", "resonance")]
+        shown = [_shown(m) if (m := marks.get(n)) else "cannot tell" for n in ("antiresonance", "resonance")]
         gain = "reference" if row.gain_interval_db == 0.0 else f"{row.gain_db:+.1f} ± {row.gain_interval_db:.1f} dB"
         gain = "cannot tell" if math.isnan(row.gain_db) else gain
         lines.append(
             f"{c.record:12} {place:>7} {f'±{c.amplitude_nm:.3f} N m':>12} {c.direction:>9}   {shown[0]:18} {shown[1]:18} {gain}"
             + ("  held out" if c.held_out else "")
         )
-    lines.append("  95 % of what lines scatter; friction around standstill biases all of it, the model's own numbers do not suffer from that")
+    lines.append(
+        "  95 % of what lines scatter; friction around standstill biases all of it, which the model's own numbers do not suffer from"
+    )
     lines += [f"  by {d.cause}: {d.text}" for d in table.differences]
     return lines + [f"  {remark}" for remark in table.remarks]
