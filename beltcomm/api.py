@@ -203,7 +203,7 @@ def design(
         *(f"This design is in doubt: {doubt}." for doubt in (*thin_margins(findings.design.margins), *proven.doubts)),
         f"Next: beltcomm verify --drive DRIVE --run {run}",
     ]
-    return Result({"run": str(run), **mapping, "pictures": proven.pictures}, text, 1 if findings.design.relaxed or proven.doubts else 0)
+    return Result({"run": str(run), **mapping, "pictures": proven.pictures}, text, 1 if findings.design.relaxed or proven.failed else 0)
 
 
 def verify(

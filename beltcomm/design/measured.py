@@ -64,7 +64,7 @@ class MeasuredMargins:
     """A cascade on one measured response.
 
     stable : of the closed cascade, None where the tube reaches -1 or the band does not show it; velocity_stable : of its velocity loop.
-    lowest_hz, highest_hz : lines used.   hidden_hz : ranges in which noise hides lines, ``hidden_lines`` of them.   gaps_hz : without lines.
+    lowest_hz, highest_hz : lines used.   hidden_hz : ranges in which noise hides ``hidden_lines`` of them.   gaps_hz : without lines.
     hidden_gain_db : the most that |velocity loop| can be at the hidden lines; -inf without any.
     scatter : median relative difference of a line from its neighbours, standard deviation.   noise : that of the noise between periods.
     """

@@ -16,11 +16,15 @@ from beltcomm.session.design_proof_words import proof_lines
 
 @dataclass(frozen=True)
 class Examined:
-    """data : for programs.   lines : for people.   doubts : what speaks against the gains.   pictures : paths in the run folder."""
+    """data : for programs.   lines : for people.   doubts : what speaks against the gains, ``failed`` when they are not to be used.
+
+    pictures : paths in the run folder.
+    """
 
     data: dict[str, Any]
     lines: list[str]
     doubts: tuple[str, ...]
+    failed: bool
     pictures: list[str]
 
 
@@ -45,4 +49,4 @@ def examined(
     if pictures:
         made, remarks = drawn.proof_picture(folder, findings.design, findings.cascade, proof, recordings, grounds.delay_s, command)
         lines += [f"  {line}" for line in drawn.lines(folder, made, remarks)]
-    return Examined(proof.to_dict(), lines, proof.doubts, made)
+    return Examined(proof.to_dict(), lines, proof.doubts, proof.failed, made)

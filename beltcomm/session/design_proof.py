@@ -39,6 +39,8 @@ DRAWS, MOST_LOOPS = 160, 1600
 NORMAL_QUANTILE = 1.96
 #: Intervals over standard deviations that differ by less are of one fit; files round.
 SAME_SHARE = 1.01
+#: Parameters whose place the design's own dampings take.
+DAMPINGS = ("viscous.damping", "viscous_cart.damping")
 #: What a single record may change of the model to be explained: the load and how it hangs on the motor, friction with it.
 LOAD = ("cart.", "belt_stiffness.", "belt_spans.specific_stiffness", "belt_damping.", "viscous.", "coulomb.", "cart_friction.")
 
@@ -76,8 +78,9 @@ class Worst:
 
 @dataclass(frozen=True)
 class DesignProof:
-    """Everything that was examined.   left_out : records without a response, and why.   source : where the draws
-    come from, by ``seed``.   conditions : of the measured responses.   doubts : what speaks against the design, in words; notes : what else to know.
+    """Everything that was examined.   conditions : of the measured responses.   left_out : records without a response, and why.
+
+    source : where the draws come from, by ``seed``.   doubts : what speaks against the design, in words; notes : what else to know.
     """
 
     measured: tuple[MeasuredMargins, ...]
@@ -90,6 +93,12 @@ class DesignProof:
     worst: Worst
     doubts: tuple[str, ...]
     notes: tuple[str, ...]
+
+    @property
+    def failed(self) -> bool:
+        """Whether some loop is unstable, or a load that was recorded is not borne: the gains are not to be used as they are."""
+        unstable = self.spread.unstable > 0 or any(one.stable is False for one in self.measured)
+        return unstable or any(_not_borne(one) for one in self.contradictions)
 
     def to_dict(self) -> dict[str, Any]:
         """``proof`` of ``designs/final.yaml`` and ``--json``."""
@@ -240,8 +249,10 @@ def on_draws(grounds: Grounds, cascade: Cascade, period_s: float, seed: int) -> 
     values = joint_draws(mean, covariance, low, high, count, freedom=freedom, seed=seed)
     spread_s = late.interval_s / NORMAL_QUANTILE if late else 0.0
     delays = np.maximum(grounds.delay_s + spread_s * np.random.default_rng((seed, 1)).standard_normal(count), 0.0)
+    # Every damping between none and the apparent one is a plant of its own anyway, so the drawn one would only change which.
+    drawn = [i for i, name in enumerate(names) if name not in DAMPINGS]
     draws = [
-        _plants(grounds, model.with_values(dict(zip(names, map(float, row), strict=True))), float(d))
+        _plants(grounds, model.with_values({names[i]: float(row[i]) for i in drawn}), float(d))
         for row, d in zip(values, delays, strict=True)
     ]
     return margin_spread(draws, cascade, period_s), source + (" and the delay's interval" if late else "; the delay is assumed")
@@ -317,8 +328,14 @@ def _worst(
     contradictions: Sequence[Contradiction],
 ) -> Worst:
     """The loop nearest to -1 over variants of the model, draws, measured responses and loads that records want."""
-    found = [_of_plant(grounds, "model", i, plant, one) for i, (plant, one) in enumerate(zip(design.plants, design.margins, strict=True))]
-    drawn = _of_plant(grounds, "draws", spread.worst_at, spread.worst, None, spread.worst_values["sensitivity_db"])
+
+    def loads(kind: str, plants: Sequence[DesignPlant], reached: Sequence[Margins]) -> list[Worst]:
+        sizes = [max(one.sensitivity_db, one.position_sensitivity_db) for one in reached]
+        return [_of_plant(grounds, kind, i / len(plants), p, size) for i, (p, size) in enumerate(zip(plants, sizes, strict=True))]
+
+    found = loads("model", design.plants, design.margins)
+    at = spread.worst_at / spread.plants
+    drawn = _of_plant(grounds, "draws", at, spread.worst, spread.worst_values["sensitivity_db"])
     found.append(replace(drawn, text=f"{drawn.text}, among draws of the parameters, of which 2.5 % are worse"))
     for one, condition in zip(measured, conditions, strict=True):
         most = max(one.velocity.most_sensitivity_db, one.position.most_sensitivity_db)
@@ -326,21 +343,19 @@ def _worst(
         found.append(Worst("measured", text, most, condition.place_m, None, None, one.record))
     for other in contradictions:
         if other.own is not None:
-            plants = _plants(grounds, other.own, grounds.delay_s)
-            loads = [_of_plant(grounds, "record's own load", i, p, m) for i, (p, m) in enumerate(zip(plants, other.margins, strict=True))]
-            name = other.condition.record
-            found += [replace(one, record=name, text=f"{one.text}, the load that {name} wants for itself") for one in loads]
+            name, plants = other.condition.record, _plants(grounds, other.own, grounds.delay_s)
+            own = loads("record's own load", plants, other.margins)
+            found += [replace(one, record=name, text=f"{one.text}, the load that {name} wants for itself") for one in own]
     return max(found, key=lambda one: one.sensitivity_db)
 
 
-def _of_plant(grounds: Grounds, kind: str, number: int, plant: DesignPlant, one: Margins | None, sensitivity_db: float = 0.0) -> Worst:
-    """A plant of the model, by its number among those of ``analyse.design_plants``, which runs through places first."""
-    per_place = len(_plants(grounds, grounds.model, grounds.delay_s)) // len(grounds.positions_m)
-    place = grounds.positions_m[number // per_place]
+def _of_plant(grounds: Grounds, kind: str, share: float, plant: DesignPlant, sensitivity_db: float) -> Worst:
+    """A plant of the model.   share : its number over all of ``analyse.design_plants``, which runs through places first."""
+    place = float(grounds.positions_m[int(share * len(grounds.positions_m) + 1e-9)])
     damping = plant.friction_damping_nm_s_rad
-    text = f"{place:.2f} m, {plant.mass_kg:.2f} kg, {1e3 * damping:.1f} mN m s/rad of friction as damping"
-    worst = max(one.sensitivity_db, one.position_sensitivity_db) if one else sensitivity_db
-    return Worst(kind, text, worst, float(place), plant.mass_kg, damping, None)
+    friction = f"{1e3 * damping:.1f} mN m s/rad of friction as damping" if damping else "no damping by friction"
+    text = f"{place:.2f} m, {plant.mass_kg:.2f} kg, {friction}"
+    return Worst(kind, text, sensitivity_db, place, plant.mass_kg, damping, None)
 
 
 def _doubts(
@@ -356,13 +371,19 @@ def _doubts(
             f"with 2.5 % of the draws of the parameters the sensitivity exceeds {spread.worst_values['sensitivity_db']:.1f} dB, asked are "
             f"{asked_db:.1f}: identify the axis better"
         )
-    for one in contradictions:
-        name = one.condition.record
-        if one.own is None:
-            found.append(f"{name} contradicts the model and no other load explains it: run `beltcomm diagnose`")
-        elif not one.holds:
-            found.append(
-                f"{name} was made with another load ({one.own['cart.mass']:.2f} kg at the carriage), for which these gains have too little "
-                "margin: design for it with --payload"
-            )
-    return tuple(found)
+    unexplained = [one.condition.record for one in contradictions if one.own is None]
+    if unexplained:
+        found.append(f"the model does not explain {', '.join(unexplained)}, and no other load does: run `beltcomm diagnose`")
+    return (*found, *(_too_much(one) for one in contradictions if _not_borne(one)))
+
+
+def _not_borne(one: Contradiction) -> bool:
+    return one.own is not None and not one.holds
+
+
+def _too_much(one: Contradiction) -> str:
+    assert one.own is not None
+    return (
+        f"{one.condition.record} was made with another load ({one.own['cart.mass']:.2f} kg at the carriage), for which these gains have too "
+        "little margin: take the record away, or design for that load"
+    )

@@ -28,7 +28,7 @@ def proof_lines(proof: DesignProof, grounds: Grounds, asked: Specification) -> l
         f"{values['phase_margin_deg']:.1f} deg, position {values['position_phase_margin_deg']:.1f} deg, gain margin "
         f"{values['gain_margin_db']:.1f} dB, sensitivity {values['sensitivity_db']:.1f} dB"
     )
-    lines += [f"  {_contradiction(one, grounds.model)}" for one in proof.contradictions]
+    lines += [f"  {line}" for line in _contradictions(proof.contradictions, grounds.model)]
     lines.append(f"  worst of all, sensitivity {_db(proof.worst.sensitivity_db)}: {proof.worst.text}")
     return lines + [f"  {note}" for note in proof.notes]
 
@@ -102,19 +102,26 @@ def _stability(measured: Sequence[MeasuredMargins]) -> str:
     return "; ".join([*said, *([f"cannot be told on {', '.join(unknown)}"] if unknown else [])])
 
 
-def _contradiction(one: Contradiction, model: Model) -> str:
-    level = math.sqrt(one.misfit)
-    begin = f"{one.condition.record} ({one.condition.words()}) contradicts the model, which leaves {level:.1f} times the noise: "
-    if one.own is None:
-        return begin + "no other load explains it either, something else acts there"
-    margin = min(m.phase_margin_deg for m in one.margins)
-    stable = all(m.stable and m.velocity_stable for m in one.margins)
-    return (
-        begin
-        + f"it wants {one.own['cart.mass']:.2f} kg at the carriage instead of {model['cart.mass']:.2f} kg; on that load "
-        + (f"the velocity phase margin is {margin:.0f} deg, " if stable else "the loop is UNSTABLE, ")
-        + ("enough" if one.holds else "not enough")
-    )
+def _contradictions(found: Sequence[Contradiction], model: Model) -> list[str]:
+    """Records that want another load, one by one, and those that none explains, together."""
+    lines = []
+    for one in found:
+        if one.own is None:
+            continue
+        margin = min(m.phase_margin_deg for m in one.margins)
+        stable = all(m.stable and m.velocity_stable for m in one.margins)
+        lines.append(
+            f"{one.condition.record} ({one.condition.words()}) contradicts the model, which leaves {math.sqrt(one.misfit):.1f} times the noise: "
+            f"it wants {one.own['cart.mass']:.2f} kg at the carriage instead of {model['cart.mass']:.2f} kg; on that load "
+            + (f"the velocity phase margin is {margin:.0f} deg, " if stable else "the loop is UNSTABLE, ")
+            + ("enough" if one.holds else "not enough")
+        )
+    rest = [f"{one.condition.record} {math.sqrt(one.misfit):.1f}" for one in found if one.own is None]
+    if rest:
+        lines.append(
+            f"times the noise that the model leaves where no other load explains it either: {', '.join(rest)}; something else acts there"
+        )
+    return lines
 
 
 def _margin(value: float, one: MeasuredMargins) -> str:
