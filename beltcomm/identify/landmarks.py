@@ -59,7 +59,8 @@ def find_landmarks(response: FrequencyResponse, antiresonance_hz: float, resonan
             f"{count} clear lines lie between {BELOW * antiresonance_hz:.3g} and {ABOVE * resonance_hz:.3g} Hz, {FEWEST_LINES} are needed; "
             "raise the amplitude or lengthen the period"
         )
-    freq, h = response.freq_hz[band], response.h[band]
+    freq = response.freq_hz[band]
+    h = response.h[band] * np.exp(1j * np.pi * freq * response.sample_period_s)  # a torque held for a period acts half of it later
     middle = math.sqrt(freq[0] * freq[-1])
 
     def flexible(x: Array) -> NDArray[np.complex128]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from beltcomm.recording import Recording
 
-#: m/s: a carriage that gets on less than this on average stands, but for its drift.
+#: m/s: a carriage that gets on less than this on average stands, but for its drift; so does one that swings faster than it gets on.
 MOVING_M_S = 0.01
 
 Direction = Literal["standing", "forward", "backward"]
@@ -45,9 +45,10 @@ def condition_of(recording: Recording, ratio_m_rad: float) -> Condition:
     first = min(note.first_sample if note else 0, len(recording.t_s) - 2)
     path = ratio_m_rad * (recording.position - recording.position[0])
     speed = float(path[-1] - path[first]) / float(recording.t_s[-1] - recording.t_s[first])
-    speed = speed if abs(speed) >= MOVING_M_S else 0.0
+    swing = float(np.std(np.diff(path[first:]) / np.diff(recording.t_s[first:])))
+    speed = speed if abs(speed) >= max(MOVING_M_S, swing) else 0.0
     start = recording.sidecar.start_position_m
     middle = 0.5 * float(path[first] + path[-1]) if speed else 0.0
-    swing = recording.torque[first:]
-    amplitude = note.amplitude_nm if note and note.amplitude_nm is not None else float(np.max(np.abs(swing - np.mean(swing))))
+    torque = recording.torque[first:] - np.mean(recording.torque[first:])
+    amplitude = note.amplitude_nm if note and note.amplitude_nm is not None else float(np.max(np.abs(torque)))
     return Condition(recording.name, None if start is None else start + middle, amplitude, speed, recording.sidecar.held_out)

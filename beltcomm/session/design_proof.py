@@ -384,6 +384,6 @@ def _not_borne(one: Contradiction) -> bool:
 def _too_much(one: Contradiction) -> str:
     assert one.own is not None
     return (
-        f"{one.condition.record} was made with another load ({one.own['cart.mass']:.2f} kg at the carriage), for which these gains have too "
-        "little margin: take the record away, or design for that load"
+        f"{one.condition.record} was made with another load ({one.own['cart.mass']:.2f} kg at the carriage), for which these gains leave "
+        "too little margin: take the record away, or design for that load"
     )

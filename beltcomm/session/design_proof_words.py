@@ -111,15 +111,15 @@ def _contradictions(found: Sequence[Contradiction], model: Model) -> list[str]:
         margin = min(m.phase_margin_deg for m in one.margins)
         stable = all(m.stable and m.velocity_stable for m in one.margins)
         lines.append(
-            f"{one.condition.record} ({one.condition.words()}) contradicts the model, which leaves {math.sqrt(one.misfit):.1f} times the noise: "
-            f"it wants {one.own['cart.mass']:.2f} kg at the carriage instead of {model['cart.mass']:.2f} kg; on that load "
+            f"{one.condition.record} ({one.condition.words()}) contradicts the model, which leaves {math.sqrt(one.misfit):.1f} times the "
+            f"noise: it wants {one.own['cart.mass']:.2f} kg at the carriage instead of {model['cart.mass']:.2f} kg; on that load "
             + (f"the velocity phase margin is {margin:.0f} deg, " if stable else "the loop is UNSTABLE, ")
             + ("enough" if one.holds else "not enough")
         )
     rest = [f"{one.condition.record} {math.sqrt(one.misfit):.1f}" for one in found if one.own is None]
     if rest:
         lines.append(
-            f"times the noise that the model leaves where no other load explains it either: {', '.join(rest)}; something else acts there"
+            f"where no other load explains it either, the model leaves, times the noise: {', '.join(rest)}; something else acts there"
         )
     return lines
 
