@@ -77,7 +77,7 @@ def row(kind: str, errors: np.ndarray) -> excitations.Row:
 
 
 def test_two_excitations_are_told_apart_only_beyond_the_scatter_of_the_seeds() -> None:
-    """Six seeds of one and the same law: called different in 5 % of 400 trials (jackknife of few: 12 % at most); 5 times the error: always."""
+    """Six seeds of one and the same law: called different in 5 % of 400 trials (12 % at most); 5 times the error: nearly always."""
     random = np.random.default_rng(5)
     called = 0
     for _ in range(400):
