@@ -28,6 +28,7 @@ from beltcomm.session import commission as sequence
 from beltcomm.session.commission import Findings
 from beltcomm.session.convert import convert as convert
 from beltcomm.session.creep import BREAKAWAY_SHARE, CREEP_SPEED_M_S, MARGIN_M, NEAR_M, RAMP_S, small_move
+from beltcomm.session.design_job import examined
 from beltcomm.session.experiment import run_experiment
 from beltcomm.session.export import export as export
 from beltcomm.session.follow_job import follow_plan
@@ -167,10 +168,15 @@ def design(
     run: Path,
     *,
     specification: Specification | None = None,
+    pictures: bool = False,
+    command: str = "",
     options: Options | None = None,
     talk: Talk | None = None,
 ) -> Result:
-    """Gains with margins from the run's model; nothing is written to a drive.   Raises Refused with what binds, DataError."""
+    """Gains with margins from the run's model, proven on its measured responses too; nothing is written to a drive.
+
+    pictures : the open loops into ``RUN/pictures``.   Raises Refused with what binds, DataError.
+    """
     options, talk = options or Options(), talk or Silence()
     folder = RunFolder.open(run)
     model, revision, which = offline.trusted(folder)
@@ -187,16 +193,18 @@ def design(
         findings.design = replace(findings.design, remarks=(*findings.design.remarks, offline.ONE_PLACE))
     if (remark := referencing.slow_payload(folder.axis, model["cart.mass"], options.payload_kg)) is not None:
         findings.remarks.append(remark)
-    mapping = {**outcome.design_dict(findings), "revision": revision, "compensated": list(along)}
+    proven = examined(folder, model, revision, findings, settings.payloads_kg, options.seed or 0, pictures, command)
+    mapping = {**outcome.design_dict(findings), "revision": revision, "compensated": list(along), "proof": proven.data}
     folder.save_design("final", mapping)
     text = [
         *words.design_lines(findings.design, findings.cascade),
         *words.knowledge_lines(model, along, which),
+        *proven.lines,
         *words.remarks_lines(findings.remarks),
-        *(f"This design is in doubt: {thin}." for thin in thin_margins(findings.design.margins)),
+        *(f"This design is in doubt: {doubt}." for doubt in (*thin_margins(findings.design.margins), *proven.doubts)),
         f"Next: beltcomm verify --drive DRIVE --run {run}",
     ]
-    return Result({"run": str(run), **mapping}, text, 1 if findings.design.relaxed else 0)
+    return Result({"run": str(run), **mapping, "pictures": proven.pictures}, text, 1 if findings.design.relaxed or proven.failed else 0)
 
 
 def verify(

@@ -16,9 +16,10 @@ from beltcomm.cli.frame import Frame, api, options_of
 @shared.payload_option
 @shared.prefilter_option
 @shared.feedforward_option
+@shared.asked_pictures_option
 @shared.output_options
 @click.pass_obj
-def command(frame: Frame, /, run: Path, **given: Any) -> int:
+def command(frame: Frame, /, run: Path, pictures: bool, **given: Any) -> int:
     """Design the controller from the model of the run folder RUN; no machine is needed, nothing is written to a drive."""
     frame.run = run
-    return frame.show(api().design(run, options=options_of(**given), talk=frame.talk()))
+    return frame.show(api().design(run, pictures=pictures, command=frame.line(), options=options_of(**given), talk=frame.talk()))

@@ -140,6 +140,7 @@ resume_option = click.option("--resume", is_flag=True, help="Go on with an exist
 new_run_option = click.option("--run", type=click.Path(path_type=Path), help="Run folder to make; a dated one under runs/ when left out.")
 existing_run_option = click.option("--run", required=True, type=click.Path(path_type=Path), help="Run folder to go on with.")
 pictures_option = click.option("--pictures/--no-pictures", default=True, help="Pictures into RUN/pictures; made when left out.")
+asked_pictures_option = click.option("--pictures/--no-pictures", default=False, help="Pictures into RUN/pictures; only when asked for.")
 cost_option = click.option("--cost/--no-cost", default=True, help="Say what a missing effect costs in tracking error; said when left out.")
 run_argument = click.argument("run", type=click.Path(path_type=Path))
 payload_option = click.option(

@@ -172,15 +172,23 @@ def with_friction_fractions(plant: DesignPlant, fractions: Sequence[float]) -> l
 @lru_cache(maxsize=512)
 def _sampled(plant: DesignPlant, period_s: float) -> tuple[Array, Array, Array, int]:
     """See :meth:`DesignPlant.sampled`; kept, because search, proof and poles ask for the same plants."""
-    whole = math.floor(plant.dead_time_s / period_s + 1e-9)
-    fraction = max(plant.dead_time_s - whole * period_s, 0.0)
-    A, B = plant.state_space()
-    n = len(B)
-    block = np.zeros((n + 1, n + 1))
-    block[:n, :n], block[:n, n] = A, B
-    # exp of the augmented matrix holds exp(A t) and the integral of exp(A s) B over 0 .. t.
-    whole_period, rest, start = expm(block * np.array([period_s, period_s - fraction, fraction])[:, None, None])
-    result = whole_period[:n, :n], rest[:n, n], rest[:n, :n] @ start[:n, n]
+    advance, new, old, whole = sampled_together([plant], period_s)
+    result = advance[0], new[0], old[0]
     for array in result:
         array.flags.writeable = False
-    return *result, whole
+    return *result, int(whole[0])
+
+
+def sampled_together(plants: Sequence[DesignPlant], period_s: float) -> tuple[Array, Array, Array, NDArray[np.int64]]:
+    """:meth:`DesignPlant.sampled` of p plants with equally many bodies at once: Φ (p, n, n), Γ0 (p, n), Γ1 (p, n), whole periods (p,)."""
+    dead = np.array([plant.dead_time_s for plant in plants])
+    whole = np.floor(dead / period_s + 1e-9).astype(np.int64)
+    fraction = np.maximum(dead - whole * period_s, 0.0)
+    spaces = [plant.state_space() for plant in plants]
+    n = len(spaces[0][1])
+    block = np.zeros((len(plants), n + 1, n + 1))
+    block[:, :n, :n], block[:, :n, n] = np.array([A for A, _ in spaces]), np.array([B for _, B in spaces])
+    # exp of the augmented matrix holds exp(A t) and the integral of exp(A s) B over 0 .. t.
+    spans = np.stack([np.full(len(plants), period_s), period_s - fraction, fraction])
+    whole_period, rest, start = expm(block * spans[:, :, None, None])
+    return whole_period[:, :n, :n], rest[:, :n, n], np.einsum("pij,pj->pi", rest[:, :n, :n], start[:, :n, n]), whole

@@ -74,7 +74,7 @@ def sample_plants(plants: Sequence[DesignPlant], period_s: float, points: int) -
 
     The base grid runs from 0.3 rad/s, below every crossover that commissions an axis, to π/T.
     """
-    omega = np.array([_frequencies(plant, period_s, points) for plant in plants])
+    omega = frequencies(plants, period_s, points)
     response = np.array([plant.sampled_response(row, period_s) for plant, row in zip(plants, omega, strict=True)])
     return SampledPlants(tuple(plants), period_s, omega, response)
 
@@ -115,14 +115,20 @@ def open_loops(plant: DesignPlant, cascade: Cascade, period_s: float, omega_rad_
 
 
 def closed_loop_poles(plant: DesignPlant, cascade: Cascade, period_s: float) -> ComplexArray:
-    """Poles z of the closed cascade without feedforward; K_PP = 0 gives the velocity loop and one pole at 1, the free angle.
+    """Poles z of the closed cascade without feedforward; K_PP = 0 gives the velocity loop and one pole at 1, the free angle."""
+    advance, new, old, whole = plant.sampled(period_s)
+    matrix = closed_loop_matrix(advance, new, old, whole, cascade, period_s)
+    return np.asarray(np.linalg.eigvals(matrix), dtype=np.complex128)  # eigvals returns real numbers when all of them are
+
+
+def closed_loop_matrix(advance: Array, new: Array, old: Array, whole: int, cascade: Cascade, period_s: float) -> Array:
+    """One period of the closed cascade for plants sampled as :meth:`DesignPlant.sampled`, (..., N, N) for Φ (..., n, n).
 
     State: plant (4, or two per body), torque setpoints under way (n + 1), last angle, measured velocity, prefilter (2), integrator,
     additional low-pass (2) where there is one.
     The matrix is one period of the loop applied to the unit vectors.
     """
-    advance, new, old, whole = plant.sampled(period_s)
-    n = len(advance)
+    n = advance.shape[-1]
     low_pass = cascade.prefilter.roll_off_rad_s > 0.0
     state = np.eye(n + whole + 1 + (7 if low_pass else 5))
     plant_state, line, rest = state[:n], state[n : n + 1 + whole], state[n + 1 + whole :]
@@ -140,9 +146,8 @@ def closed_loop_poles(plant: DesignPlant, cascade: Cascade, period_s: float) -> 
         behind = [c1 * filtered - d1 * error + rest[6], c2 * filtered - d2 * error]
     torque = cascade.kp_nm_s_rad * error + cascade.ki_nm_rad * integral
     under_way = np.vstack([torque, line])
-    matrix = np.vstack(
+    controller = np.vstack(
         [
-            advance @ plant_state + np.outer(new, under_way[whole]) + np.outer(old, under_way[whole + 1]),
             under_way[:-1],
             angle,
             measured,
@@ -152,27 +157,27 @@ def closed_loop_poles(plant: DesignPlant, cascade: Cascade, period_s: float) -> 
             *behind,
         ]
     )
-    return np.asarray(np.linalg.eigvals(matrix), dtype=np.complex128)  # eigvals returns real numbers when all of them are
+    moved = advance @ plant_state + new[..., None] * under_way[whole] + old[..., None] * under_way[whole + 1]
+    return np.concatenate([moved, np.broadcast_to(controller, (*advance.shape[:-2], *controller.shape))], axis=-2)
 
 
-def _frequencies(plant: DesignPlant, period_s: float, points: int) -> Array:
-    """Log-spaced base, and around ω_r and ω_z offsets that grow from a tenth of the half width to a fifth of the frequency."""
+def frequencies(plants: Sequence[DesignPlant], period_s: float, points: int) -> Array:
+    """Grids (p, k), rad/s: a log-spaced base for all, and around ω_r, ω_z and further modes of each plant offsets that grow from a tenth
+    of the half width to a fifth of the frequency.   plants : with equally many bodies.
+    """
     # A hair below π/T, where the Butterworth filter has a zero and no logarithm.
     nyquist = 0.999 * math.pi / period_s
-    side = points // 4
-    around = []
-    for omega_0, damping in (
-        (_folded(plant.resonance_rad_s, period_s), plant.resonance_damping),
-        (_folded(plant.antiresonance_rad_s, period_s), plant.resonance_damping),
-        *((_folded(float(mode), period_s), plant.resonance_damping) for mode in plant.modes_rad_s),
-    ):
-        width = omega_0 * np.geomspace(0.1 * max(damping, 1e-4), 0.2, side)
-        around += [omega_0 - width, omega_0 + width]
-    grid = np.concatenate([np.geomspace(_LOWEST_RAD_S, nyquist, points), *around])
-    return np.sort(np.clip(grid, _LOWEST_RAD_S, nyquist))
+    modes = np.array([[plant.resonance_rad_s, plant.antiresonance_rad_s, *plant.modes_rad_s] for plant in plants])
+    damping = np.array([plant.resonance_damping for plant in plants])
+    centre = _folded(modes, period_s)[..., None]
+    nearest = np.broadcast_to(0.1 * np.maximum(damping, 1e-4)[:, None], modes.shape)
+    width = centre * np.moveaxis(np.geomspace(nearest, 0.2, points // 4), 0, -1)
+    base = np.broadcast_to(np.geomspace(_LOWEST_RAD_S, nyquist, points), (len(plants), points))
+    around = np.concatenate([centre - width, centre + width], axis=-1).reshape(len(plants), -1)
+    return np.sort(np.clip(np.concatenate([base, around], axis=1), _LOWEST_RAD_S, nyquist), axis=1)
 
 
-def _folded(omega_rad_s: float, period_s: float) -> float:
-    """Where a frequency appears after sampling, rad/s."""
+def _folded(omega_rad_s: Array, period_s: float) -> Array:
+    """Where frequencies appear after sampling, rad/s."""
     rate = 2.0 * math.pi / period_s
-    return abs((omega_rad_s + 0.5 * rate) % rate - 0.5 * rate)
+    return np.asarray(np.abs((omega_rad_s + 0.5 * rate) % rate - 0.5 * rate))

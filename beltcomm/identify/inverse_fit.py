@@ -312,7 +312,7 @@ def _report(problem: _Problem, x: Array, objective: float, groups: NDArray[np.in
     squares: dict[str, list[Array]] = {}
     for i, piece in enumerate(problem.pieces):
         squares.setdefault(piece.record, []).append(problem.one(i, x) ** 2)
-    away = [_judged(piece, problem.model, problem.full(x)) for piece in held_out]
+    away = [squares_left(piece, problem.model, problem.full(x)) for piece in held_out]
     for piece, part in zip(held_out, away, strict=True):
         squares.setdefault(piece.record, []).append(part)
     everything = np.concatenate(away) if away else np.zeros(0)
@@ -332,8 +332,8 @@ def _report(problem: _Problem, x: Array, objective: float, groups: NDArray[np.in
     )
 
 
-def _judged(piece: Stretch, model: Model, vector: Array) -> Array:
-    """Squared whitened residual of a held-out stretch; only where its carriage stuck at the start is fitted to it."""
+def squares_left(piece: Stretch, model: Model, vector: Array) -> Array:
+    """Squared whitened residual of a stretch that the model was not fitted to; only where its carriage stuck at the start is."""
 
     def cost(offset_m: float) -> float:
         return float(np.sum(np.minimum(whitened(piece, model, vector, offset_m) ** 2, OUTLIER)))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -97,3 +98,17 @@ def remark_on_rounding(names: Sequence[str], shares: Array) -> str:
         f"{', '.join(worst)}: the motion is so gentle that the encoder's rounding decides; intervals are up to {np.max(shares):.1f} times "
         "as wide for it. Record an excitation with `beltcomm identify`"
     )
+
+
+def joint_draws(mean: Array, covariance: Array, low: Array, high: Array, count: int, *, freedom: float = math.inf, seed: int) -> Array:
+    """Sets of parameters as uncertain as a fit leaves them, (count, k): multivariate Student t, cut off at the bounds.
+
+    x = mean + C^(1/2) n √(f/χ²_f),   n standard normal (k,), one χ² per draw.   covariance : C, (k, k), of the fit, with f degrees of
+    ``freedom``; inf is normal.   low, high : (k,).     Source: the intervals' own law; Gelman et al., Bayesian Data Analysis, A.1.
+    """
+    random = np.random.default_rng(seed)
+    values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    normal = random.standard_normal((count, len(mean)))
+    wide = np.ones(count) if math.isinf(freedom) else np.sqrt(freedom / random.chisquare(freedom, count))
+    return np.asarray(np.clip(mean + wide[:, None] * (normal @ root.T), low, high))

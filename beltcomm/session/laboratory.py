@@ -32,6 +32,7 @@ from beltcomm.session import pictures as drawn
 from beltcomm.session.cost import cost_lines, cost_or_reason
 from beltcomm.session.cross_check_words import as_data, check_lines, cross_checked, doubts_of, sheet_lines
 from beltcomm.session.next_plan import NAME, plan_for, recorded_sets
+from beltcomm.session.response_table import table_lines, table_of
 from beltcomm.session.revisions import Revision, as_mapping, changed_recordings, current_model, current_revision, new_revision, revisions
 from beltcomm.talk import Silence, Talk
 
@@ -78,7 +79,9 @@ def compare_run(run: Path, *, pictures: bool = True, command: str = "", talk: Ta
     comparison = compare(here.data, here.fitted)
     chosen = worst(comparison)
     named = landmarks(here.fitted.model, drawn.middle_of(here.folder))
+    table = table_of(here.records.recordings, here.fitted.model)
     made, remarks = drawn.comparison_pictures(here.folder, here.data, here.fitted, comparison, command) if pictures else ([], [])
+    made += drawn.responses_picture(here.folder, table, command)[0] if pictures and not remarks else []
     data = {
         "run": str(run),
         "model": {"effects": list(here.fitted.model.effects), "parameters": values_of(here.fitted.model)},
@@ -97,13 +100,14 @@ def compare_run(run: Path, *, pictures: bool = True, command: str = "", talk: Ta
             }
             for p in chosen
         ],
+        "responses": table.to_dict(),
         "pictures": made,
         "remarks": list(here.records.remarks),
         "data_sheet": [plain(doubt) for doubt in here.sheets],
     }
     text = words.remark_lines(here.records.remarks)
     text += words.comparison_lines(comparison, [in_words(p, named) for p in chosen], here.fitted.model, run)
-    text[-1:-1] = sheet_lines(here.sheets, here.folder.axis)
+    text[-1:-1] = [*table_lines(table), *sheet_lines(here.sheets, here.folder.axis)]
     return Result(data, text[:-1] + drawn.lines(here.folder, made, remarks) + text[-1:])
 
 

@@ -6,11 +6,17 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from beltcomm.control import Cascade
+from beltcomm.design.cascade import DesignResult
+from beltcomm.design.measured import measured_loop
 from beltcomm.laboratory.compare import Comparison, landmarks, worst
 from beltcomm.laboratory.data import Data
 from beltcomm.laboratory.fitting import Fitted
 from beltcomm.laboratory.place_words import in_words
+from beltcomm.recording import Recording
 from beltcomm.runfolder import RunFolder
+from beltcomm.session.design_proof import DesignProof, plant_responses
+from beltcomm.session.response_table import Table
 from beltcomm.session.revisions import Revision
 
 if TYPE_CHECKING:  # matplotlib takes longer to import than a command without pictures may last
@@ -75,6 +81,50 @@ def ladder_picture(folder: RunFolder, rungs: Sequence[Revision], command: str) -
         caption = style.Caption(command or f"beltcomm ladder {folder.path}", f"{folder.path.resolve().name}/results/ladder.yaml")
         steps = [staircase.Rung(r.name, r.change, r.ratio, r.held_out, r.confirmed) for r in rungs]
         return {"ladder": staircase.staircase_figure(steps, caption)}
+
+    return _written(folder, draw)
+
+
+def responses_picture(folder: RunFolder, table: Table, command: str) -> tuple[list[str], list[str]]:
+    """All frequency responses of a run; nothing without any."""
+    if not table.rows:
+        return [], []
+
+    def draw() -> dict[str, Figure]:
+        from beltcomm.report import responses, style
+
+        caption = style.Caption(command or f"beltcomm compare {folder.path}", f"{folder.path.resolve().name}/recordings")
+        shown = [(f"{row.condition.record}, {row.condition.words()}", row.response, row.landmarks) for row in table.rows]
+        sentences = [f"by {d.cause}: {d.text}" for d in table.differences]
+        return {"responses": responses.responses_figure(shown, sentences, caption)}
+
+    return _written(folder, draw)
+
+
+def proof_picture(
+    folder: RunFolder,
+    design: DesignResult,
+    cascade: Cascade,
+    proof: DesignProof,
+    recordings: Sequence[Recording],
+    delay_s: float,
+    command: str,
+) -> tuple[list[str], list[str]]:
+    """Open loops of a design by model and as measured."""
+
+    def draw() -> dict[str, Figure]:
+        from beltcomm.report import proof as drawn
+        from beltcomm.report import style
+
+        conditions = {c.record: c for c in proof.conditions}
+        period_s = design.structure.period_s
+        shown = []
+        for name, response, late_s in plant_responses([r for r in recordings if r.name in conditions], delay_s):
+            loop = measured_loop(response, cascade, period_s, late_s)
+            shown.append(drawn.Shown(f"{name}, {conditions[name].words()}", loop))
+        caption = style.Caption(command or f"beltcomm design {folder.path}", f"{folder.path.resolve().name}/recordings, designs/final.yaml")
+        sentences = [f"nearest to -1 of all, sensitivity {proof.worst.sensitivity_db:.1f} dB: {proof.worst.text}"]
+        return {"design_proof": drawn.proof_figure(design, shown, sentences, caption)}
 
     return _written(folder, draw)
 

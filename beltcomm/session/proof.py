@@ -84,6 +84,7 @@ def doubts(folder: RunFolder) -> list[str]:
     designed = folder.load("designs", "final")
     gains = designed.get("parameters")
     found += _thin(min((float(one["phase_margin_deg"]) for one in designed.get("margins") or ()), default=math.inf))
+    found += (designed.get("proof") or {}).get("doubts") or ()
     results = [folder.load("results", name) for name in folder.names("results") if name.startswith("verify_")]
     proofs = [(result, result.get("proof") or {}) for result in results]
     driven = [result for result, shown in proofs if same_gains(shown.get("gains"), gains) and "led_by" not in shown]

@@ -52,10 +52,28 @@ def test_averaging_above_500_hz(study: models.Study) -> None:
 
 
 def test_reduced_lines_are_lines_of_the_set(study: models.Study) -> None:
-    """Figure 3.9: F_o is a subset of F, 30 of it, spread by ever larger steps."""
-    assert len(study.chosen_hz) == models.REDUCED
-    assert set(study.chosen_hz) <= set(models.LINES_HZ)
-    assert np.all(np.diff(study.chosen_hz, 2) >= -8.0)
+    """Figure 3.9: F_o is a subset of F, 30 of it from end to end, neighbours at a constant ratio as far as the grid of F allows.
+
+    Where they are more than one line apart, each is the line nearest to what divides the rest of the way evenly: it is off by half a line,
+    e = ln f/(f - h/2) at most. The next even ratio makes up for 1/(left) of it, so neighbouring ratios differ by e (1 + 1/left) + e'.
+    """
+    chosen, grid = study.chosen_hz, np.diff(models.LINES_HZ)
+    assert len(chosen) == models.REDUCED
+    assert set(chosen) <= set(models.LINES_HZ)
+    assert (chosen[0], chosen[-1]) == (models.LINES_HZ[0], models.LINES_HZ[-1])
+    step = float(grid.max())
+    np.testing.assert_allclose(grid, step, rtol=1e-9)
+    off = np.log(chosen[1:] / (chosen[1:] - 0.5 * step))
+    left = np.arange(len(chosen) - 2, 0, -1)
+    allowed = off[:-1] * (1.0 + 1.0 / left) + off[1:]
+    apart = np.diff(chosen) > 1.5 * step
+    first = int(np.argmax(apart))
+    assert apart[first:].all()
+    change = np.abs(np.diff(np.log(chosen[1:] / chosen[:-1])))
+    assert np.all(change[first:] <= allowed[first:])
+    # Evenly spaced lines would not pass: their ratios change by more than the grid explains.
+    even = models.LINES_HZ[np.linspace(0, len(models.LINES_HZ) - 1, models.REDUCED).astype(int)]
+    assert np.any(np.abs(np.diff(np.log(even[1:] / even[:-1]))) > np.log(even[1:-1] / (even[1:-1] - 0.5 * step)) * 3.0)
 
 
 def test_words_and_figures(study: models.Study) -> None:

@@ -1,0 +1,73 @@
+"""The frequency responses of a run in one picture: magnitude and phase with 95 % bands, and antiresonance and resonance of each."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from beltcomm.identify.landmarks import Landmark, Landmarks
+from beltcomm.report import style
+from beltcomm.response import FrequencyResponse
+
+#: Colours of the records, told apart with any colour vision; a dashed line where they begin again.
+COLOURS, LINES = ("#000000", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9"), ("-", (0, (4, 2)), (0, (1, 1)))
+#: From this share of h on the band of the noise is as wide as the picture.
+WIDEST = 0.95
+#: Lines with a narrower band than this share of h set the scale.
+CLEAR = 0.5
+
+
+def responses_figure(
+    shown: Sequence[tuple[str, FrequencyResponse, Landmarks | None]], sentences: Sequence[str], caption: style.Caption
+) -> Figure:
+    """Magnitude and phase over frequency, and below them the landmarks by record.   shown : label, response, landmarks."""
+    with style.styled():
+        made = style.figure("Frequency responses: places, amplitudes, directions", 8.2 + 0.28 * len(shown), caption, sentences)
+        upper, middle, lower = made.subplots(3, 1, sharex=True, height_ratios=[4.4, 2.4, 0.6 + 0.28 * len(shown)])
+        for k, (label, response, marks) in enumerate(shown):
+            colour, line = COLOURS[k % len(COLOURS)], LINES[k // len(COLOURS) % len(LINES)]
+            _curve(upper, middle, response, label, colour, line)
+            if marks is not None:
+                for mark, symbol in ((marks.antiresonance, "v"), (marks.resonance, "^")):
+                    _mark(lower, k, mark, colour, symbol)
+        clear = [20.0 * np.log10(np.abs(r.h[r.error_radius() < CLEAR * np.abs(r.h)])) for _, r, _ in shown]
+        upper.set_ylim(min(float(np.min(c, initial=0.0)) for c in clear) - 6.0, max(float(np.max(c, initial=-60.0)) for c in clear) + 6.0)
+        upper.set_ylabel("|angle/torque| in dB re 1 rad/(N m)")
+        upper.legend(loc="upper right", fontsize=8, title="95 % of the noise shaded", title_fontsize=8)
+        middle.set_ylabel("phase in degrees")
+        middle.set_yticks([-360, -270, -180, -90, 0])
+        middle.set_ylim(-400.0, 60.0)
+        lower.set_yticks(range(len(shown)), [label.split(",")[0] for label, *_ in shown])
+        lower.set_ylim(len(shown) - 0.4, -0.6)
+        lower.set_title("antiresonance (down) and resonance (up) with 95 %", fontsize=9, fontweight="normal")
+        lower.set_xlabel("frequency in Hz")
+        lower.set_xscale("log")
+        lower.set_xlim(min(r.freq_hz[0] for _, r, _ in shown), max(r.freq_hz[-1] for _, r, _ in shown))
+        low, high = lower.get_xlim()
+        lower.set_xticks([t for t in (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000) if low <= t <= high])
+        lower.xaxis.set_major_formatter(style.plain_numbers())
+        lower.minorticks_off()
+    return made
+
+
+def _curve(upper: Axes, middle: Axes, response: FrequencyResponse, label: str, colour: str, line: object) -> None:
+    level = np.abs(response.h)
+    share = np.minimum(response.error_radius() / level, WIDEST)
+    freq = response.freq_hz
+    upper.plot(freq, 20.0 * np.log10(level), color=colour, linestyle=line, linewidth=0.8, label=label)
+    upper.fill_between(
+        freq, 20.0 * np.log10(level * (1.0 - share)), 20.0 * np.log10(level * (1.0 + share)), color=colour, alpha=0.22, lw=0.0
+    )
+    # Single lines that friction turns by half a turn must not shift all that follow: every phase between -360 and 0, but for its noise.
+    phase = np.degrees(np.angle(-response.h)) - 180.0
+    half = np.degrees(np.arcsin(share))
+    middle.plot(freq, phase, ".", color=colour, markersize=2.2)
+    middle.fill_between(freq, phase - half, phase + half, color=colour, alpha=0.12, lw=0.0)
+
+
+def _mark(axes: Axes, row: int, mark: Landmark | None, colour: str, symbol: str) -> None:
+    if mark is not None:
+        axes.errorbar([mark.freq_hz], [row], xerr=[mark.interval_hz], fmt=symbol, color=colour, markersize=6, capsize=3, linewidth=1.4)

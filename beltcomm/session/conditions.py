@@ -1,0 +1,54 @@
+"""Under which conditions a frequency response was measured: place, amplitude, direction of travel."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from beltcomm.recording import Recording
+
+#: m/s: a carriage that gets on less than this on average stands, but for its drift; so does one that swings faster than it gets on.
+MOVING_M_S = 0.01
+
+Direction = Literal["standing", "forward", "backward"]
+
+
+@dataclass(frozen=True)
+class Condition:
+    """One excited record.   place_m : None where nobody knows it, the middle of the way for a moving one.   amplitude_nm : largest torque
+    of the excitation.   base_speed_m_s : mean speed over its periods, 0 for a standing one.
+    """
+
+    record: str
+    place_m: float | None
+    amplitude_nm: float
+    base_speed_m_s: float
+    held_out: bool
+
+    @property
+    def direction(self) -> Direction:
+        """Sign of the base speed."""
+        return "standing" if self.base_speed_m_s == 0.0 else "forward" if self.base_speed_m_s > 0.0 else "backward"
+
+    def words(self) -> str:
+        """For tables and legends: ``0.06 m, ±0.232 N m``."""
+        place = "place unknown" if self.place_m is None else f"{self.place_m:.2f} m"
+        travel = "" if self.direction == "standing" else f", {self.direction} at {abs(self.base_speed_m_s):.2f} m/s"
+        return f"{place}, ±{self.amplitude_nm:.3f} N m{travel}"
+
+
+def condition_of(recording: Recording, ratio_m_rad: float) -> Condition:
+    """The condition of an excited record.   ratio_m_rad : i_t."""
+    note = recording.sidecar.excitation
+    first = min(note.first_sample if note else 0, len(recording.t_s) - 2)
+    path = ratio_m_rad * (recording.position - recording.position[0])
+    speed = float(path[-1] - path[first]) / float(recording.t_s[-1] - recording.t_s[first])
+    swing = float(np.std(np.diff(path[first:]) / np.diff(recording.t_s[first:])))
+    speed = speed if abs(speed) >= max(MOVING_M_S, swing) else 0.0
+    start = recording.sidecar.start_position_m
+    middle = 0.5 * float(path[first] + path[-1]) if speed else 0.0
+    torque = recording.torque[first:] - np.mean(recording.torque[first:])
+    amplitude = note.amplitude_nm if note and note.amplitude_nm is not None else float(np.max(np.abs(torque)))
+    return Condition(recording.name, None if start is None else start + middle, amplitude, speed, recording.sidecar.held_out)
