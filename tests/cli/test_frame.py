@@ -55,6 +55,9 @@ class Options:
     force: bool = False
     prefilter: str | None = None
     feedforward: str | None = None
+    order: str | None = None
+    repeat: int | None = None
+    mounted_kg: float | None = None
     profile: str | None = None
     node: int | None = None
     bitrate: int | None = None
