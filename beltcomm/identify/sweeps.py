@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from beltcomm.errors import DataError
-from beltcomm.identify.friction import LARGEST_SPEED_ERROR, FrictionFit, Plateau, find_plateaus, fit_friction
+from beltcomm.identify.friction import FrictionFit, Plateau, find_plateaus, fit_friction
 from beltcomm.model import Value
 from beltcomm.recording import Recording
+from beltcomm.sidecar import Sidecar
 
 Array = NDArray[np.float64]
 
@@ -111,19 +112,17 @@ class LoadDependence:
     repeats: int
 
 
-def note_of(recording: Recording) -> SweepNote:
-    """Which sweep a record is part of.   Raises DataError for a sidecar that says it wrongly."""
-    found = recording.sidecar.extra.get(KEY)
+def note_of(sidecar: Sidecar, name: str) -> SweepNote:
+    """Which sweep a record is part of.   name : of the record.   Raises DataError for a sidecar that says it wrongly."""
+    found = sidecar.extra.get(KEY)
     if found is None:
         return SweepNote(0, "", 1)
     try:
         note = SweepNote(int(found["measurement"]), str(found["order"]), int(found["repetition"]))
     except (TypeError, KeyError, ValueError) as error:
-        raise DataError(
-            f"the sidecar of {recording.name} has a damaged entry {KEY} ({error}); it holds measurement, order and repetition"
-        ) from error
+        raise DataError(f"the sidecar of {name} has a damaged entry {KEY} ({error}); it holds measurement, order and repetition") from error
     if note.measurement < 1 or note.repetition < 1:
-        raise DataError(f"the sidecar of {recording.name} has {KEY} {note}; measurement and repetition count from 1")
+        raise DataError(f"the sidecar of {name} has {KEY} {found}; measurement and repetition count from 1")
     return note
 
 
@@ -137,7 +136,7 @@ def sweeps_of(recordings: Sequence[Recording], slowest_rad_s: float = 0.0, inert
     parts: dict[tuple[Any, ...], list[Recording]] = {}
     for recording in recordings:
         if recording.sidecar.experiment == "friction_sweep" and recording.reference_velocity is not None:
-            note = note_of(recording)
+            note = note_of(recording.sidecar, recording.name)
             key = (note.measurement, note.order, note.repetition) if note.measurement else (0, recording.name)
             parts.setdefault(key, []).append(recording)
     found = [_sweep(records, slowest_rad_s, inertia_kg_m2) for records in parts.values()]
@@ -160,7 +159,7 @@ def _sweep(records: Sequence[Recording], slowest_rad_s: float, inertia_kg_m2: fl
     fit = fit_friction(passes, slowest_rad_s=slowest_rad_s) if len(speeds) >= FEWEST_SPEEDS else None
     timed = clock and bool(passes)
     return Sweep(
-        note_of(records[0]),
+        note_of(records[0].sidecar, records[0].name),
         tuple(r.name for r in records),
         tuple(passes),
         payloads.pop(),
@@ -187,8 +186,7 @@ def drift_of(plateaus: Sequence[Plateau]) -> Drift:
 
     plateaus : on one clock.   Raises DataError where too few speeds were repeated.
     """
-    followed = [p for p in plateaus if abs(p.speed_rad_s - p.reference_rad_s) <= LARGEST_SPEED_ERROR * abs(p.reference_rad_s)]
-    groups = [g for g in _same_speed(followed) if len(g) > 1]
+    groups = [g for g in _same_speed([p for p in plateaus if p.followed]) if len(g) > 1]
     passes = [p for group in groups for p in group]
     left = len(passes) - len(groups) - 3
     if left < FEWEST_LEFT or len({p.reference_rad_s > 0.0 for p in passes}) < 2:

@@ -52,15 +52,17 @@ def standstill_figure(found: Standstill, friction: FrictionFit, caption: Caption
 
 
 def orders_figure(sweeps: Sequence[Sweep], caption: Caption) -> Figure:
-    """All passes of all sweeps and their laws; below, what each law leaves of its passes.   One colour for each order."""
-    names = list(dict.fromkeys(_title(s) for s in sweeps))
-    colours = {name: COLOURS[i % len(COLOURS)] for i, name in enumerate(names)}
+    """All passes of all sweeps and their laws; below, what each law leaves of its passes.   One colour for each order, or each repetition of the only one."""
+    titles = [_title(s) for s in sweeps]
+    if len(set(titles)) == 1:  # repetitions of one order
+        titles = [f"{title}, {s.note.repetition}." for title, s in zip(titles, sweeps, strict=True)]
+    colours = {name: COLOURS[i % len(COLOURS)] for i, name in enumerate(dict.fromkeys(titles))}
     with styled():
         shown = figure("Friction over speed, sweep by sweep (figure 3.10)", 5.8, caption)
         top, below = shown.subplots(2, 1, sharex=True, height_ratios=(3, 2))
-        for s in sweeps:
+        for s, title in zip(sweeps, titles, strict=True):
             assert s.fit is not None
-            colour = colours[_title(s)]
+            colour = colours[title]
             speed, torque = np.array([(p.speed_rad_s, p.torque_nm) for p in s.plateaus]).T
             top.plot(speed, 1e3 * torque, ".", color=colour, markersize=4)
             for side in (-1.0, 1.0):
@@ -89,12 +91,14 @@ def clock_figure(sweeps: Sequence[Sweep], drift: Drift | None, caption: Caption)
             values: list[Value] = [getattr(s.fit, name) for s in sweeps]
             level = _points(axes, middle, values)
             for s, at, value in zip(sweeps, middle, values, strict=True):
-                axes.annotate(_title(s), (at, 1e3 * value.value), xytext=(5, 5), textcoords="offset points", fontsize=8)
+                axes.annotate(
+                    f"{_title(s)}, {s.note.repetition}.", (at, 1e3 * value.value), xytext=(5, 5), textcoords="offset points", fontsize=8
+                )
             if change is not None:
                 time = np.linspace(float(middle.min()), float(middle.max()), 2)
                 line = 1e3 * (level + change.value * (time - float(np.mean(middle))))
                 half = 1e3 * (change.interval or 0.0)
-                label = f"drift from repeated speeds, {1e3 * change.value:+.2g} ± {half:.1g} {unit} per minute"
+                label = f"drift from repeated speeds, {1e3 * change.value:+.2g} ± {half:.2g} {unit} per minute"
                 axes.plot(time, line, color=MODEL, linewidth=1.4, label=label)
             axes.set(ylabel=f"{'Coulomb' if name == 'coulomb' else 'viscous'}, {unit}")
             axes.legend(fontsize=8)
@@ -115,7 +119,7 @@ def load_figure(found: LoadDependence, by: str, caption: Caption) -> Figure:
         ):
             level = _points(axes, load, [getattr(g, name) for g in found.groups])
             ends = np.array([load.min(), load.max()])
-            label = f"{1e3 * slope.value:+.2g} ± {1e3 * (slope.interval or 0.0):.1g} {unit} per kg"
+            label = f"{1e3 * slope.value:+.2g} ± {1e3 * (slope.interval or 0.0):.2g} {unit} per kg"
             axes.plot(ends, 1e3 * (level + slope.value * (ends - load.mean())), color=MODEL, linewidth=1.4, label=label)
             axes.set(xlabel=f"{by} in kg", ylabel=f"{'Coulomb' if name == 'coulomb' else 'viscous'} friction in {unit}")
             axes.legend(fontsize=8)

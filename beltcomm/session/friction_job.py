@@ -10,9 +10,9 @@ import numpy as np
 
 from beltcomm.axis import Axis
 from beltcomm.drive import Capabilities
-from beltcomm.errors import Refused
+from beltcomm.errors import DataError, Refused
 from beltcomm.identify.magnitude_fit import MagnitudeFit
-from beltcomm.identify.sweeps import KEY, SweepNote
+from beltcomm.identify.sweeps import SweepNote, note_of
 from beltcomm.model import Model
 from beltcomm.result import Result, plain
 from beltcomm.runfolder import RunFolder
@@ -35,10 +35,11 @@ TOO_HEAVY = 1.05
 
 @dataclass(frozen=True)
 class Made:
-    """What was recorded.   left_out_m_s : speeds for which there was no way, or no way to stop."""
+    """What was recorded.   left_out_m_s : speeds for which there was no way, or no way to stop.   remarks : records that were not usable."""
 
     names: tuple[str, ...]
-    left_out_m_s: tuple[float, ...]
+    left_out_m_s: tuple[float, ...] = ()
+    remarks: tuple[str, ...] = ()
 
 
 def check_payload(folder: RunFolder, model: Model, asked: Wanted) -> None:
@@ -51,15 +52,16 @@ def check_payload(folder: RunFolder, model: Model, asked: Wanted) -> None:
             "not made for that load. Begin a run with the payload (`beltcomm identify`), sweep there, and set both side by side with "
             "`beltcomm friction --compare RUN RUN`"
         )
-    stated = {s.payload_kg for s in _sidecars(folder) if s.payload_kg is not None}
+    stated = {s.payload_kg for s in _sidecars(folder).values() if s.payload_kg is not None}
     if stated - {asked.mounted_kg}:
         known = ", ".join(f"{kg:g} kg" for kg in sorted(stated))
         raise Refused(f"this run's records were made with {known} mounted, now {asked.mounted_kg:g} kg are stated; one run holds one load")
 
 
-def _sidecars(folder: RunFolder) -> list[Sidecar]:
+def _sidecars(folder: RunFolder) -> dict[str, Sidecar]:
+    """Of the finished records, by name."""
     names = folder.finished_names()
-    return [load_sidecar(path)[0] for n in names if (path := folder.recordings_folder / f"{n}.yaml").is_file()]
+    return {n: load_sidecar(path)[0] for n in names if (path := folder.recordings_folder / f"{n}.yaml").is_file()}
 
 
 def plan_of(axis: Axis, capabilities: Capabilities, model: Model, asked: Wanted) -> Plan:
@@ -103,10 +105,10 @@ def record(machine: Machine, model: Model, asked: Wanted) -> Made:
     if asked.plain:
         name = _next_name(machine.folder)
         measure_friction(machine, model, name)
-        return Made((name,), ())
+        return Made((name,))
     machine.begin(machine.titles[-1])
-    measurement = 1 + max([int(s.extra.get(KEY, {}).get("measurement", 0)) for s in _sidecars(machine.folder)], default=0)
-    made, left_out = list[str](), set[float]()
+    measurement = 1 + max([note_of(s, n).measurement for n, s in _sidecars(machine.folder).items()], default=0)
+    made, left_out, remarks = list[str](), set[float](), list[str]()
     for order, repetition in asked.sweeps:
         note = SweepNote(measurement, order, repetition)
         machine.talk.say(f"{'order ' + order if order != DEFAULT else 'sweep'}, {repetition}: {orders.WORDS[order]}")
@@ -121,8 +123,14 @@ def record(machine: Machine, model: Model, asked: Wanted) -> Made:
             phases.move_to(machine, low, model)
             limits, period = phases.gentle_limits(machine, model, np.inf), machine.drive.capabilities.sample_period_s
             path = orders.path_of(strokes, machine.position_m, high, limits, period)
-            made.append(_recorded(machine, path, note, asked))
-    return Made(tuple(made), tuple(sorted(left_out)))
+            try:
+                made.append(_recorded(machine, path, note, asked))
+            except DataError as problem:  # the axis stands; a weak velocity loop does not get it moving at the slowest speeds
+                slow, fast = min(s.speed_m_s for s in strokes), max(s.speed_m_s for s in strokes)
+                remarks.append(f"order {order}, {repetition}: {slow:g} to {fast:g} m/s could not be used: {problem}")
+    if not made:
+        raise DataError(f"no sweep could be used: {'; '.join(remarks)}")
+    return Made(tuple(made), tuple(sorted(left_out)), tuple(remarks))
 
 
 def _possible(machine: Machine, model: Model, order: str, asked: Wanted) -> tuple[list[tuple[Stroke, ...]], set[float]]:
@@ -144,7 +152,7 @@ def _possible(machine: Machine, model: Model, order: str, asked: Wanted) -> tupl
 def _recorded(machine: Machine, path: Trajectory, note: SweepNote, asked: Wanted) -> str:
     """One record; its name.   The first sweep of a run is fitted, the others judge: a model needs one, and a fit of hours nobody."""
     name = _next_name(machine.folder)
-    fitted = any(s.experiment == "friction_sweep" and not s.held_out for s in _sidecars(machine.folder))
+    fitted = any(s.experiment == "friction_sweep" and not s.held_out for s in _sidecars(machine.folder).values())
     sidecar = Sidecar(
         experiment="friction_sweep",
         start_position_m=machine.position_m,
@@ -179,12 +187,14 @@ def result(
         *friction_words.study_lines(found.sweeps, found.drifts, made.left_out_m_s),
         *friction_words.standstill_lines(found.standstill),
         *pictures.lines(folder, shown, remarks),
+        *words.remarks_lines(made.remarks),
         f"Next: beltcomm fit {folder.path}",
     ]
     data = {
         "run": str(folder.path),
         "recordings": list(made.names),
         "left_out_m_s": list(made.left_out_m_s),
+        "remarks": list(made.remarks),
         "friction": plain(found.friction),
         **friction_study.data_of(found),
         "pictures": shown,

@@ -120,11 +120,13 @@ def load_of(studies: Sequence[tuple[RunFolder, Study, Model | None]]) -> tuple[s
     The stated payload where every sweep has one, else the moving mass of each run's model.   Raises DataError without either.
     """
     groups: dict[str, tuple[RunFolder, Model | None, float | None, list[Sweep]]] = {}
+    alone = len({folder.path.name for folder, _, _ in studies}) == len(studies)
     for folder, found, model in studies:
         for sweep in found.sweeps:
             if sweep.fit is None:
                 continue
-            name = folder.path.name if sweep.payload_kg is None else f"{folder.path.name}, {sweep.payload_kg:g} kg"
+            run = folder.path.name if alone else str(folder.path)
+            name = run if sweep.payload_kg is None else f"{run}, {sweep.payload_kg:g} kg"
             groups.setdefault(name, (folder, model, sweep.payload_kg, []))[3].append(sweep)
     stated = all(payload is not None for _, _, payload, _ in groups.values())
     tops = [max(abs(p.reference_rad_s) for s in sweeps for p in s.plateaus) for *_, sweeps in groups.values()]

@@ -61,18 +61,20 @@ def study_lines(sweeps: Sequence[Sweep], drifts: Mapping[int, Drift | str], left
 
 
 def _table(sweeps: Sequence[Sweep]) -> list[str]:
+    names = [s.name.replace(f"{DEFAULT},", "sweep,") + ("" if s.payload_kg is None else f" ({s.payload_kg:g} kg)") for s in sweeps]
+    width = max(12, *map(len, names))
     lines = [
         "Sweeps one by one (95 % intervals; time on the session's clock; speeds below 10 mm/s are shown and not fitted):",
-        f"  {'order':12} {'speeds':>6} {'minutes':>13} {'Coulomb, mN m':>18} {'viscous, mN m s/rad':>21} {'left, mN m':>11}  below 10 mm/s",
+        f"  {'order':{width}} {'speeds':>6} {'minutes':>13} {'Coulomb, mN m':>18} {'viscous, mN m s/rad':>21} {'left, mN m':>11}  "
+        "below 10 mm/s",
     ]
-    for s in sweeps:
+    for s, name in zip(sweeps, names, strict=True):
         assert s.fit is not None
         clock = "not known" if s.from_s is None or s.to_s is None else f"{s.from_s / 60.0:.2f} to {s.to_s / 60.0:.2f}"
-        name = s.name.replace(f"{DEFAULT},", "sweep,") + ("" if s.payload_kg is None else f" ({s.payload_kg:g} kg)")
         driven = len({round(abs(p.reference_rad_s), 6) for p in s.plateaus})
         lines.append(
-            f"  {name:12} {driven:6d} {clock:>13} {_pair(s.fit.coulomb, 1e3):>18} {_pair(s.fit.viscous, 1e3):>21} "
-            f"{1e3 * s.fit.rms_nm:11.2f} {_slow(s):>15}"
+            f"  {name:{width}} {driven:6d} {clock:>13} {_pair(s.fit.coulomb, 1e3):>18} {_pair(s.fit.viscous, 1e3):>21} "
+            f"{1e3 * s.fit.rms_nm:11.2f}  {_slow(s)}"
         )
     return lines
 
@@ -92,7 +94,7 @@ def slow_above(sweep: Sweep) -> tuple[float, float] | None:
     """Mean and half 95 % interval of what the passes that were not fitted need above the law, N m; None with fewer than four."""
     if sweep.fit is None:
         return None
-    slow = [p for p in sweep.plateaus if abs(p.reference_rad_s) < sweep.slowest_rad_s]
+    slow = [p for p in sweep.plateaus if p.followed and abs(p.reference_rad_s) < sweep.slowest_rad_s]
     if len(slow) < 4:
         return None
     speed = np.array([p.speed_rad_s for p in slow])

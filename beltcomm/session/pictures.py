@@ -111,7 +111,7 @@ def load_picture(folder: RunFolder, found: LoadDependence, by: str, command: str
         from beltcomm.report import friction as report
         from beltcomm.report import style
 
-        shown = ", ".join(g.name for g in found.groups)
+        shown = "; ".join(g.name for g in found.groups)
         return {"friction_load": report.load_figure(found, by, style.Caption(command or "beltcomm friction --compare", shown))}
 
     return _written(folder, draw)
