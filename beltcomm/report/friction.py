@@ -52,7 +52,10 @@ def standstill_figure(found: Standstill, friction: FrictionFit, caption: Caption
 
 
 def orders_figure(sweeps: Sequence[Sweep], caption: Caption) -> Figure:
-    """All passes of all sweeps and their laws; below, what each law leaves of its passes.   One colour for each order, or each repetition of the only one."""
+    """All passes of all sweeps and their laws; below, what each law leaves of its passes.
+
+    One colour for each order, or for each repetition of the only one.
+    """
     titles = [_title(s) for s in sweeps]
     if len(set(titles)) == 1:  # repetitions of one order
         titles = [f"{title}, {s.note.repetition}." for title, s in zip(titles, sweeps, strict=True)]

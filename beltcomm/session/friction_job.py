@@ -35,7 +35,7 @@ TOO_HEAVY = 1.05
 
 @dataclass(frozen=True)
 class Made:
-    """What was recorded.   left_out_m_s : speeds for which there was no way, or no way to stop.   remarks : records that were not usable."""
+    """What was recorded.   left_out_m_s : speeds without a way, or without one to stop.   remarks : on records that were not usable."""
 
     names: tuple[str, ...]
     left_out_m_s: tuple[float, ...] = ()

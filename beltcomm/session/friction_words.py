@@ -17,6 +17,8 @@ from beltcomm.session.words import number
 
 #: A prediction within this factor of what was seen explains it.
 EXPLAINS = 1.5
+#: Share of passes that miss their speed from which on it is said that the loop is to blame.
+MISSED_SHARE = 0.1
 
 
 def stroke_lines(strokes: Sequence[Stroke], left_out_m_s: Sequence[float]) -> list[str]:
@@ -55,6 +57,13 @@ def study_lines(sweeps: Sequence[Sweep], drifts: Mapping[int, Drift | str], left
     if len(shown) > 1 or any(s.note.measurement for s in shown):
         lines += _table(shown)
         lines += _order_lines(shown)
+    passes = [p for s in shown for p in s.plateaus]
+    missed = sum(not p.followed for p in passes)
+    if missed > MISSED_SHARE * len(passes):
+        lines.append(
+            f"  {missed} of {len(passes)} passes missed their speed: this drive's loop is too weak for them; it may not have "
+            "settled in the others either, so that friction is known less well than its interval says"
+        )
     for measurement, drift in drifts.items():
         lines.append(_drift_line(drift, measurement if len(drifts) > 1 else 0, shown))
     return lines
