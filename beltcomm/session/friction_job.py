@@ -27,6 +27,8 @@ from beltcomm.trajectory import Trajectory
 
 #: s: to bring the carriage to the start of a record and let it rest, at most.
 BRING_SECONDS = MOVE_SECONDS + 1.0
+#: How their records are called: not as those of a commissioning, which --resume would take for its own.
+RECORDS = "orders_"
 #: s: longest record of a velocity loop, which drifts along the axis from stroke to stroke.
 DRIFTING_RECORD_S = 20.0
 #: A payload may weigh this many times what the run's model moves: the model's mass is a little uncertain, and the bare carriage is light.
@@ -103,7 +105,8 @@ def record_s(capabilities: Capabilities) -> float:
 def record(machine: Machine, model: Model, asked: Wanted) -> Made:
     """Drive the sweeps with the loop that is in the drive.   Raises what the machine raises; finished records stay."""
     if asked.plain:
-        name = _next_name(machine.folder)
+        number = 1 + sum(name.startswith("sweep") for name in machine.folder.finished_names())
+        name = "sweep" if number == 1 else f"sweep_{number}"
         measure_friction(machine, model, name)
         return Made((name,))
     machine.begin(machine.titles[-1])
@@ -151,7 +154,7 @@ def _possible(machine: Machine, model: Model, order: str, asked: Wanted) -> tupl
 
 def _recorded(machine: Machine, path: Trajectory, note: SweepNote, asked: Wanted) -> str:
     """One record; its name.   The first sweep of a run is fitted, the others judge: a model needs one, and a fit of hours nobody."""
-    name = _next_name(machine.folder)
+    name = f"{RECORDS}{1 + sum(name.startswith(RECORDS) for name in machine.folder.finished_names())}"
     fitted = any(s.experiment == "friction_sweep" and not s.held_out for s in _sidecars(machine.folder).values())
     sidecar = Sidecar(
         experiment="friction_sweep",
@@ -164,11 +167,6 @@ def _recorded(machine: Machine, path: Trajectory, note: SweepNote, asked: Wanted
     )
     machine.record(name, machine.follow(path, machine.stroking()), phases.loose_room(machine), sidecar)
     return name
-
-
-def _next_name(folder: RunFolder) -> str:
-    number = 1 + sum(name.startswith("sweep") for name in folder.finished_names())
-    return "sweep" if number == 1 else f"sweep_{number}"
 
 
 def result(

@@ -22,6 +22,8 @@ from beltcomm.session import pictures as drawing
 from beltcomm.session.strokes import slowest_fitted_rad_s
 from beltcomm.talk import Silence, Talk
 
+#: Share by which the differences of stated payloads and of identified masses may differ before it is said.
+MASS_SHARE = 0.05
 #: Entries of axis.yaml that may differ between runs of one axis: what is mounted, how fast it may go, what it is called.
 NOT_THE_AXIS = ("payload.", "trajectories.", "limits.", "name ")
 
@@ -71,6 +73,9 @@ def friction_compare(runs: Sequence[Path], *, pictures: bool = False, command: s
     if len({run.resolve() for run in runs}) < len(runs):
         raise UsageError("a run folder is given twice; give each once")
     folders = [RunFolder.open(run) for run in runs]
+    for folder in folders:
+        if not folder.axis.has_belt:
+            raise UsageError(f"{folder.path} is of an axis without belt and pulley; sweeps are told at the motor of a belt axis only")
     _one_axis(folders)
     studies, text, data = [], list[str](), dict[str, Any]()
     for number, folder in enumerate(folders, start=1):
@@ -160,6 +165,19 @@ def _told_apart(studies: Sequence[tuple[RunFolder, Study, Model | None]]) -> lis
     """What else may differ between the runs, in words."""
     remarks = []
     drives = [dict(folder.drive) for folder, _, _ in studies]
+    known = [
+        (payloads.pop(), model["cart.mass"])
+        for _, found, model in studies
+        if model is not None and len(payloads := {s.payload_kg for s in found.sweeps if s.fit is not None}) == 1
+    ]
+    for payload, mass in known[1:]:
+        if payload is None or known[0][0] is None:
+            continue
+        stated, weighed = payload - known[0][0], mass - known[0][1]
+        if abs(weighed - stated) > MASS_SHARE * max(abs(stated), abs(weighed)):
+            remarks.append(
+                f"the payloads stated differ by {stated:.2f} kg, the moving masses of the models by {weighed:.2f} kg; one of them is off"
+            )
     if any(drive != drives[0] for drive in drives):
         remarks.append("the runs were made on different drives or plants: what differs there counts as load here")
     if any(isinstance(d, Drift) and friction_words.drifts(d) for _, found, _ in studies for d in found.drifts.values()):
