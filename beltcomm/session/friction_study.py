@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from beltcomm.axis import Axis
-from beltcomm.errors import DataError, Refused, UsageError
+from beltcomm.errors import DataError, UsageError
 from beltcomm.identify.friction import FrictionFit, fit_friction
 from beltcomm.identify.magnitude_fit import MagnitudeFit
 from beltcomm.identify.standstill import Standstill, largest
@@ -19,6 +19,7 @@ from beltcomm.result import Result, plain
 from beltcomm.runfolder import RunFolder
 from beltcomm.session import analyse, friction_words, offline, words
 from beltcomm.session import pictures as drawing
+from beltcomm.session.commission import Findings, measure_delay_and_damping
 from beltcomm.session.strokes import slowest_fitted_rad_s
 from beltcomm.talk import Silence, Talk
 
@@ -82,9 +83,11 @@ def friction_compare(runs: Sequence[Path], *, pictures: bool = False, command: s
         talk.phase(number, len(folders), folder.path.name)
         recordings = folder.recordings()
         model = offline.saved_model(folder) if "final" in folder.names("models") else None
-        fits = _fits(recordings, model)
+        findings = Findings()
+        if model is not None:
+            measure_delay_and_damping(findings, [r for r in recordings if r.sidecar.experiment == "frf"], model)
         try:
-            found = study_of(recordings, folder.axis, model, fits)
+            found = study_of(recordings, folder.axis, model, findings.thesis)
         except DataError as problem:
             raise DataError(f"{folder.path}: {problem}") from problem
         shown, remarks = (
@@ -105,18 +108,6 @@ def friction_compare(runs: Sequence[Path], *, pictures: bool = False, command: s
     text += friction_words.load_lines(found_load, by, common) + drawing.lines(folders[0], shown, remarks)
     text += [f"Note: {remark}" for remark in _told_apart(studies)]
     return Result({"runs": data, "load": {**plain(found_load), "by": by, "pictures": shown}}, text)
-
-
-def _fits(recordings: Sequence[Recording], model: Model | None) -> dict[str, MagnitudeFit]:
-    """Log-magnitude fits of the responses that allow one."""
-    found: dict[str, MagnitudeFit] = {}
-    for name, response in analyse.responses([r for r in recordings if not r.sidecar.held_out]).items() if model is not None else ():
-        try:
-            assert model is not None
-            found[name] = analyse.thesis_fit(response, model)
-        except (DataError, Refused):
-            continue
-    return found
 
 
 def load_of(studies: Sequence[tuple[RunFolder, Study, Model | None]]) -> tuple[str, LoadDependence, float]:
