@@ -23,7 +23,7 @@ from beltcomm.model import load_plant
 from beltcomm.parameters import cascade_to_parameters
 from beltcomm.result import Result, plain
 from beltcomm.runfolder import RunFolder
-from beltcomm.session import analyse, gains, offline, outcome, referencing, words
+from beltcomm.session import analyse, friction_job, friction_words, gains, offline, outcome, referencing, words
 from beltcomm.session import commission as sequence
 from beltcomm.session.commission import Findings
 from beltcomm.session.convert import convert as convert
@@ -33,11 +33,13 @@ from beltcomm.session.experiment import run_experiment
 from beltcomm.session.export import export as export
 from beltcomm.session.follow_job import follow_plan
 from beltcomm.session.foresight import foretold
+from beltcomm.session.friction_study import friction_compare as friction_compare
 from beltcomm.session.laboratory import add_to_run, compare_run, diagnose_run, ladder_of_run, remove_from_run
 from beltcomm.session.machine import Machine, backed_up
 from beltcomm.session.move_file import trajectory as trajectory
 from beltcomm.session.options import Options, settings_of
-from beltcomm.session.plan import Plan, commission_plan, friction_plan, identify_plan, move_plan, with_homing
+from beltcomm.session.orders import wanted as wanted_sweeps
+from beltcomm.session.plan import Plan, commission_plan, identify_plan, move_plan, with_homing
 from beltcomm.session.proof import admit, thin_margins
 from beltcomm.session.store import cascade_from_dict, drive_to_dict
 from beltcomm.session.thesis import thesis as thesis
@@ -128,6 +130,7 @@ def fit(run: Path, *, solver: Solver | None = None, options: Options | None = No
     findings = offline.fitted(folder, solver or "lm", talk)
     outcome.save(folder, findings)
     friction = words.friction_lines(findings.friction) if findings.friction else []
+    friction += friction_words.standstill_lines(findings.standstill)
     following = "diagnose" if findings.final is None or findings.final.fit.suspect else "design"
     text = [*outcome.model_text(findings), *friction, *words.remarks_lines(findings.remarks), f"Next: beltcomm {following} {run}"]
     return Result(outcome.data(folder, findings), text)
@@ -140,13 +143,17 @@ def follow(drive: str, run: Path, plan: Path, *, options: Options | None = None,
         return follow_plan(connected, run, plan, settings_of(options), partial(_agree, options=options, talk=talk), talk, options.dry_run)
 
 
-def friction(drive: str, run: Path, *, options: Options | None = None, talk: Talk | None = None) -> Result:
-    """The constant-speed sweep with a loop designed from the run's model, and its friction."""
+def friction(
+    drive: str, run: Path, *, options: Options | None = None, pictures: bool = False, command: str = "", talk: Talk | None = None
+) -> Result:
+    """Constant-speed sweeps with a loop designed from the run's model, in the order of ``options``, and their friction."""
     options, talk = options or Options(), talk or Silence()
+    asked = wanted_sweeps(options.order, options.repeat, options.mounted_kg)
     folder = RunFolder.open(run)
     model = offline.saved_model(folder)
+    friction_job.check_payload(folder, model, asked)
     with open_drive(drive, options.for_drive()) as connected:
-        plan = friction_plan(folder.axis, connected.capabilities)
+        plan = friction_job.plan_of(folder.axis, connected.capabilities, model, asked)
         if options.dry_run:
             return _planned(plan, connected, options, folder.axis)
         folder.claim_drive(connected.capabilities.identity)
@@ -156,12 +163,8 @@ def friction(drive: str, run: Path, *, options: Options | None = None, talk: Tal
             _agree(plan, options, talk, machine)
             machine.titles = (sequence.TITLES[4], sequence.TITLES[5])
             sequence.close_first_loop(machine, findings, model, ask=not options.yes)
-            number = 1 + sum(name.startswith("sweep") for name in folder.finished_names())
-            sequence.measure_friction(machine, model, "sweep" if number == 1 else f"sweep_{number}")
-        findings.friction = analyse.friction_of(folder.recordings())
-    folder.save_result("friction", plain(findings.friction))
-    text = ["Driven by a loop designed from the run's model:", *words.friction_lines(findings.friction), f"Next: beltcomm fit {run}"]
-    return Result({"run": str(run), "friction": plain(findings.friction)}, text)
+            made = friction_job.record(machine, model, asked)
+    return friction_job.result(folder, model, findings.thesis, made, drawn=pictures, command=command)
 
 
 def design(

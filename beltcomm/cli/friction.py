@@ -1,7 +1,8 @@
-"""``beltcomm friction``: the constant-speed sweep."""
+"""``beltcomm friction``: constant-speed sweeps, and what those of several runs say of the load."""
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,14 +13,43 @@ from beltcomm.cli.frame import Frame, api, options_of
 
 
 @click.command("friction")
-@shared.machine_options
-@shared.existing_run_option
+@click.argument("runs", nargs=-1, type=click.Path(path_type=Path))
+@click.option("--compare", is_flag=True, help="No machine: the sweeps of RUN once more; of several runs, friction against their load.")
+@partial(shared.machine_options, needed=False)
+@click.option("--run", type=click.Path(path_type=Path), help="Run folder to go on with.")
+@click.option(
+    "--order",
+    type=click.Choice(["I", "II", "III", "IV", "V", "VI", "all"], case_sensitive=False),
+    help="Of the speeds of table A.1: I slowest first, II fastest first, III shuffled, IV as I with each speed ten times, V as I after "
+    "long use, VI as I with a payload; all: I to IV. Without it seven speeds.",
+)
+@click.option("--repeat", type=int, help="So many sweeps, to see drift and scatter; in order IV so often each speed.")
+@click.option(
+    "--payload-mounted", "mounted_kg", type=shared.Quantity("payload_kg"), help="What is mounted now; noted beside every sweep, to compare."
+)
+@shared.pictures_option
 @shared.output_options
-@click.pass_obj
-def command(frame: Frame, /, drive: str, run: Path, **given: Any) -> int:
+@click.pass_context
+def command(
+    ctx: click.Context, /, runs: tuple[Path, ...], compare: bool, drive: str | None, run: Path | None, pictures: bool, **given: Any
+) -> int:
     """Drive strokes at constant speed both ways and fit Coulomb and viscous friction; the machine moves.
 
-    The loop that drives the strokes is designed from the run's model.
+    The loop that drives the strokes is designed from the run's model.  With --compare nothing moves: RUNS are set side by side.
     """
+    frame: Frame = ctx.obj
+    if compare:
+        folders = (*runs, *((run,) if run is not None else ()))
+        if drive is not None:
+            raise click.UsageError("--compare needs no machine; leave --drive out", ctx)
+        frame.run = folders[0] if folders else None
+        return frame.show(api().friction_compare(folders, pictures=pictures, command=frame.line(), talk=frame.talk()))
+    if runs:
+        raise click.UsageError(
+            f"what shall be done with {runs[0]}? --run RUN sweeps there, --compare RUN RUN sets sweeps side by side", ctx
+        )
+    for name, value in (("--drive", drive), ("--run", run)):
+        if value is None:
+            raise click.UsageError(f"Missing option '{name}' (with --compare RUN RUN no machine is needed)", ctx)
     frame.run = run
-    return frame.show(api().friction(drive, run, options=options_of(**given), talk=frame.talk()))
+    return frame.show(api().friction(drive, run, options=options_of(**given), pictures=pictures, command=frame.line(), talk=frame.talk()))

@@ -81,13 +81,13 @@ def output_options(function: Function) -> Function:
     )(function)
 
 
-def drive_options(function: Function) -> Function:
-    """``--drive`` and what an adapter needs to open it."""
+def drive_options(function: Function, *, needed: bool = True) -> Function:
+    """``--drive`` and what an adapter needs to open it.   needed : False where a verb can do without a drive."""
     for decorate in reversed(
         (
             click.option(
                 "--drive",
-                required=True,
+                required=needed,
                 metavar="DRIVE",
                 help="virtual, virtual:PLANT, can0, slcan:/dev/ttyACM0, ... (`beltcomm drives` lists adapters).",
             ),
@@ -102,8 +102,8 @@ def drive_options(function: Function) -> Function:
     return function
 
 
-def machine_options(function: Function) -> Function:
-    """What every verb that moves an axis has."""
+def machine_options(function: Function, *, needed: bool = True) -> Function:
+    """What every verb that moves an axis has.   needed : as in :func:`drive_options`."""
     for decorate in reversed(
         (
             yes_option,
@@ -115,7 +115,7 @@ def machine_options(function: Function) -> Function:
         )
     ):
         function = decorate(function)
-    return drive_options(function)
+    return drive_options(function, needed=needed)
 
 
 def writing_options(function: Function) -> Function:

@@ -132,6 +132,13 @@ def loop(model: Model) -> Cascade:
     return replace(gains(rig, "butterworth"), feedforward=forward, filter_reference=True)
 
 
+def built(base: str, base_worn: bool, rig: str, worn: bool) -> str:
+    """What is built into one axis against another, in words."""
+    before, after = axis(base, base_worn), axis(rig, worn)
+    coulomb = total_coulomb(after) / total_coulomb(before) - 1.0
+    return f"{100 * coulomb:+.1f} and {100 * (after['viscous.damping'] / before['viscous.damping'] - 1.0):+.1f} %"
+
+
 def lines(study: Study) -> list[str]:
     """The table and what it says."""
     head = f"{'':31} {'speeds':>6} {'min':>5} {'d_v, mN m s/rad':>17} {'tau_c, N m':>18} {'left':>10} {'below 10 mm/s':>14} {'true d_v':>8}"
@@ -158,11 +165,11 @@ def lines(study: Study) -> list[str]:
         f"{'':4} {'true, warm':26} {'':12} {1e3 * study.warm[0]:8.3f} {'':8} {study.warm[1]:9.4f}; cold {1e3 * study.cold_viscous:.3f}",
         f"II against I: {change('II', 'I')} by the order alone: fast strokes meet a cold axis or a warm one.  Order (A.1) mixes both, so "
         "that the drift shows in what is left over and not in d_v alone",
-        f"V against I, nine months: {change('V', 'I')} (built in -10 and -15 %)",
-        f"VI against V, 11.2 kg more: {change('VI', 'V')} (table A.10: +8.7 and +13.5 %); speeds whose ramps the belt does not bear are "
-        "left out",
+        f"V against I, nine months: {change('V', 'I')} ({built('g_b', False, 'g_b', True)} built in)",
+        f"VI against V, 11.2 kg more: {change('VI', 'V')} ({built('g_b', True, 'g_a', True)} built in, table A.10)",
+        "Speeds whose ramps the belt does not bear are left out",
         "At the lowest speeds the strokes are short: one turn of the motor at 1 mm/s would take 78 s.  Below 10 mm/s the Stribeck effect "
         "shows; these speeds are not fitted",
-        "A frequency response around standstill shows 138 mN m s/rad on the heavy rig (beltcomm thesis identification): Coulomb friction "
-        "seen as damping.  A sweep at constant speed separates the two (thesis.md 2.7)",
+        "A frequency response around standstill shows many times the viscous friction (beltcomm thesis identification says how many, "
+        "beltcomm friction why on a run of your own): Coulomb friction seen as damping.  A sweep separates the two (thesis.md 2.7)",
     ]

@@ -40,6 +40,11 @@ class Plateau:
     start_s: float
     duration_s: float
 
+    @property
+    def followed(self) -> bool:
+        """Whether the motor turned about as fast as it was asked to."""
+        return abs(self.speed_rad_s - self.reference_rad_s) <= LARGEST_SPEED_ERROR * abs(self.reference_rad_s)
+
 
 @dataclass(frozen=True)
 class FrictionPoint:
@@ -86,11 +91,14 @@ def find_plateaus(
     *,
     run_in_s: float = 0.2,
     shortest_s: float = 0.1,
+    inertia_kg_m2: float = 0.0,
 ) -> tuple[Plateau, ...]:
     """Stretches of constant, non-zero reference velocity, without their first ``run_in_s``.
 
     t_s : ndarray (n,), s.     torque_nm, position_rad, reference_velocity_rad_s : ndarray (n,), motor shaft; rows that are not
     finite are skipped.     run_in_s : s, discarded at the start of each.     shortest_s : s, least that must be left.
+    inertia_kg_m2 : of all that moves, at the motor: what still accelerates is taken off the torque, J Δω/Δt; 0 leaves it in, which
+    makes the viscous friction of a loop that settles slowly some permille too large.
     Raises DataError when arrays do not match, UsageError for times that are not positive.     Source: thesis 3.6.
     """
     arrays = (t_s, torque_nm, position_rad, reference_velocity_rad_s)
@@ -110,7 +118,7 @@ def find_plateaus(
         used = t[rows] >= t[first] + run_in_s
         if used.sum() < 2 * N_BATCHES or t[rows][-1] - t[first] - run_in_s < shortest_s:
             continue
-        plateaus.append(_plateau(t[rows][used], torque[rows][used], angle[rows][used], float(np.mean(reference[rows]))))
+        plateaus.append(_plateau(t[rows][used], torque[rows][used], angle[rows][used], float(np.mean(reference[rows])), inertia_kg_m2))
     return tuple(plateaus)
 
 
@@ -127,7 +135,7 @@ def fit_friction(plateaus: Sequence[Plateau], *, slowest_rad_s: float = 0.0) -> 
     (Stribeck effect).     Passes whose speed misses the reference by over 10 % are left out and named.
     Raises DataError with fewer than two speeds, or only one direction.     Source: thesis (3.36), 3.6.
     """
-    followed = [p for p in plateaus if abs(p.speed_rad_s - p.reference_rad_s) <= LARGEST_SPEED_ERROR * abs(p.reference_rad_s)]
+    followed = [p for p in plateaus if p.followed]
     used = [p for p in followed if abs(p.speed_rad_s) >= slowest_rad_s]
     speeds = {round(abs(p.reference_rad_s), 6) for p in used}
     directions = {p.reference_rad_s > 0 for p in used}
@@ -159,17 +167,30 @@ def fit_friction(plateaus: Sequence[Plateau], *, slowest_rad_s: float = 0.0) -> 
     return replace(fit, remarks=_remarks(fit, left_out, speed, torque, variance))
 
 
-def _plateau(t: Array, torque: Array, angle: Array, reference_rad_s: float) -> Plateau:
-    since = t - t.mean()
+def _plateau(t: Array, torque: Array, angle: Array, reference_rad_s: float, inertia_kg_m2: float) -> Plateau:
+    (begin_s, begin), (end_s, end) = (_speed(part, angle[rows]) for part, rows in _ends(t))
+    torque = torque - inertia_kg_m2 * (end - begin) / (end_s - begin_s)
     batches = np.array([part.mean() for part in np.array_split(torque, N_BATCHES)])
     return Plateau(
         reference_rad_s=reference_rad_s,
-        speed_rad_s=float(since @ angle / (since @ since)),
+        speed_rad_s=_speed(t, angle)[1],
         torque_nm=float(torque.mean()),
         error_nm=float(batches.std(ddof=1) / np.sqrt(N_BATCHES)),
         start_s=float(t[0]),
         duration_s=float(t[-1] - t[0]),
     )
+
+
+def _ends(t: Array) -> list[tuple[Array, slice]]:
+    """First and last batch of times, and their rows."""
+    size = len(t) // N_BATCHES
+    return [(t[:size], slice(0, size)), (t[-size:], slice(len(t) - size, len(t)))]
+
+
+def _speed(t: Array, angle: Array) -> tuple[float, float]:
+    """Middle of a batch, s, and the slope of its angle, rad/s."""
+    since = t - t.mean()
+    return float(t.mean()), float(since @ angle / (since @ since))
 
 
 def _groups(plateaus: Sequence[Plateau]) -> list[list[Plateau]]:

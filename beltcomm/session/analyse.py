@@ -136,16 +136,23 @@ def dead_time_of(recordings: Sequence[Recording], highest_hz: float) -> DeadTime
     return dead_time_between(by_setpoint[best], by_torque[best], lowest_hz=2.0, highest_hz=highest_hz)
 
 
-def friction_of(recordings: Sequence[Recording]) -> FrictionFit:
-    """Friction (3.36) from all constant-speed sweeps.   Raises DataError when there is none or no plateau is usable."""
+def friction_of(recordings: Sequence[Recording], slowest_rad_s: float = 0.0, inertia_kg_m2: float = 0.0) -> FrictionFit:
+    """Friction (3.36) from all constant-speed sweeps.   slowest_rad_s : slower passes are shown and not fitted.
+
+    inertia_kg_m2 : of all that moves, at the motor; 0 when not known, see :func:`find_plateaus`.
+
+    Raises DataError when there is none or no plateau is usable.
+    """
     plateaus: list[Plateau] = []
     for recording in recordings:
         if recording.sidecar.experiment != "friction_sweep" or recording.reference_velocity is None:
             continue
-        plateaus += find_plateaus(recording.t_s, recording.torque, recording.position, recording.reference_velocity)
+        plateaus += find_plateaus(
+            recording.t_s, recording.torque, recording.position, recording.reference_velocity, inertia_kg_m2=inertia_kg_m2
+        )
     if not plateaus:
         raise DataError("no recording of a constant-speed sweep (experiment: friction_sweep); record one with `beltcomm friction`")
-    return fit_friction(plateaus)
+    return fit_friction(plateaus, slowest_rad_s=slowest_rad_s)
 
 
 def characteristics(fit: InverseFit, position_m: float) -> dict[str, Characteristic]:

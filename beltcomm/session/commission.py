@@ -19,6 +19,7 @@ from beltcomm.identify.dead_time import DeadTime
 from beltcomm.identify.final import FinalModel, evidence, final_model
 from beltcomm.identify.friction import FrictionFit
 from beltcomm.identify.magnitude_fit import MagnitudeFit, Solver
+from beltcomm.identify.standstill import Standstill, largest
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 from beltcomm.session import analyse, bounds, making, phases, programme, sameness, stops, verification
@@ -100,6 +101,7 @@ class Findings:
     final: FinalModel | None = None
     characteristics: Mapping[str, analyse.Characteristic] = field(default_factory=dict)
     friction: FrictionFit | None = None
+    standstill: Standstill | None = None
     design: DesignResult | None = None
     cascade: Cascade | None = None
     demand: Demand | None = None
@@ -284,10 +286,11 @@ def fit_and_design(machine: Machine, findings: Findings, settings: Settings) -> 
     measure_delay_and_damping(findings, [r for r in recordings if r.sidecar.experiment == "frf"], model)
     findings.characteristics = analyse.characteristics(findings.final.fit, sum(machine.full_room().window_m) / 2)
     try:
-        findings.friction = analyse.friction_of(recordings)
+        findings.friction = analyse.friction_of(recordings, inertia_kg_m2=analyse.moved_inertia(model))
     except DataError as problem:
         findings.remarks.append(f"friction sweep: {problem}")
         findings.reservations.append("the friction sweep could not be used")
+    findings.standstill = largest(recordings, findings.thesis, model, findings.friction)
     findings.design, findings.cascade = design_for(machine.axis, model, machine.drive.capabilities.structure, findings, settings)
     findings.reservations += thin_margins(findings.design.margins)
     return findings.cascade

@@ -12,6 +12,7 @@ from beltcomm.errors import DataError, UsageError
 from beltcomm.foreign.checks import check
 from beltcomm.identify.final import final_model
 from beltcomm.identify.magnitude_fit import Solver
+from beltcomm.identify.standstill import largest
 from beltcomm.model import Model, load_model
 from beltcomm.recording import Recording, common_side
 from beltcomm.runfolder import RunFolder
@@ -19,6 +20,7 @@ from beltcomm.session import analyse
 from beltcomm.session.commission import Findings, measure_delay_and_damping
 from beltcomm.session.revisions import trusted_model
 from beltcomm.session.store import cascade_from_dict, delay_from_dict, structure_from_dict
+from beltcomm.session.strokes import slowest_fitted_rad_s
 from beltcomm.talk import Talk
 
 #: The cascade assumed for a run folder that no drive has ever been connected to: the thesis's own, at 1 kHz.
@@ -102,9 +104,12 @@ def fitted(folder: RunFolder, solver: Solver, talk: Talk, model: Model | None = 
         findings.characteristics = analyse.characteristics(findings.final.fit, _middle(folder.axis))
     measure_delay_and_damping(findings, [r for r in recordings if r.sidecar.experiment == "frf"], model, solver)
     try:
-        findings.friction = analyse.friction_of(recordings)
+        findings.friction = analyse.friction_of(
+            recordings, slowest_fitted_rad_s(folder.axis.transmission_m_rad), analyse.moved_inertia(model)
+        )
     except DataError as problem:
         findings.remarks.append(str(problem))
+    findings.standstill = largest(recordings, findings.thesis, model, findings.friction)
     return findings
 
 

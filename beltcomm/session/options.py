@@ -10,6 +10,7 @@ from beltcomm.design.feedforward import SentFeedforward
 from beltcomm.errors import UsageError
 from beltcomm.excitation import ExcitationKind
 from beltcomm.session.commission import Apply, Settings
+from beltcomm.session.orders import Order
 from beltcomm.session.programme import Extent
 
 
@@ -23,6 +24,7 @@ class Options:
     quick : one place only.   thorough : what every effect needs.   visible : say beforehand what the records could show; thorough does.
     excitation : of the long frequency response; the rising ones before it stay binary.   force : gains in doubt too.
     prefilter, feedforward : None is the best one; "compliant" is for ``verify``.   profile, node, bitrate, realtime : of the drive.
+    order, repeat, mounted_kg : of friction sweeps (thesis 3.6), how often, and the payload that is mounted while they are driven.
     drive : further options for the adapter, by name.
     """
 
@@ -42,6 +44,9 @@ class Options:
     force: bool = False
     prefilter: PrefilterKind | None = None
     feedforward: SentFeedforward | None = None
+    order: Order | None = None
+    repeat: int | None = None
+    mounted_kg: float | None = None
     profile: str | None = None
     node: int | None = None
     bitrate: int | None = None

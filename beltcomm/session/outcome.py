@@ -8,7 +8,7 @@ from beltcomm.configfiles import write_text
 from beltcomm.identify.final import FinalModel
 from beltcomm.result import plain
 from beltcomm.runfolder import RunFolder
-from beltcomm.session import analyse, words
+from beltcomm.session import analyse, friction_words, words
 from beltcomm.session.commission import Findings, delay
 from beltcomm.session.store import design_to_dict, fit_to_dict, verdict_to_dict
 
@@ -20,6 +20,8 @@ def save(folder: RunFolder, findings: Findings) -> None:
         folder.save_result("fit", fit_dict(findings.final, findings))
     if findings.friction is not None:
         folder.save_result("friction", plain(findings.friction))
+    if findings.standstill is not None:
+        folder.save_result("standstill", plain(findings.standstill))
     if findings.design is not None:
         folder.save_design("final", design_dict(findings))
     if findings.verdict is not None:
@@ -60,6 +62,8 @@ def data(folder: RunFolder, findings: Findings) -> dict[str, Any]:
         found["fit"] = fit_dict(findings.final, findings)
     if findings.friction is not None:
         found["friction"] = findings.friction
+    if findings.standstill is not None:
+        found["standstill"] = findings.standstill
     if findings.design is not None:
         found["design"] = design_dict(findings)
     if findings.verdict is not None:
@@ -119,6 +123,7 @@ def commission_text(folder: RunFolder, findings: Findings, drive: str) -> list[s
         "",
         *model_text(findings),
         *(words.friction_lines(findings.friction) if findings.friction else []),
+        *friction_words.standstill_lines(findings.standstill),
         *(words.design_lines(findings.design, findings.cascade) if findings.design and findings.cascade else []),
         *(words.verdict_lines(findings.verdict, findings.demand) if findings.verdict else []),
         *words.remarks_lines(findings.remarks),

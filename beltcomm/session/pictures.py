@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from beltcomm.control import Cascade
 from beltcomm.design.cascade import DesignResult
 from beltcomm.design.measured import measured_loop
+from beltcomm.identify.friction import FrictionFit
+from beltcomm.identify.standstill import Standstill
+from beltcomm.identify.sweeps import Drift, LoadDependence, Sweep
 from beltcomm.laboratory.compare import Comparison, landmarks, worst
 from beltcomm.laboratory.data import Data
 from beltcomm.laboratory.fitting import Fitted
@@ -125,6 +128,41 @@ def proof_picture(
         caption = style.Caption(command or f"beltcomm design {folder.path}", f"{folder.path.resolve().name}/recordings, designs/final.yaml")
         sentences = [f"nearest to -1 of all, sensitivity {proof.worst.sensitivity_db:.1f} dB: {proof.worst.text}"]
         return {"design_proof": drawn.proof_figure(design, shown, sentences, caption)}
+
+    return _written(folder, draw)
+
+
+def friction_pictures(
+    folder: RunFolder,
+    friction: FrictionFit,
+    sweeps: Sequence[Sweep],
+    drifts: Mapping[int, Drift | str],
+    found: Standstill | None,
+    command: str,
+) -> tuple[list[str], list[str]]:
+    """Friction by order, over the session's clock, and beside the damping of a response."""
+
+    def draw() -> dict[str, Figure]:
+        from beltcomm.report import friction as report
+        from beltcomm.report import style
+
+        shown = f"{folder.path.resolve().name}/recordings, {len(sweeps)} sweeps"
+        return report.figures(
+            friction, sweeps, drifts, found, style.Caption(command or f"beltcomm friction --compare {folder.path}", shown)
+        )
+
+    return _written(folder, draw)
+
+
+def load_picture(folder: RunFolder, found: LoadDependence, by: str, command: str) -> tuple[list[str], list[str]]:
+    """Friction against load, into the first of the runs."""
+
+    def draw() -> dict[str, Figure]:
+        from beltcomm.report import friction as report
+        from beltcomm.report import style
+
+        shown = "; ".join(g.name for g in found.groups)
+        return {"friction_load": report.load_figure(found, by, style.Caption(command or "beltcomm friction --compare", shown))}
 
     return _written(folder, draw)
 

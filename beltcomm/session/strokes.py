@@ -18,6 +18,13 @@ SWEEP_SPEEDS = 7
 SWEEP_RUN_IN_S = 0.2
 SWEEP_SHORTEST_S = 0.1
 SWEEP_LONGEST_S = 0.6
+#: Share of the slowest speed that is still fitted, so that rounding does not leave it out.
+JUST_BELOW = 0.99
+
+
+def slowest_fitted_rad_s(ratio_m_rad: float) -> float:
+    """Sweeps below this are shown and not fitted, rad/s at the motor: the Stribeck effect acts there (3.6)."""
+    return JUST_BELOW * SWEEP_SLOWEST_M_S / ratio_m_rad
 
 
 def fastest_stroke_m_s(top_m_s: float, acceleration_m_s2: float, window_m: float) -> float:

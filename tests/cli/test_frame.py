@@ -55,6 +55,9 @@ class Options:
     force: bool = False
     prefilter: str | None = None
     feedforward: str | None = None
+    order: str | None = None
+    repeat: int | None = None
+    mounted_kg: float | None = None
     profile: str | None = None
     node: int | None = None
     bitrate: int | None = None
@@ -115,12 +118,19 @@ def test_options_reach_the_api(api: StandIn) -> None:
     [
         ("design R --prefilter notch --feedforward linear", Options(prefilter="notch", feedforward="linear")),
         ("verify --drive can0 --run R --feedforward none", Options(feedforward="none")),
+        ("friction --drive can0 --run R --order iii --repeat 3 --payload-mounted 11200g", Options(order="III", repeat=3, mounted_kg=11.2)),
         ("commission --drive virtual --prefilter none --feedforward nonlinear", Options(prefilter="none", feedforward="nonlinear")),
     ],
 )
 def test_the_parts_of_the_controller_can_be_chosen(api: StandIn, words: str, options: Options) -> None:
     assert call(*words.split()).exit_code == 0
     assert api.calls[0][2]["options"] == options
+
+
+def test_sweeps_are_compared_without_a_machine(api: StandIn) -> None:
+    assert call("friction", "--compare", "A", "B", "--no-pictures").exit_code == 0
+    name, args, given = api.calls[0]
+    assert (name, args, given["pictures"]) == ("friction_compare", ((Path("A"), Path("B")),), False)
 
 
 def test_what_is_not_given_is_left_to_the_api(api: StandIn) -> None:
