@@ -18,7 +18,6 @@ from beltcomm.drive import Drive, open_drive
 from beltcomm.errors import BeltcommError, Refused, UsageError
 from beltcomm.foreign.convert import Reading
 from beltcomm.foreign.job import check_imports, import_recordings
-from beltcomm.identify.magnitude_fit import Solver
 from beltcomm.model import load_plant
 from beltcomm.parameters import cascade_to_parameters
 from beltcomm.result import Result, plain
@@ -30,6 +29,7 @@ from beltcomm.session.convert import convert as convert
 from beltcomm.session.creep import BREAKAWAY_SHARE, CREEP_SPEED_M_S, MARGIN_M, NEAR_M, RAMP_S, small_move
 from beltcomm.session.experiment import run_experiment
 from beltcomm.session.export import export as export
+from beltcomm.session.fit_job import fit as fit
 from beltcomm.session.follow_job import follow_plan
 from beltcomm.session.foresight import foretold
 from beltcomm.session.laboratory import add_to_run, compare_run, diagnose_run, ladder_of_run, remove_from_run
@@ -115,20 +115,6 @@ def _identify(connected: Drive, drive: str, axis: Axis, run: Path, options: Opti
     if whole:
         text = ["Only the record at this place was made: the rest of the job needs to know where the carriage stands.", "", *text]
     return Result({**outcome.data(folder, findings), "nonlinearity": plain(split)}, text, int(whole))
-
-
-def fit(run: Path, *, solver: Solver | None = None, options: Options | None = None, talk: Talk | None = None) -> Result:
-    """The model from all recordings of a run; no machine needed.   Raises DataError."""
-    del options
-    talk = talk or Silence()
-    folder = RunFolder.open(run)
-    talk.phase(1, 1, "fit")
-    findings = offline.fitted(folder, solver or "lm", talk)
-    outcome.save(folder, findings)
-    friction = words.friction_lines(findings.friction) if findings.friction else []
-    following = "diagnose" if findings.final is None or findings.final.fit.suspect else "design"
-    text = [*outcome.model_text(findings), *friction, *words.remarks_lines(findings.remarks), f"Next: beltcomm {following} {run}"]
-    return Result(outcome.data(folder, findings), text)
 
 
 def follow(drive: str, run: Path, plan: Path, *, options: Options | None = None, talk: Talk | None = None) -> Result:
