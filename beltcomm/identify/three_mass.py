@@ -30,7 +30,7 @@ GEOMETRY = "belt_sections.pulley_distance"
 EFFECTS = ("belt_sections", "viscous", "viscous_cart", "coulomb", "cart_friction")
 #: kg: end pulleys that are tried.  Shares of the two-mass model's carriage that are: the rest may be end pulley.
 MASSES_KG = tuple(float(m) for m in np.geomspace(0.03, 4.0, 8))
-CARRIAGES = (1.0, 0.87, 0.7, 0.55, 0.4, 0.25)
+CARRIAGES = (1.0, 0.7, 0.4)
 #: Start values that are fitted until one explains the records; records by which they are ranked, and how fine the motion is then, s.
 MOST_STARTS, RANKING_RECORDS, RANKING_STEP_S = 3, 3, 2.5e-4
 #: Evidence, nats, that a third mass must have: what the laboratory asks of any effect, healthy machines reach up to 109 by chance.
@@ -256,7 +256,7 @@ def signal_up_to(response: FrequencyResponse) -> float:
     width = min(TOGETHER, len(ratio))
     shown = np.median(np.lib.stride_tricks.sliding_window_view(ratio, width), axis=1) >= SHOWN
     last = np.flatnonzero(shown)
-    return float(response.freq_hz[last[-1] + width - 1]) if len(last) else 0.0
+    return float(response.freq_hz[last[-1] + width // 2]) if len(last) else 0.0
 
 
 def _reach(name: str, place_m: float | None, response: FrequencyResponse, model: Model) -> Reach:

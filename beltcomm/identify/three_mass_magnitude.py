@@ -33,7 +33,9 @@ FREE = (
 #: What stands for Coulomb friction around standstill at first, N m s/rad and N s/m.
 START_DAMPING = {"viscous.damping": 0.02, "viscous_cart.damping": 10.0}
 #: Lowest value of a logarithm's argument, over its start; lines of one response; N m s/rad, losses of a coupling.
-FLOOR, LINES, COUPLING_DAMPING = 1e-4, 100, 1e-3
+FLOOR, LINES, COUPLING_DAMPING = 1e-4, 60, 1e-3
+#: Relative change of the cost, or of the logarithms, that is not worth another step; decibels are known to some hundredths.
+ENOUGH = 1e-5
 
 
 @dataclass(frozen=True)
@@ -101,7 +103,9 @@ def _fitted(chosen: Mapping[str, FrequencyResponse], places_m: Mapping[str, floa
         return np.concatenate(parts)
 
     edge = 1e-9 * (high - low)
-    found = least_squares(residual, np.clip(np.log(begin), low + edge, high - edge), bounds=(low + edge, high - edge), x_scale="jac")
+    found = least_squares(
+        residual, np.clip(np.log(begin), low + edge, high - edge), bounds=(low + edge, high - edge), x_scale="jac", ftol=ENOUGH, xtol=ENOUGH
+    )
     freedom = len(found.fun) - len(FREE)
     variance = float(np.sum(found.fun**2)) / freedom
     jacobian = np.asarray(found.jac, dtype=np.float64)
