@@ -18,12 +18,11 @@ from beltcomm.drive import Drive, open_drive
 from beltcomm.errors import BeltcommError, Refused, UsageError
 from beltcomm.foreign.convert import Reading
 from beltcomm.foreign.job import check_imports, import_recordings
-from beltcomm.identify.magnitude_fit import Solver
 from beltcomm.model import load_plant
 from beltcomm.parameters import cascade_to_parameters
 from beltcomm.result import Result, plain
 from beltcomm.runfolder import RunFolder
-from beltcomm.session import analyse, friction_job, friction_words, gains, offline, outcome, referencing, words
+from beltcomm.session import analyse, friction_job, gains, offline, outcome, referencing, words
 from beltcomm.session import commission as sequence
 from beltcomm.session.commission import Findings
 from beltcomm.session.convert import convert as convert
@@ -31,6 +30,7 @@ from beltcomm.session.creep import BREAKAWAY_SHARE, CREEP_SPEED_M_S, MARGIN_M, N
 from beltcomm.session.design_job import examined
 from beltcomm.session.experiment import run_experiment
 from beltcomm.session.export import export as export
+from beltcomm.session.fit_job import fit as fit
 from beltcomm.session.follow_job import follow_plan
 from beltcomm.session.foresight import foretold
 from beltcomm.session.friction_study import friction_compare as friction_compare
@@ -119,21 +119,6 @@ def _identify(connected: Drive, drive: str, axis: Axis, run: Path, options: Opti
     if whole:
         text = ["Only the record at this place was made: the rest of the job needs to know where the carriage stands.", "", *text]
     return Result({**outcome.data(folder, findings), "nonlinearity": plain(split)}, text, int(whole))
-
-
-def fit(run: Path, *, solver: Solver | None = None, options: Options | None = None, talk: Talk | None = None) -> Result:
-    """The model from all recordings of a run; no machine needed.   Raises DataError."""
-    del options
-    talk = talk or Silence()
-    folder = RunFolder.open(run)
-    talk.phase(1, 1, "fit")
-    findings = offline.fitted(folder, solver or "lm", talk)
-    outcome.save(folder, findings)
-    friction = words.friction_lines(findings.friction) if findings.friction else []
-    friction += friction_words.standstill_lines(findings.standstill)
-    following = "diagnose" if findings.final is None or findings.final.fit.suspect else "design"
-    text = [*outcome.model_text(findings), *friction, *words.remarks_lines(findings.remarks), f"Next: beltcomm {following} {run}"]
-    return Result(outcome.data(folder, findings), text)
 
 
 def follow(drive: str, run: Path, plan: Path, *, options: Options | None = None, talk: Talk | None = None) -> Result:

@@ -194,10 +194,11 @@ def _held_stretch_m(model: Model) -> float:
     """Largest stretch of the belt that friction holds at rest, m; 0 for a model without a belt."""
     if "belt_stiffness.stiffness" in model.parameters:
         stiffness = model["belt_stiffness.stiffness"]
-    elif "belt_spans.specific_stiffness" in model.parameters:  # softest where both strands are equal
-        stiffness = 2.0 * model["belt_spans.specific_stiffness"] / model["belt_spans.pulley_distance"]
     else:
-        return 0.0
+        law = next((e for e in ("belt_spans", "belt_sections") if e in model.effects), None)
+        if law is None:
+            return 0.0
+        stiffness = 2.0 * model[f"{law}.specific_stiffness"] / model[f"{law}.pulley_distance"]  # softest where both strands are equal
     return min(model.get("cart_friction.level"), model.get("coulomb.level") / model["transmission.ratio"]) / stiffness
 
 

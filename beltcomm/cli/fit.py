@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from beltcomm.cli import options as shared
-from beltcomm.cli.frame import Frame, api, options_of
+from beltcomm.cli.frame import Frame, api, options_of, today
 
 
 @click.command("fit")
@@ -17,9 +17,17 @@ from beltcomm.cli.frame import Frame, api, options_of
     type=click.Choice(["lm", "trf", "nelder-mead"]),
     help="Of the log-magnitude fit: Levenberg-Marquardt, trust region, Nelder-Mead.",
 )
+@click.option(
+    "--model",
+    type=click.Choice(["two-mass", "three-mass"]),
+    default="two-mass",
+    help="three-mass: the end pulley too; a revision of the model, or refused where the records do not hold it.",
+)
 @shared.output_options
 @click.pass_obj
-def command(frame: Frame, /, run: Path, solver: str | None) -> int:
+def command(frame: Frame, /, run: Path, solver: str | None, model: str) -> int:
     """Fit the model of the run folder RUN from its recordings; no machine is needed."""
     frame.run = run
-    return frame.show(api().fit(run, solver=solver, options=options_of(), talk=frame.talk()))
+    return frame.show(
+        api().fit(run, solver=solver, model=model, command=frame.line(), when=today(), options=options_of(), talk=frame.talk())
+    )

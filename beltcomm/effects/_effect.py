@@ -60,10 +60,11 @@ class Ground:
     """What is known of an axis when an effect is put on trial: the base model around a record and the data sheets.
 
     inertia kg m², motor side; mass kg; stiffness N/m; damping N s/m; coulomb N m, motor side; ratio m/rad; low_m, high_m : m, where
-    the records went; antiresonance_hz : Hz; teeth : of the driving pulley, 0 when not known; peak_nm : N m, largest torque in the
-    records; peak_force_n : N, largest belt force in them; offset_m, pulley_distance_m : m, geometry of the belt, 0 when not known;
-    stiffness_at : (place m, amplitude N m, stiffness N/m) of every record that stays at one place, everything else as in the base model;
-    fastest : rad/s, of the motor in them; side : of the records, "motor", "load" or "ampere"; belt : whether the axis has one.
+    the records went; antiresonance_hz : Hz; teeth : of the driving pulley that pass per turn of the motor, 0 when not known; peak_nm : N m,
+    largest torque in the records; peak_force_n : N, largest belt force in them; offset_m, pulley_distance_m : m, geometry of the belt, 0
+    when not known; stiffness_at : (place m, amplitude N m, stiffness N/m) of every record that stays at one place, everything else as in
+    the base model; fastest : rad/s, of the motor in them; side : of the records, "motor", "load" or "ampere"; belt : whether the axis has
+    one; gear : turns of the motor per turn of the pulley.
     """
 
     inertia: float
@@ -75,7 +76,7 @@ class Ground:
     low_m: float
     high_m: float
     antiresonance_hz: float
-    teeth: int
+    teeth: float
     peak_nm: float
     peak_force_n: float
     offset_m: float = 0.0
@@ -84,6 +85,7 @@ class Ground:
     fastest: float = 40.0
     side: str = "motor"
     belt: bool = True
+    gear: float = 1.0
 
 
 @dataclass(frozen=True)

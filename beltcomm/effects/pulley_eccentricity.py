@@ -31,7 +31,9 @@ def oval_slope(theta: float, sine: float, cosine: float) -> float:
 
 
 def trials(ground: Ground) -> list[Trial]:
-    """Sine and cosine as two columns."""
+    """Sine and cosine as two columns; none behind a gearbox, where the pulley does not turn with the motor."""
+    if ground.gear != 1.0:
+        return []
     return [Trial({"sine": 0.01, "cosine": 0.01}, amplitudes=("sine", "cosine"), signed=True)]
 
 

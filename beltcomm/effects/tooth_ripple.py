@@ -7,10 +7,10 @@ from beltcomm.effects.cogging import force, slope
 
 
 def trials(ground: Ground) -> list[Trial]:
-    """The order is the number of teeth; none without it."""
+    """The order is the number of teeth over the gear ratio; none without it."""
     if ground.teeth <= 0:
         return []
-    return [Trial({"teeth": float(ground.teeth), "sine": 0.02, "cosine": 0.02}, amplitudes=("sine", "cosine"), signed=True)]
+    return [Trial({"teeth": ground.teeth, "sine": 0.02, "cosine": 0.02}, amplitudes=("sine", "cosine"), signed=True)]
 
 
 EFFECT = Effect(
@@ -19,7 +19,7 @@ EFFECT = Effect(
     title="ripple of the belt teeth",
     parameters=(
         Parameter(
-            "teeth", "1", "motor", 26.0, 1.0, 500.0, "periods per turn of the motor: teeth of the pulley over the gear ratio", fitted=False
+            "teeth", "1", "motor", 26.0, 0.01, 500.0, "periods per turn of the motor: teeth of the pulley over the gear ratio", fitted=False
         ),
         Parameter("sine", "N m", "motor", 0.0, -5.0, 5.0, "amplitude of the sine"),
         Parameter("cosine", "N m", "motor", 0.0, -5.0, 5.0, "amplitude of the cosine"),

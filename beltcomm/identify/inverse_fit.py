@@ -165,7 +165,10 @@ class _Problem:
         return vector
 
     def model_at(self, x: Array) -> Model:
-        return self.model.with_values(dict(zip(self.free, (x * self.scale)[: len(self.free)], strict=True)), "final fit")
+        bounds = [self.model.parameters[name] for name in self.free]
+        low, high = [v.low for v in bounds], [v.high for v in bounds]  # scaling and back may miss a bound by a rounding
+        values = np.clip((x * self.scale)[: len(self.free)], low, high)
+        return self.model.with_values(dict(zip(self.free, values.tolist(), strict=True)), "final fit")
 
     def one(self, i: int, x: Array) -> Array:
         return whitened(self.pieces[i], self.model, self.full(x), self.pieces[i].offset_m * float(x[len(self.free) + i]))
@@ -234,7 +237,7 @@ class _Problem:
                     return x, value
                 ahead = self.residual(trial)
                 trial_value, trial_weights = self.judged(ahead, robust=robust)
-                gain = value - trial_value
+                gain = value - trial_value if np.isfinite(trial_value) else -np.inf  # a step to where the load runs away is too long
                 if gain <= 0.0 and expected < ROUGH:
                     return x, value  # where the carriage sticks makes the objective a little rough
                 damping = max(damping / 10.0, 1e-9) if gain > 0.0 else 10.0 * damping

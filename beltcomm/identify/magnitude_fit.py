@@ -160,7 +160,7 @@ def fit_magnitude(
         raise UsageError(f"i_t = {transmission_m_rad} m/rad and Θ_e = {inertia_kg_m2} kg m² must be positive")
     if solver not in ("lm", "trf", "nelder-mead"):
         raise UsageError(f"solver {solver!r} is not known; choose lm, trf or nelder-mead")
-    chosen = _chosen_lines(response, n_lines, lowest_hz, highest_hz, sampled)
+    chosen = chosen_lines(response, n_lines, lowest_hz, highest_hz, sampled)
     measured_db = _decibel(chosen.h)
     highest_start_hz = HIGHEST_CONTINUOUS / response.sample_period_s
     few = log_spaced_lines(chosen.freq_hz, N_START_LINES, lowest_hz, highest_start_hz)
@@ -297,9 +297,7 @@ def _decibel(h: NDArray[np.complex128]) -> Array:
     return np.asarray(20.0 * np.log10(np.abs(h)), dtype=np.float64)
 
 
-def _chosen_lines(
-    response: FrequencyResponse, n_lines: int, lowest_hz: float, highest_hz: float | None, sampled: bool
-) -> FrequencyResponse:
+def chosen_lines(response: FrequencyResponse, n_lines: int, lowest_hz: float, highest_hz: float | None, sampled: bool) -> FrequencyResponse:
     """Lines within the band that are not noise, thinned to a nearly log-spaced subset."""
     if highest_hz is None:
         highest_hz = (HIGHEST_SAMPLED if sampled else HIGHEST_CONTINUOUS) / response.sample_period_s

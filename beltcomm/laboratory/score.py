@@ -247,7 +247,7 @@ def ground_of(fitted: Fitted, pieces: Sequence[Stretch], axis: Axis) -> Ground:
         low_m=float(places.min()),
         high_m=float(places.max()),
         antiresonance_hz=float(np.sqrt(stiffness / mass) / (2.0 * np.pi)),
-        teeth=int(axis.get("pulley.teeth") or 0),
+        teeth=float(axis.get("pulley.teeth") or 0) / axis.gearbox.ratio,
         peak_nm=max(float(np.abs(piece.torque).max()) for piece in pieces),
         peak_force_n=min(stiffness * 2e-3, max(1.0, mass * ratio * acceleration)),
         offset_m=axis.travel.driven_side_offset_m,
@@ -256,4 +256,5 @@ def ground_of(fitted: Fitted, pieces: Sequence[Stretch], axis: Axis) -> Ground:
         fastest=max(float(np.percentile(np.abs(piece.motion.omega), 99.0)) for piece in pieces),
         side=model.side,
         belt="cart" in model.base_bodies,
+        gear=axis.gearbox.ratio,
     )

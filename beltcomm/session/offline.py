@@ -95,13 +95,11 @@ def counts_of(folder: RunFolder) -> int:
 def fitted(folder: RunFolder, solver: Solver, talk: Talk, model: Model | None = None) -> Findings:
     """Final fit, log-magnitude fits, dead time and friction from what the run folder holds."""
     findings = Findings()
-    recordings = [item for item in folder.recordings() if not item.is_static_map]
-    _check_fit_for_belt_model(folder, recordings)
-    analyse.check_whole(recordings)
+    recordings = fit_for_belt_model(folder)
     if model is None:
         findings.final = final_model(recordings, folder.axis, counts_of(folder), progress=lambda f: talk.progress(f, None))
         model = findings.final.fit.model
-        findings.characteristics = analyse.characteristics(findings.final.fit, _middle(folder.axis))
+        findings.characteristics = analyse.characteristics(findings.final.fit, middle_m(folder.axis))
     measure_delay_and_damping(findings, [r for r in recordings if r.sidecar.experiment == "frf"], model, solver)
     try:
         findings.friction = analyse.friction_of(
@@ -113,8 +111,10 @@ def fitted(folder: RunFolder, solver: Solver, talk: Talk, model: Model | None = 
     return findings
 
 
-def _check_fit_for_belt_model(folder: RunFolder, recordings: list[Recording]) -> None:
-    """Raise UsageError for an axis without a belt, DataError for records without torque, or foreign ones with a wrong sign or unit."""
+def fit_for_belt_model(folder: RunFolder) -> list[Recording]:
+    """The records over time.   Raises UsageError for an axis without a belt, DataError for records without torque, cut off, or foreign ones
+    with a wrong sign or unit."""
+    recordings = [item for item in folder.recordings() if not item.is_static_map]
     if not folder.axis.has_belt:
         raise UsageError(
             f"{folder.axis} has neither belt nor pulley; the fit's model is a motor that drives a carriage by a belt. "
@@ -131,7 +131,10 @@ def _check_fit_for_belt_model(folder: RunFolder, recordings: list[Recording]) ->
     if not folder.drive:  # an adapter has its signs and units right; whoever writes files by hand may not
         for recording in recordings:
             check(recording)
+    analyse.check_whole(recordings)
+    return recordings
 
 
-def _middle(axis: Axis) -> float:
+def middle_m(axis: Axis) -> float:
+    """Middle of the travel, m."""
     return 0.5 * (float(axis.travel.min_m or 0.0) + float(axis.travel.max_m or 0.0))

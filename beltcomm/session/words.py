@@ -84,8 +84,8 @@ def thesis_lines(fits: Mapping[str, MagnitudeFit]) -> list[str]:
         two = fit.two_mass
         apparent = 1e3 * two.transmission_m_rad**2 * (two.motor_damping_n_s_m + two.cart_damping_n_s_m)
         lines.append(
-            f"  {name:12} {two.mass_kg:.2f} kg, {two.stiffness_n_m / 1e3:.1f} kN/m, resonance {two.resonance_hz:.1f} Hz, "
-            f"antiresonance {two.antiresonance_hz:.1f} Hz, apparent damping {apparent:.0f} mN m s/rad, rest {fit.rms_db:.1f} dB"
+            f"  {name:12} {two.mass_kg:.2f} kg, {two.stiffness_n_m / 1e3:.1f} kN/m, resonance {two.resonance_hz:.1f} Hz, antiresonance "
+            f"{two.antiresonance_hz:.1f} Hz, apparent damping {apparent:.0f} mN m s/rad at the motor, rest {fit.rms_db:.1f} dB"
         )
     return lines
 
@@ -128,9 +128,9 @@ def design_lines(design: DesignResult, cascade: Cascade) -> list[str]:
         "Controller:",
         f"  K_P {cascade.kp_nm_s_rad:.4g} N m s/rad, K_I {cascade.ki_nm_rad:.4g} N m/rad, K_PP {cascade.kpp_1_s:.3g} 1/s, "
         f"T_R {1e3 * cascade.velocity_filter_s:.2g} ms, prefilter {shown}",
-        f"  feedforward: inertia {1e6 * feedforward.inertia_kg_m2:.0f} kg mm², viscous {1e3 * feedforward.viscous_nm_s_rad:.2f} "
-        f"mN m s/rad, Coulomb {1e3 * feedforward.coulomb_nm:.1f} mN m, velocity {feedforward.velocity:g}, "
-        f"{1e3 * feedforward.advance_s:.2f} ms ahead"
+        f"  feedforward at the motor: inertia {1e6 * feedforward.inertia_kg_m2:.0f} kg mm², viscous "
+        f"{1e3 * feedforward.viscous_nm_s_rad:.2f} mN m s/rad, Coulomb {1e3 * feedforward.coulomb_nm:.1f} mN m, "
+        f"velocity {feedforward.velocity:g}, {1e3 * feedforward.advance_s:.2f} ms ahead"
         if feedforward.inertia_kg_m2 or feedforward.coulomb_nm or feedforward.viscous_nm_s_rad or feedforward.velocity
         else "  feedforward: none" + ("" if design.structure.velocity_feedforward else ", this drive has none"),
         f"  holds by calculation on {len(design.plants)} variants of the model (both ends, payloads, damping down to none): "

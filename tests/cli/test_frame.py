@@ -141,7 +141,8 @@ def test_what_is_not_given_is_left_to_the_api(api: StandIn) -> None:
 @pytest.mark.parametrize(
     ("words", "name", "args", "given"),
     [
-        (["fit", "R", "--solver", "trf"], "fit", (Path("R"),), {"solver": "trf"}),
+        (["fit", "R", "--solver", "trf"], "fit", (Path("R"),), {"solver": "trf", "model": "two-mass"}),
+        (["fit", "R", "--model", "three-mass"], "fit", (Path("R"),), {"model": "three-mass"}),
         (["design", "R"], "design", (Path("R"),), {}),
         (["verify", "--drive", "can0", "--run", "R", "--move", "m.csv"], "verify", ("can0", Path("R")), {"move": Path("m.csv")}),
         (["apply", "--drive", "can0", "--run", "R"], "apply", ("can0", Path("R")), {}),
