@@ -59,6 +59,7 @@ def responses(recordings: Sequence[Recording], *, setpoint: bool = False) -> dic
                 note.period_samples,
                 note.first_sample,
                 t_s=recording.t_s,
+                starts=note.period_starts,
             )
         except DataError:
             continue  # a record with a single period: it serves the final fit, not the picture
@@ -77,11 +78,11 @@ class Nonlinearity:
 
 
 def nonlinearities(recordings: Sequence[Recording]) -> dict[str, Nonlinearity]:
-    """By name, of every record of a multisine with at least two whole periods."""
+    """By name, of every open-loop record of a multisine with at least two whole periods; a loop answers on the silent lines itself."""
     found = {}
     for recording in recordings:
         note = recording.sidecar.excitation
-        if note is None or note.kind != "multisine" or not note.period_samples:
+        if note is None or note.kind != "multisine" or not note.period_samples or recording.sidecar.closed_loop:
             continue
         try:
             split = distortion(
