@@ -1,7 +1,7 @@
 """How large an excitation of a moving axis in closed loop may be: predicted on a family of models before every record.
 
-Beside the limits of open loop there is one more: the motor must not turn round, or friction changes its sign and is no constant any more
-(thesis 3.3.2).  While it does not, everything grows in proportion with the excitation, so few predictions find the largest one.
+Beside the limits of open loop there is one more: neither motor nor carriage may turn round, or friction changes its sign and is no constant
+any more (thesis 3.3.2).  While it does not, everything grows in proportion with the excitation, so few predictions find the largest one.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from beltcomm.stopping import Braking
 Array = NDArray[np.float64]
 Into = Literal["torque", "velocity"]
 
-#: Share of the base speed below which no model of the family may slow the motor down: as much again for what no model knows.
+#: Share of the base speed below which no model of the family may slow motor and carriage down: for what no model knows.
 SLOWEST_SHARE = 0.2
 #: The search ends when this share of a limit is used; it aims at the second, and looks so often.
 ENOUGH, AIM, TRIES = 0.9, 0.95, 8
@@ -46,7 +46,7 @@ class ClosedLoop:
 
 @dataclass(frozen=True)
 class MovingPrediction:
-    """Worst case over a family.   slowest : least motor speed in the base direction over base speed, while excited; nan at rest.
+    """Worst case over a family.   slowest : least speed of motor and carriage over base speed, while excited; nan at rest.
 
     low_m, high_m : the carriage with a stop at any moment.   speed_m_s : motor times i_t.   deviation_m : motor from the base motion.
     """
@@ -103,9 +103,10 @@ def predict_moving(
     top = torque = force = off = 0.0
     for model in family:
         run = simulated(model, loop, motion, start_m)
-        if travels:
-            slowest = min(slowest, float(np.min(ratio * run.velocity_rad_s[excited] / speed[excited])))
         moved = np.gradient(run.cart_m, loop.drive.period_s)
+        if travels:  # the carriage rubs as well, and where the motor hardly answers it swings most
+            slower = np.minimum(ratio * run.velocity_rad_s[excited] / speed[excited], moved[excited] / speed[excited])
+            slowest = min(slowest, float(np.min(slower)))
         span = braking.span_m(run.cart_m, moved, loop.drive.period_s) if braking else (float(run.cart_m.min()), float(run.cart_m.max()))
         low, high = min(low, span[0]), max(high, span[1])
         top = max(top, ratio * float(np.max(np.abs(run.velocity_rad_s))))

@@ -175,11 +175,14 @@ def rigid_damping(response: FrequencyResponse, antiresonance_hz: float) -> tuple
     return mean, 1.96 * inflated / math.sqrt(float(np.sum(weight)))
 
 
-def difference_db(one: FrequencyResponse, other: FrequencyResponse, low_hz: float, high_hz: float) -> float:
-    """Mean of 20 lg |Ĝ_1/Ĝ_2| over the common lines within a band, dB; nan without any."""
+def difference_db(one: FrequencyResponse, other: FrequencyResponse, low_hz: float, high_hz: float) -> tuple[float, float]:
+    """Mean of 20 lg |Ĝ_1/Ĝ_2| over the common lines within a band, and its 95 % half width by the noise of both, dB; nan without any."""
     _, here, there = np.intersect1d(one.freq_hz, other.freq_hz, return_indices=True)
     freq = one.freq_hz[here]
     band = (freq >= low_hz) & (freq < high_hz)
     if not band.any():
-        return math.nan
-    return float(np.mean(20.0 * np.log10(np.abs(one.h[here][band] / other.h[there][band]))))
+        return math.nan, math.nan
+    off = 20.0 * np.log10(np.abs(one.h[here][band] / other.h[there][band]))
+    shares = [(found.noise[at] / np.abs(found.h[at]))[band] for found, at in ((one, here), (other, there))]
+    variance = np.sum((20.0 / math.log(10.0)) ** 2 * (shares[0] ** 2 + shares[1] ** 2) / 2.0)
+    return float(np.mean(off)), 1.96 * math.sqrt(float(variance)) / int(band.sum())

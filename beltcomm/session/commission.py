@@ -186,15 +186,15 @@ def close_first_loop(machine: Machine, findings: Findings, model: Model, *, ask:
     ask : before a loop with thin margins is closed.   Raises Refused for a no.
     """
     machine.begin(TITLES[4])
-    cascade, margin = first_cascade(machine, findings, model)
+    cascade, margin = first_cascade(machine, findings, model, machine.position_m)
     return close_loop(machine, findings, model, cascade, margin, ask=ask)
 
 
-def first_cascade(machine: Machine, findings: Findings, model: Model) -> tuple[Cascade, float]:
-    """The cautious loop for the place where the carriage stands, and its smallest phase margin, deg; nothing is written."""
+def first_cascade(machine: Machine, findings: Findings, model: Model, at_m: float) -> tuple[Cascade, float]:
+    """The cautious loop for a place, m, and its smallest phase margin, deg; nothing is written."""
     structure = machine.drive.capabilities.structure
     assume_delay(findings, structure)
-    result = analyse.first_loop(model, structure, machine.position_m, delay(findings), analyse.apparent_damping(findings.thesis))
+    result = analyse.first_loop(model, structure, at_m, delay(findings), analyse.apparent_damping(findings.thesis))
     margin = min(m.phase_margin_deg for m in result.margins)
     return analyse.with_feedforward(result.cascade, model, structure, delay(findings)), margin
 

@@ -9,6 +9,7 @@ from beltcomm.control import PrefilterKind
 from beltcomm.design.feedforward import FeedforwardKind
 from beltcomm.errors import UsageError
 from beltcomm.excitation import ExcitationKind
+from beltcomm.identify.loop_response import CLOSED_WAYS, Way
 from beltcomm.session.commission import Apply, Settings
 from beltcomm.session.programme import Extent
 
@@ -22,6 +23,7 @@ class Options:
     payload_kg : heaviest further load.   apply : "keep", "restore" or "save" the new gains; None asks, with ``yes`` it restores.
     quick : one place only.   thorough : what every effect needs.   visible : say beforehand what the records could show; thorough does.
     excitation : of the long frequency response; the rising ones before it stay binary.   force : gains in doubt too.
+    loop : way of identification.   base_speed_m_s : of the carriage in a closed one; None chooses it, 0 stands.   pictures : made of it.
     prefilter, feedforward : None is the best one.   profile, node, bitrate, realtime : of the drive.
     drive : further options for the adapter, by name.
     """
@@ -39,6 +41,9 @@ class Options:
     thorough: bool = False
     visible: bool = False
     excitation: ExcitationKind = "prbs"
+    loop: Way = "open"
+    base_speed_m_s: float | None = None
+    pictures: bool = True
     force: bool = False
     prefilter: PrefilterKind | None = None
     feedforward: FeedforwardKind | None = None
@@ -54,6 +59,21 @@ class Options:
         if self.quick and self.thorough:
             raise UsageError("quick and thorough are two things: choose one")
         return "quick" if self.quick else "thorough" if self.thorough else "standard"
+
+    @property
+    def in_loop(self) -> bool:
+        """Whether the identification closes a loop.   Raises UsageError for options that do not go with it."""
+        if self.loop == "open":
+            if self.base_speed_m_s is not None:
+                raise UsageError("a base speed needs a closed loop: add --loop direct, indirect or setpoint")
+            return False
+        if self.loop not in CLOSED_WAYS:
+            raise UsageError(f"there is no way {self.loop!r}; choose open, {', '.join(CLOSED_WAYS)}")
+        if self.resume or self.window_m is not None:
+            raise UsageError(f"--loop {self.loop} travels, and makes a new record each time: leave --window and --resume out")
+        if self.base_speed_m_s is not None and not self.base_speed_m_s >= 0.0:
+            raise UsageError(f"the base speed is {self.base_speed_m_s:g} m/s; give a positive one, or 0 to stand")
+        return True
 
     def for_drive(self) -> dict[str, object]:
         """The adapter's options: those that were given."""

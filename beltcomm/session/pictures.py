@@ -11,6 +11,7 @@ from beltcomm.laboratory.data import Data
 from beltcomm.laboratory.fitting import Fitted
 from beltcomm.laboratory.place_words import in_words
 from beltcomm.runfolder import RunFolder
+from beltcomm.session.loop_ways import Shown
 from beltcomm.session.revisions import Revision
 
 if TYPE_CHECKING:  # matplotlib takes longer to import than a command without pictures may last
@@ -75,6 +76,20 @@ def ladder_picture(folder: RunFolder, rungs: Sequence[Revision], command: str) -
         caption = style.Caption(command or f"beltcomm ladder {folder.path}", f"{folder.path.resolve().name}/results/ladder.yaml")
         steps = [staircase.Rung(r.name, r.change, r.ratio, r.held_out, r.confirmed) for r in rungs]
         return {"ladder": staircase.staircase_figure(steps, caption)}
+
+    return _written(folder, draw)
+
+
+def ways_picture(folder: RunFolder, name: str, ways: Sequence[Shown], command: str) -> tuple[list[str], list[str]]:
+    """Frequency responses of one axis by several ways."""
+
+    def draw() -> dict[str, Figure]:
+        from beltcomm.report import style
+        from beltcomm.report.ways import Line, ways_figure
+
+        caption = style.Caption(f"{command} {folder.path}", f"{folder.path.resolve().name}/results/{name}_*.csv and recordings")
+        shown = [Line(f"{one.name} ({one.record})", one.response, one.highest_hz, one.way == "open") for one in ways]
+        return {name: ways_figure(shown, caption)}
 
     return _written(folder, draw)
 

@@ -30,12 +30,12 @@ from beltcomm.parameters import GAIN_NAMES
 from beltcomm.recording import Recording
 from beltcomm.session import commission as sequence
 from beltcomm.session import phases
+from beltcomm.session.bounds import Experiment
 from beltcomm.session.commission import Findings
 from beltcomm.session.expectation import SURPRISE, TRAVEL_SLACK_M
 from beltcomm.session.machine import Machine, Room
 from beltcomm.session.making import RESPONSE_S
 from beltcomm.session.plan import MOVE_SECONDS, Plan
-from beltcomm.session.bounds import Experiment
 from beltcomm.sidecar import ExcitationNote, Sidecar
 from beltcomm.simulate.loop import LoopDrive, LoopKind
 
@@ -46,12 +46,13 @@ SLOWEST_M_S = 1e-3
 #: Measured periods of the record, the fewest in one stroke by which the usual speed is chosen, and records before it with rising amplitude.
 PERIODS, FEWEST_IN_STROKE, RISES = 6, 2, 2
 #: s: shortest ramp to the base speed; settling behind it at least and at most, until the speed is within a share of it.
-SHORTEST_RAMP_S, SETTLE_S, LONGEST_SETTLE_S, SETTLED_SHARE = 0.1, 0.1, 2.0, 0.05
+SHORTEST_RAMP_S, SETTLE_S, LONGEST_SETTLE_S, SETTLED_SHARE = 0.1, 0.1, 2.0, 0.01
 #: The least excitation: torque steps of the drive, and share of the base speed; of a standing axis rad/s at the motor.
 LEAST_STEPS, LEAST_SHARE, LEAST_RAD_S = 4.0, 0.01, 0.05
 #: Largest excitation of the speed setpoint over the base speed: the setpoint must not turn round.
 MOST_SHARE = 0.9
-#: Share of the travel limit that a record may come near to without the way of its stop.
+#: Counts that a record must move the motor of a standing axis by.
+MOVED_COUNTS = 50
 TITLES = ("first loop", "excitation, rising", "frequency response in closed loop")
 
 
@@ -60,7 +61,8 @@ class Job:
     """What will be recorded.   way : by which the response is wanted.   cascade : as it travels; with ``loop.cascade`` it is excited.
 
     margin_deg : smallest phase margin.   choice : signal but for amplitude and length.   speed_m_s : base speed, 0 at rest.   why : in words.
-    ramp, settle : s.   periods, strokes : measured periods of each stroke, and strokes.   first, step : the record before it is made.
+    ramp, settle : s.   periods, strokes : measured periods of each stroke, and strokes.   step : largest amplitude.   prediction : of the
+    record with it.
     """
 
     way: Way
@@ -77,14 +79,19 @@ class Job:
     strokes: int
     step: LoopStep
     prediction: MovingPrediction
-    seconds: float
+    torque_step_nm: float
 
-    def motion(self, amplitude: float, sign: float, *, rising: bool, torque_step_nm: float) -> MovingExcitation:
+    def motion(self, amplitude: float, sign: float = 1.0, *, rising: bool = False) -> MovingExcitation:
         """The record with this amplitude; a rising one is one stroke with one measured period."""
         signal = replace(self.choice, repeats=1 if rising else self.periods)
-        step = torque_step_nm if self.loop.into == "torque" else 0.0
+        step = self.torque_step_nm if self.loop.into == "torque" else 0.0
         excitation = signal.excitation(amplitude, self.loop.sample_period_s, torque_step_nm=step)
         return moving(excitation, sign * self.speed_m_s, 1 if rising else self.strokes, self.ramp, self.settle)
+
+    @property
+    def unit(self) -> str:
+        """Of its amplitude."""
+        return "N m" if self.loop.into == "torque" else "rad/s"
 
 
 def offered(capabilities: Capabilities, way: Way, parameters: frozenset[str]) -> tuple[LoopKind, Into]:
@@ -116,7 +123,7 @@ def plan_job(machine: Machine, findings: Findings, model: Model, way: Way, base_
     """
     capabilities = machine.drive.capabilities
     kind, into = offered(capabilities, way, frozenset(machine.drive.backup()))
-    cascade, margin = sequence.first_cascade(machine, findings, model)
+    cascade, margin = sequence.first_cascade(machine, findings, model, sum(machine.full_room().window_m) / 2.0)
     excited = cascade
     if into == "velocity":  # what the drive feeds forward would pass the excitation on beside the controller
         forward = replace(cascade.feedforward, inertia_kg_m2=0.0, viscous_nm_s_rad=0.0, advance_s=0.0)
@@ -125,15 +132,17 @@ def plan_job(machine: Machine, findings: Findings, model: Model, way: Way, base_
     structure = capabilities.structure
     drive = LoopDrive(structure.period_s, sequence.delay(findings), room.torque_nm, capabilities.counts_per_rev)
     loop = ClosedLoop(excited, drive, kind, into, capabilities.sample_period_s)
-    antiresonance, resonance = phases.characteristic_hz(model, machine.position_m)
+    antiresonance, resonance = phases.characteristic_hz(model, sum(machine.full_room().window_m) / 2.0)
     choice: Choice = choose(machine.excitation, capabilities.sample_period_s, antiresonance, resonance, RESPONSE_S)
     period_s = choice.excitation(1.0, capabilities.sample_period_s).period_samples * capabilities.sample_period_s
-    near, far = _ends(machine)
+    near, far = phases.stroke_ends(machine)
     gentle = phases.gentle_limits(machine, model, math.inf)
-    speed, why = _base_speed(base_speed_m_s, abs(far - near), period_s, gentle.acceleration_m_s2, gentle.speed_m_s)
-    ramp = max(SHORTEST_RAMP_S, ramp_s(speed, gentle.acceleration_m_s2))
-    settle = _settling(model, loop, choice, speed, ramp, near)
-    periods, strokes = _strokes(speed, abs(far - near), ramp, settle, period_s)
+    settle = SETTLE_S
+    for _ in range(2):  # the speed says how long the loop settles, and that how fast it may be
+        speed, why = _base_speed(base_speed_m_s, far - near, settle, period_s, gentle.acceleration_m_s2, gentle.speed_m_s)
+        ramp = max(SHORTEST_RAMP_S, ramp_s(speed, gentle.acceleration_m_s2))
+        settle = _settling(model, loop, choice, speed, ramp, near)
+    periods, strokes = _strokes(speed, far - near, ramp, settle, period_s)
     least = LEAST_STEPS * capabilities.torque_step_nm if into == "torque" else max(LEAST_SHARE * speed / machine.ratio, LEAST_RAD_S)
     most = machine.axis.torque_limit_nm
     if into == "velocity":
@@ -144,45 +153,49 @@ def plan_job(machine: Machine, findings: Findings, model: Model, way: Way, base_
         room.torque_nm,
         phases.BELT_SHARE * machine.axis.belt_force_limit_n,
     )
-    sign = 1.0 if far > near else -1.0
     signal = cast("Any", choice)
-    shape = moving(
-        replace(signal, repeats=1).excitation(1.0, loop.sample_period_s), sign * speed, 1, ramp, settle
-    )
+    shape = moving(replace(signal, repeats=1).excitation(1.0, loop.sample_period_s), speed, 1, ramp, settle)
     shape = shape.louder(1.0 / float(np.max(np.abs(shape.added))))
     family = around(model)
     step = largest_moving(family, loop, shape, near, limits, max(most, least), least)
-    seconds = strokes * (REST_S + 2.0 * ramp + settle + TAIL_S + (1 + periods) * period_s) + REST_S
-    job = Job(way, model, loop, cascade, margin, signal, speed, why, ramp, settle, periods, strokes, step, step.prediction, seconds)
-    whole = job.motion(step.amplitude, sign, rising=False, torque_step_nm=capabilities.torque_step_nm)
-    prediction = predict_moving(family, loop, whole, near)
+    found = step.prediction
+    job = Job(
+        way, model, loop, cascade, margin, signal, speed, why, ramp, settle, periods, strokes, step, found, capabilities.torque_step_nm
+    )
+    prediction = predict_moving(family, loop, job.motion(step.amplitude), near if speed else machine.position_m)
     _inside(machine, prediction)
+    _moves(job, step.amplitude, near)
     return replace(job, prediction=prediction)
 
 
 def plan_of(machine: Machine, job: Job) -> Plan:
     """What the user is shown."""
-    axis, told = machine.axis, job.prediction
+    axis, told, period = machine.axis, job.prediction, job.loop.sample_period_s
     low, high = machine.full_room().window_m
-    unit = "N m of torque" if job.loop.into == "torque" else "rad/s of speed setpoint"
-    travels = f"travel at {1e3 * job.speed_m_s:.4g} mm/s, there and back, while an excitation of up to ±{job.step.amplitude:.3g} {unit} runs"
+    signal = f"±{job.step.amplitude:.3g} {job.unit} of {'torque' if job.loop.into == 'torque' else 'speed setpoint'}"
+    what = f"travel at {1e3 * job.speed_m_s:.4g} mm/s, there and back, with an excitation of up to {signal}"
     text = (
-        f"The carriage of {axis.name or 'the axis'} will {travels if job.speed_m_s else f'shake where it stands by ±{job.step.amplitude:.3g} {unit}'} "
-        f"in closed loop (K_P {job.cascade.kp_nm_s_rad:.3g} N m s/rad), in {RISES} short records with rising amplitude and a long one. "
-        f"{job.why[0].upper()}{job.why[1:]}. Bound by {job.step.binds}. Keep people and tools out of its travel; Ctrl-C stops it at any time, "
-        "and the drive gets its own gains back."
+        f"The carriage of {axis.name or 'the axis'} will {what if job.speed_m_s else f'shake where it stands with up to {signal}'}, in closed "
+        f"loop (K_P {job.cascade.kp_nm_s_rad:.3g} N m s/rad): {RISES} short records with rising amplitude and a long one, bound by "
+        f"{job.step.binds}. {job.why[0].upper()}{job.why[1:]}. Keep people and tools out of its travel; Ctrl-C stops it at any time, and the "
+        "drive gets its own gains back."
     )
-    travel = told.high_m - told.low_m
-    short = REST_S * 2.0 + 2.0 * job.ramp + job.settle + TAIL_S + (job.seconds - REST_S) / max(job.strokes * (1 + job.periods), 1) * 2.0
+    short, long = (period * len(job.motion(job.step.amplitude, rising=rising).added) for rising in (True, False))
+    travel, torque = told.high_m - told.low_m, machine.full_room().torque_nm
     positioning = Experiment(
-        "to the end of the travel, before each", high - low, high - low, phases.POSITIONING_SPEED_M_S, machine.full_room().torque_nm,
-        axis.belt_force_limit_n / 3.0, (1 + RISES) * MOVE_SECONDS,
-    )  # fmt: skip
+        "to an end of the strokes, before each",
+        high - low,
+        high - low,
+        min(phases.POSITIONING_SPEED_M_S, machine.full_room().speed_m_s),
+        torque,
+        axis.belt_force_limit_n / 3.0,
+        (1 + RISES) * MOVE_SECONDS,
+    )
     lines = [
         Experiment(title, travel, high - low, told.speed_m_s, told.torque_nm, told.belt_force_n, seconds)
-        for title, seconds in ((TITLES[1], RISES * short), (TITLES[2], job.seconds))
+        for title, seconds in ((TITLES[1], RISES * short), (TITLES[2], long))
     ]
-    return Plan(text, (positioning, *lines))
+    return Plan(text, (*((positioning,) if job.speed_m_s else ()), *lines))
 
 
 def record_all(machine: Machine, findings: Findings, job: Job, *, ask: bool) -> Recording:
@@ -194,28 +207,45 @@ def record_all(machine: Machine, findings: Findings, job: Job, *, ask: bool) -> 
     machine.begin(TITLES[1])
     amplitude = job.step.amplitude / phases.GROWTH**RISES
     for rise in range(1, RISES + 1):
+        if not job.speed_m_s and not _moved_rad(job, amplitude, machine.position_m):
+            amplitude = job.step.amplitude  # what friction holds shows nothing
         recording = _record(machine, job, _free(machine, f"{job.way}_{number}_rise_{rise}"), amplitude, rising=True)
-        amplitude = min(phases.GROWTH * amplitude, _allowed(recording, job, machine.ratio, amplitude))
+        amplitude = min(phases.GROWTH * amplitude, allowed(recording, amplitude, job.loop.drive.counts_per_rev), job.step.amplitude)
     machine.begin(TITLES[2])
-    return _record(machine, job, _free(machine, f"{job.way}_{number}"), min(amplitude, job.step.amplitude), rising=False)
+    return _record(machine, job, _free(machine, f"{job.way}_{number}"), amplitude, rising=False)
 
 
-def slowest_share(recording: Recording) -> float:
-    """Least motor speed over base speed while excited, from differences of the angle; nan where the carriage stood."""
+def _moved_rad(job: Job, amplitude: float, at_m: float) -> bool:
+    """Whether the model of a standing axis is moved by an excitation."""
+    run = simulated(job.model, job.loop, job.motion(amplitude, rising=True), at_m)
+    return float(np.ptp(run.position_rad)) > MOVED_COUNTS * 2.0 * math.pi / job.loop.drive.counts_per_rev
+
+
+def _moves(job: Job, amplitude: float, at_m: float) -> None:
+    """Raise Refused for a standing axis that friction holds against the largest excitation."""
+    if not job.speed_m_s and not _moved_rad(job, amplitude, at_m):
+        raise Refused(
+            f"friction holds the standing axis against ±{amplitude:.3g} {job.unit}, and {job.step.binds} allows no more; let it travel "
+            "(--base-speed)"
+        )
+
+
+def slowest_share(recording: Recording, counts_per_rev: int) -> float:
+    """Least motor speed over its mean while excited, from differences of the angle less one count; nan where the carriage stood."""
     note = recording.sidecar.excitation
     if note is None or not note.base_speed_m_s or not note.period_starts or not note.period_samples:
         return math.nan
-    found = math.inf
+    found, count = math.inf, 2.0 * math.pi / counts_per_rev
     for start in note.period_starts:
-        turned = np.diff(recording.position[start : start + note.period_samples]) / recording.sample_period_s
-        found = min(found, float(np.min(turned * np.sign(np.mean(turned)) / abs(np.mean(turned)))))
+        turned = np.diff(recording.position[start : start + note.period_samples])
+        mean = float(np.mean(turned))
+        found = min(found, (float(np.min(turned * np.sign(mean))) + count) / abs(mean))
     return found
 
 
-def _allowed(recording: Recording, job: Job, ratio: float, amplitude: float) -> float:
-    """The amplitude at which the speed is brought as low as it may, by what a record with a smaller one showed."""
-    share = slowest_share(recording)
-    del ratio
+def allowed(recording: Recording, amplitude: float, counts_per_rev: int) -> float:
+    """The amplitude at which the motor is slowed down as much as it may, by what a record with a smaller one showed."""
+    share = slowest_share(recording, counts_per_rev)
     return amplitude * (1.0 - SLOWEST_SHARE) / max(1.0 - share, 1e-6) if math.isfinite(share) else math.inf
 
 
@@ -227,21 +257,20 @@ def _free(machine: Machine, name: str) -> str:
 def _record(machine: Machine, job: Job, name: str, amplitude: float, *, rising: bool) -> Recording:
     """One record from the nearer end of the travel, predicted before it is made."""
     model, loop = job.model, job.loop
-    ends = _ends(machine)
+    ends = phases.stroke_ends(machine)
     near, far = ends if abs(machine.position_m - ends[0]) <= abs(machine.position_m - ends[1]) else ends[::-1]
     machine.write_cascade(job.cascade)
     if job.speed_m_s:
         phases.move_to(machine, near, model)
     at = machine.position_m
-    motion = job.motion(amplitude, 1.0 if far > near else -1.0, rising=rising, torque_step_nm=machine.drive.capabilities.torque_step_nm)
+    motion = job.motion(amplitude, 1.0 if far > near else -1.0, rising=rising)
     running = machine.write_cascade(loop.cascade)
     exactly = replace(loop, cascade=running)
     predicted = predict_moving(around(model), exactly, motion, at, machine.braking)
     _inside(machine, predicted)
-    unit = "N m" if loop.into == "torque" else "rad/s"
     low_word = f", the motor never slower than {100 * predicted.slowest:.0f} % of that" if math.isfinite(predicted.slowest) else ""
     machine.talk.say(
-        f"{name}: ±{amplitude:.3g} {unit} at {1e3 * job.speed_m_s:.4g} mm/s{low_word}; {predicted.belt_force_n:.0f} N in the belt, "
+        f"{name}: ±{amplitude:.3g} {job.unit} at {1e3 * job.speed_m_s:.4g} mm/s{low_word}; {predicted.belt_force_n:.0f} N in the belt, "
         f"{predicted.torque_nm:.2f} N m, between {1e3 * predicted.low_m:.0f} and {1e3 * predicted.high_m:.0f} mm with a stop"
     )
     first = simulated(model, exactly, motion, at)
@@ -257,7 +286,7 @@ def _record(machine: Machine, job: Job, name: str, amplitude: float, *, rising: 
     room = Room(window, machine.full_room().speed_m_s, machine.full_room().torque_nm, phases.LOST_M if loop.kind == "position" else None)
     known = KnownController(running, loop.kind, loop.drive.period_s, loop.drive.delay_s)
     note = ExcitationNote(
-        kind=cast("Any", job.choice).excitation(1.0, loop.sample_period_s).kind,
+        kind=job.choice.excitation(1.0, loop.sample_period_s).kind,
         amplitude_nm=float(np.max(np.abs(motion.added))) if loop.into == "torque" else None,
         period_samples=motion.period_samples,
         first_sample=motion.starts[0],
@@ -287,7 +316,6 @@ class MovingWatch:
             self._stop("position", f"the motor is {1e3 * off:.3g} mm off its base motion, {1e3 * self.farthest_m:.3g} mm")
         if speed > self.fastest_m_s:
             self._stop("speed", f"the motor runs at {speed:.3g} m/s, {self.fastest_m_s:.3g} m/s")
-        return
 
     def _stop(self, reason: str, what: str) -> None:
         raise SafetyStop(
@@ -295,13 +323,6 @@ class MovingWatch:
             "identify it again (beltcomm identify)",
             reason,
         )
-
-
-def _ends(machine: Machine) -> tuple[float, float]:
-    """Where strokes turn: well inside, for a velocity loop drifts."""
-    low, high = machine.full_room().window_m
-    margin = phases.DRIFT_SHARE / 2.0 * (high - low)
-    return low + margin, high - margin
 
 
 def _inside(machine: Machine, prediction: MovingPrediction) -> None:
@@ -314,26 +335,28 @@ def _inside(machine: Machine, prediction: MovingPrediction) -> None:
         )
 
 
-def _base_speed(asked_m_s: float | None, way_m: float, period_s: float, acceleration: float, top_m_s: float) -> tuple[float, str]:
+def _base_speed(
+    asked_m_s: float | None, way_m: float, settle: float, period_s: float, acceleration: float, top_m_s: float
+) -> tuple[float, str]:
     """The base speed and why.   Raises Refused for one that the travel does not allow."""
     excited = (1 + FEWEST_IN_STROKE) * period_s
 
     def fits(speed: float, seconds: float) -> bool:
         ramp = max(SHORTEST_RAMP_S, ramp_s(speed, acceleration))
-        return speed <= top_m_s and stroke_m(speed, ramp, SETTLE_S, seconds) <= way_m
+        return speed <= top_m_s and stroke_m(speed, ramp, settle, seconds) <= way_m
 
     if asked_m_s == 0.0:
         return 0.0, "it stands, as asked for: friction turns round with it and poses as damping"
     if asked_m_s is not None:
         if asked_m_s < SLOWEST_M_S or not fits(asked_m_s, 2.0 * period_s):
-            longest = way_m / (2.0 * period_s + SHORTEST_RAMP_S + SETTLE_S)
+            longest = way_m / (2.0 * period_s + SHORTEST_RAMP_S + settle)
             raise Refused(
                 f"a base speed of {1e3 * asked_m_s:g} mm/s cannot be: run-in and one period of {period_s:.3g} s need to fit into a stroke of "
                 f"{1e3 * way_m:.0f} mm; give {1e3 * SLOWEST_M_S:g} to {1e3 * min(longest, top_m_s):.0f} mm/s, or 0 to stand"
             )
         return asked_m_s, f"the base speed of {1e3 * asked_m_s:g} mm/s was asked for"
     if fits(USUAL_SPEED_M_S, excited):
-        return USUAL_SPEED_M_S, f"the base speed is the usual {1e3 * USUAL_SPEED_M_S:g} mm/s, at which the motor never turns round"
+        return USUAL_SPEED_M_S, f"the base speed is the usual {1e3 * USUAL_SPEED_M_S:g} mm/s, and the amplitude such that the motor does not turn round"
     shares = np.geomspace(1.0, SLOWEST_M_S / USUAL_SPEED_M_S, 60)
     found = next((float(USUAL_SPEED_M_S * share) for share in shares if fits(float(USUAL_SPEED_M_S * share), excited)), None)
     if found is None:
