@@ -95,7 +95,7 @@ def identify(drive: str, axis: Axis | str, run: Path, *, options: Options | None
     closed = options.in_loop
     with open_drive(drive, options.for_drive()) as connected:
         if closed:
-            return identify_in_loop(connected, drive, axis, run, options, lambda plan, m: _agree(plan, options, talk, m), talk)
+            return identify_in_loop(connected, axis, run, options, lambda plan, m: _agree(plan, options, talk, m), talk)
         return _identify(connected, drive, axis, run, options, talk)
 
 

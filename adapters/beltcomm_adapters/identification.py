@@ -79,9 +79,7 @@ def read_capabilities(
         counts_per_rev=scaling.counts_per_rev,
         torque_step_nm=scaling.torque_nm,
         torque_sampling=profile.torque_sampling,
-        torque_along=frozenset(
-            kind for kind, mode in profile.modes.items() if profile.offsets and mode in modes and mode in OFFSET_MODES
-        ),
+        torque_along=frozenset(kind for kind, mode in profile.modes.items() if profile.offsets and mode in modes and mode in OFFSET_MODES),
         structure=structure_of(profile, _loop_period_s(objects, profile, period_s), *_position_bounds(objects, profile, scaling)),
         rated_torque_nm=scaling.rated_torque_nm,
         peak_torque_nm=peak_permille * 1e-3 * scaling.rated_torque_nm,

@@ -31,9 +31,7 @@ from beltcomm.errors import UsageError
     help="Way of identification; the closed ones travel with a loop from the run's model (--run), so that friction does not pose as "
     "damping: direct and indirect excite the torque, setpoint the speed.",
 )
-@click.option(
-    "--base-speed", "base_speed_m_s", type=shared.Quantity("base_speed_m_s"), help="Of the carriage in a closed way; 0 stands."
-)
+@click.option("--base-speed", "base_speed_m_s", type=shared.Quantity("base_speed_m_s"), help="Of the carriage in a closed way; 0 stands.")
 @shared.pictures_option
 @click.option(
     "--plan", type=click.Path(path_type=Path), metavar="FILE", help="Go on with a run by the plan that `beltcomm diagnose --next` wrote."

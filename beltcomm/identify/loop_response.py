@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final, Literal
 
@@ -26,6 +26,8 @@ CLOSED_WAYS: Final[tuple[Way, ...]] = ("direct", "indirect", "setpoint")
 DOUBT = 0.1
 #: dB: a bias below this is none.
 NO_BIAS_DB = 0.1
+#: Degree of the slow transient within a stroke.
+DRIFT_DEGREE = 2
 #: Lines below this share of the antiresonance show the rigid axis and its damping.
 RIGID_SHARE = 0.6
 
@@ -118,15 +120,43 @@ def seen(recording: Recording, signal: Array) -> FrequencyResponse:
     note = recording.sidecar.excitation
     if note is None or not note.period_samples:
         raise DataError(f"{recording.name} has no periodic excitation; its sidecar must say excitation.period_samples")
+    gaps = len(recording.gaps()) > 0  # then samples and periods do not go together, and the drift stays in the noise
+    starts = () if gaps or note.period_starts is None else note.period_starts
     return estimate_response(
-        signal,
-        recording.position,
+        without_drift(signal, starts, note.period_samples),
+        without_drift(recording.position, starts, note.period_samples),
         recording.sample_period_s,
         note.period_samples,
         note.first_sample,
         t_s=recording.t_s,
         starts=note.period_starts,
     )
+
+
+def without_drift(signal: Array, starts: Sequence[int], period: int) -> Array:
+    """A signal without the slow transient that a loop still has within a stroke: what changes from one period to the next.
+
+    p(t + N) - p(t) = x[t + N] - x[t],  p of degree ``DRIFT_DEGREE``: the excitation's own answer repeats and falls out.   starts : of the
+    periods; those that follow each other are one stroke, and a stroke of one period stays as it is.
+    """
+    cleared = np.array(signal, dtype=np.float64)
+    strokes: list[list[int]] = []
+    for start in starts:
+        if start + period > len(signal):
+            continue
+        if strokes and start == strokes[-1][-1] + period:
+            strokes[-1].append(start)
+        else:
+            strokes.append([start])
+    for stroke in strokes:
+        if len(stroke) < 2:
+            continue
+        part = slice(stroke[0] - 1, stroke[-1] + period)  # a speed is a difference: one sample more
+        x = cleared[part]
+        basis = np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, len(x)), DRIFT_DEGREE)[:, 1:]
+        found, *_ = np.linalg.lstsq(basis[period:] - basis[:-period], x[period:] - x[:-period], rcond=None)
+        cleared[part] = x - basis @ found
+    return cleared
 
 
 def _slower(known: KnownController, recording: Recording) -> tuple[str, ...]:

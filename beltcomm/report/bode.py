@@ -58,7 +58,7 @@ def response_pairs(recordings: Sequence[Recording], judged: Sequence[Judged]) ->
             continue
         each = whole[:, np.newaxis] + np.arange(period)
         torque, needed = _lines(piece.torque[each]), _lines((piece.torque + parts[0].whole)[each])
-        turned = _lines((piece.position[each] - piece.position[each - 1]))
+        turned = _lines(piece.position[each] - piece.position[each - 1])
         freq = np.asarray(np.fft.rfftfreq(period, recording.sample_period_s), dtype=np.float64)
         strong = np.abs(torque) > LEAST_EXCITATION * np.abs(torque[FIRST_LINE:]).max()
         lines = np.flatnonzero(strong & (np.arange(len(freq)) >= FIRST_LINE))
@@ -88,9 +88,7 @@ def _lines(periods: Array) -> ComplexArray:
 def _radius(torque: Array, position: Array, sample_s: float, note: ExcitationNote, freq_hz: Array) -> Array | None:
     """Noise of the measured response at these lines, nan where it is not known; None for a single period."""
     try:
-        response = estimate_response(
-            torque, position, sample_s, note.period_samples or 0, note.first_sample, starts=note.period_starts
-        )
+        response = estimate_response(torque, position, sample_s, note.period_samples or 0, note.first_sample, starts=note.period_starts)
     except DataError:
         return None
     radius = np.full(len(freq_hz), np.nan)

@@ -133,7 +133,8 @@ def dead_time_of(recordings: Sequence[Recording], highest_hz: float) -> DeadTime
     common = [name for name in by_torque if name in by_setpoint]
     if not common:
         raise DataError("no excited record has both torque_nm and torque_setpoint_nm; the drive's delay cannot be told")
-    best = max(common, key=lambda name: by_torque[name].n_periods)
+    standing = {r.name for r in recordings if not r.sidecar.moving}  # louder: nothing turns round that should not
+    best = max(common, key=lambda name: (name in standing, by_torque[name].n_periods))
     return dead_time_between(by_setpoint[best], by_torque[best], lowest_hz=2.0, highest_hz=highest_hz)
 
 

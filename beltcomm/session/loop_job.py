@@ -12,7 +12,7 @@ from beltcomm.errors import UsageError
 from beltcomm.recording import Recording
 from beltcomm.result import Result, plain
 from beltcomm.runfolder import RunFolder
-from beltcomm.session import loop_record, loop_ways, offline, pictures, referencing
+from beltcomm.session import loop_plan, loop_record, loop_ways, offline, pictures, referencing
 from beltcomm.session.loop_ways import Shown
 from beltcomm.session.machine import Machine
 from beltcomm.session.options import Options, settings_of
@@ -21,21 +21,17 @@ from beltcomm.signalfile import write_columns
 from beltcomm.talk import Silence, Talk
 
 
-def identify_in_loop(
-    drive: Drive, name: str, axis: Axis, run: Path, options: Options, agree: Callable[[Plan, Machine], None], talk: Talk
-) -> Result:
+def identify_in_loop(drive: Drive, axis: Axis, run: Path, options: Options, agree: Callable[[Plan, Machine], None], talk: Talk) -> Result:
     """Plan, agree, close the loop, record with rising amplitude, and show the response by every way beside the open-loop one.
 
-    name : of the drive, for what to do next.   agree : shows what will move, raises Refused for a no, and homes when that is asked for.
+    agree : shows what will move, raises Refused for a no, and homes when that is asked for.
     Raises UsageError for a run that does not exist, DataError for one without a model, Refused with what the drive or the axis lacks.
     """
     if not run.is_dir():
-        raise UsageError(
-            f"--loop {options.loop} goes on with a run that has a model, and {run} does not exist; make one: beltcomm identify --drive {name}"
-        )
+        raise UsageError(f"--loop {options.loop} goes on with a run that has a model, and {run} does not exist; make one without --loop")
     folder = RunFolder.create(run, axis, resume=True)
     model = offline.trusted(folder)[0]
-    loop_record.offered(drive.capabilities, options.loop, frozenset(drive.backup()))
+    loop_plan.offered(drive.capabilities, options.loop, frozenset(drive.backup()))
     folder.claim_drive(drive.capabilities.identity)
     findings = offline.fitted(folder, "lm", Silence(), model)
     findings.remarks.clear()  # of other records
@@ -43,8 +39,8 @@ def identify_in_loop(
         machine.check_scaling()
         machine.excitation = options.excitation
         referencing.reference(machine, settings_of(options))
-        job = loop_record.plan_job(machine, findings, model, options.loop, options.base_speed_m_s)
-        plan = loop_record.plan_of(machine, job)
+        job = loop_plan.plan_job(machine, findings, model, options.loop, options.base_speed_m_s)
+        plan = loop_plan.plan_of(machine, job)
         if options.dry_run:
             plan = with_homing(plan, axis, drive.capabilities) if options.home else plan
             data = {"plan": plain(plan), "seconds": plan.seconds, "base_speed_m_s": job.speed_m_s, "amplitude": job.step.amplitude}
@@ -54,7 +50,9 @@ def identify_in_loop(
         seconds = machine.machine_seconds
     slowest = loop_record.slowest_share(recording, drive.capabilities.counts_per_rev)
     ways = loop_ways.all_ways(folder.recordings(), model, recording.name)
-    made, remarks = pictures.ways_picture(folder, recording.name, ways, f"beltcomm identify --loop {options.loop}") if options.pictures else ([], [])
+    made, remarks = (
+        pictures.ways_picture(folder, recording.name, ways, f"beltcomm identify --loop {options.loop}") if options.pictures else ([], [])
+    )
     data = {**saved(folder, recording, ways, slowest), "machine_seconds": seconds, "pictures": made}
     text = [
         f"{recording.name}: the axis in closed loop, {job.why}.",
@@ -91,7 +89,19 @@ def saved(folder: RunFolder, recording: Recording, ways: Sequence[Shown], slowes
 
 def _numbers(one: Shown) -> dict[str, Any]:
     """A response's numbers without its lines."""
-    kept = ("record", "way", "speed_m_s", "resonance", "antiresonance", "mass", "stiffness", "damping", "noise_share", "highest_hz", "remarks")
+    kept = (
+        "record",
+        "way",
+        "speed_m_s",
+        "resonance",
+        "antiresonance",
+        "mass",
+        "stiffness",
+        "damping",
+        "noise_share",
+        "highest_hz",
+        "remarks",
+    )
     return {name: plain(getattr(one, name)) for name in kept} | {"periods": one.response.n_periods}
 
 

@@ -71,24 +71,24 @@ def shown(recording: Recording, way: Way, model: Model) -> Shown:
     """A record read by one way.   Raises DataError when the response itself cannot be had."""
     response = plant_response(recording, way)
     note = recording.sidecar.excitation
-    found: list[Characteristic | None] = [None] * 4
+    resonance = antiresonance = mass = stiffness = damping = None
     remarks = list(response.remarks)
     highest = reaches_hz(response)
     try:
         fit = analyse.thesis_fit(response.lines(response.freq_hz <= highest), model)
-        found = list(_numbers(fit))
+        resonance, antiresonance, mass, stiffness = _numbers(fit)
     except (DataError, Refused) as problem:
         remarks.append(f"no log-magnitude fit ({problem})")
-    damping = None
     try:
-        value, half = rigid_damping(response, found[1].value if found[1] else math.inf)
+        value, half = rigid_damping(response, antiresonance.value if antiresonance else math.inf)
         damping = Characteristic(value, half, "N m s/rad")
     except DataError as problem:
         remarks.append(str(problem))
     within = response.freq_hz <= highest
     share = float(np.median((response.noise / np.abs(response.h))[within]))
     speed = (note.base_speed_m_s or 0.0) if note is not None else 0.0
-    return Shown(recording.name, way, speed, response, *found, damping, share, highest, tuple(remarks))
+    fitted = (resonance, antiresonance, mass, stiffness)
+    return Shown(recording.name, way, speed, response, *fitted, damping, share, highest, tuple(remarks))
 
 
 def reaches_hz(response: FrequencyResponse) -> float:
@@ -138,7 +138,7 @@ def friction_nm(recording: Recording) -> float | None:
 
 
 def all_ways(recordings: Sequence[Recording], model: Model, first: str) -> list[Shown]:
-    """Every way of the record named first, the loudest open-loop record, then the other closed-loop ones; what cannot be read is left out."""
+    """Every way of the record named first, the loudest open-loop record, then other closed-loop ones; what cannot be read is left out."""
     excited = [r for r in recordings if r.sidecar.experiment == "frf" and not r.sidecar.held_out]
     opened = [r for r in excited if not r.sidecar.closed_loop and len(analyse.responses([r]))]
     loudest = sorted(opened, key=lambda r: (len(r.t_s), float(np.std(r.torque))))[-1:]
@@ -190,7 +190,7 @@ def friction_words(recording: Recording, ways: Sequence[Shown], slowest: float) 
     if not own.speed_m_s:
         said.append("The carriage stood: Coulomb friction turned round with it and poses as damping; --base-speed takes that away.")
     elif slowest > 0.0:
-        said.append(f"The motor never turned round: its speed stayed above {100.0 * slowest:.0f} % of the base speed, so friction was constant.")
+        said.append(f"The motor never turned round: it kept {100.0 * slowest:.0f} % of its speed or more, so friction was constant.")
     else:
         said.append("The motor turned round within the excited parts: some friction still poses as damping; travel faster or excite less.")
     moving = next((s for s in ways if s.record == recording.name and s.way in ("indirect", "setpoint") and s.damping is not None), own)
@@ -201,7 +201,8 @@ def friction_words(recording: Recording, ways: Sequence[Shown], slowest: float) 
         )
     level = friction_nm(recording)
     if level is not None:
-        said.append(f"Travelling takes {1e3 * level:.1f} mN m against friction at {1e3 * own.speed_m_s:.3g} mm/s (half the difference of both ways).")
+        at = f"{1e3 * own.speed_m_s:.3g} mm/s"
+        said.append(f"Travelling takes {1e3 * level:.1f} mN m against friction at {at} (half the difference of both ways).")
     return said
 
 
@@ -219,8 +220,8 @@ def bias_words(recording: Recording, ways: Sequence[Shown]) -> list[str]:
     said = []
     if math.isfinite(below) and math.isfinite(above):
         said.append(
-            f"{indirect.way} against direct, same record: {below:+.2f} ± {half:.2f} dB up to {middle:.3g} Hz, {above:+.2f} ± {half_above:.2f} dB "
-            f"from there to {top:.3g} Hz (noise of both, 95 %)."
+            f"{indirect.way} against direct, same record: {below:+.2f} ± {half:.2f} dB up to {middle:.3g} Hz, "
+            f"{above:+.2f} ± {half_above:.2f} dB from there to {top:.3g} Hz (noise of both, 95 %)."
         )
     return [
         *said,

@@ -248,7 +248,7 @@ class Machine:
         )
 
     def _check_stops(self, motion: Motion, foreseen: tuple[Array, Array] | None = None) -> None:
-        """Raise Refused when a stop at some moment of a closed-loop motion would end outside the travel.   foreseen : as in :meth:`record`."""
+        """Raise Refused when a stop at some moment of a closed-loop motion would end outside the travel.   foreseen : of :meth:`record`."""
         if motion.kind == "torque":
             return
         asked = self.ratio * (motion.position_rad - self.origin_rad), self.ratio * motion.velocity_rad_s

@@ -56,8 +56,8 @@ def simulate_loop(
 ) -> LoopRun:
     """The drive's own loop on a model that begins at rest, one reference per loop period.
 
-    kind : which loop is closed; "velocity" leaves the position free.   start_m : carriage, m.   reference_rad : (n,), motor shaft, from where
-    it began.   reference_rad_s, added_nm : (n,), speed asked for and torque added to the controller's.
+    kind : which loop is closed; "velocity" leaves the position free.   start_m : carriage, m.   reference_rad : (n,), motor shaft, from
+    where it began.   reference_rad_s, added_nm : (n,), speed asked for and torque added to the controller's.
     """
     n = len(added_nm)
     plant = SimulatedPlant(model, start_m, substeps_needed(model, start_m))
