@@ -9,6 +9,7 @@ from typing import Any, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import stdtrit
 
 from beltcomm.closed_loop import Loop, feedback, from_setpoint_excitation, from_torque_excitation, setpoint_path
 from beltcomm.control import Cascade
@@ -28,8 +29,10 @@ DOUBT = 0.1
 NO_BIAS_DB = 0.1
 #: Degree of the slow transient within a stroke.
 DRIFT_DEGREE = 2
-#: Lines below this share of the antiresonance show the rigid axis and its damping.
-RIGID_SHARE = 0.6
+#: Neighbouring lines over which the noise is averaged for their weights.
+SMOOTHED = 5
+#: Lines below this share of the antiresonance show the rigid axis and its damping: the belt damper adds i² d (m ω²/c)² to it, a 40th of its own there.
+RIGID_SHARE = 0.4
 
 
 @dataclass(frozen=True)
@@ -198,11 +201,13 @@ def rigid_damping(response: FrequencyResponse, antiresonance_hz: float) -> tuple
     omega = 2.0 * np.pi * response.freq_hz[low]
     held = np.exp(-0.5j * omega * response.sample_period_s)
     each = np.real(held / (1j * omega * response.h[low]))
-    deviation = response.noise[low] / (np.sqrt(2.0) * omega * np.abs(response.h[low]) ** 2)
-    weight = 1.0 / deviation**2
+    variance = 0.5 * (response.noise[low] / (omega * np.abs(response.h[low]) ** 2)) ** 2
+    # of a few periods the noise of a single line is hardly known: a line that seems quiet by chance must not outweigh the rest
+    width = min(SMOOTHED, len(variance))
+    weight = 1.0 / (np.convolve(variance, np.ones(width), "same") / np.convolve(np.ones(len(variance)), np.ones(width), "same"))
     mean = float(np.sum(weight * each) / np.sum(weight))
     inflated = max(1.0, math.sqrt(float(np.sum(weight * (each - mean) ** 2)) / (len(each) - 1)))
-    return mean, 1.96 * inflated / math.sqrt(float(np.sum(weight)))
+    return mean, float(stdtrit(len(each) - 1, 0.975)) * inflated / math.sqrt(float(np.sum(weight)))
 
 
 def difference_db(one: FrequencyResponse, other: FrequencyResponse, low_hz: float, high_hz: float) -> tuple[float, float]:

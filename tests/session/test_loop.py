@@ -54,7 +54,8 @@ def true_response(truth: dict[str, float], freq_hz: np.ndarray, sample_s: float 
             [i * c / m, -c / m, i * b / m, -b / m],
         ]
     )
-    discrete_a, discrete_b, *_ = cont2discrete((a, [[0.0], [0.0], [1.0 / theta], [0.0]], np.eye(4), np.zeros((4, 1))), sample_s)
+    b_torque = np.array([[0.0], [0.0], [1.0 / theta], [0.0]])
+    discrete_a, discrete_b, *_ = cont2discrete((a, b_torque, np.eye(4), np.zeros((4, 1))), sample_s)
     z = np.exp(2j * np.pi * freq_hz * sample_s)
     return np.array([np.linalg.solve(one * np.eye(4) - discrete_a, discrete_b)[0, 0] for one in z])
 
