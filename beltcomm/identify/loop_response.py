@@ -31,7 +31,8 @@ NO_BIAS_DB = 0.1
 DRIFT_DEGREE = 2
 #: Neighbouring lines over which the noise is averaged for their weights.
 SMOOTHED = 5
-#: Lines below this share of the antiresonance show the rigid axis and its damping: the belt damper adds i² d (m ω²/c)² to it, a 40th of its own there.
+#: Lines below this share of the antiresonance show the rigid axis and its damping; there the belt damper adds a 40th of its own, by
+#: i² b (m ω²/c)².
 RIGID_SHARE = 0.4
 
 

@@ -112,7 +112,9 @@ def test_the_ways_agree_with_the_plant_and_moving_takes_friction_away(make_bench
 def wrong_controller(record: Recording) -> None:
     """(3.22) with C' = 1.2 C:  Ĝ'/Ĝ = (1 - S C)/(1 - S C')  exactly, so a bias below the crossover and hardly one above."""
     known = known_controller(record.sidecar.controller, record.name)
-    doubted = replace(known, cascade=replace(known.cascade, kp_nm_s_rad=1.2 * known.cascade.kp_nm_s_rad, ki_nm_rad=1.2 * known.cascade.ki_nm_rad))
+    doubted = replace(
+        known, cascade=replace(known.cascade, kp_nm_s_rad=1.2 * known.cascade.kp_nm_s_rad, ki_nm_rad=1.2 * known.cascade.ki_nm_rad)
+    )
     other = replace(record, sidecar=replace(record.sidecar, controller=doubted.to_dict()))
     right, wrong = plant_response(record, "indirect"), plant_response(other, "indirect")
     late = np.exp(-2j * np.pi * right.freq_hz * known.delay_s)
