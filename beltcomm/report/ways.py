@@ -37,7 +37,7 @@ def ways_figure(shown: Sequence[Line], caption: style.Caption) -> Figure:
             found = line.response.lines(line.response.freq_hz <= line.highest_hz)
             colour = OPEN if line.opened else next(colours, style.FAINT)
             clear = found.noise < LARGEST_NOISE * np.abs(found.h)  # the phase of noise says nothing
-            phase = np.where(clear, np.degrees(np.unwrap(np.angle(-found.h))) - 180.0, np.nan)
+            phase = np.where(clear, (np.degrees(np.angle(found.h)) - 10.0) % 360.0 - 350.0, np.nan)
             upper.plot(found.freq_hz, 20.0 * np.log10(np.abs(found.h)), color=colour, linewidth=1.1, label=line.label)
             middle.plot(found.freq_hz, phase, color=colour, linewidth=1.0)
             lower.plot(found.freq_hz, 100.0 * found.noise / np.abs(found.h), color=colour, linewidth=0.9)

@@ -20,6 +20,9 @@ from beltcomm.session.plan import Plan, with_homing
 from beltcomm.signalfile import write_columns
 from beltcomm.talk import Silence, Talk
 
+#: s: a loop that settles more slowly leaves a transient in what is measured.
+SLOW_S = 0.5
+
 
 def identify_in_loop(drive: Drive, axis: Axis, run: Path, options: Options, agree: Callable[[Plan, Machine], None], talk: Talk) -> Result:
     """Plan, agree, close the loop, record with rising amplitude, and show the response by every way beside the open-loop one.
@@ -46,6 +49,11 @@ def identify_in_loop(drive: Drive, axis: Axis, run: Path, options: Options, agre
             data = {"plan": plain(plan), "seconds": plan.seconds, "base_speed_m_s": job.speed_m_s, "amplitude": job.step.amplitude}
             return Result({**data, "bound_by": job.step.binds}, [*plan.lines(), "Nothing was moved (--dry-run)."])
         agree(plan, machine)
+        if job.settle > SLOW_S:
+            findings.remarks.append(
+                f"this loop takes {job.settle:.2g} s and a period to settle at its base speed: what is left of that is not all in the noise "
+                "shown, and moves lines near the antiresonance, where the motor answers least; compare with --base-speed half as fast"
+            )
         recording = loop_record.record_all(machine, findings, job, ask=not options.yes)
         seconds = machine.machine_seconds
     slowest = loop_record.slowest_share(recording, drive.capabilities.counts_per_rev)

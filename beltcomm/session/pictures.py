@@ -87,7 +87,7 @@ def ways_picture(folder: RunFolder, name: str, ways: Sequence[Shown], command: s
         from beltcomm.report import style
         from beltcomm.report.ways import Line, ways_figure
 
-        caption = style.Caption(f"{command} {folder.path}", f"{folder.path.resolve().name}/results/{name}_*.csv and recordings")
+        caption = style.Caption(f"{command} --run {folder.path}", f"{folder.path.resolve().name}/results/{name}_*.csv and recordings")
         shown = [Line(f"{one.name} ({one.record})", one.response, one.highest_hz, one.way == "open") for one in ways]
         return {name: ways_figure(shown, caption)}
 

@@ -159,7 +159,7 @@ def test_stop_and_close_can_be_called_at_any_time(machine):
 
 
 def test_a_torque_sent_along_a_speed_is_added_and_recorded_or_refused(machine):
-    """60B2h in the speed loop: an inertia at rest in a loop that asks for no speed moves by what is added, and the loop works against it."""
+    """60B2h in the speed loop: an inertia at rest, asked for no speed, moves by what is added, and the loop works against it."""
     n = round(0.4 / machine.period_s)
     step = machine.drive.capabilities.torque_step_nm
     added = np.zeros(n)
