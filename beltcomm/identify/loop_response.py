@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Final, Literal
 
@@ -27,8 +27,6 @@ CLOSED_WAYS: Final[tuple[Way, ...]] = ("direct", "indirect", "setpoint")
 DOUBT = 0.1
 #: dB: a bias below this is none.
 NO_BIAS_DB = 0.1
-#: Degree of the slow transient within a stroke.
-DRIFT_DEGREE = 2
 #: Neighbouring lines over which the noise is averaged for their weights.
 SMOOTHED = 5
 #: Lines below this share of the antiresonance show the rigid axis and its damping; there the belt damper adds a 40th of its own, by
@@ -124,43 +122,15 @@ def seen(recording: Recording, signal: Array) -> FrequencyResponse:
     note = recording.sidecar.excitation
     if note is None or not note.period_samples:
         raise DataError(f"{recording.name} has no periodic excitation; its sidecar must say excitation.period_samples")
-    gaps = len(recording.gaps()) > 0  # then samples and periods do not go together, and the drift stays in the noise
-    starts = () if gaps or note.period_starts is None else note.period_starts
     return estimate_response(
-        without_drift(signal, starts, note.period_samples),
-        without_drift(recording.position, starts, note.period_samples),
+        signal,
+        recording.position,
         recording.sample_period_s,
         note.period_samples,
         note.first_sample,
         t_s=recording.t_s,
         starts=note.period_starts,
     )
-
-
-def without_drift(signal: Array, starts: Sequence[int], period: int) -> Array:
-    """A signal without the slow transient that a loop still has within a stroke: what changes from one period to the next.
-
-    p(t + N) - p(t) = x[t + N] - x[t],  p of degree ``DRIFT_DEGREE``: the excitation's own answer repeats and falls out.   starts : of the
-    periods; those that follow each other are one stroke, and a stroke of one period stays as it is.
-    """
-    cleared = np.array(signal, dtype=np.float64)
-    strokes: list[list[int]] = []
-    for start in starts:
-        if start + period > len(signal):
-            continue
-        if strokes and start == strokes[-1][-1] + period:
-            strokes[-1].append(start)
-        else:
-            strokes.append([start])
-    for stroke in strokes:
-        if len(stroke) < 2:
-            continue
-        part = slice(stroke[0] - 1, stroke[-1] + period)  # a speed is a difference: one sample more
-        x = cleared[part]
-        basis = np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, len(x)), DRIFT_DEGREE)[:, 1:]
-        found, *_ = np.linalg.lstsq(basis[period:] - basis[:-period], x[period:] - x[:-period], rcond=None)
-        cleared[part] = x - basis @ found
-    return cleared
 
 
 def _slower(known: KnownController, recording: Recording) -> tuple[str, ...]:
