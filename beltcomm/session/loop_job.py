@@ -51,7 +51,7 @@ def identify_in_loop(drive: Drive, axis: Axis, run: Path, options: Options, agre
         agree(plan, machine)
         if job.settle > SLOW_S:
             findings.remarks.append(
-                f"this loop takes {job.settle:.2g} s and a period to settle at its base speed: what is left of that moves the lines near the "
+                f"this loop takes {job.settle:.2g} s and a period to settle at its speed: what is left of that moves the lines near the "
                 "antiresonance, where the motor answers least, by more than the noise shown; the model of `beltcomm fit` does not mind"
             )
         recording = loop_record.record_all(machine, findings, job, ask=not options.yes)
