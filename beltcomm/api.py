@@ -35,6 +35,7 @@ from beltcomm.session.follow_job import follow_plan
 from beltcomm.session.foresight import foretold
 from beltcomm.session.friction_study import friction_compare as friction_compare
 from beltcomm.session.laboratory import add_to_run, compare_run, diagnose_run, ladder_of_run, remove_from_run
+from beltcomm.session.loop_job import identify_in_loop
 from beltcomm.session.machine import Machine, backed_up
 from beltcomm.session.move_file import trajectory as trajectory
 from beltcomm.session.options import Options, settings_of
@@ -89,10 +90,16 @@ def commission(drive: str, axis: Axis | str, run: Path, *, options: Options | No
 
 
 def identify(drive: str, axis: Axis | str, run: Path, *, options: Options | None = None, talk: Talk | None = None) -> Result:
-    """Sign check, rising excitation, one open-loop response here, a first model; without a reference inside ``Options.window_m``."""
+    """Sign check, rising excitation, one open-loop response here, a first model; without a reference inside ``Options.window_m``.
+
+    With ``Options.loop`` a closed-loop response into an existing run with a model: :mod:`beltcomm.session.loop_job`.
+    """
     options, talk, axis = options or Options(), talk or Silence(), _axis(axis)
     referencing.suitable(axis)
+    closed = options.in_loop
     with open_drive(drive, options.for_drive()) as connected:
+        if closed:
+            return identify_in_loop(connected, axis, run, options, lambda plan, m: _agree(plan, options, talk, m), talk)
         return _identify(connected, drive, axis, run, options, talk)
 
 

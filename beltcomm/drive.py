@@ -73,7 +73,8 @@ class Motion:
     kind : "torque"    torque setpoint, all loops open (cyclic synchronous or profile torque);
            "position"  the drive closes its cascade on ``position_rad`` (cyclic synchronous or interpolated position),
                        ``velocity_rad_s`` is its velocity feedforward and ``torque_nm`` is added to its torque;
-           "velocity"  the drive closes its velocity loop on ``velocity_rad_s``.
+           "velocity"  the drive closes its velocity loop on ``velocity_rad_s``; ``torque_nm`` is added to its torque.
+           What a drive cannot add (:attr:`Capabilities.torque_along`) must be zero.
     period_s : float, s, a whole multiple of ``Capabilities.sample_period_s``.
     position_rad : ndarray (n,), rad, motor shaft, absolute in the drive's zero.
     velocity_rad_s, torque_nm : ndarray (n,).   Arrays a kind does not use are zero.
@@ -104,6 +105,7 @@ class Capabilities:
     structure : the cascade inside the drive.
     rated_torque_nm, peak_torque_nm : N m.    rated_current_a : A rms.    max_speed_rad_s : rad/s.
     referenced : the drive knows its zero.
+    torque_along : the kinds of closed-loop motion to whose torque it adds the motion's.
     identity : name, maker, serial number, firmware ... as text, to recognise the same drive on ``--resume``.
     """
 
@@ -121,6 +123,7 @@ class Capabilities:
     can_home: bool
     referenced: bool
     identity: Mapping[str, str] = field(default_factory=dict)
+    torque_along: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True)

@@ -39,7 +39,7 @@ __all__ = [
 
 #: What was asked of a signal.
 _REFERENCES: Final = {"position": "reference_position", "velocity": "reference_velocity", "torque": "torque_setpoint"}
-_OPTIONAL = ("torque_setpoint", "velocity", "reference_position", "reference_velocity", *COMMON)
+_OPTIONAL = ("torque_setpoint", "velocity", "reference_position", "reference_velocity", "torque_offset", *COMMON)
 #: Fewer samples are no measurement of a motion (a static map: of a position dependence).
 FEWEST_SAMPLES = {"static_map": 3}
 FEWEST_SAMPLES_IN_TIME = 10
@@ -55,6 +55,7 @@ class Recording:
     torque : ndarray (n,), N m at the motor shaft (side "load": N; "ampere": A); torque[n] acts from t[n] to t[n+1].
     position : ndarray (n,), rad, motor shaft (side "load": m), sampled at t[n].
     torque_setpoint, velocity, reference_position, reference_velocity : ndarray (n,) in the same units, None where absent.
+    torque_offset : ndarray (n,), what was added to a controller's torque; None where absent.
     temperature_c, cart_position_m, load_position_rad : ndarray (n,), None where absent.
     side : which of the three.     sidecar : what was done.     notes : sentences on what was ignored or looks odd.
     extra : further columns by name, kept and not used.     file : where it came from, for messages.
@@ -69,6 +70,7 @@ class Recording:
     velocity: Array | None = None
     reference_position: Array | None = None
     reference_velocity: Array | None = None
+    torque_offset: Array | None = None
     temperature_c: Array | None = None
     cart_position_m: Array | None = None
     load_position_rad: Array | None = None

@@ -12,7 +12,7 @@ from beltcomm.quantities import in_other_unit
 Side = Literal["motor", "load", "ampere"]
 
 #: Column of each signal, by side.  ``force_setpoint_n``, ``current_setpoint_a`` and ``reference_velocity_m_s`` follow the
-#: pattern of the others.
+#: pattern of the others; an offset is what was added to a controller's torque (60B2h).
 CHANNELS: Final[Mapping[Side, Mapping[str, str]]] = {
     "motor": {
         "torque": "torque_nm",
@@ -21,6 +21,7 @@ CHANNELS: Final[Mapping[Side, Mapping[str, str]]] = {
         "velocity": "velocity_rad_s",
         "reference_position": "reference_position_rad",
         "reference_velocity": "reference_velocity_rad_s",
+        "torque_offset": "torque_offset_nm",
     },
     "load": {
         "torque": "force_n",
@@ -29,6 +30,7 @@ CHANNELS: Final[Mapping[Side, Mapping[str, str]]] = {
         "velocity": "velocity_m_s",
         "reference_position": "reference_position_m",
         "reference_velocity": "reference_velocity_m_s",
+        "torque_offset": "force_offset_n",
     },
     "ampere": {
         "torque": "current_a",
@@ -37,6 +39,7 @@ CHANNELS: Final[Mapping[Side, Mapping[str, str]]] = {
         "velocity": "velocity_rad_s",
         "reference_position": "reference_position_rad",
         "reference_velocity": "reference_velocity_rad_s",
+        "torque_offset": "current_offset_a",
     },
 }
 #: What a drive reports, in this order.

@@ -5,6 +5,7 @@ Torque at the motor shaft in N m, angle of the motor shaft in rad, so h is in ra
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
@@ -121,6 +122,7 @@ def estimate_response(
     first_sample: int,
     *,
     t_s: Array | None = None,
+    starts: Sequence[int] | None = None,
 ) -> FrequencyResponse:
     """Empirical transfer function estimate with Clary's method II, averaged over the periods in the frequency domain.
 
@@ -135,11 +137,12 @@ def estimate_response(
     motor angle.     sample_period_s : T_s, s.     period_samples : samples of one period.     first_sample : where the
     first measured period begins; what is before is run-in.     t_s : ndarray (n,), s, time stamps.  A gap in them, or a
     value that is not finite, is a lost sample: its period is left out, and the later periods keep their places.
+    starts : first samples of the periods that count, where not every one behind ``first_sample`` does.
     Returns lines 1/(period) apart, without those the torque does not excite.
     Raises DataError when arrays do not match, fewer than two whole periods are left or no line is excited.
     Source: thesis (3.7) to (3.15), 3.4; Pintelon, Schoukens, System Identification (2012), section 2.4.
     """
-    freq_hz, u, w, remarks = period_spectra(torque, position, sample_period_s, period_samples, first_sample, t_s=t_s)
+    freq_hz, u, w, remarks = period_spectra(torque, position, sample_period_s, period_samples, first_sample, t_s=t_s, starts=starts)
     n_used = len(u)
     u_mean, w_mean = u.mean(axis=0), w.mean(axis=0)
     u_std = np.sqrt(np.sum(np.abs(u - u_mean) ** 2, axis=0) / (n_used - 1) / n_used)
@@ -180,6 +183,7 @@ def period_spectra(
     first_sample: int,
     *,
     t_s: Array | None = None,
+    starts: Sequence[int] | None = None,
 ) -> tuple[Array, ComplexArray, ComplexArray, list[str]]:
     """Spectra of torque and speed of every whole period: frequencies (k,), Hz, û_p and ŵ_p (periods, k), and what was left out.
 
@@ -189,10 +193,11 @@ def period_spectra(
     if period_samples < 4 or first_sample < 0:
         raise DataError(f"a period of {period_samples} samples from sample {first_sample} on is no periodic excitation")
     speed = np.concatenate(([np.nan], np.diff(angle)))
-    n_whole = max(0, (len(drive) - first_sample) // period_samples)
-    stop = first_sample + n_whole * period_samples
-    torque_periods = drive[first_sample:stop].reshape(n_whole, period_samples)
-    speed_periods = speed[first_sample:stop].reshape(n_whole, period_samples)
+    begins = range(first_sample, len(drive) - period_samples + 1, period_samples) if starts is None else starts
+    whole_ones = [start for start in begins if start + period_samples <= len(drive)]
+    n_whole = len(whole_ones)
+    each = np.array(whole_ones, dtype=np.intp)[:, np.newaxis] + np.arange(period_samples)
+    torque_periods, speed_periods = drive[each], speed[each]
     whole = np.isfinite(torque_periods).all(axis=1) & np.isfinite(speed_periods).all(axis=1)
     n_used = int(whole.sum())
     if n_used < 2:

@@ -27,12 +27,18 @@ class ExcitationNote:
 
     kind : one of EXCITATION_KINDS.     amplitude_nm : N m (N for side "load"), largest absolute torque; None when not known.
     period_samples : samples of one period; None when it does not repeat.     first_sample : where the first period begins.
+    period_starts : first samples of the periods that count, where others lie between them; None: all behind first_sample.
+    amplitude_rad_s : largest change of the speed setpoint, where that is what was excited.
+    base_speed_m_s : at which the carriage travelled; None when it stood.
     """
 
     kind: str
     amplitude_nm: float | None = None
     period_samples: int | None = None
     first_sample: int = 0
+    period_starts: tuple[int, ...] | None = None
+    amplitude_rad_s: float | None = None
+    base_speed_m_s: float | None = None
 
 
 @dataclass(frozen=True)
@@ -72,12 +78,17 @@ class Sidecar:
             if value is not None and value < low:
                 raise DataError(f"excitation.{key} is {value:g}; it must be at least {low:g}")
 
+    @property
+    def moving(self) -> bool:
+        """Whether the carriage travelled while it was excited: then the record stands for no single place."""
+        return self.excitation is not None and bool(self.excitation.base_speed_m_s)
+
     def to_dict(self) -> dict[str, Any]:
         """The keys that say something, in the order of the file."""
         data = {item.name: getattr(self, item.name) for item in fields(self) if item.name not in {"excitation", "extra"}}
         if self.excitation is not None:
             note = {item.name: getattr(self.excitation, item.name) for item in fields(self.excitation)}
-            data["excitation"] = {key: value for key, value in note.items() if value is not None}
+            data["excitation"] = {key: list(v) if isinstance(v, tuple) else v for key, v in note.items() if v is not None}
         if self.finished:  # the contract knows no such key: a finished record needs none
             del data["finished"]
         known = {key: value for key, value in data.items() if value is not None and value != {} and value != ""}
@@ -134,6 +145,8 @@ def _excitation(value: Any) -> ExcitationNote | None:
 def _typed(key: str, value: Any) -> Any:
     """The value in the type its key has; raises DataError for another one."""
     name = key.rpartition(".")[2]
+    if name == "period_starts" and isinstance(value, (list, tuple)):
+        return tuple(_typed(key, item) for item in value)
     if name in {"experiment", "source", "kind"}:
         return str(value)
     if name in {"closed_loop", "held_out", "finished"}:
@@ -143,7 +156,7 @@ def _typed(key: str, value: Any) -> Any:
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
         unit = unit_of(name)
         raise DataError(f"{key} is {value!r}; give a number{unit and f' in {unit}'}")
-    if name in {"period_samples", "first_sample"}:
+    if name in {"period_samples", "first_sample", "period_starts"}:
         if not float(value).is_integer():
             raise DataError(f"{key} is {value!r}; give a whole number of samples")
         return int(value)

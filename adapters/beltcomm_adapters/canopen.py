@@ -107,7 +107,9 @@ class CanopenDrive:
         here_rad = self._here_rad()
         drive_torque_nm = self._objects.read_int(0x6072, 0, "uint16") * self._scaling.torque_nm
         check_motion(motion, limits, self.capabilities, self._profile, here_rad, drive_torque_nm)
-        layout = layout_of(self._profile.modes[motion.kind], self._profile.offsets)
+        # a speed loop gets 60B2h only when something is to be added: not every drive lets it be mapped there
+        offsets = self._profile.offsets and (motion.kind != "velocity" or bool(motion.torque_nm.any()))
+        layout = layout_of(self._profile.modes[motion.kind], offsets)
         with self._enabled(layout, motion.kind, motion.period_s, limits, motion) as run:
             return run.follow(Setpoints.of(motion, self._scaling), self._profile.torque_sampling, sink)
 

@@ -12,6 +12,7 @@ from beltcomm_adapters.gains import structure_of
 from beltcomm_adapters.profiles import Profile
 from beltcomm_adapters.scaling import Scaling
 from beltcomm_adapters.sdo import Objects
+from beltcomm_adapters.setpoints import OFFSET_MODES
 
 HOMING_MODE = 6
 _MODE_BITS = {1: 0, 2: 1, 3: 2, 4: 3, 6: 5, 7: 6, 8: 7, 9: 8, 10: 9}  # 6502h
@@ -78,6 +79,7 @@ def read_capabilities(
         counts_per_rev=scaling.counts_per_rev,
         torque_step_nm=scaling.torque_nm,
         torque_sampling=profile.torque_sampling,
+        torque_along=frozenset(kind for kind, mode in profile.modes.items() if profile.offsets and mode in modes and mode in OFFSET_MODES),
         structure=structure_of(profile, _loop_period_s(objects, profile, period_s), *_position_bounds(objects, profile, scaling)),
         rated_torque_nm=scaling.rated_torque_nm,
         peak_torque_nm=peak_permille * 1e-3 * scaling.rated_torque_nm,

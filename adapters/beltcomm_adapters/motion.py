@@ -276,6 +276,7 @@ class Run:
         positions = [value * rad for value in setpoints.position] if setpoints.kind == "position" else None
         velocities = None if torque_mode else [value * rad_s for value in setpoints.velocity]
         torques = [value * nm for value in setpoints.torque] if torque_mode else None
+        added = [value * nm for value in setpoints.torque] if not torque_mode and any(setpoints.torque) else None
 
         def row(n: int, start_s: float, now: Sample, following: Sample) -> tuple[float, ...]:
             setpoint = nan  # unless the drive reports it
@@ -291,6 +292,7 @@ class Run:
                 now.velocity * rad_s,
                 nan if positions is None else positions[n],
                 nan if velocities is None else velocities[n],
+                nan if added is None else added[n],
             )
 
         return row

@@ -15,7 +15,7 @@ from beltcomm_adapters.link import GUARD_TIME_MS, HOST_NODE
 from beltcomm_adapters.profiles import Profile
 from beltcomm_adapters.scaling import Scaling
 from beltcomm_adapters.sdo import Lending, Objects
-from beltcomm_adapters.setpoints import Layout
+from beltcomm_adapters.setpoints import OFFSET_MODES, Layout
 
 #: The drive's own speed limit stands this far above the host's: the host brakes, the drive switches off and lets the axis
 #: coast.
@@ -88,7 +88,7 @@ def _check_period(motion: Motion, capabilities: Capabilities, profile: Profile) 
 
 
 def _check_torque_input(motion: Motion, profile: Profile) -> None:
-    if motion.torque_nm.any() and not (motion.kind == "position" and profile.offsets):
+    if motion.torque_nm.any() and not (profile.offsets and profile.modes[motion.kind] in OFFSET_MODES):
         raise UsageError(
             f"{profile.title} takes no feedforward torque in a motion of kind {motion.kind!r}; plan it without (torque_nm = 0)"
         )

@@ -13,6 +13,8 @@ from beltcomm_adapters.exchange import MappedObject
 from beltcomm_adapters.scaling import Scaling
 
 _CONTROLWORD: Final[MappedObject] = (0x6040, 0, 16)
+#: Modes in which 60B2h is added to the controller's torque.
+OFFSET_MODES: Final = (8, 9)
 
 
 @dataclass(frozen=True)
@@ -30,8 +32,9 @@ class Layout:
 
 
 def layout_of(mode: int, offsets: bool) -> Layout:
-    """The layout of a mode of operation: 3, 4, 6, 7, 8, 9 or 10; ``offsets``: mode 8 carries 60B1h and 60B2h as well."""
+    """The layout of a mode of operation: 3, 4, 6, 7, 8, 9 or 10; ``offsets``: mode 8 carries 60B1h and 60B2h as well, mode 9 60B2h."""
     torque, velocity = ((_CONTROLWORD, (0x6071, 0, 16)),), ((_CONTROLWORD, (0x60FF, 0, 32)),)
+    added: tuple[tuple[MappedObject, ...], ...] = (((0x60B2, 0, 16),),) if offsets else ()
     position: tuple[tuple[MappedObject, ...], ...] = ((_CONTROLWORD, (0x607A, 0, 32)),)
     if offsets:
         position += (((0x60B1, 0, 32), (0x60B2, 0, 16)),)
@@ -41,7 +44,7 @@ def layout_of(mode: int, offsets: bool) -> Layout:
         6: Layout(6, ((_CONTROLWORD,),), False),
         7: Layout(7, ((_CONTROLWORD, (0x60C1, 1, 32)),), True, ENABLE_INTERPOLATION),
         8: Layout(8, position, True),
-        9: Layout(9, velocity, True),
+        9: Layout(9, velocity + added, True),
         10: Layout(10, torque, True),
     }[mode]
 
@@ -85,7 +88,8 @@ class Frames:
         if self._kind == "torque":
             return (struct.pack("<Hh", controlword, torque),)
         if self._kind == "velocity":
-            return (struct.pack("<Hi", controlword, velocity),)
+            asked = struct.pack("<Hi", controlword, velocity)
+            return (asked, struct.pack("<h", torque)) if self._offsets else (asked,)
         head = struct.pack("<Hi", controlword, position)
         return (head, struct.pack("<ih", velocity, torque)) if self._offsets else (head,)
 

@@ -25,22 +25,34 @@ from beltcomm.errors import UsageError
     help="Signal of the frequency response; prbs when left out.  A multisine tells nonlinearity from noise.",
 )
 @click.option(
+    "--loop",
+    type=click.Choice(("open", "direct", "indirect", "setpoint")),
+    default="open",
+    help="Way of identification; the closed ones travel with a loop from the run's model (--run), so that friction does not pose as "
+    "damping: direct and indirect excite the torque, setpoint the speed.",
+)
+@click.option("--base-speed", "base_speed_m_s", type=shared.Quantity("base_speed_m_s"), help="Of the carriage in a closed way; 0 stands.")
+@shared.pictures_option
+@click.option(
     "--plan", type=click.Path(path_type=Path), metavar="FILE", help="Go on with a run by the plan that `beltcomm diagnose --next` wrote."
 )
 @shared.output_options
 @click.pass_obj
 def command(frame: Frame, /, drive: str, axis: str | None, run: Path | None, resume: bool, plan: Path | None, **given: Any) -> int:
-    """Measure frequency responses; the machine moves by some millimetres.
+    """Measure frequency responses; the machine moves by some millimetres, with --loop along its travel.
 
     The amplitude rises step by step inside limits that are predicted before each step. A drive that does not know where the carriage
     stands needs --position or --home, or --window for a record at this place alone.
     """
+    closed = given["loop"] != "open"
+    if closed and (run is None or plan is not None):
+        raise UsageError(f"--loop {given['loop']} goes on with a run that has a model: give its folder with --run, and no --plan")
     if plan is not None:
         if run is None:
             raise UsageError("--plan goes on with a run; give its folder with --run")
         frame.run = run
         return frame.show(api().follow(drive, run, plan, options=options_of(**given), talk=frame.talk()))
-    known = axis_for(axis, drive, run, resume)
+    known = axis_for(axis, drive, run, resume or closed)
     frame.run = run_folder(run, known.name)
     options = options_of(resume=resume, **given)
     return frame.show(api().identify(drive, known, frame.run, options=options, talk=frame.talk()))

@@ -64,10 +64,11 @@ def final_model(
         # Twice, because the share of the carriage in the friction is assumed and not found: first its level must be known.
         level = first_estimate([longest], data_sheet_model(axis, place, 0.0), counts_per_rev)["coulomb.level"]
         start = first_estimate([longest], data_sheet_model(axis, place, level), counts_per_rev)
-    at = [place for r in excited if (place := r.sidecar.start_position_m) is not None]
+    placed = [r for r in excited if not r.sidecar.moving]
+    at = [place for r in placed if (place := r.sidecar.start_position_m) is not None]
     apart = max(at) - min(at) >= PLACES_APART_M if at else False
-    if apart and len(at) < len(excited):  # a record that does not say where it was made can only disturb a law along the travel
-        nowhere = [r.name for r in excited if r.sidecar.start_position_m is None]
+    if apart and len(at) < len(placed):  # a record that does not say where it was made can only disturb a law along the travel
+        nowhere = [r.name for r in placed if r.sidecar.start_position_m is None]
         told = [r for r in recordings if r.name not in nowhere]
         found = final_model(told, axis, counts_per_rev, start=start, progress=progress)
         return replace(found, reason=f"{found.reason}; left out, because nobody knows where it was made: {', '.join(nowhere)}")
@@ -138,14 +139,14 @@ def clear_spread(places: Mapping[str, PlaceStiffness]) -> float:
 
 
 def stiffness_by_record(recordings: Sequence[Recording], model: Model, counts_per_rev: int, noise_nm: float) -> dict[str, PlaceStiffness]:
-    """Belt stiffness that each excited record wants for itself, all else as in ``model``; held-out records are not asked.
+    """Belt stiffness that each excited record wants for itself, all else as in ``model``; not of held-out records, nor of moving ones.
 
     Where the carriage stuck before is neglected: below 0.1 % of the stiffness (tests/identify/test_final.py).
     """
     found = {}
     place = model.index("belt_stiffness.stiffness")
     for recording in recordings:
-        if recording.sidecar.experiment != "frf" or recording.sidecar.held_out:
+        if recording.sidecar.experiment != "frf" or recording.sidecar.held_out or recording.sidecar.moving:
             continue
         pieces = stretches(recording, model, 2.0 * np.pi / counts_per_rev, noise_nm, fitted=True)
         if not sum(int(p.keep.sum()) for p in pieces):

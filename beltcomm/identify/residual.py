@@ -231,7 +231,11 @@ def _rough_noise(recording: Recording) -> float:
     White noise of variance s² has fourth differences of variance 70 s².  Too large for an excitation that does not repeat.
     """
     torque, note = recording.torque, recording.sidecar.excitation
-    if note is not None and note.period_samples is not None and len(torque) >= note.first_sample + 2 * note.period_samples:
+    if note is not None and note.period_samples is not None and note.period_starts:
+        begins = [start for start in note.period_starts if start + note.period_samples <= len(torque)]
+        periods = [torque[start : start + note.period_samples] for start in begins]
+        torque = np.concatenate(np.diff(periods, axis=0)) / np.sqrt(2.0) if len(periods) > 1 else torque
+    elif note is not None and note.period_samples is not None and len(torque) >= note.first_sample + 2 * note.period_samples:
         excited = torque[note.first_sample :]
         excited = excited[: len(excited) // note.period_samples * note.period_samples]  # without the rest behind
         torque = (excited[note.period_samples :] - excited[: -note.period_samples]) / np.sqrt(2.0)

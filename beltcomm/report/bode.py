@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from beltcomm.errors import DataError
 from beltcomm.laboratory.samples import Judged, Units
-from beltcomm.recording import Recording
+from beltcomm.recording import ExcitationNote, Recording
 from beltcomm.report import style
 from beltcomm.response import estimate_response
 
@@ -52,12 +52,13 @@ def response_pairs(recordings: Sequence[Recording], judged: Sequence[Judged]) ->
         if note is None or not note.period_samples or len(parts) != 1 or len(parts[0].piece.torque) != len(recording.t_s):
             continue
         piece, period, first = parts[0].piece, note.period_samples, note.first_sample
-        count = (len(piece.torque) - first) // period
-        if count < 1 or first < 1:
+        begins = note.period_starts or range(first, len(piece.torque) - period + 1, period)
+        whole = np.array([start for start in begins if start + period <= len(piece.torque)], dtype=np.intp)
+        if len(whole) < 1 or first < 1:
             continue
-        stop = first + count * period
-        torque, needed = _lines(piece.torque[first:stop], count), _lines((piece.torque + parts[0].whole)[first:stop], count)
-        turned = _lines(np.diff(piece.position[first - 1 : stop]), count)
+        each = whole[:, np.newaxis] + np.arange(period)
+        torque, needed = _lines(piece.torque[each]), _lines((piece.torque + parts[0].whole)[each])
+        turned = _lines(piece.position[each] - piece.position[each - 1])
         freq = np.asarray(np.fft.rfftfreq(period, recording.sample_period_s), dtype=np.float64)
         strong = np.abs(torque) > LEAST_EXCITATION * np.abs(torque[FIRST_LINE:]).max()
         lines = np.flatnonzero(strong & (np.arange(len(freq)) >= FIRST_LINE))
@@ -72,22 +73,22 @@ def response_pairs(recordings: Sequence[Recording], judged: Sequence[Judged]) ->
                 freq[lines],
                 angle / torque[lines],
                 angle / needed[lines],
-                _radius(piece.torque, piece.position, recording.sample_period_s, period, first, freq[lines]),
+                _radius(piece.torque, piece.position, recording.sample_period_s, note, freq[lines]),
                 parts[0].units,
             )
         )
     return sorted(found, key=lambda pair: pair.held_out)
 
 
-def _lines(values: Array, periods: int) -> ComplexArray:
+def _lines(periods: Array) -> ComplexArray:
     """Spectrum of the mean period."""
-    return np.asarray(np.fft.rfft(values.reshape(periods, -1).mean(axis=0)))
+    return np.asarray(np.fft.rfft(periods.mean(axis=0)))
 
 
-def _radius(torque: Array, position: Array, sample_s: float, period: int, first: int, freq_hz: Array) -> Array | None:
+def _radius(torque: Array, position: Array, sample_s: float, note: ExcitationNote, freq_hz: Array) -> Array | None:
     """Noise of the measured response at these lines, nan where it is not known; None for a single period."""
     try:
-        response = estimate_response(torque, position, sample_s, period, first)
+        response = estimate_response(torque, position, sample_s, note.period_samples or 0, note.first_sample, starts=note.period_starts)
     except DataError:
         return None
     radius = np.full(len(freq_hz), np.nan)

@@ -59,6 +59,7 @@ def responses(recordings: Sequence[Recording], *, setpoint: bool = False) -> dic
                 note.period_samples,
                 note.first_sample,
                 t_s=recording.t_s,
+                starts=note.period_starts,
             )
         except DataError:
             continue  # a record with a single period: it serves the final fit, not the picture
@@ -77,11 +78,11 @@ class Nonlinearity:
 
 
 def nonlinearities(recordings: Sequence[Recording]) -> dict[str, Nonlinearity]:
-    """By name, of every record of a multisine with at least two whole periods."""
+    """By name, of every open-loop record of a multisine with at least two whole periods; a loop answers on the silent lines itself."""
     found = {}
     for recording in recordings:
         note = recording.sidecar.excitation
-        if note is None or note.kind != "multisine" or not note.period_samples:
+        if note is None or note.kind != "multisine" or not note.period_samples or recording.sidecar.closed_loop:
             continue
         try:
             split = distortion(
@@ -132,7 +133,8 @@ def dead_time_of(recordings: Sequence[Recording], highest_hz: float) -> DeadTime
     common = [name for name in by_torque if name in by_setpoint]
     if not common:
         raise DataError("no excited record has both torque_nm and torque_setpoint_nm; the drive's delay cannot be told")
-    best = max(common, key=lambda name: by_torque[name].n_periods)
+    standing = {r.name for r in recordings if not r.sidecar.moving}  # louder: nothing turns round that should not
+    best = max(common, key=lambda name: (name in standing, by_torque[name].n_periods))
     return dead_time_between(by_setpoint[best], by_torque[best], lowest_hz=2.0, highest_hz=highest_hz)
 
 

@@ -164,11 +164,11 @@ def with_late_torque(found: FinalModel, recordings: Sequence[Recording], axis: A
 def measure_delay_and_damping(findings: Findings, recordings: Sequence[Recording], model: Model, solver: Solver = "lm") -> None:
     """The thesis's fit of every loud response, and the dead time; both only inform, a failure is a remark.
 
-    In quiet ones friction poses as so much damping that a loop robust from none up to it would be slow for nothing.
+    In quiet ones at rest friction poses as so much damping that a loop robust from none up to it would be slow for nothing.
     """
     recordings = [r for r in recordings if not r.sidecar.held_out]
-    loudest = max((float(np.std(r.torque)) for r in recordings), default=0.0)
-    loud = [r for r in recordings if np.std(r.torque) > LOUD_SHARE * loudest]
+    loudest = max((float(np.std(r.torque)) for r in recordings if not r.sidecar.moving), default=0.0)
+    loud = [r for r in recordings if r.sidecar.moving or np.std(r.torque) > LOUD_SHARE * loudest]
     for name, response in analyse.responses(loud).items():
         try:
             findings.thesis[name] = analyse.thesis_fit(response, model, solver)
@@ -189,11 +189,21 @@ def close_first_loop(machine: Machine, findings: Findings, model: Model, *, ask:
     ask : before a loop with thin margins is closed.   Raises Refused for a no.
     """
     machine.begin(TITLES[4])
+    cascade, margin = first_cascade(machine, findings, model, machine.position_m)
+    return close_loop(machine, findings, model, cascade, margin, ask=ask)
+
+
+def first_cascade(machine: Machine, findings: Findings, model: Model, at_m: float) -> tuple[Cascade, float]:
+    """The cautious loop for a place, m, and its smallest phase margin, deg; nothing is written."""
     structure = machine.drive.capabilities.structure
     assume_delay(findings, structure)
-    result = analyse.first_loop(model, structure, machine.position_m, delay(findings), analyse.apparent_damping(findings.thesis))
-    cascade = analyse.with_feedforward(result.cascade, model, structure, delay(findings))
+    result = analyse.first_loop(model, structure, at_m, delay(findings), analyse.apparent_damping(findings.thesis))
     margin = min(m.phase_margin_deg for m in result.margins)
+    return analyse.with_feedforward(result.cascade, model, structure, delay(findings)), margin
+
+
+def close_loop(machine: Machine, findings: Findings, model: Model, cascade: Cascade, margin: float, *, ask: bool = False) -> Cascade:
+    """Write a first loop into the drive and count with its stops; returns it.   ask, raises : as :func:`close_first_loop`."""
     machine.talk.say(f"first loop: K_P {cascade.kp_nm_s_rad:.4f} N m s/rad, smallest phase margin {margin:.0f} deg on an uncertain model")
     if margin < SURE_MARGIN_DEG:
         machine.talk.say(

@@ -247,25 +247,35 @@ class Machine:
             f"{low:g}..{high:g} m"
         )
 
-    def _check_stops(self, motion: Motion) -> None:
-        """Raise Refused when a stop at some moment of a closed-loop motion would end outside the travel."""
+    def _check_stops(self, motion: Motion, foreseen: tuple[Array, Array] | None = None) -> None:
+        """Raise Refused when a stop at some moment of a closed-loop motion would end outside the travel.   foreseen : of :meth:`record`."""
         if motion.kind == "torque":
             return
-        beyond = self.stops_beyond(self.ratio * (motion.position_rad - self.origin_rad), self.ratio * motion.velocity_rad_s)
+        asked = self.ratio * (motion.position_rad - self.origin_rad), self.ratio * motion.velocity_rad_s
+        beyond = self.stops_beyond(*(foreseen or asked))
         if beyond:
             raise Refused(f"the motion is refused: {beyond}; plan it slower or further away from the ends")
 
-    def record(self, name: str, motion: Motion, room: Room, sidecar: Sidecar, watch: Watch = unwatched) -> Recording:
+    def record(
+        self,
+        name: str,
+        motion: Motion,
+        room: Room,
+        sidecar: Sidecar,
+        watch: Watch = unwatched,
+        foreseen: tuple[Array, Array] | None = None,
+    ) -> Recording:
         """Run a motion and keep it as ``recordings/NAME``; a record already finished in a resumed run is read instead.
 
         Rows stream to disk while the axis moves; an interrupted record stays, marked as unfinished.
         watch : is called with every row as the drive gives it, and may raise; that stops the axis.
+        foreseen : carriage position and speed, m and m/s, (n,), where they are not what is asked for: from them a stop must be possible.
         Raises Refused, SafetyStop, DriveError, DataError.
         """
         if self.folder.finished(name) is not None:
             self.talk.say(f"{name}: kept from the earlier run")
             return self.folder.recording(name)
-        self._check_stops(motion)
+        self._check_stops(motion, foreseen)
         writer = self.folder.new_recording(name, sidecar, COLUMNS)
         belt = self._belt_watch(motion)
         zero, begun, total = self.origin_rad, self.drive.clock.now(), len(motion.torque_nm)
@@ -273,8 +283,8 @@ class Machine:
 
         def sink(row: Row) -> None:
             nonlocal rows
-            t, torque, setpoint, position, velocity, reference, reference_velocity = row
-            writer.write((t, torque, setpoint, position - zero, velocity, reference - zero, reference_velocity))
+            t, torque, setpoint, position, velocity, reference, *others = row
+            writer.write((t, torque, setpoint, position - zero, velocity, reference - zero, *others))
             belt(row)
             watch(row)
             rows += 1

@@ -9,6 +9,7 @@ from beltcomm.control import PrefilterKind
 from beltcomm.design.feedforward import SentFeedforward
 from beltcomm.errors import UsageError
 from beltcomm.excitation import ExcitationKind
+from beltcomm.identify.loop_response import CLOSED_WAYS, Way
 from beltcomm.session.commission import Apply, Settings
 from beltcomm.session.orders import Order
 from beltcomm.session.programme import Extent
@@ -25,6 +26,7 @@ class Options:
     excitation : of the long frequency response; the rising ones before it stay binary.   force : gains in doubt too.
     prefilter, feedforward : None is the best one; "compliant" is for ``verify``.   profile, node, bitrate, realtime : of the drive.
     order, repeat, mounted_kg : of friction sweeps (thesis 3.6), how often, and the payload that is mounted while they are driven.
+    loop : way of identification.   base_speed_m_s : of the carriage in a closed one; None chooses it, 0 stands.   pictures : made of it.
     drive : further options for the adapter, by name.
     """
 
@@ -41,6 +43,9 @@ class Options:
     thorough: bool = False
     visible: bool = False
     excitation: ExcitationKind = "prbs"
+    loop: Way = "open"
+    base_speed_m_s: float | None = None
+    pictures: bool = True
     force: bool = False
     prefilter: PrefilterKind | None = None
     feedforward: SentFeedforward | None = None
@@ -59,6 +64,21 @@ class Options:
         if self.quick and self.thorough:
             raise UsageError("quick and thorough are two things: choose one")
         return "quick" if self.quick else "thorough" if self.thorough else "standard"
+
+    @property
+    def in_loop(self) -> bool:
+        """Whether the identification closes a loop.   Raises UsageError for options that do not go with it."""
+        if self.loop == "open":
+            if self.base_speed_m_s is not None:
+                raise UsageError("a base speed needs a closed loop: add --loop direct, indirect or setpoint")
+            return False
+        if self.loop not in CLOSED_WAYS:
+            raise UsageError(f"there is no way {self.loop!r}; choose open, {', '.join(CLOSED_WAYS)}")
+        if self.resume or self.window_m is not None:
+            raise UsageError(f"--loop {self.loop} travels, and makes a new record each time: leave --window and --resume out")
+        if self.base_speed_m_s is not None and not self.base_speed_m_s >= 0.0:
+            raise UsageError(f"the base speed is {self.base_speed_m_s:g} m/s; give a positive one, or 0 to stand")
+        return True
 
     def for_drive(self) -> dict[str, object]:
         """The adapter's options: those that were given."""

@@ -19,6 +19,7 @@ from beltcomm.laboratory.place_words import in_words
 from beltcomm.recording import Recording
 from beltcomm.runfolder import RunFolder
 from beltcomm.session.design_proof import DesignProof, plant_responses
+from beltcomm.session.loop_ways import Shown
 from beltcomm.session.response_table import Table
 from beltcomm.session.revisions import Revision
 
@@ -163,6 +164,20 @@ def load_picture(folder: RunFolder, found: LoadDependence, by: str, command: str
 
         shown = "; ".join(g.name for g in found.groups)
         return {"friction_load": report.load_figure(found, by, style.Caption(command or "beltcomm friction --compare", shown))}
+
+    return _written(folder, draw)
+
+
+def ways_picture(folder: RunFolder, name: str, ways: Sequence[Shown], command: str) -> tuple[list[str], list[str]]:
+    """Frequency responses of one axis by several ways."""
+
+    def draw() -> dict[str, Figure]:
+        from beltcomm.report import style
+        from beltcomm.report.ways import Line, ways_figure
+
+        caption = style.Caption(f"{command} --run {folder.path}", f"{folder.path.resolve().name}/results/{name}_*.csv and recordings")
+        shown = [Line(f"{one.name} ({one.record})", one.response, one.highest_hz, one.way == "open") for one in ways]
+        return {name: ways_figure(shown, caption)}
 
     return _written(folder, draw)
 

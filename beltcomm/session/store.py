@@ -17,7 +17,7 @@ from beltcomm.verify import Verdict
 
 def drive_to_dict(capabilities: Capabilities) -> dict[str, Any]:
     """What the later steps need of a drive: ``results/drive.yaml``."""
-    return {**plain(capabilities), "kinds": sorted(capabilities.kinds)}
+    return {**plain(capabilities), "kinds": sorted(capabilities.kinds), "torque_along": sorted(capabilities.torque_along)}
 
 
 def structure_from_dict(data: Mapping[str, Any]) -> CascadeStructure:

@@ -198,6 +198,9 @@ class StubNode:
 
     def _activate(self, number: int, data: bytes, mode: int) -> None:
         if number == 1:
+            if mode == 9:
+                self.put(0x60B2, 0, *struct.unpack("<h", data))
+                return
             velocity, torque = struct.unpack("<ih", data)
             self.put(0x60B1, 0, velocity)
             self.put(0x60B2, 0, torque)

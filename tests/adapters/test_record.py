@@ -62,6 +62,32 @@ def test_position_reference_of_a_row_is_the_setpoint_active_at_its_time(opened):
     assert table[:, 6] == pytest.approx(np.gradient(path, T), abs=1 / COUNTS_PER_RAD)
 
 
+@pytest.mark.parametrize("along_nm", [0.0, 0.1])
+def test_a_speed_loop_gets_a_torque_only_where_one_is_added(opened, along_nm):
+    """60B2h in a PDO of its own, row by row as it was sent; a drive that cannot map it there runs plain speeds all the same."""
+    node, rows = StubNode(), []
+    sent: list[float] = []
+    activate = node._activate
+
+    def spy(number: int, data: bytes, mode: int) -> None:
+        activate(number, data, mode)
+        if number == 1:
+            sent.append(node.get(0x60B2))
+
+    node._activate = spy
+    added = np.array([0.0, along_nm, -along_nm, 0.0])
+    opened(node).record(Motion("velocity", T, np.zeros(4), np.zeros(4), added), LIMITS, rows.append)
+    table = np.array(rows)
+    assert np.isnan(table[:, 5]).all()
+    if along_nm:
+        assert table[:, 7] == pytest.approx(added)
+        assert [value for value in sent if value] == [sent[np.flatnonzero(sent)[0]], -sent[np.flatnonzero(sent)[0]]]
+        assert sent[-1] == 0
+    else:
+        assert np.isnan(table[:, 7]).all()
+        assert sent == []
+
+
 def test_every_state_is_passed_and_the_axis_ends_disabled(opened):
     node = StubNode()
     opened(node).record(torque([0.1] * 20), LIMITS, lambda row: None)
@@ -312,7 +338,7 @@ def test_drive_side_limits_are_tightened_meanwhile_and_never_widened(opened):
         (position(np.array([0.0, 0.1])), LIMITS, "100 rad/s"),
         (position(np.array([1.0, 1.0])), LIMITS, "start it where the axis is"),
         (Motion("velocity", T, np.zeros(2), np.array([0.0, 60.0]), np.zeros(2)), LIMITS, "60 rad/s"),
-        (Motion("velocity", T, np.zeros(2), np.zeros(2), np.array([0.0, 0.1])), LIMITS, "no feedforward torque"),
+        (Motion("velocity", T, np.zeros(2), np.zeros(2), np.array([0.0, 0.6])), LIMITS, "limit is 0.5"),
     ],
 )
 def test_what_cannot_be_run_is_refused_before_anything_is_written(opened, motion, limits, words):

@@ -52,6 +52,9 @@ class Options:
     thorough: bool = False
     visible: bool = False
     excitation: str = "prbs"
+    loop: str = "open"
+    base_speed_m_s: float | None = None
+    pictures: bool = True
     force: bool = False
     prefilter: str | None = None
     feedforward: str | None = None

@@ -156,3 +156,26 @@ def test_stop_and_close_can_be_called_at_any_time(machine):
     machine.drive.close()
     for at_any_time in (machine.drive.close, machine.drive.stop):
         assert at_any_time() is None  # and nothing is raised on a bus that was let go
+
+
+def test_a_torque_sent_along_a_speed_is_added_and_recorded_or_refused(machine):
+    """60B2h in the speed loop: an inertia at rest, asked for no speed, moves by what is added, and the loop works against it."""
+    n = round(0.4 / machine.period_s)
+    step = machine.drive.capabilities.torque_step_nm
+    added = np.zeros(n)
+    added[n // 4 :] = step * round(0.2 * machine.limits.torque_nm / step)
+    motion = Motion("velocity", machine.period_s, np.zeros(n), np.zeros(n), added)
+    rows: list[Row] = []
+    if "velocity" not in machine.drive.capabilities.torque_along:
+        with pytest.raises(UsageError, match="no feedforward torque in a motion of kind 'velocity'"):
+            machine.drive.record(motion, machine.limits, rows.append)
+        assert rows == []
+        return
+    report = machine.drive.record(motion, machine.limits, rows.append)
+    table = np.array(rows)
+    if report.lost_cycles == 0:
+        assert table[:, COLUMNS.index("torque_offset_nm")] == pytest.approx(added, abs=1e-9)
+    before, after = table[: n // 4 - 2], table[n // 4 + 2 : n // 4 + 12]
+    assert after[:, 4].mean() > max(0.1, 3.0 * np.abs(before[:, 4]).max())  # it turned the way it was pushed
+    assert 0.0 < table[-10:, 1].mean() < 0.5 * added[-1]  # and the loop holds against it
+    assert state(machine) in STATE_DISABLED

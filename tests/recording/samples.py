@@ -43,4 +43,4 @@ def csv_text(samples: int = 50, **columns: Any) -> str:
 
 def rows(samples: int) -> list[tuple[float, ...]]:
     made = signals(samples)
-    return [(t, q, math.nan, x, math.nan, math.nan, math.nan) for t, q, x in zip(*(made[n].tolist() for n in made), strict=True)]
+    return [(t, q, math.nan, x, math.nan, math.nan, math.nan, math.nan) for t, q, x in zip(*(made[n].tolist() for n in made), strict=True)]

@@ -19,7 +19,7 @@ from beltcomm.recording import RecordingWriter, Sidecar, load_recording
 from beltcomm.recording_writer import FLUSH_ROWS, MOTOR_COLUMNS
 from recording.samples import csv_text, rows, signals, write
 
-ROW = (0.0, 0.1, math.nan, 0.5, math.nan, math.nan, math.nan)
+ROW = (0.0, 0.1, math.nan, 0.5, math.nan, math.nan, math.nan, math.nan)
 
 
 def fill(path: Path, samples: int, broken_off_by: BaseException | None = None) -> None:
@@ -38,6 +38,7 @@ def write_all(writer: RecordingWriter, samples: int) -> None:
 def test_columns_are_those_of_a_drive() -> None:
     assert MOTOR_COLUMNS == (
         "t_s", "torque_nm", "torque_setpoint_nm", "position_rad", "velocity_rad_s", "reference_position_rad", "reference_velocity_rad_s",
+        "torque_offset_nm",
     )  # fmt: skip
     assert MOTOR_COLUMNS == drive.COLUMNS
 
@@ -85,7 +86,7 @@ def test_flushed_rows_survive_a_killed_process(tmp_path: Path) -> None:
         "from beltcomm.recording import RecordingWriter, Sidecar\n"
         "writer = RecordingWriter(Path(sys.argv[1]), Sidecar())\n"
         "for k in range(1000):\n"
-        "    writer.write((k * 1e-3, math.sin(k), math.nan, math.cos(k), math.nan, math.nan, math.nan))\n"
+        "    writer.write((k * 1e-3, math.sin(k), math.nan, math.cos(k), math.nan, math.nan, math.nan, math.nan))\n"
         "os.kill(os.getpid(), signal.SIGKILL)\n"
     )
     done = subprocess.run([sys.executable, "-c", program, str(tmp_path / "a.csv")])
@@ -101,7 +102,7 @@ def test_a_torn_last_row_is_left_out(tmp_path: Path) -> None:
 
 
 def test_wrong_rows_and_folders_are_errors(tmp_path: Path) -> None:
-    with RecordingWriter(tmp_path / "a.csv", Sidecar()) as writer, pytest.raises(ValueError, match="3 values for 7 columns"):
+    with RecordingWriter(tmp_path / "a.csv", Sidecar()) as writer, pytest.raises(ValueError, match="3 values for 8 columns"):
         writer.write(ROW[:3])
     with pytest.raises(UsageError, match="cannot be written"):
         RecordingWriter(tmp_path / "nowhere" / "a.csv", Sidecar())

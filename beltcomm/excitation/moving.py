@@ -1,0 +1,87 @@
+"""An excitation on top of a travel at constant speed, there and back: the motor turns one way and friction is a constant (3.3.2)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltcomm.errors import UsageError
+from beltcomm.excitation.record import Excitation
+
+Array = NDArray[np.float64]
+
+#: s: rest before, between and after strokes, and constant speed behind the last period of a stroke.
+REST_S, TAIL_S = 0.15, 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class MovingExcitation:
+    """Strokes with an excitation in each; arrays (n,), read-only.
+
+    base_m, base_m_s : where and how fast the carriage travels without the excitation, from where it begins.   added : what is added, in the
+    unit of the excitation.   period_samples : of the excitation.   starts : first samples of the periods that count.
+    excited : (n,), bool: the excitation's run-in and periods.
+    """
+
+    base_m: Array
+    base_m_s: Array
+    added: Array
+    period_samples: int
+    starts: tuple[int, ...]
+    excited: NDArray[np.bool_]
+
+    def __post_init__(self) -> None:
+        for name in ("base_m", "base_m_s", "added", "excited"):
+            getattr(self, name).setflags(write=False)
+
+    def louder(self, factor: float) -> MovingExcitation:
+        """The same travel with the excitation times ``factor``."""
+        return MovingExcitation(self.base_m, self.base_m_s, factor * self.added, self.period_samples, self.starts, self.excited)
+
+
+def ramp_s(speed_m_s: float, acceleration_m_s2: float) -> float:
+    """Time of a raised cosine from rest to a speed, s:  π v/2a."""
+    return math.pi * abs(speed_m_s) / (2.0 * acceleration_m_s2)
+
+
+def stroke_m(speed_m_s: float, ramp: float, settle: float, excited: float) -> float:
+    """Way of one stroke, m:  |v| (ramp + settle + excited + tail); all times in s."""
+    return abs(speed_m_s) * (ramp + settle + excited + TAIL_S)
+
+
+def moving(excitation: Excitation, speed_m_s: float, strokes: int, ramp: float, settle: float) -> MovingExcitation:
+    """Strokes at ``speed_m_s`` (its sign: the first one's), each with the run-in and all periods of ``excitation``.
+
+    Each stroke: rest, raised-cosine ramp, constant speed for ``settle``, lead-in, run-in and periods, tail, ramp.  With speed 0 the
+    carriage stands.   ramp, settle : s.   Raises UsageError for less than one stroke.
+    """
+    if strokes < 1:
+        raise UsageError(f"{strokes} strokes hold no excitation; at least one is needed")
+    sample_s = excitation.sample_period_s
+    period, first = excitation.period_samples, excitation.first_sample
+    end = first + excitation.repeats * period
+    lead = first - 1 - int(excitation.parameters["run_in_periods"]) * period  # one sample brings in the momentum
+    burst = excitation.torque[lead : end + 1]
+    rest, rise, steady, tail = (round(s / sample_s) for s in (REST_S, ramp, settle, TAIL_S))
+    up = 0.5 * (1.0 - np.cos(np.pi * (np.arange(rise) + 0.5) / max(rise, 1)))
+    speed = np.concatenate((np.zeros(rest), up, np.ones(steady + len(burst) + tail), up[::-1]))
+    added = np.concatenate((np.zeros(rest + rise + steady), burst, np.zeros(tail + rise)))
+    excited = np.zeros(len(added), dtype=bool)
+    excited[rest + rise + steady : rest + rise + steady + len(burst)] = True
+    signs = [1.0 if k % 2 == 0 else -1.0 for k in range(strokes)]
+    after = np.zeros(rest)
+    base = speed_m_s * np.concatenate([*(sign * speed for sign in signs), after])
+    starts = tuple(
+        k * len(speed) + rest + rise + steady + first - lead + i * period for k in range(strokes) for i in range(excitation.repeats)
+    )
+    return MovingExcitation(
+        np.concatenate(([0.0], np.cumsum(base[:-1]))) * sample_s,
+        base,
+        np.concatenate((np.tile(added, strokes), after)),
+        period,
+        starts,
+        np.concatenate((np.tile(excited, strokes), np.zeros(rest, dtype=bool))),
+    )
