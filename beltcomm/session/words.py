@@ -129,8 +129,8 @@ def design_lines(design: DesignResult, cascade: Cascade) -> list[str]:
         f"  K_P {cascade.kp_nm_s_rad:.4g} N m s/rad, K_I {cascade.ki_nm_rad:.4g} N m/rad, K_PP {cascade.kpp_1_s:.3g} 1/s, "
         f"T_R {1e3 * cascade.velocity_filter_s:.2g} ms, prefilter {shown}",
         f"  feedforward at the motor: inertia {1e6 * feedforward.inertia_kg_m2:.0f} kg mm², viscous "
-        f"{1e3 * feedforward.viscous_nm_s_rad:.2f} mN m s/rad, Coulomb {1e3 * feedforward.coulomb_nm:.1f} mN m, velocity {feedforward.velocity:g}, "
-        f"{1e3 * feedforward.advance_s:.2f} ms ahead"
+        f"{1e3 * feedforward.viscous_nm_s_rad:.2f} mN m s/rad, Coulomb {1e3 * feedforward.coulomb_nm:.1f} mN m, "
+        f"velocity {feedforward.velocity:g}, {1e3 * feedforward.advance_s:.2f} ms ahead"
         if feedforward.inertia_kg_m2 or feedforward.coulomb_nm or feedforward.viscous_nm_s_rad or feedforward.velocity
         else "  feedforward: none" + ("" if design.structure.velocity_feedforward else ", this drive has none"),
         f"  holds by calculation on {len(design.plants)} variants of the model (both ends, payloads, damping down to none): "
