@@ -24,6 +24,8 @@ from beltcomm.session.words import number
 CLEAR = 1.5
 #: Records nearer than this are at one place; amplitudes within this ratio are one.
 SAME_PLACE_M, SAME_AMPLITUDE = 0.05, 1.2
+#: Both frequencies move together when the sum of their changes is this many times the difference.
+SHARED = 4.0
 #: The gain is compared up to this share of the antiresonance, where all bodies move together.
 RIGID_SHARE = 0.7
 
@@ -221,14 +223,19 @@ def _hint(cause: str, a: Row, b: Row, clear: Sequence[str]) -> str:
     if not ratios:
         return "friction differs along the travel"
     both = one.keys() & other.keys() >= {"antiresonance", "resonance"}
+    apart = ""
     if both and _moved_apart(one, other):
+        moved = [math.log(one[name].freq_hz / other[name].freq_hz) for name in ("antiresonance", "resonance")]
+        apart = f"; that their ratio changes by {100.0 * abs(math.expm1(moved[1] - moved[0])):.0f} % no single spring does: further bodies"
+        apart += ", another load or friction"
+    if apart and abs(sum(moved)) < SHARED * abs(moved[1] - moved[0]):
         return (
             "the ratio of resonance to antiresonance differs too, which no stiffness does: another load, or friction that differs by place"
         )
     stiffer = 100.0 * (next(iter(ratios.values())) ** 2 - 1.0)
     place = f"{abs(stiffer):.0f} % {'stiffer' if stiffer > 0.0 else 'softer'} nearer the driven pulley"
     law = "as (2.26) has it" if stiffer > 0.0 else "against (2.26): a slack strand, or position 0 at the other end"
-    return f"the belt is {place}, {law}"
+    return f"the belt is {place}, {law}{apart}"
 
 
 def _moved_apart(one: dict[str, Landmark], other: dict[str, Landmark]) -> bool:
