@@ -99,7 +99,7 @@ def demand(trajectory: Trajectory, model: Model) -> Demand:
     viscous = model.get("viscous.damping") + ratio**2 * model.get("viscous_cart.damping")
     coulomb = model.get("coulomb.level") + ratio * model.get("cart_friction.level")
     inertia = model["motor.inertia"] + ratio**2 * mass
-    torque = inertia * a / ratio + viscous * v / ratio + coulomb * np.sign(v) + ratio * gravity
+    torque = inertia * a / ratio + viscous * v / ratio + coulomb * np.sign(v) + ratio * gravity + model.get("constant_offset.torque")
     return Demand(
         float(np.max(np.abs(v))),
         float(np.max(np.abs(a))),

@@ -14,14 +14,14 @@ from beltcomm.design.cascade import DesignResult
 from beltcomm.design.feedforward import FeedforwardKind
 from beltcomm.design.specification import Specification
 from beltcomm.errors import DataError, Refused
-from beltcomm.identify.amplitude import around
+from beltcomm.identify.amplitude import UNKNOWN_MASSES_KG, around
 from beltcomm.identify.dead_time import DeadTime
 from beltcomm.identify.final import FinalModel, evidence, final_model
 from beltcomm.identify.friction import FrictionFit
 from beltcomm.identify.magnitude_fit import MagnitudeFit, Solver
 from beltcomm.model import Model
 from beltcomm.recording import Recording
-from beltcomm.session import analyse, bounds, making, phases, programme, sameness, stops, verification
+from beltcomm.session import analyse, bounds, holding, making, phases, programme, sameness, stops, verification
 from beltcomm.session.machine import Machine
 from beltcomm.session.programme import Extent
 from beltcomm.session.proof import SURE_MARGIN_DEG, move_name, proof, thin_margins
@@ -92,6 +92,7 @@ class Findings:
     """
 
     breakaway: phases.Breakaway | None = None
+    holding: holding.Holding | None = None
     excited: phases.Excited | None = None
     thesis: dict[str, MagnitudeFit] = field(default_factory=dict)
     dead_time: DeadTime | None = None
@@ -120,12 +121,19 @@ class Findings:
 def identify_here(machine: Machine, findings: Findings) -> Model:
     """Phases 1 to 3: sign, rising excitation, one open-loop frequency response at the present place; returns a first model."""
     machine.begin(TITLES[1])
-    findings.breakaway = phases.sign_and_scale(machine)
-    machine.holding_nm = findings.breakaway.holding_nm
+    tilted, masses = machine.axis.mounting.tilted, UNKNOWN_MASSES_KG
+    if tilted:
+        findings.breakaway, findings.holding = holding.sign_and_scale(machine)
+        masses = holding.masses_kg(machine, machine.holding_nm)
+    else:
+        findings.breakaway = phases.sign_and_scale(machine)
+        machine.holding_nm = findings.breakaway.holding_nm
     sameness.check_breakaway(machine, findings.breakaway.coulomb_nm)
     sameness.repeat_first_excitation(machine, phases.excitation_room(machine, machine.position_m))
     machine.begin(TITLES[2])
-    findings.excited = phases.raise_amplitude(machine, findings.breakaway)
+    findings.excited = phases.raise_amplitude(machine, findings.breakaway, masses)
+    if findings.holding is not None:
+        findings.holding = holding.compare(machine, findings.excited.model, findings.breakaway, findings.holding)
     machine.begin(TITLES[3])
     excited = findings.excited
     phases.frequency_response(machine, "frf_1", excited.model, excited.step.amplitude_nm, making.RESPONSE_S)

@@ -145,7 +145,7 @@ def hard_acceleration_m_s2(machine: Machine, model: Model) -> float:
     ratio, mass = model["transmission.ratio"], model["cart.mass"]
     torque = max(machine.full_room().torque_nm - 2.0 * total_friction(model), 0.1 * machine.full_room().torque_nm)
     by_torque = torque / (model["motor.inertia"] / ratio + ratio * mass)
-    return HARD_SHARE * min(machine.axis.limits.acceleration_m_s2 or math.inf, machine.axis.belt_force_limit_n / mass, by_torque)
+    return HARD_SHARE * min(machine.axis.limits.acceleration_m_s2 or math.inf, machine.belt_left_n / mass, by_torque)
 
 
 def stoppable_path(machine: Machine, loop: Closed, step: Step, course: Course, at_m: float) -> Trajectory:
