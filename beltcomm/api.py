@@ -23,7 +23,7 @@ from beltcomm.model import load_plant
 from beltcomm.parameters import cascade_to_parameters
 from beltcomm.result import Result, plain
 from beltcomm.runfolder import RunFolder
-from beltcomm.session import analyse, gains, offline, outcome, referencing, stops, verification, words
+from beltcomm.session import analyse, gains, gravity, offline, outcome, referencing, stops, verification, words
 from beltcomm.session import commission as sequence
 from beltcomm.session.commission import Findings
 from beltcomm.session.convert import convert as convert
@@ -267,6 +267,9 @@ def move(drive: str, axis: Axis | str, by_m: float, *, options: Options | None =
     if not 2.0 * NEAR_M <= abs(by_m) <= LONGEST_MOVE_M:
         ways = f"{2e3 * NEAR_M:g} to {1e3 * LONGEST_MOVE_M:.0f} mm, either way"
         raise UsageError(f"a move by {1e3 * by_m:g} mm cannot be crept: give {ways} (it ends within {1e3 * NEAR_M:g} mm)")
+    gravity.not_on_tilted(
+        axis, "it is not crept without a loop, for a torque from zero would let it fall; `beltcomm verify --move FILE` moves it"
+    )
     axis.require("move", "pulley.effective_radius_m", "travel.min_m", "travel.max_m")
     plan = move_plan(
         axis,
@@ -302,6 +305,7 @@ def simulate(
     if experiment not in ("frf", "friction_sweep", "trajectory"):
         raise UsageError(f"there is no experiment {experiment!r}; there are frf, friction_sweep and trajectory")
     model = load_plant(plant).model
+    referencing.same_tilt(axis, model)
     if options.payload_kg:
         model = model.with_values({"cart.mass": model["cart.mass"] + options.payload_kg})
     with open_drive(f"virtual:{plant}", options.for_drive()) as connected:

@@ -140,7 +140,7 @@ def predict_move(
     step = 2.0 * math.pi / drive.counts_per_rev
     whole = math.floor(delay_s / period_s + 1e-9)
     rest = max(delay_s - whole * period_s, 0.0)
-    waiting = [0.0] * (whole + 1)
+    waiting = [cascade.feedforward.offset_nm] * (whole + 1)  # the axis was held before
     n = len(reference)
     motor, cart, torque = np.empty(n), np.empty(n), np.empty(n)
     added = np.zeros(n) if extra_torque_nm is None else extra_torque_nm

@@ -22,6 +22,7 @@ from beltcomm.identify.magnitude_fit import MagnitudeFit, Solver
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 from beltcomm.session import analyse, bounds, holding, making, phases, programme, sameness, stops, verification
+from beltcomm.session.creep import Breakaway
 from beltcomm.session.machine import Machine
 from beltcomm.session.programme import Extent
 from beltcomm.session.proof import SURE_MARGIN_DEG, move_name, proof, thin_margins
@@ -91,7 +92,7 @@ class Findings:
     reservations : in words, why it is no success although the move that was driven met its targets.
     """
 
-    breakaway: phases.Breakaway | None = None
+    breakaway: Breakaway | None = None
     holding: holding.Holding | None = None
     excited: phases.Excited | None = None
     thesis: dict[str, MagnitudeFit] = field(default_factory=dict)
@@ -121,8 +122,8 @@ class Findings:
 def identify_here(machine: Machine, findings: Findings) -> Model:
     """Phases 1 to 3: sign, rising excitation, one open-loop frequency response at the present place; returns a first model."""
     machine.begin(TITLES[1])
-    tilted, masses = machine.axis.mounting.tilted, UNKNOWN_MASSES_KG
-    if tilted:
+    masses: Sequence[float] = UNKNOWN_MASSES_KG
+    if machine.axis.mounting.tilted:
         findings.breakaway, findings.holding = holding.sign_and_scale(machine)
         masses = holding.masses_kg(machine, machine.holding_nm)
     else:
@@ -133,7 +134,7 @@ def identify_here(machine: Machine, findings: Findings) -> Model:
     machine.begin(TITLES[2])
     findings.excited = phases.raise_amplitude(machine, findings.breakaway, masses)
     if findings.holding is not None:
-        findings.holding = holding.compare(machine, findings.excited.model, findings.breakaway, findings.holding)
+        findings.holding = holding.compare(machine, findings.holding)
     machine.begin(TITLES[3])
     excited = findings.excited
     phases.frequency_response(machine, "frf_1", excited.model, excited.step.amplitude_nm, making.RESPONSE_S)

@@ -31,7 +31,7 @@ LOOK_S, STANDS_M = 0.3, 2e-5
 
 @dataclass(frozen=True)
 class Expected:
-    """What axis.yaml says of the holding torque: the value, and the bounds for what it may be wrong in, N m, with sign.   mass_kg : moved."""
+    """What axis.yaml says of the holding torque: the value and its bounds for wrong entries, N m, with sign.   mass_kg : moved."""
 
     torque_nm: float
     bounds_nm: tuple[float, float]
@@ -110,7 +110,7 @@ def admit(machine: Machine) -> None:
         )
     if brake and not machine.holds_in_loops:
         raise Refused(
-            f"{machine.drive.capabilities.name} takes no constant torque for its own loops: a quick stop would begin without the torque that "
+            f"{machine.drive.capabilities.name} takes no constant torque for its own loops: a quick stop would begin without what "
             "holds the carriage and let it fall until its integrator has found it; use a drive with a torque offset, or level the axis. "
             "Records of another tool can be read with `beltcomm import`"
         )

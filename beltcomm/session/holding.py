@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t as student
 
+from beltcomm.axis import Axis
 from beltcomm.axis_entries import LEVEL_DEG, TrajectoryLimits
 from beltcomm.drive import Limits, Motion, Row
 from beltcomm.errors import DataError, Refused, UsageError
@@ -25,7 +26,6 @@ from beltcomm.session import gravity, phases
 from beltcomm.session.creep import Breakaway, Enough, creep
 from beltcomm.session.machine import Machine
 from beltcomm.sidecar import Sidecar
-from beltcomm.stopping import total_inertia
 from beltcomm.trajectory import Trajectory, at_rest, join, plan_trajectory
 
 Array = NDArray[np.float64]
@@ -37,11 +37,13 @@ PAIRS, STROKE_PAIRS = 3, 4
 #: Slow creep: m/s, m to either side, s of rest before; share of a stroke that is run-in.
 CREEP_M_S, CREEP_M, REST_S, RUN_IN = 4e-3, 2e-3, 0.2, 0.3
 #: The integrator begins outside what friction holds by this share of it, and has so many s; s at their end that are read.
-OUTSIDE, INTEGRATE_S, READ_S = 0.3, 2.5, 0.3
+OUTSIDE, INTEGRATE_S, READ_S = 0.3, 2.0, 0.3
 #: m: the longest slip that the integrator may need.
 LONGEST_SLIP_M = 5e-3
 #: m: a carriage that moves less while it is read stands.
 STOOD_M = 1e-5
+#: deg: a stated tilt is not known better.
+TILT_READ_DEG = 1.0
 #: Record of the slow strokes.
 RECORD = "holding"
 
@@ -132,12 +134,13 @@ def sign_and_scale(machine: Machine) -> tuple[Breakaway, Holding]:
         machine.hold_with(torque)
     machine.machine_seconds += machine.drive.clock.now() - begun
     found = mean_of([_half(pair) for pair in pairs])
+    found = replace(found, interval_nm=math.hypot(found.interval_nm, machine.drive.capabilities.torque_step_nm))  # each onset is in steps
     onsets = [float(np.mean([getattr(pair, name) for pair in pairs])) for name in ("forward_nm", "backward_nm")]
     held = machine.holding_nm if machine.holds_in_loops else 0.0
     breakaway = Breakaway(onsets[0], onsets[1], pairs[-1].slope_nm_s, held)
     machine.folder.journal(
         f"breakaway {onsets[0]:.3f} N m forward, {onsets[1]:.3f} N m backward: {found.torque_nm:.4f} ± {found.interval_nm:.4f} N m hold the "
-        f"carriage, expected were {guess.torque_nm:.3f} N m; while they were felt for it slipped by {1e3 * slipped:.2f} mm at most"
+        f"carriage, expected were {guess.torque_nm:.3f} N m; felt for, it slipped by {1e3 * slipped:.2f} mm at most"
     )
     mass = masses_kg(machine, found.torque_nm)[1]
     gravity.refuse_too_steep(machine.axis, found.torque_nm, breakaway.coulomb_nm, mass, "as measured")
@@ -244,7 +247,7 @@ def _let_go(machine: Machine, torque_nm: float) -> float | None:
     return math.copysign(max(abs(acceleration), 1e-3), moved[-1, 1])
 
 
-def compare(machine: Machine, model: Model, breakaway: Breakaway, holding: Holding) -> Holding:
+def compare(machine: Machine, holding: Holding) -> Holding:
     """The slow integrating controller from both sides, and slow creep both ways, with the loop that is in the drive for a stop.
 
     A drive without a position loop that holds the axis has neither: then breakaway stands.
@@ -259,7 +262,7 @@ def compare(machine: Machine, model: Model, breakaway: Breakaway, holding: Holdi
             found, friction = half_sums(strokes, machine.ratio)
             holding = replace(holding, creep=found, creep_coulomb_nm=friction)
             centre = found.torque_nm
-            settled = [_integrate(machine, model, centre, side * friction) for side in (-1.0, 1.0)]
+            settled = [_integrate(machine, centre, side * friction) for side in (-1.0, 1.0)]
             holding = replace(holding, integrators=tuple(settled))
         except (DataError, UsageError) as problem:
             holding = replace(holding, why_not=str(problem))
@@ -286,8 +289,7 @@ def _creep(machine: Machine) -> Recording:
 def half_sums(recording: Recording, ratio: float) -> tuple[Found, float]:
     """Holding torque by half sums, and half differences, N m, of the strokes at constant speed.   Raises DataError without two pairs.
 
-    τ_g = (τ_up + τ_down)/2,  each stroke with the mean of both its neighbours, so that a slow drift cancels;  every second one is used
-    for the interval, for neighbours share a stroke.
+    τ_g = (τ_up + τ_down)/2  of each pair over the same way; their scatter gives the interval.
     """
     speed = recording.reference_velocity
     if speed is None:
@@ -304,15 +306,18 @@ def half_sums(recording: Recording, ratio: float) -> tuple[Found, float]:
         raise DataError(f"record {recording.name} holds {len(whole)} slow strokes, at least 4 are needed")
     torques = np.array([torque for _, torque in whole])
     signs = np.array([sign for sign, _ in whole])
-    pairs = 0.5 * (torques[:-1:2] + torques[1::2]) if len(torques) % 2 == 0 else 0.5 * (torques[:-1:2] + torques[1::2])
+    torques, signs = (values[: len(values) // 2 * 2] for values in (torques, signs))
+    pairs = 0.5 * (torques[::2] + torques[1::2])
     friction = 0.5 * (float(np.mean(torques[signs > 0.0])) - float(np.mean(torques[signs < 0.0])))
     return mean_of([float(value) for value in pairs]), friction
 
 
-def _integrate(machine: Machine, model: Model, centre_nm: float, friction_nm: float) -> Settled:
-    """The thesis's way: an integrating controller on the position, begun outside what friction holds.   friction_nm : with the side's sign.
+def _integrate(machine: Machine, centre_nm: float, friction_nm: float) -> Settled:
+    """The thesis's way: a slow integrator, begun outside what friction holds.   friction_nm : with the side's sign.
 
-    K_I ∫(K_PP e - φ̇) dt  from there on; its slip is predicted as  ε τ_C/K_I · 2.
+    τ = τ_0 - K_I ∫φ̇ dt - K_P φ̇:  it settles where the carriage stands.  (An integrator of the position error, as chapter 7 has it, goes on
+    rising while the carriage sticks beside its place, until it breaks away to the other side: it hunts and never settles.)
+    The slip  i_t ε τ_C/K_I  swings out to twice that.
     """
     ki = machine.drive.read(["ki_nm_rad"])["ki_nm_rad"]
     share = min(OUTSIDE, LONGEST_SLIP_M / machine.ratio * ki / (2.0 * abs(friction_nm)))
@@ -324,12 +329,34 @@ def _integrate(machine: Machine, model: Model, centre_nm: float, friction_nm: fl
     def watch(row: Row) -> None:
         rows.append((row[1], machine.ratio * row[3]))
 
-    machine.run(machine.follow(at_rest(start, INTEGRATE_S, period), "position"), phases.loose_room(machine), watch)
+    machine.run(machine.follow(at_rest(start, INTEGRATE_S, period), "velocity"), phases.loose_room(machine), watch)
     last = np.array(rows[-round(READ_S / period) :])
     seen = np.array(rows)[:, 1]
     slipped, stood = float(np.ptp(seen)), float(np.ptp(last[:, 1])) < STOOD_M
-    del model
     return Settled(float(np.mean(last[:, 0])), began, slipped, stood)
+
+
+def plausibility(holding: Holding, model: Model, axis: Axis) -> list[str]:
+    """Whether the torque found is that of the mass found at the tilt stated, in words:  τ_g = i_t m_c g sin(α)."""
+    mass, tilt = model.parameters["cart.mass"], axis.mounting.tilt_deg
+    would = gravity.holding_torque_nm(axis, mass.value, tilt)
+    share = (mass.interval or 0.0) / mass.value
+    off = holding.best.torque_nm - would
+    scatter = math.hypot(share * would, holding.best.interval_nm)
+    text = (
+        f"  the mass found, {mass.value:.4g} ± {mass.interval or math.inf:.2g} kg, at {tilt:g} deg would need {1e3 * would:.1f} ± "
+        f"{1e3 * abs(share * would):.1f} mN m: "
+    )
+    whole = holding.best.torque_nm / gravity.holding_torque_nm(axis, mass.value, 90.0)
+    if abs(off) <= scatter:
+        return [text + "that fits"]
+    if abs(whole) > 1.0:
+        return [text + "more is held than a vertical axis would need: a cable, a counterweight or a current offset pulls too"]
+    found = math.degrees(math.asin(whole))
+    other = f"{1e3 * off:+.1f} mN m differ, as at a tilt of {found:.1f} deg"
+    if abs(found - tilt) < TILT_READ_DEG:
+        return [text + f"{other}; a spirit level reads no better"]
+    return [text + f"{other}: check mounting.tilt_deg, or what else pulls (a cable, a counterweight, a current offset)"]
 
 
 def lines(holding: Holding) -> list[str]:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
+
 from beltcomm.axis import Axis
-from beltcomm.axis_entries import COMMISSION_NEEDS
+from beltcomm.axis_entries import COMMISSION_NEEDS, LEVEL_DEG
 from beltcomm.drive import Capabilities
 from beltcomm.errors import Refused, UsageError
+from beltcomm.model import Model
 from beltcomm.session import gravity, phases
 from beltcomm.session.commission import Settings
 from beltcomm.session.creep import small_move
@@ -26,7 +29,9 @@ def reference(machine: Machine, settings: Settings, *, needed: bool = True) -> t
     """
     window = settings.window_m
     if settings.home:
-        gravity.not_on_tilted(machine.axis, "the drive's own homing is no motion that anybody has held or predicted; give --position METRES")
+        gravity.not_on_tilted(
+            machine.axis, "the drive's own homing is no motion that anybody has held or predicted; give --position METRES"
+        )
     gravity.admit(machine)
     if settings.position_m is not None:
         _believe(machine, settings, settings.position_m)
@@ -113,3 +118,13 @@ def suitable(axis: Axis) -> None:
     """Raise UsageError unless the axis file has what the whole job needs, Refused for an axis tilted too much for its load."""
     axis.require("commission", *COMMISSION_NEEDS)
     gravity.suitable(axis)
+
+
+def same_tilt(axis: Axis, model: Model) -> None:
+    """Raise UsageError for an axis file that stands otherwise than the plant that it is to be simulated with."""
+    tilt_deg = math.degrees(model.get("tilt.angle"))
+    if abs(tilt_deg - axis.mounting.tilt_deg) > LEVEL_DEG:
+        raise UsageError(
+            f"plant {model.name} is tilted by {tilt_deg:.3g} deg, {axis} by {axis.mounting.tilt_deg:g} deg; give the axis that belongs to "
+            "it with --axis"
+        )

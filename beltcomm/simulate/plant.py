@@ -88,7 +88,9 @@ class SimulatedPlant:
         Raises UsageError for a model without such friction.
         """
         if "coulomb" not in self._model.effects:
-            raise UsageError(f"model {self._model.name!r} has no Coulomb friction at the motor, so it can have no brake; add it with level 0")
+            raise UsageError(
+                f"model {self._model.name!r} has no Coulomb friction at the motor, so it can have no brake; add it with level 0"
+            )
         self._p[self._model.index("coulomb.level")] = self._model["coulomb.level"] + torque_nm
 
     def step(self, torque_nm: float, duration_s: float) -> None:

@@ -33,7 +33,8 @@ class VirtualDrive:
     end_switches_rad : motor angles of the lower and upper end switch; None: none are wired.
     nonvolatile : what 1010h saves; pass it to the next drive to play a power cycle.
     fault_bits : bits 3-0 of the statusword in the state Fault: 08h (CiA 402) or 0Fh.
-    faults : what goes wrong.   brake : torque of a holding brake, N m, 0 for none, and s in which it opens or closes.   Raises UsageError for an unknown profile, a node ID or a delay out of range.
+    faults : what goes wrong.   brake : torque of a holding brake, N m, 0 for none, and s in which it opens or closes.
+    Raises UsageError for an unknown profile, a node ID or a delay out of range.
     """
 
     def __init__(
