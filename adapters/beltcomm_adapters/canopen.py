@@ -165,6 +165,7 @@ class CanopenDrive:
                 self._halt(run, exchange, None)
         finally:
             link.guard(None)
+            self.clock.sleep_until(self.clock.now() + limits.brake_s)  # it is over when a brake has had its time to close
 
     def _halt(self, run: Run, exchange: Exchange, error: BaseException | None, release: bool = False) -> None:
         """Stop and disable; a failure to do so is raised, or noted on the ``error`` that is already under way."""

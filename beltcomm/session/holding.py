@@ -178,10 +178,13 @@ def _feel(machine: Machine, guess: gravity.Expected) -> tuple[float, float]:
     """
     (low, high), torque, slipped = guess.bounds_nm, guess.torque_nm, 0.0
     tried: list[tuple[float, float]] = []
+    begun = machine.position_m
     for _ in range(TRIES):
         machine.hold_with(torque)
         machine.let_settle()
         before = machine.position_m
+        if abs(before - begun) + slipped > phases.SIGN_REACH_M:
+            break
         acceleration = _let_go(machine, torque)
         if acceleration is None:
             return torque, slipped
@@ -192,8 +195,8 @@ def _feel(machine: Machine, guess: gravity.Expected) -> tuple[float, float]:
         low, high = (torque, high) if acceleration < 0.0 else (low, torque)
         torque = 0.5 * (low + high)
     raise Refused(
-        f"no torque was found that holds the carriage: it slips under each of {TRIES} between {guess.bounds_nm[0]:.3f} and "
-        f"{guess.bounds_nm[1]:.3f} N m; look at its guide, its load and at tilt and payload in axis.yaml"
+        f"no torque was found that holds the carriage: it slips under each of {len(tried)} between {guess.bounds_nm[0]:.3f} and "
+        f"{guess.bounds_nm[1]:.3f} N m, {1e3 * (before - begun):+.1f} mm by now; look at its guide, its load and at tilt and payload in axis.yaml"
     )
 
 
@@ -227,11 +230,12 @@ def _let_go(machine: Machine, torque_nm: float) -> float | None:
     constant = np.full(round(STAND_S / period), round(torque_nm / step) * step if step else torque_nm)
     zero = np.zeros(len(constant))
     start = machine.drive.read(["position_rad"])["position_rad"]
-    rows: list[tuple[float, float]] = []
+    moved = speed = 0.0
 
     def watch(row: Row) -> None:
-        rows.append((row[0], machine.ratio * (row[3] - start)))
-        if abs(rows[-1][1]) > SLIP_M:
+        nonlocal moved, speed
+        moved, speed = machine.ratio * (row[3] - start), machine.ratio * row[4]
+        if abs(moved) > SLIP_M:
             raise Enough
 
     try:
@@ -239,12 +243,10 @@ def _let_go(machine: Machine, torque_nm: float) -> float | None:
     except Enough:
         pass
     else:
-        if abs(rows[-1][1]) < 0.5 * SLIP_M:
+        if abs(moved) < 0.5 * SLIP_M:
             return None
-    moved = np.array(rows)
-    # enabling is not seen, so the first row may have a speed already
-    acceleration = 2.0 * float(np.polyfit(moved[:, 0], moved[:, 1], 2)[0]) if len(moved) > 3 else 0.0
-    return math.copysign(max(abs(acceleration), 1e-3), moved[-1, 1])
+    # from rest; when the brake had opened is not known, and the first row may be the last
+    return math.copysign(max(speed**2 / (2.0 * abs(moved)), 1e-6), moved)
 
 
 def compare(machine: Machine, holding: Holding) -> Holding:

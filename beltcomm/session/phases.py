@@ -114,6 +114,7 @@ def sign_and_scale(machine: Machine) -> Breakaway:
     low, high = machine.full_room().window_m
     at = room_to_creep(machine)
     limits = machine.drive_limits(room_around(machine, at, SIGN_REACH_M))
+    limits = replace(limits, release=bool(machine.axis.motor.brake_torque_nm))  # should gravity pull after all, the brake stops it
     begun = machine.drive.clock.now()
     found = {}
     for sign in (1.0, -1.0):

@@ -33,12 +33,12 @@ class Watched(SimulatedPlant):
     def __init__(self, file: PlantFile, tilt_deg: float) -> None:
         model = file.model.without_effect("tilt").with_effect("tilt", {"angle": math.radians(tilt_deg)})
         super().__init__(model, START_M)
-        self.model, self.span_m, self.fast_m_s, self.then = model, [0.0, 0.0], math.inf, lambda: None
+        self.model, self.span_m, self.fast_m_s, self.after_s, self.then = model, [0.0, 0.0], math.inf, 0.0, lambda: None
 
     def step(self, torque_nm: float, duration_s: float) -> None:
         super().step(torque_nm, duration_s)
         self.span_m = [min(self.span_m[0], self.cart_position_m), max(self.span_m[1], self.cart_position_m)]
-        if abs(self.velocity_rad_s) * self.model["transmission.ratio"] > self.fast_m_s:
+        if self.time_s > self.after_s and abs(self.velocity_rad_s) * self.model["transmission.ratio"] > self.fast_m_s:
             self.fast_m_s = math.inf
             self.then()
 
@@ -57,7 +57,8 @@ def run(rig: str, plant: Watched, axis: Axis, command: Any = api.identify, **opt
     """A command on a virtual drive with this plant behind it."""
     shipped = {"g_a": "g_a_25deg", "g_b": "g_b_vertical"}[rig]
     with tempfile.TemporaryDirectory() as folder:
-        given = api.Options(yes=True, drive={"plant": plant, **options})
+        place = options.pop("position_m", None)
+        given = api.Options(yes=True, position_m=place, drive={"plant": plant, **options})
         return command(f"virtual:{shipped}", axis, Path(folder) / "run", options=given)
 
 
@@ -100,20 +101,19 @@ def faults() -> None:
         ("tilt stated with the wrong sign", {"stated_deg": -25.0}, {}),
         ("payload stated 5 for 11.2 kg", {"payload_kg": 5.0}, {}),
         ("payload stated 16 for 11.2 kg", {"payload_kg": 16.0}, {}),
-        ("encoder counts the other way", {}, {"faults": Faults(encoder_sign=-1)}),
+        ("encoder counts the other way", {}, {"faults": Faults(encoder_sign=-1), "referenced": False, "position_m": START_M}),
         ("emergency that cuts the stage off, 12 s", {}, {"faults": Faults(emergency_at_s=22.0)}),
-        ("drive has fallen silent, 24 s", {}, {"faults": Faults(silent_from_s=24.0)} if hasattr(Faults(), "silent_from_s") else {}),
+        ("cable pulled at 24 s", {}, {"faults": Faults(silent_from_s=24.0)}),
+        ("cable pulled at 45 s", {}, {"faults": Faults(silent_from_s=45.0)}),
         ("level by axis.yaml, tilted 25 deg", {"stated_deg": 0.0}, {}),
         ("no brake stated, but there is one", {"brake": False}, {}),
     ):
         plant, axis = case("g_a", 25.0, **arguments)
         cases.append((name, "g_a", plant, axis, options))
-    plant, axis = case("g_a", 25.0)
-    plant.fast_m_s, plant.then = 0.03, lambda: signal.raise_signal(signal.SIGINT)
-    cases.append(("Ctrl-C in fast motion", "g_a", plant, axis, {}))
-    plant, axis = case("g_b", 90.0)
-    plant.fast_m_s, plant.then = 0.08, lambda: signal.raise_signal(signal.SIGINT)
-    cases.append(("Ctrl-C in fast motion", "g_b", plant, axis, {}))
+    for rig, tilt, fast_m_s, after_s in (("g_a", 25.0, 0.02, 0.0), ("g_a", 25.0, 0.05, 20.0), ("g_a", 25.0, 0.05, 48.0), ("g_b", 90.0, 0.1, 0.0)):
+        plant, axis = case(rig, tilt)
+        plant.fast_m_s, plant.after_s, plant.then = fast_m_s, after_s, lambda: signal.raise_signal(signal.SIGINT)
+        cases.append((f"Ctrl-C above {fast_m_s:g} m/s, {after_s:g} s", rig, plant, axis, {}))
     for name, rig, plant, axis, options in cases:
         try:
             run(rig, plant, axis, **options)
