@@ -130,6 +130,17 @@ def held_by(machine: Machine, holding_nm: float, friction_nm: float) -> str:
     )
 
 
+def less_steep(machine: Machine, needed_n: float) -> str:
+    """What to do where the carriage's weight leaves too little of the belt's force, in words.   needed_n : for an excitation."""
+    limit, weight, tilt = machine.axis.belt_force_limit_n, machine.weight_n, machine.axis.mounting.tilt_deg
+    share = (limit - needed_n) / weight * math.sin(math.radians(abs(tilt)))
+    works = f"up to {math.degrees(math.asin(share)):.0f} deg would work" if 0.0 < share < 1.0 else "no tilt would work"
+    return (
+        f"lighten the carriage: at {abs(tilt):g} deg its weight takes {weight:.0f} of the belt's {limit:.0f} N, the excitation needs "
+        f"{needed_n:.0f} N; with this load {works}"
+    )
+
+
 def not_on_tilted(axis: Axis, what: str) -> None:
     """Raise UsageError for what is not done on a tilted axis."""
     if axis.mounting.tilted:

@@ -218,8 +218,8 @@ def _check_answer(guess: gravity.Expected, tried: Sequence[tuple[float, float]])
     low, high = guess.bounds_nm
     if not low <= stands <= high:
         raise Refused(
-            f"the carriage slips under {torque0:.3f} and {torque1:.3f} N m as if only {stands:.2f} N m held it; by axis.yaml it would be "
-            f"between {low:.3f} and {high:.3f} N m: look at the sign of mounting.tilt_deg (positive when positive travel goes up), its "
+            f"the carriage slips to {'positive' if acceleration1 > 0.0 else 'negative'} under {torque0:.3f} and {torque1:.3f} N m, so fast that "
+            f"none of the {low:.3f} to {high:.3f} N m that axis.yaml makes likely would hold it: look at the sign of mounting.tilt_deg (positive when positive travel goes up), its "
             "size, and payload.mass_kg"
         )
 

@@ -30,7 +30,7 @@ from beltcomm.identify.first_estimate import data_sheet_model, first_estimate, m
 from beltcomm.linear import modes, operating_point
 from beltcomm.model import Model
 from beltcomm.recording import Recording
-from beltcomm.session import stops
+from beltcomm.session import gravity, stops
 from beltcomm.session.creep import CLEAR_SHARE as CLEAR_SHARE
 from beltcomm.session.creep import Breakaway, creep
 from beltcomm.session.expectation import Expectation
@@ -211,6 +211,8 @@ def _remedy(machine: Machine, step: AmplitudeStep, breakaway: Breakaway) -> str:
     if "travel" in step.binds:
         return machine.more_room
     factor = breakaway.coulomb_nm / step.amplitude_nm if step.amplitude_nm else np.inf
+    if machine.weight_n and "belt" in step.binds:
+        return gravity.less_steep(machine, factor * step.prediction.belt_force_n / BELT_SHARE)
     return (
         f"check that limit in axis.yaml: it would have to be {factor:.2g} times as high, which only the data sheets of belt, axis and "
         "motor can allow"

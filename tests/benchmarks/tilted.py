@@ -43,7 +43,9 @@ class Watched(SimulatedPlant):
             self.then()
 
 
-def case(rig: str, tilt_deg: float, stated_deg: float | None = None, payload_kg: float | None = None, brake: bool = True) -> tuple[Watched, Axis]:
+def case(
+    rig: str, tilt_deg: float, stated_deg: float | None = None, payload_kg: float | None = None, brake: bool = True
+) -> tuple[Watched, Axis]:
     """A rig at a tilt, and the axis file as its owner wrote it."""
     base = load_axis("egc-70-600-25deg")
     motor = base.motor if brake else replace(base.motor, brake_torque_nm=None)
@@ -110,7 +112,12 @@ def faults() -> None:
     ):
         plant, axis = case("g_a", 25.0, **arguments)
         cases.append((name, "g_a", plant, axis, options))
-    for rig, tilt, fast_m_s, after_s in (("g_a", 25.0, 0.02, 0.0), ("g_a", 25.0, 0.05, 20.0), ("g_a", 25.0, 0.05, 48.0), ("g_b", 90.0, 0.1, 0.0)):
+    for rig, tilt, fast_m_s, after_s in (
+        ("g_a", 25.0, 0.02, 0.0),
+        ("g_a", 25.0, 0.05, 20.0),
+        ("g_a", 25.0, 0.05, 48.0),
+        ("g_b", 90.0, 0.1, 0.0),
+    ):
         plant, axis = case(rig, tilt)
         plant.fast_m_s, plant.after_s, plant.then = fast_m_s, after_s, lambda: signal.raise_signal(signal.SIGINT)
         cases.append((f"Ctrl-C above {fast_m_s:g} m/s, {after_s:g} s", rig, plant, axis, {}))
@@ -125,7 +132,10 @@ def faults() -> None:
         for _ in range(1000):
             plant.step(0.0, 1e-3)
         held = abs(plant.cart_position_m - at)
-        print(f"{rig} {name}: {1e3 * low:+.2f} to {1e3 * high:+.2f} mm, then {1e6 * held:.0f} um in 1 s without torque\n      {end}", flush=True)
+        print(
+            f"{rig} {name}: {1e3 * low:+.2f} to {1e3 * high:+.2f} mm, then {1e6 * held:.0f} um in 1 s without torque\n      {end}",
+            flush=True,
+        )
 
 
 if __name__ == "__main__":
