@@ -139,8 +139,8 @@ def sign_and_scale(machine: Machine) -> tuple[Breakaway, Holding]:
     held = machine.holding_nm if machine.holds_in_loops else 0.0
     breakaway = Breakaway(onsets[0], onsets[1], pairs[-1].slope_nm_s, held)
     machine.folder.journal(
-        f"breakaway {onsets[0]:.3f} N m forward, {onsets[1]:.3f} N m backward: {found.torque_nm:.4f} ± {found.interval_nm:.4f} N m hold the "
-        f"carriage, expected were {guess.torque_nm:.3f} N m; felt for, it slipped by {1e3 * slipped:.2f} mm at most"
+        f"breakaway {onsets[0]:.3f} N m forward, {onsets[1]:.3f} N m backward: {found.torque_nm:.4f} ± {found.interval_nm:.4f} N m hold "
+        f"the carriage, expected were {guess.torque_nm:.3f} N m; felt for, it slipped by {1e3 * slipped:.2f} mm at most"
     )
     mass = masses_kg(machine, found.torque_nm)[1]
     gravity.refuse_too_steep(machine.axis, found.torque_nm, breakaway.coulomb_nm, mass, "as measured")
@@ -196,7 +196,8 @@ def _feel(machine: Machine, guess: gravity.Expected) -> tuple[float, float]:
         torque = 0.5 * (low + high)
     raise Refused(
         f"no torque was found that holds the carriage: it slips under each of {len(tried)} between {guess.bounds_nm[0]:.3f} and "
-        f"{guess.bounds_nm[1]:.3f} N m, {1e3 * (before - begun):+.1f} mm by now; look at its guide, its load and at tilt and payload in axis.yaml"
+        f"{guess.bounds_nm[1]:.3f} N m, {1e3 * (before - begun):+.1f} mm by now; look at its guide, its load and at tilt and payload in "
+        "axis.yaml"
     )
 
 
@@ -218,9 +219,9 @@ def _check_answer(guess: gravity.Expected, tried: Sequence[tuple[float, float]])
     low, high = guess.bounds_nm
     if not low <= stands <= high:
         raise Refused(
-            f"the carriage slips to {'positive' if acceleration1 > 0.0 else 'negative'} under {torque0:.3f} and {torque1:.3f} N m, so fast that "
-            f"none of the {low:.3f} to {high:.3f} N m that axis.yaml makes likely would hold it: look at the sign of mounting.tilt_deg (positive when positive travel goes up), its "
-            "size, and payload.mass_kg"
+            f"the carriage slips to {'positive' if acceleration1 > 0.0 else 'negative'} under {torque0:.3f} and {torque1:.3f} N m, so fast "
+            f"that none of the {low:.3f} to {high:.3f} N m that axis.yaml makes likely would hold it: look at the sign of "
+            "mounting.tilt_deg (positive when positive travel goes up), its size, and payload.mass_kg"
         )
 
 

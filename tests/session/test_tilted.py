@@ -17,16 +17,19 @@ from beltcomm.axis import Axis, Mounting, load_axis
 from beltcomm.errors import DriveError, Refused, UsageError
 from beltcomm.recording import Recording
 from beltcomm.runfolder import RunFolder
-from beltcomm.session import gravity, holding, stops
+from beltcomm.session import gravity, holding, making, stops
 from beltcomm.sidecar import Sidecar
 from beltcomm.stopping import Braking, Stop
 from beltcomm.trajectory import constant_speed_strokes
 from session.bench import RATIO, Bench, Listener
+from session.conftest import remember_pure
 from truth.plant import TruthPlant
 from truth.rigs import nominal
 
 MakeBench = Callable[..., Bench]
 UPRIGHT, TILTED = "egc-70-600-vertical", "egc-70-600-25deg"
+#: N m: three deviations of a mean over 0.3 s in 6 mN m of noise, and how much of 0.1 % of rated torque (1.43 mN m) rounding can leave.
+MEAN_NM = 3.0 * 6e-3 / math.sqrt(300.0) + 0.5e-3
 #: m: what the first motions may take, and the excitations with their stop.
 FIRST_ROOM_M, ROOM_M = 10e-3, 36e-3
 
@@ -51,7 +54,10 @@ def standing(axis: Axis | str, tilt_deg: float, **motor: Any) -> Axis:
 
 @pytest.fixture
 def soft_stops(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The search for the hardest stop takes seconds and is examined in tests/test_stopping.py: here any that is soft enough."""
+    """The search for the hardest stop takes seconds and is examined in tests/test_stopping.py: here any that is soft enough.  A second of
+    response less is no worse here."""
+    remember_pure(monkeypatch)
+    monkeypatch.setattr(making, "RESPONSE_S", 5.0)
     found = Braking(1.5, 0.06, 5e-3), Stop(0.0, 0.0)
     monkeypatch.setattr(stops, "braked_by_loop", lambda *_args, **_kwargs: found)
 
@@ -81,8 +87,8 @@ def test_identify_holds_the_axis_and_finds_it(
     below, above = ways["integrators"]  # (a): anywhere within friction, at the side that it came from
     for settled in (below, above):
         assert settled["stood"]
-        assert abs(settled["torque_nm"] - torque) <= 1.03 * friction  # beside the noise, where it stops the carriage still swings a little
-        assert settled["low_nm"] - 0.03 * friction <= torque <= settled["high_nm"] + 0.03 * friction
+        assert abs(settled["torque_nm"] - torque) <= friction + MEAN_NM
+        assert settled["low_nm"] - MEAN_NM <= torque <= settled["high_nm"] + MEAN_NM
     assert above["torque_nm"] - below["torque_nm"] > 1.5 * friction
     assert "held by the brake (2 N m)" in "\n".join(result.text)
     assert "mN m: that fits" in "\n".join(result.text)
@@ -107,8 +113,7 @@ def test_too_steep_is_refused_before_anything_moves(make_bench: MakeBench, tmp_p
     gravity.suitable(standing(UPRIGHT, 90.0))
 
 
-def test_what_axis_yaml_must_say(make_bench: MakeBench) -> None:
-    del make_bench
+def test_what_axis_yaml_must_say() -> None:
     nothing = replace(load_axis(TILTED), payload=replace(load_axis(TILTED).payload, mass_kg=None))
     with pytest.raises(UsageError, match=r"needs payload\.mass_kg"):
         gravity.suitable(nothing)
@@ -165,7 +170,7 @@ def test_ctrl_c_ends_held(make_bench: MakeBench, tmp_path: Path, phase: int, spe
             bench.interrupt_when(bench.faster_than(speed_rad_s))
 
     with pytest.raises(KeyboardInterrupt):
-        api.identify(bench.name, TILTED, tmp_path / "run", options=api.Options(yes=True), talk=Listener(at_phase=arm))
+        api.identify(bench.name, TILTED, tmp_path / "run", options=api.Options(yes=True, seed=1), talk=Listener(at_phase=arm))
     assert bench.signals == 1
     assert furthest_m(bench) < FIRST_ROOM_M
     assert bench.parameters() == bench.initial
@@ -233,8 +238,7 @@ def test_half_sums_against_a_record_made_by_hand() -> None:
     assert friction == pytest.approx(0.108, abs=1e-3)
 
 
-def test_a_mass_that_does_not_fit_the_tilt_is_said(tmp_path: Path) -> None:
-    del tmp_path
+def test_a_mass_that_does_not_fit_the_tilt_is_said() -> None:
     axis, best = load_axis(TILTED), holding.Found(0.692, 5e-4)
     found = holding.Holding(0.63, (0.43, 0.93), best, 0.125, 0.0, "the brake (2 N m)")
 
