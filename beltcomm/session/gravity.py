@@ -130,14 +130,14 @@ def held_by(machine: Machine, holding_nm: float, friction_nm: float) -> str:
     )
 
 
-def less_steep(machine: Machine, needed_n: float) -> str:
-    """What to do where the carriage's weight leaves too little of the belt's force, in words.   needed_n : for an excitation."""
-    limit, weight, tilt = machine.axis.belt_force_limit_n, machine.weight_n, machine.axis.mounting.tilt_deg
-    share = (limit - needed_n) / weight * math.sin(math.radians(abs(tilt)))
+def less_steep(machine: Machine, limit_n: float, needed_n: float) -> str:
+    """What to do where the carriage's weight leaves the belt too little, in words.   limit_n : it may carry.   needed_n : to excite."""
+    weight, tilt = machine.weight_n, machine.axis.mounting.tilt_deg
+    share = (limit_n - needed_n) / weight * math.sin(math.radians(abs(tilt)))
     works = f"up to {math.degrees(math.asin(share)):.0f} deg would work" if 0.0 < share < 1.0 else "no tilt would work"
     return (
-        f"lighten the carriage: at {abs(tilt):g} deg its weight takes {weight:.0f} of the belt's {limit:.0f} N, the excitation needs "
-        f"{needed_n:.0f} N; with this load {works}"
+        f"lighten the carriage: at {abs(tilt):g} deg its weight takes {weight:.0f} of the {limit_n:.0f} N that the belt may carry, "
+        f"the excitation needs {needed_n:.0f} N; with this load {works}"
     )
 
 

@@ -212,7 +212,7 @@ def _remedy(machine: Machine, step: AmplitudeStep, breakaway: Breakaway) -> str:
         return machine.more_room
     factor = breakaway.coulomb_nm / step.amplitude_nm if step.amplitude_nm else np.inf
     if machine.weight_n and "belt" in step.binds:
-        return gravity.less_steep(machine, factor * step.prediction.belt_force_n / BELT_SHARE)
+        return gravity.less_steep(machine, BELT_SHARE * machine.axis.belt_force_limit_n, factor * step.prediction.belt_force_n)
     return (
         f"check that limit in axis.yaml: it would have to be {factor:.2g} times as high, which only the data sheets of belt, axis and "
         "motor can allow"

@@ -208,6 +208,15 @@ def test_friction_alone_holds_a_light_carriage(make_bench: MakeBench, tmp_path: 
     assert gravity.held_by(machine, 0.058, 0.115) == "friction (0.115 N m) alone"  # type: ignore[arg-type]
 
 
+def test_the_tilt_that_would_work_leaves_the_belt_what_an_excitation_needs() -> None:
+    """Of 90 N, 60 N of weight at 27 degrees leave 30; for 32 N the weight must fall to 58 N."""
+    machine: Any = SimpleNamespace(axis=standing(TILTED, 27.0), weight_n=60.0)
+    works = math.degrees(math.asin(58.0 / 60.0 * math.sin(math.radians(27.0))))
+    assert f"up to {works:.0f} deg would work" in gravity.less_steep(machine, 90.0, 32.0)
+    assert works < 27.0
+    assert "no tilt would work" in gravity.less_steep(machine, 90.0, 95.0)
+
+
 def test_a_drive_that_cannot_hold_in_its_quick_stop(make_bench: MakeBench, tmp_path: Path) -> None:
     bench = make_bench(name="virtual:g_a_25deg", plant=tilted("g_a", 25.0))
     with pytest.raises(Refused, match="a quick stop would begin without what holds the carriage"):
