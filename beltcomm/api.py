@@ -22,7 +22,7 @@ from beltcomm.model import load_plant
 from beltcomm.parameters import cascade_to_parameters
 from beltcomm.result import Result, plain
 from beltcomm.runfolder import RunFolder
-from beltcomm.session import analyse, friction_job, gains, offline, outcome, referencing, words
+from beltcomm.session import analyse, friction_job, gains, gravity, offline, outcome, referencing, words
 from beltcomm.session import commission as sequence
 from beltcomm.session.commission import Findings
 from beltcomm.session.convert import convert as convert
@@ -36,7 +36,7 @@ from beltcomm.session.foresight import foretold
 from beltcomm.session.friction_study import friction_compare as friction_compare
 from beltcomm.session.laboratory import add_to_run, compare_run, diagnose_run, ladder_of_run, remove_from_run
 from beltcomm.session.loop_job import identify_in_loop
-from beltcomm.session.machine import Machine, backed_up
+from beltcomm.session.machine import Machine
 from beltcomm.session.move_file import trajectory as trajectory
 from beltcomm.session.options import Options, settings_of
 from beltcomm.session.orders import wanted as wanted_sweeps
@@ -253,7 +253,7 @@ def rollback(drive: str, run: Path, *, options: Options | None = None, talk: Tal
     """Write back the parameters that the drive had when the run began.   Nothing moves."""
     options, talk = options or Options(), talk or Silence()
     folder = RunFolder.open(run)
-    return _written(drive, folder, dict(backed_up(folder)), options, talk, "rolled back")
+    return _written(drive, folder, dict(gains.backed_up(folder)), options, talk, "rolled back")
 
 
 def move(drive: str, axis: Axis | str, by_m: float, *, options: Options | None = None, talk: Talk | None = None) -> Result:
@@ -262,6 +262,9 @@ def move(drive: str, axis: Axis | str, by_m: float, *, options: Options | None =
     if not 2.0 * NEAR_M <= abs(by_m) <= LONGEST_MOVE_M:
         ways = f"{2e3 * NEAR_M:g} to {1e3 * LONGEST_MOVE_M:.0f} mm, either way"
         raise UsageError(f"a move by {1e3 * by_m:g} mm cannot be crept: give {ways} (it ends within {1e3 * NEAR_M:g} mm)")
+    gravity.not_on_tilted(
+        axis, "it is not crept without a loop, for a torque from zero would let it fall; `beltcomm verify --move FILE` moves it"
+    )
     axis.require("move", "pulley.effective_radius_m", "travel.min_m", "travel.max_m")
     plan = move_plan(
         axis,
@@ -297,6 +300,7 @@ def simulate(
     if experiment not in ("frf", "friction_sweep", "trajectory"):
         raise UsageError(f"there is no experiment {experiment!r}; there are frf, friction_sweep and trajectory")
     model = load_plant(plant).model
+    referencing.same_tilt(axis, model)
     if options.payload_kg:
         model = model.with_values({"cart.mass": model["cart.mass"] + options.payload_kg})
     with open_drive(f"virtual:{plant}", options.for_drive()) as connected:

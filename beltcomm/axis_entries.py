@@ -10,6 +10,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any
 
+#: Tilt, degrees, up to which an axis counts as level.
+LEVEL_DEG = 3.0
+
 
 @dataclass(frozen=True)
 class Entry:
@@ -51,6 +54,10 @@ class Motor:
     rated_torque_nm: float | None = _known("torque the motor holds for ever", above=0.0, at_most=1e4)
     peak_torque_nm: float | None = _known("largest torque of the motor", above=0.0, at_most=1e5)
     encoder_counts_per_rev: int | None = _known("encoder counts per motor revolution", above=0.0, whole=True)
+    brake_torque_nm: float | None = _known(
+        "torque of the holding brake that the drive opens and closes; none without", above=0.0, at_most=1e4
+    )
+    brake_time_s: float | None = _known("time in which the holding brake opens or closes", at_least=0.0, at_most=1.0)
 
 
 @dataclass(frozen=True)
@@ -126,6 +133,11 @@ class Mounting:
     """How the axis stands: α of figure 2.5, positive when positive travel goes up."""
 
     tilt_deg: float = field(default=0.0, metadata={"entry": Entry("tilt against the horizontal", at_least=-90.0, at_most=90.0)})
+
+    @property
+    def tilted(self) -> bool:
+        """Whether gravity must be held: it is steeper than friction can be hoped to hold."""
+        return abs(self.tilt_deg) > LEVEL_DEG
 
 
 @dataclass(frozen=True)

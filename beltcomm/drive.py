@@ -49,6 +49,9 @@ class Limits:
     speed_rad_s : float, rad/s, motor shaft.     torque_nm : float, N m, motor shaft.
     deceleration_rad_s2 : float, rad/s², motor shaft, along which a quick stop brakes; inf leaves it to the drive.
     lag_rad : rad, largest distance from the reference in a motion of kind "position"; None leaves it to the drive's own setting.
+    release : what breaks a motion off takes the stage off at once, for the brake or friction to stop the axis: nobody knows yet whether
+    the drive's own loop would.
+    brake_s : s, which a holding brake needs to open after the stage is on: so long the axis is held before it is moved.
     ratio_m_rad, zero_rad : carriage = ratio (angle - zero), m, only for messages; 0 when there is no carriage to speak of.
     """
 
@@ -60,6 +63,8 @@ class Limits:
     lag_rad: float | None = None
     ratio_m_rad: float = 0.0
     zero_rad: float = 0.0
+    release: bool = False
+    brake_s: float = 0.0
 
     def where(self, angle_rad: float) -> str:
         """An angle of the motor in words: where the carriage is, in mm, when its ratio is known."""
@@ -78,6 +83,7 @@ class Motion:
     period_s : float, s, a whole multiple of ``Capabilities.sample_period_s``.
     position_rad : ndarray (n,), rad, motor shaft, absolute in the drive's zero.
     velocity_rad_s, torque_nm : ndarray (n,).   Arrays a kind does not use are zero.
+    rest_nm : N m, of kind "torque": what holds the axis while the drive is being enabled, after the last entry and until it is stopped.
     """
 
     kind: Literal["torque", "position", "velocity"]
@@ -85,6 +91,7 @@ class Motion:
     position_rad: Array
     velocity_rad_s: Array
     torque_nm: Array
+    rest_nm: float = 0.0
 
     def __post_init__(self) -> None:
         n = len(self.torque_nm)

@@ -300,12 +300,15 @@ class PlantFile:
     """The truth behind a virtual axis: a model and the drive's imperfections.
 
     setpoint_delay_s : s, torque setpoint to acting torque.  torque_noise_nm : N m rms on the reported torque.
+    brake_torque_nm : N m, of the motor's holding brake, 0 for none.   brake_time_s : s, in which it opens or closes.
     """
 
     model: Model
     setpoint_delay_s: float
     torque_noise_nm: float
     counts_per_rev: int
+    brake_torque_nm: float = 0.0
+    brake_time_s: float = 0.0
 
 
 def load_plant(name: str | Path) -> PlantFile:
@@ -320,6 +323,8 @@ def load_plant(name: str | Path) -> PlantFile:
             float(drive.get("setpoint_delay_s", 1e-3)),
             float(drive.get("torque_noise_nm", 6e-3)),
             int(drive.get("counts_per_rev", 65536)),
+            float(drive.get("brake_torque_nm", 0.0)),
+            float(drive.get("brake_time_s", 0.0)),
         )
     except (AttributeError, TypeError, ValueError) as error:
         raise UsageError(f"the drive section of {path} is unreadable: {error}") from error

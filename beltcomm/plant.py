@@ -6,7 +6,7 @@ independent simulator that implements the same protocol.
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 
 class Plant(Protocol):
@@ -24,4 +24,13 @@ class Plant(Protocol):
 
     def step(self, torque_nm: float, duration_s: float) -> None:
         """Let ``torque_nm`` (held, at the motor shaft) act for ``duration_s``; deterministic."""
+        ...
+
+
+@runtime_checkable
+class BrakedPlant(Protocol):
+    """A machine whose motor has a holding brake, beside :class:`Plant`."""
+
+    def brake(self, torque_nm: float) -> None:
+        """From now on the brake holds the motor with up to ``torque_nm``, N m; 0: it is open."""
         ...

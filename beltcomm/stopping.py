@@ -159,7 +159,7 @@ def predict_stop(
     reset_state(state, -speed * period_s, speed)
     whole = math.floor(delay_s / period_s + 1e-9)
     rest = max(delay_s - whole * period_s, 0.0)
-    waiting = [0.0] * (whole + 1)
+    waiting = [cascade.feedforward.offset_nm] * (whole + 1)  # the axis was held before
     asked = round(SETTLE_S / period_s)
     slope = math.copysign(deceleration_m_s2 / ratio * period_s, speed)
     furthest, begun, force = 0.0, 0.0, 0.0

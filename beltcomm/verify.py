@@ -99,7 +99,7 @@ def demand(trajectory: Trajectory, model: Model) -> Demand:
     viscous = model.get("viscous.damping") + ratio**2 * model.get("viscous_cart.damping")
     coulomb = model.get("coulomb.level") + ratio * model.get("cart_friction.level")
     inertia = model["motor.inertia"] + ratio**2 * mass
-    torque = inertia * a / ratio + viscous * v / ratio + coulomb * np.sign(v) + ratio * gravity
+    torque = inertia * a / ratio + viscous * v / ratio + coulomb * np.sign(v) + ratio * gravity + model.get("constant_offset.torque")
     return Demand(
         float(np.max(np.abs(v))),
         float(np.max(np.abs(a))),
@@ -140,7 +140,7 @@ def predict_move(
     step = 2.0 * math.pi / drive.counts_per_rev
     whole = math.floor(delay_s / period_s + 1e-9)
     rest = max(delay_s - whole * period_s, 0.0)
-    waiting = [0.0] * (whole + 1)
+    waiting = [cascade.feedforward.offset_nm] * (whole + 1)  # the axis was held before
     n = len(reference)
     motor, cart, torque = np.empty(n), np.empty(n), np.empty(n)
     added = np.zeros(n) if extra_torque_nm is None else extra_torque_nm

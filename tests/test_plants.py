@@ -17,7 +17,7 @@ IT = 0.01242
 
 
 def test_all_are_there() -> None:
-    assert PLANTS == ["egc_70", "g_a", "g_b", "s_a", "s_b", "s_c"]
+    assert PLANTS == ["egc_70", "g_a", "g_a_25deg", "g_b", "g_b_vertical", "s_a", "s_b", "s_c"]
 
 
 @pytest.mark.parametrize("name", PLANTS)
@@ -67,6 +67,15 @@ def test_friction_is_that_of_table_a10(name: str, viscous: float, coulomb: float
     assert model["coulomb.level"] == pytest.approx(0.7 * coulomb)
     assert IT * model["cart_friction.level"] == pytest.approx(0.3 * coulomb, rel=1e-6)
     assert model["transmission.ratio"] == IT
+
+
+@pytest.mark.parametrize(("name", "rig", "tilt_deg"), [("g_a_25deg", "g_a", 25.0), ("g_b_vertical", "g_b", 90.0)])
+def test_tilted_rigs_are_the_level_ones_with_tilt_and_brake(name: str, rig: str, tilt_deg: float) -> None:
+    tilted, level = load_plant(name), load_plant(rig)
+    assert tilted.model.without_effect("tilt").parameters == level.model.parameters
+    assert np.degrees(tilted.model["tilt.angle"]) == pytest.approx(tilt_deg, rel=1e-12)
+    assert (tilted.brake_torque_nm, tilted.brake_time_s) == (2.0, 0.02)
+    assert level.brake_torque_nm == 0.0
 
 
 def test_full_rig_has_the_inertia_of_the_data_sheets() -> None:

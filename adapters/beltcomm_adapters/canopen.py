@@ -154,24 +154,26 @@ class CanopenDrive:
                     self._machine.fault,
                     lambda: link.emergency is not None,
                     objects.read_int(0x6064, 0, "int32"),
+                    round(motion.rest_nm / scaling.torque_nm) if motion is not None else 0,
                 )
                 link.guard(guard(objects, lending, self._profile))
                 exchange.start()
                 try:
-                    run.enable()
+                    run.enable(limits.brake_s)
                     yield run
                 except BaseException as error:
-                    self._halt(run, exchange, error)
+                    self._halt(run, exchange, error, limits.release)
                     raise
                 self._halt(run, exchange, None)
         finally:
             link.guard(None)
+            self.clock.sleep_until(self.clock.now() + limits.brake_s)  # it is over when a brake has had its time to close
 
-    def _halt(self, run: Run, exchange: Exchange, error: BaseException | None) -> None:
+    def _halt(self, run: Run, exchange: Exchange, error: BaseException | None, release: bool = False) -> None:
         """Stop and disable; a failure to do so is raised, or noted on the ``error`` that is already under way."""
         try:
             with deferred_interrupt():
-                run.halt()
+                run.halt(release)
                 exchange.end()
         except BusError as failure:
             self._link.guard(None)  # the drive's guarding is what stops the axis now

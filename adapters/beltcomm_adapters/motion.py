@@ -133,7 +133,7 @@ class Run:
     """One enabled stretch on an exchange: :meth:`enable`, :meth:`follow`, :meth:`halt`.
 
     fault : makes the exception for a drive in fault, from what it was doing.     emergency : whether an EMCY has come.
-    position : where the axis is now, counts.
+    position : where the axis is now, counts.   rest : torque that holds it in torque mode, in the drive's unit.
     """
 
     def __init__(
@@ -147,10 +147,11 @@ class Run:
         fault: Callable[[str], DriveFault],
         emergency: Callable[[], bool],
         position: int,
+        rest: int = 0,
     ) -> None:
         self._exchange = exchange
         self._layout = layout
-        self._frames = Frames(layout, kind)
+        self._frames = Frames(layout, kind, rest)
         self._watch = watch
         self._scaling = scaling
         self._period_s = period_s
@@ -177,9 +178,10 @@ class Run:
         self._watch.check(sample)
         return sample
 
-    def enable(self) -> None:
+    def enable(self, brake_s: float = 0.0) -> None:
         """Lead the drive to Operation Enabled, each state confirmed; where positions are commanded it holds the last one.
 
+        brake_s : s, for which the axis is then held while its brake opens.
         Raises DriveError when a state does not come in time, DriveFault, SafetyStop, BusError.
         """
         controlword, target = DISABLE_VOLTAGE, self._position
@@ -191,6 +193,8 @@ class Run:
             state = state_of(sample.statusword)
             if state is State.OPERATION_ENABLED:
                 if not self._layout.follows or sample.statusword & FOLLOWS:
+                    for _ in range(math.ceil(brake_s / self._period_s)):
+                        self.cycle(self._frames.at_rest(self._layout.running, target), "opening its brake")
                     return
                 controlword = self._layout.running
             else:
@@ -309,9 +313,10 @@ class Run:
             "stopped; check limits and sample period"
         )
 
-    def halt(self) -> None:
+    def halt(self, release: bool = False) -> None:
         """Quick stop, wait for standstill, take the stage off.  Faults and limits no longer interrupt.
 
+        release : without the quick stop.
         Raises BusError when the drive does not answer: then its guarding stops the axis, because the host falls silent.
         Raises DriveError when the stage stays on.
         """
@@ -319,7 +324,7 @@ class Run:
         still_cycles = max(2, math.ceil(_STILL_TIME_S / self._period_s))
         still_counts = _STILL_RAD_S * still_cycles * self._period_s / self._scaling.position_rad
         positions: list[int] = []
-        for _ in range(math.ceil(self._watch.longest_stop_s / self._period_s)):
+        for _ in range(0 if release else math.ceil(self._watch.longest_stop_s / self._period_s)):
             sample = self._halting(QUICK_STOP)
             if sample is None:
                 continue

@@ -59,7 +59,7 @@ def check_motion(
             raise UsageError(f"{name} of the motion contains values that are no numbers")
     if motion.kind != "torque":
         _check_torque_input(motion, profile)
-    peak_nm = float(np.abs(motion.torque_nm).max())
+    peak_nm = max(float(np.abs(motion.torque_nm).max()), abs(motion.rest_nm))
     if peak_nm > limits.torque_nm * (1 + 1e-9):
         raise UsageError(f"the motion asks for {peak_nm:.4g} N m, the limit is {limits.torque_nm:.4g} N m; reduce the amplitude")
     if peak_nm > drive_torque_nm + capabilities.torque_step_nm:

@@ -74,11 +74,12 @@ class Setpoints:
 
 
 class Frames:
-    """Payloads of a layout's receive PDOs."""
+    """Payloads of a layout's receive PDOs.   rest : torque that holds the axis where torque is commanded."""
 
-    def __init__(self, layout: Layout, kind: str) -> None:
+    def __init__(self, layout: Layout, kind: str, rest: int = 0) -> None:
         self._layout = layout
         self._kind = kind
+        self._rest = rest
         self._offsets = len(layout.received) > 1
 
     def of(self, controlword: int, position: int, velocity: int, torque: int) -> tuple[bytes, ...]:
@@ -94,5 +95,5 @@ class Frames:
         return (head, struct.pack("<ih", velocity, torque)) if self._offsets else (head,)
 
     def at_rest(self, controlword: int, position: int) -> tuple[bytes, ...]:
-        """No torque, no speed, and ``position`` where positions are commanded."""
-        return self.of(controlword, position, 0, 0)
+        """The torque that holds the axis where torque is commanded, no speed, and ``position`` where positions are commanded."""
+        return self.of(controlword, position, 0, self._rest if self._kind == "torque" else 0)

@@ -55,6 +55,7 @@ def _open(address: str, options: Mapping[str, object]) -> Drive:
             zero_rad=-start_m / file.model["transmission.ratio"] if referenced else 0.0,
             referenced=referenced,
             faults=given.get("faults"),
+            brake=(file.brake_torque_nm, file.brake_time_s),
         )
     except BaseException:
         bus.shutdown()

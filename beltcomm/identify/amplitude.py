@@ -91,14 +91,16 @@ def no_stop(_model: Model) -> Braking:
     return Braking(np.inf, 0.0)
 
 
-def unknown_payload(model: Model, stiffness_shares: tuple[float, float] = (1.0, 1.0)) -> list[Model]:
+def unknown_payload(
+    model: Model, stiffness_shares: tuple[float, float] = (1.0, 1.0), masses_kg: Sequence[float] = UNKNOWN_MASSES_KG
+) -> list[Model]:
     """Family for an axis of which only the data sheets are known: light and heavy carriages, belt 25 % softer and stiffer.
 
     stiffness_shares : the softest and the stiffest belt thought of, as shares of the model's.
     Friction is taken at half its breakaway value: it takes energy from the resonance and holds the carriage back.
     """
     family = []
-    for mass in UNKNOWN_MASSES_KG:
+    for mass in masses_kg:
         for factor in (0.75 * stiffness_shares[0], 1.25 * stiffness_shares[1]):
             family.append(_half_friction(model.with_values({"cart.mass": mass, **_scaled(model, _stiffness_names(model), factor)})))
     return family

@@ -284,7 +284,6 @@ def with_feedforward(
 ) -> Cascade:
     """The cascade with the feedforward (4.16) of a model; the reference passes the velocity filter where the drive can."""
     ratio = model["transmission.ratio"]
-    gravity = ratio * model["cart.mass"] * GRAVITY_M_S2 * math.sin(model.get("tilt.angle"))
     feedforward = feedforward_from(
         structure,
         kind,
@@ -292,10 +291,16 @@ def with_feedforward(
         viscous_nm_s_rad=model.get("viscous.damping") + ratio**2 * model.get("viscous_cart.damping"),
         coulomb_nm=model.get("coulomb.level") + ratio * model.get("cart_friction.level"),
         apparent_viscous_nm_s_rad=apparent_nm_s_rad or None,
-        offset_nm=model.get("constant_offset.torque") + gravity,
+        offset_nm=holding_nm(model),
         dead_time_s=dead_time_s + late_s(model),
     )
     return replace(cascade, feedforward=feedforward, filter_reference=structure.reference_filter)
+
+
+def holding_nm(model: Model) -> float:
+    """What holds the axis at standstill beside friction:  i_t m_c g sin(α) + constant torque, N m at the motor shaft."""
+    gravity = model["transmission.ratio"] * model["cart.mass"] * GRAVITY_M_S2 * math.sin(model.get("tilt.angle"))
+    return model.get("constant_offset.torque") + gravity
 
 
 def moved_inertia(model: Model) -> float:

@@ -14,7 +14,7 @@ from beltcomm.design.cascade import DesignResult
 from beltcomm.design.feedforward import FeedforwardKind
 from beltcomm.design.specification import Specification
 from beltcomm.errors import DataError, Refused
-from beltcomm.identify.amplitude import around
+from beltcomm.identify.amplitude import UNKNOWN_MASSES_KG, around
 from beltcomm.identify.dead_time import DeadTime
 from beltcomm.identify.final import FinalModel, evidence, final_model
 from beltcomm.identify.friction import FrictionFit
@@ -22,12 +22,12 @@ from beltcomm.identify.magnitude_fit import MagnitudeFit, Solver
 from beltcomm.identify.standstill import Standstill, largest
 from beltcomm.model import Model
 from beltcomm.recording import Recording
-from beltcomm.session import analyse, bounds, making, phases, programme, sameness, stops, verification
+from beltcomm.session import analyse, bounds, holding, making, phases, programme, sameness, stops, verification
+from beltcomm.session.creep import Breakaway
 from beltcomm.session.machine import Machine
 from beltcomm.session.programme import Extent
 from beltcomm.session.proof import SURE_MARGIN_DEG, move_name, proof, thin_margins
 from beltcomm.session.proving import verify_move
-from beltcomm.session.steps import LOUD, Step
 from beltcomm.sidecar import Sidecar
 from beltcomm.trajectory import Trajectory
 from beltcomm.verify import Demand, Verdict
@@ -36,8 +36,6 @@ Apply = Literal["keep", "restore", "save"]
 
 #: Periods of the drive's loop that an unmeasured delay is counted with: one to pass the setpoint on, one for the current loop.
 ASSUMED_DELAY_PERIODS = 2
-#: m: a place already measured nearby is not measured again.
-SAME_PLACE_M = 0.08
 #: s of machine time kept for the move that verifies, with the way to its start.
 VERIFYING_S = 4.0
 #: The same for a velocity loop, which follows slow moves only and takes several tries to arrive anywhere.
@@ -93,7 +91,8 @@ class Findings:
     reservations : in words, why it is no success although the move that was driven met its targets.
     """
 
-    breakaway: phases.Breakaway | None = None
+    breakaway: Breakaway | None = None
+    holding: holding.Holding | None = None
     excited: phases.Excited | None = None
     thesis: dict[str, MagnitudeFit] = field(default_factory=dict)
     dead_time: DeadTime | None = None
@@ -123,12 +122,19 @@ class Findings:
 def identify_here(machine: Machine, findings: Findings) -> Model:
     """Phases 1 to 3: sign, rising excitation, one open-loop frequency response at the present place; returns a first model."""
     machine.begin(TITLES[1])
-    findings.breakaway = phases.sign_and_scale(machine)
-    machine.holding_nm = findings.breakaway.holding_nm
+    masses: Sequence[float] = UNKNOWN_MASSES_KG
+    if machine.axis.mounting.tilted:
+        findings.breakaway, findings.holding = holding.sign_and_scale(machine)
+        masses = holding.masses_kg(machine, machine.holding_nm)
+    else:
+        findings.breakaway = phases.sign_and_scale(machine)
+        machine.holding_nm = findings.breakaway.holding_nm
     sameness.check_breakaway(machine, findings.breakaway.coulomb_nm)
     sameness.repeat_first_excitation(machine, phases.excitation_room(machine, machine.position_m))
     machine.begin(TITLES[2])
-    findings.excited = phases.raise_amplitude(machine, findings.breakaway)
+    findings.excited = phases.raise_amplitude(machine, findings.breakaway, masses)
+    if findings.holding is not None:
+        findings.holding = holding.compare(machine, findings.holding)
     machine.begin(TITLES[3])
     excited = findings.excited
     phases.frequency_response(machine, "frf_1", excited.model, excited.step.amplitude_nm, making.RESPONSE_S)
@@ -237,7 +243,9 @@ def record_steps(machine: Machine, findings: Findings, model: Model, cascade: Ca
     loop = making.Closed(model, cascade, delay(findings))
     course = making.course_of(machine, model)
     items = [
-        i for i in programme.BY_EXTENT[extent] if not measured_already(machine, i.step) and (i.rank == 0 or bounds.has_room(i.step, course))
+        i
+        for i in programme.BY_EXTENT[extent]
+        if not making.measured_already(machine, i.step) and (i.rank == 0 or bounds.has_room(i.step, course))
     ]
     kept = VERIFYING_S
     if machine.stroking() == "velocity":  # which drifts, and does not turn within a millimetre; its last move is a slow one
@@ -259,14 +267,6 @@ def record_steps(machine: Machine, findings: Findings, model: Model, cascade: Ca
             if step in needed:
                 raise
             findings.remarks.append(f"{name} ({step.title(course.place_m(step))}) was left out: {problem}")
-
-
-def measured_already(machine: Machine, step: Step) -> bool:
-    """Whether the first response stands for that of a step."""
-    here = machine.folder.recording("frf_1").sidecar.start_position_m
-    low, high = machine.full_room().window_m
-    loud = step.kind == "response" and step.share >= LOUD and not step.held_out
-    return loud and here is not None and abs(low + step.place * (high - low) - here) < SAME_PLACE_M
 
 
 def measure_friction(machine: Machine, model: Model, name: str = "sweep") -> Recording:

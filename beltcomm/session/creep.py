@@ -15,8 +15,12 @@ from beltcomm.stopping import first_deceleration
 MOVED_M = 5e-5
 #: Sliding friction is at least this share of the torque at which the carriage began to move.
 SLIDING_SHARE = 0.5
+#: Breakaway torques that differ by less than this share of friction either way are the same.
+CLEAR_SHARE = 0.05
 #: Share of the torque that axis and motor allow at which an axis that does not move is given up.
 BREAKAWAY_SHARE = 0.6
+#: The same share on a tilted axis, where most of the torque may hold the carriage.
+HELD_SHARE = 0.9
 #: s, in which the torque rises to that share.
 RAMP_S = 2.0
 #: m/s: a creeping carriage that gets faster is stopped.
@@ -45,6 +49,38 @@ class Crept:
     slope_nm_s: float
 
 
+@dataclass(frozen=True)
+class Breakaway:
+    """Torque at which the carriage began to move, N m at the motor shaft, in each direction (both positive on a level axis).
+
+    slope_nm_s : how fast the torque rose, N m/s.   held_nm : torque that a stop of the drive sends along, N m.
+    """
+
+    forward_nm: float
+    backward_nm: float
+    slope_nm_s: float = 0.0
+    held_nm: float = 0.0
+
+    @property
+    def coulomb_nm(self) -> float:
+        """Half the difference of the two: friction."""
+        return 0.5 * (self.forward_nm + self.backward_nm)
+
+    def sliding_nm(self, inertia_kg_m2: float, ratio: float) -> float:
+        """What is sure of the friction in motion, N m, on an axis with this inertia at the motor; 0 when nothing is.
+
+        The torque went on rising until the carriage had moved by ``MOVED_M``:  x = i_t Ṁ t³/6J  gives by how much.
+        """
+        rising_s = (6.0 * MOVED_M * inertia_kg_m2 / (ratio * self.slope_nm_s)) ** (1.0 / 3.0) if self.slope_nm_s else 0.0
+        return max(0.0, SLIDING_SHARE * (self.coulomb_nm - self.slope_nm_s * rising_s) - abs(self.holding_nm - self.held_nm))
+
+    @property
+    def holding_nm(self) -> float:
+        """Half the sum with sign: what holds the axis against gravity; 0 where that is within the scatter of friction."""
+        half = 0.5 * (self.forward_nm - self.backward_nm)
+        return half if abs(half) > CLEAR_SHARE * self.coulomb_nm else 0.0
+
+
 class Enough(SafetyStop):
     """Raised by the watcher inside a record when the motion has shown what it was for; the axis is stopped as for any limit."""
 
@@ -52,17 +88,19 @@ class Enough(SafetyStop):
         super().__init__("the motion has shown what it was for", "enough")
 
 
-def creep(drive: Drive, axis: Axis, limits: Limits, by_m: float, reach_m: float) -> Crept:
+def creep(drive: Drive, axis: Axis, limits: Limits, by_m: float, reach_m: float, about_nm: float = 0.0) -> Crept:
     """Creep by about ``by_m`` (signed), or until it gets fast; check direction and stopping.   Nothing is recorded.
 
     reach_m : m, which the carriage must not leave with the way of the stop.  The work of the torque is used up by friction:  it ends
-    within  moved τ/τ_friction,  so it is stopped while that is less.
+    within  moved τ/τ_friction,  so it is stopped while that is less.   about_nm : N m, what holds a tilted axis: the torque rises and
+    falls from there, it is held before and after, and τ and the onset count from it.
     Raises Refused when nothing moves, DriveError when torque and motion have opposite signs or the axis does not stop, SafetyStop when
     it went further than ``reach_m``.
     """
     ratio, sign = axis.transmission_m_rad, float(np.sign(by_m))
     period = drive.capabilities.sample_period_s
-    top = BREAKAWAY_SHARE * min(limits.torque_nm, axis.torque_limit_nm)
+    allowed = min(limits.torque_nm, axis.torque_limit_nm)
+    top = HELD_SHARE * allowed - abs(about_nm) if about_nm else BREAKAWAY_SHARE * allowed
     ramp = np.linspace(0.0, top, int(RAMP_S / period))
     start = drive.read(["position_rad"])["position_rad"]
     onset: list[float] = []
@@ -71,17 +109,17 @@ def creep(drive: Drive, axis: Axis, limits: Limits, by_m: float, reach_m: float)
     def watch(row: Row) -> None:
         moved = sign * ratio * (row[3] - start)
         if moved > MOVED_M and not onset:
-            onset.append(sign * row[2])
+            onset.append(sign * (row[2] - about_nm))
         if moved < -4.0 * MOVED_M:
-            raise DriveError(_backwards(sign, abs(row[2]), top))
-        coasting = onset and moved * sign * row[2] > SLIDING_SHARE * onset[0] * reach_m
+            raise DriveError(_not_held(sign, row[2]) if about_nm else _backwards(sign, abs(row[2]), top))
+        coasting = onset and moved * sign * (row[2] - about_nm) > SLIDING_SHARE * onset[0] * reach_m
         if moved > abs(by_m) or coasting or (moved > MOVED_M and moved - before[0] > CREEP_SPEED_M_S * period):
             raise Enough
         before[0] = moved
 
     zero = np.zeros(len(ramp))
     try:
-        drive.record(Motion("torque", period, zero, zero, sign * ramp), limits, watch)
+        drive.record(Motion("torque", period, zero, zero, about_nm + sign * ramp, about_nm), limits, watch)
     except Enough:
         pass
     else:
@@ -105,6 +143,15 @@ def creep(drive: Drive, axis: Axis, limits: Limits, by_m: float, reach_m: float)
             "position",
         )
     return Crept(onset[0] if onset else top, moved_m, top / RAMP_S)
+
+
+def _not_held(sign: float, torque_nm: float) -> str:
+    """What is said when the carriage goes against a torque that rises from the one that held it."""
+    to = "negative" if sign > 0 else "positive"
+    return (
+        f"the carriage moves to {to} under {torque_nm:.3f} N m, while the torque goes the other way from what held it: look at its load, "
+        "at the drive's polarity (607Eh) and at the direction of its encoder"
+    )
 
 
 def _backwards(sign: float, torque_nm: float, top_nm: float) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from beltcomm.model import Model
-from beltcomm.session import phases, stops, verification
+from beltcomm.session import analyse, phases, stops, verification
 from beltcomm.session.commission import Findings, Settings, close_first_loop, design_for, measure_friction
 from beltcomm.session.machine import Machine
 from beltcomm.session.making import RESPONSE_S
@@ -12,6 +12,7 @@ from beltcomm.session.proving import verify_move
 
 def run_experiment(machine: Machine, model: Model, experiment: str) -> str:
     """Run one experiment with everything known; returns the name of its recording."""
+    machine.hold_with(analyse.holding_nm(model))
     if experiment == "frf":
         phases.frequency_response(machine, "frf_1", model, machine.axis.torque_limit_nm, RESPONSE_S)
         return "frf_1"

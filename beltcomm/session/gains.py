@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from beltcomm.drive import Drive
-from beltcomm.errors import Refused
+from beltcomm.errors import DataError, Refused
 from beltcomm.parameters import PREFILTER_KINDS
 from beltcomm.runfolder import RunFolder
 from beltcomm.talk import Talk
@@ -57,3 +57,14 @@ def write(drive: Drive, folder: RunFolder, wanted: Mapping[str, float], talk: Ta
         drive.save()
     folder.journal(f"{verb}: " + ", ".join(f"{n}={v:.6g}" for n, v in stored.items()))
     return Written(plan.changes, plan.left_out, stored)
+
+
+def backed_up(folder: RunFolder) -> Mapping[str, float]:
+    """The parameters that were in the drive before the run touched it.  Raises Refused when there is no backup."""
+    saved = folder.load_result("backup")
+    if saved is None:
+        raise Refused(f"{folder.path} holds no backup of a drive; nothing to roll back to")
+    try:
+        return {name: float(value) for name, value in saved["parameters"].items()}
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise DataError(f"{folder.path / 'results' / 'backup.yaml'} is damaged ({error}); set the drive with its maker's tool") from error

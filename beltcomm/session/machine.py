@@ -33,6 +33,12 @@ from beltcomm.trajectory import Trajectory
 Array = NDArray[np.float64]
 Watch = Callable[[Row], None]
 
+#: The drive's parameter that holds a tilted axis in each of its own loops, the quick stop included.
+OFFSET = "ff_offset_nm"
+#: s: 20 swings of a heavy carriage, after which its friction has stopped it.
+SETTLE_S = 1.0
+#: s, in which a brake opens whose time axis.yaml does not state: slow ones of this size.
+UNKNOWN_BRAKE_S = 0.1
 #: How many Ctrl-C the restoring of a drive survives.
 IMPATIENCE = 5
 
@@ -124,6 +130,32 @@ class Machine:
         self.talk.phase(number, max(len(self.titles), 1), title)
 
     @property
+    def weight_n(self) -> float:
+        """What of the belt's force holds a tilted carriage, N."""
+        return abs(self.holding_nm) / self.ratio
+
+    @property
+    def belt_left_n(self) -> float:
+        """What of the belt's force is left for motions, N."""
+        return self.axis.belt_force_limit_n - self.weight_n
+
+    @property
+    def holds_in_loops(self) -> bool:
+        """Whether the drive sends the holding torque along in its own loops, the quick stop included."""
+        return OFFSET in self._backup
+
+    def hold_with(self, torque_nm: float) -> None:
+        """From now on open-loop records, and the drive's own loops where it can, begin and end with this torque, N m."""
+        self.holding_nm = torque_nm
+        if self.holds_in_loops:
+            self.drive.write({OFFSET: torque_nm})
+
+    def let_settle(self) -> None:
+        """Wait until a carriage that hangs on its belt from a closed brake has swung out: a brake that opens before lets it kick."""
+        if self.axis.mounting.tilted:
+            self.drive.clock.sleep_until(self.drive.clock.now() + SETTLE_S)
+
+    @property
     def position_m(self) -> float:
         """Carriage position now, m, from the motor encoder."""
         return self.ratio * (self.drive.read(["position_rad"])["position_rad"] - self.origin_rad)
@@ -210,7 +242,10 @@ class Machine:
         low, high = sorted(self.origin_rad + x / self.ratio for x in room.window_m)
         speed = min(room.speed_m_s / self.ratio, self.drive.capabilities.max_speed_rad_s)
         lag = None if room.lag_m is None else room.lag_m / self.ratio
-        return Limits(low, high, speed, room.torque_nm, self.deceleration_m_s2 / self.ratio, lag, self.ratio, self.origin_rad)
+        motor = self.axis.motor
+        brake = (UNKNOWN_BRAKE_S if motor.brake_time_s is None else motor.brake_time_s) if motor.brake_torque_nm else 0.0
+        deceleration = self.deceleration_m_s2 / self.ratio
+        return Limits(low, high, speed, room.torque_nm, deceleration, lag, self.ratio, self.origin_rad, brake_s=brake)
 
     def brake_with(self, braking: Braking) -> None:
         """From now on a stop is counted with, and set in the drive to, what a loop can do."""
@@ -220,7 +255,7 @@ class Machine:
         """An open-loop record at the drive's sampling period, with what holds the axis added."""
         zero, step = np.zeros(len(torque_nm)), self.drive.capabilities.torque_step_nm
         holding = round(self.holding_nm / step) * step if step else self.holding_nm
-        return Motion("torque", self.drive.capabilities.sample_period_s, zero, zero, np.asarray(torque_nm) + holding)
+        return Motion("torque", self.drive.capabilities.sample_period_s, zero, zero, np.asarray(torque_nm) + holding, holding)
 
     def follow(self, trajectory: Trajectory, kind: Literal["position", "velocity"], torque_nm: Array | None = None) -> Motion:
         """A reference motion of the carriage for the drive's own position or velocity loop.   torque_nm : (n,), sent along with it."""
@@ -276,6 +311,7 @@ class Machine:
             self.talk.say(f"{name}: kept from the earlier run")
             return self.folder.recording(name)
         self._check_stops(motion, foreseen)
+        self.let_settle()
         writer = self.folder.new_recording(name, sidecar, COLUMNS)
         belt = self._belt_watch(motion)
         zero, begun, total = self.origin_rad, self.drive.clock.now(), len(motion.torque_nm)
@@ -329,6 +365,7 @@ class Machine:
     def run(self, motion: Motion, room: Room, watch: Watch = unwatched) -> None:
         """Run a motion that is only a means (positioning, creeping), watched row by row; nothing is kept."""
         self._check_stops(motion)
+        self.let_settle()
         belt, begun = self._belt_watch(motion), self.drive.clock.now()
 
         def sink(row: Row) -> None:
@@ -356,14 +393,3 @@ class Machine:
 def stroking(capabilities: Capabilities) -> Literal["position", "velocity"]:
     """The loop that follows strokes without lag: the position loop where it has a velocity feedforward, else the velocity loop."""
     return "position" if capabilities.structure.velocity_feedforward and "position" in capabilities.kinds else "velocity"
-
-
-def backed_up(folder: RunFolder) -> Mapping[str, float]:
-    """The parameters that were in the drive before the run touched it.  Raises Refused when there is no backup."""
-    saved = folder.load_result("backup")
-    if saved is None:
-        raise Refused(f"{folder.path} holds no backup of a drive; nothing to roll back to")
-    try:
-        return {name: float(value) for name, value in saved["parameters"].items()}
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise DataError(f"{folder.path / 'results' / 'backup.yaml'} is damaged ({error}); set the drive with its maker's tool") from error

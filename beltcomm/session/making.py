@@ -33,6 +33,8 @@ HARD_SHARE, RISE_PERIODS = 1.0, 1.5
 BELT_TRIES = 6
 #: The record that says what holds the carriage where, and m/s of the strokes that count.
 SWEEP, STROKE_M_S = "sweep", 5e-3
+#: m: a place already measured nearby is not measured again.
+SAME_PLACE_M = 0.08
 #: Kind of record by kind of step.
 EXPERIMENT = {"strokes": "friction_sweep", "sweep": "friction_sweep", "reversals": "reversal", "moves": "trajectory"}
 assert set(EXPERIMENT.values()) <= set(EXPERIMENTS)
@@ -145,7 +147,7 @@ def hard_acceleration_m_s2(machine: Machine, model: Model) -> float:
     ratio, mass = model["transmission.ratio"], model["cart.mass"]
     torque = max(machine.full_room().torque_nm - 2.0 * total_friction(model), 0.1 * machine.full_room().torque_nm)
     by_torque = torque / (model["motor.inertia"] / ratio + ratio * mass)
-    return HARD_SHARE * min(machine.axis.limits.acceleration_m_s2 or math.inf, machine.axis.belt_force_limit_n / mass, by_torque)
+    return HARD_SHARE * min(machine.axis.limits.acceleration_m_s2 or math.inf, machine.belt_left_n / mass, by_torque)
 
 
 def stoppable_path(machine: Machine, loop: Closed, step: Step, course: Course, at_m: float) -> Trajectory:
@@ -170,3 +172,11 @@ def within_belt(machine: Machine, loop: Closed, step: Step, path: Trajectory) ->
     force = predict_move(loop.model, loop.cascade, path, verification.in_drive(machine, loop.delay_s)).belt_force_n
     top = float(np.max(np.abs(path.velocity_m_s)))
     return force <= verification.belt_force_limit_n(machine, loop.model, top, verification.BELT_SWING)
+
+
+def measured_already(machine: Machine, step: Step) -> bool:
+    """Whether the first response stands for that of a step."""
+    here = machine.folder.recording("frf_1").sidecar.start_position_m
+    low, high = machine.full_room().window_m
+    loud = step.kind == "response" and step.share >= LOUD and not step.held_out
+    return loud and here is not None and abs(low + step.place * (high - low) - here) < SAME_PLACE_M

@@ -8,7 +8,7 @@ from beltcomm.configfiles import write_text
 from beltcomm.identify.final import FinalModel
 from beltcomm.result import plain
 from beltcomm.runfolder import RunFolder
-from beltcomm.session import analyse, friction_words, words
+from beltcomm.session import analyse, friction_words, holding, words
 from beltcomm.session.commission import Findings, delay
 from beltcomm.session.store import design_to_dict, fit_to_dict, verdict_to_dict
 
@@ -57,6 +57,8 @@ def data(folder: RunFolder, findings: Findings) -> dict[str, Any]:
         "remarks": findings.remarks,
         "reservations": findings.reservations,
     }
+    if findings.holding is not None:
+        found["gravity"] = findings.holding.to_dict()
     if findings.final is not None:
         found["model"] = findings.final.fit.model.to_dict()
         found["fit"] = fit_dict(findings.final, findings)
@@ -83,9 +85,22 @@ def model_text(findings: Findings) -> list[str]:
     return lines + words.thesis_lines(findings.thesis)
 
 
+def gravity_text(folder: RunFolder, findings: Findings) -> list[str]:
+    """The torque that holds a tilted axis, by all ways, and whether mass and tilt say the same; nothing of a level one."""
+    if findings.holding is None:
+        return []
+    fits = holding.plausibility(findings.holding, findings.final.fit.model, folder.axis) if findings.final else []
+    return [*holding.lines(findings.holding), *fits]
+
+
 def identify_text(folder: RunFolder, findings: Findings, drive: str, place_known: bool) -> list[str]:
     """The first model, where the recordings are, and what to do next: with a reference, or to get one."""
-    text = [*model_text(findings), *words.remarks_lines(findings.remarks), f"Recordings are in {folder.recordings_folder}."]
+    text = [
+        *model_text(findings),
+        *gravity_text(folder, findings),
+        *words.remarks_lines(findings.remarks),
+        f"Recordings are in {folder.recordings_folder}.",
+    ]
     if place_known:
         return [*text, f"Next: beltcomm friction --drive {drive} --run {folder.path}"]
     return [
@@ -122,6 +137,7 @@ def commission_text(folder: RunFolder, findings: Findings, drive: str) -> list[s
         headline,
         "",
         *model_text(findings),
+        *gravity_text(folder, findings),
         *(words.friction_lines(findings.friction) if findings.friction else []),
         *friction_words.standstill_lines(findings.standstill),
         *(words.design_lines(findings.design, findings.cascade) if findings.design and findings.cascade else []),

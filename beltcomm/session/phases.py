@@ -5,7 +5,7 @@ Every phase predicts what its motion will do before it asks the machine to move,
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TypeVar
@@ -30,8 +30,9 @@ from beltcomm.identify.first_estimate import data_sheet_model, first_estimate, m
 from beltcomm.linear import modes, operating_point
 from beltcomm.model import Model
 from beltcomm.recording import Recording
-from beltcomm.session import stops
-from beltcomm.session.creep import MOVED_M, SLIDING_SHARE, creep
+from beltcomm.session import gravity, stops
+from beltcomm.session.creep import CLEAR_SHARE as CLEAR_SHARE
+from beltcomm.session.creep import Breakaway, creep
 from beltcomm.session.expectation import Expectation
 from beltcomm.session.machine import Machine, Room, stroking
 from beltcomm.session.sequences import HARDLY, SHAPES, calmer_choice, held_choice
@@ -52,8 +53,6 @@ END_MARGIN_M = 5e-3
 BELT_SHARE = 0.9
 #: An excitation must reach this share of the breakaway torque; the ramp finds the latter some 20 % too high.
 OVER_BREAKAWAY = 1.0
-#: Breakaway torques that differ by less than this share of friction either way are the same.
-CLEAR_SHARE = 0.05
 #: A belt is at most this many times as stiff, or as soft, as its data sheet says.
 STIFFNESS_FACTOR = 4.0
 #: Growth of the amplitude from one record to the next.
@@ -80,37 +79,6 @@ POSITIONING_SPEED_M_S = 0.5
 
 
 @dataclass(frozen=True)
-class Breakaway:
-    """Torque at which the carriage began to move, N m at the motor shaft, in each direction (both positive on a level axis).
-
-    slope_nm_s : how fast the torque rose, N m/s.
-    """
-
-    forward_nm: float
-    backward_nm: float
-    slope_nm_s: float = 0.0
-
-    @property
-    def coulomb_nm(self) -> float:
-        """Half the difference of the two: friction."""
-        return 0.5 * (self.forward_nm + self.backward_nm)
-
-    def sliding_nm(self, inertia_kg_m2: float, ratio: float) -> float:
-        """What is sure of the friction in motion, N m, on an axis with this inertia at the motor; 0 when nothing is.
-
-        The torque went on rising until the carriage had moved by ``MOVED_M``:  x = i_t Ṁ t³/6J  gives by how much.
-        """
-        rising_s = (6.0 * MOVED_M * inertia_kg_m2 / (ratio * self.slope_nm_s)) ** (1.0 / 3.0) if self.slope_nm_s else 0.0
-        return max(0.0, SLIDING_SHARE * (self.coulomb_nm - self.slope_nm_s * rising_s) - abs(self.holding_nm))
-
-    @property
-    def holding_nm(self) -> float:
-        """Half the sum with sign: what holds the axis against gravity; 0 where that is within the scatter of friction."""
-        half = 0.5 * (self.forward_nm - self.backward_nm)
-        return half if abs(half) > CLEAR_SHARE * self.coulomb_nm else 0.0
-
-
-@dataclass(frozen=True)
 class Excited:
     """Outcome of the amplitude search: the last step, all recordings, and the model that they gave."""
 
@@ -126,11 +94,8 @@ def room_around(machine: Machine, position_m: float, travel_m: float) -> Room:
     return Room((max(low, position_m - travel_m), min(high, position_m + travel_m)), full.speed_m_s, full.torque_nm)
 
 
-def sign_and_scale(machine: Machine) -> Breakaway:
-    """Let the torque rise until the carriage creeps a few millimetres, both ways; check direction and stopping.
-
-    Raises Refused when nothing moves, DriveError when positive torque drives to negative position or the axis does not stop.
-    """
+def room_to_creep(machine: Machine) -> float:
+    """Where the carriage stands, m.   Raises UsageError when that is too near to an end to creep both ways."""
     at = machine.position_m
     low, high = machine.full_room().window_m
     if min(at - low, high - at) < 2.0 * SIGN_TRAVEL_M:
@@ -138,7 +103,18 @@ def sign_and_scale(machine: Machine) -> Breakaway:
             f"the carriage stands at {machine.where(at)}, within {2e3 * SIGN_TRAVEL_M:.0f} mm of an end of its {machine.room_word}; "
             f"{machine.more_room}"
         )
+    return at
+
+
+def sign_and_scale(machine: Machine) -> Breakaway:
+    """Let the torque rise until the carriage creeps a few millimetres, both ways; check direction and stopping.
+
+    Raises Refused when nothing moves, DriveError when positive torque drives to negative position or the axis does not stop.
+    """
+    low, high = machine.full_room().window_m
+    at = room_to_creep(machine)
     limits = machine.drive_limits(room_around(machine, at, SIGN_REACH_M))
+    limits = replace(limits, release=bool(machine.axis.motor.brake_torque_nm))  # should gravity pull after all, the brake stops it
     begun = machine.drive.clock.now()
     found = {}
     for sign in (1.0, -1.0):
@@ -165,13 +141,13 @@ def motion_limits(machine: Machine, position_m: float) -> MotionLimits:
         min(space, EXCITATION_TRAVEL_M),
         min(full.speed_m_s, EXCITATION_SPEED_M_S),
         full.torque_nm - abs(machine.holding_nm),
-        BELT_SHARE * machine.axis.belt_force_limit_n,
+        BELT_SHARE * machine.axis.belt_force_limit_n - machine.weight_n,
         min(space, EXCITATION_TRAVEL_M) + END_MARGIN_M,
     )
 
 
-def raise_amplitude(machine: Machine, breakaway: Breakaway) -> Excited:
-    """Excite at the present place with rising amplitude; each step is predicted from the model so far.
+def raise_amplitude(machine: Machine, breakaway: Breakaway, masses_kg: Sequence[float] = UNKNOWN_MASSES_KG) -> Excited:
+    """Excite at the present place with rising amplitude; each step is predicted from the model so far.   masses_kg : to count with.
 
     Raises Refused when friction leaves no room below the limits.
     """
@@ -180,7 +156,7 @@ def raise_amplitude(machine: Machine, breakaway: Breakaway) -> Excited:
     sheet = data_sheet_model(machine.axis, machine.place_m(machine.position_m), breakaway.coulomb_nm)
     window = machine.full_room().window_m
     known = sheet.with_effect("constant_offset", {"torque": machine.holding_nm}) if machine.holding_nm else sheet
-    family = unknown_payload(sheet, (1.0, 1.0) if machine.place_known else stiffness_range(machine.axis, window))
+    family = unknown_payload(sheet, (1.0, 1.0) if machine.place_known else stiffness_range(machine.axis, window), masses_kg)
     at_most = 2.0 * breakaway.coulomb_nm
     recordings: list[Recording] = []
     while True:
@@ -235,6 +211,8 @@ def _remedy(machine: Machine, step: AmplitudeStep, breakaway: Breakaway) -> str:
     if "travel" in step.binds:
         return machine.more_room
     factor = breakaway.coulomb_nm / step.amplitude_nm if step.amplitude_nm else np.inf
+    if machine.weight_n and "belt" in step.binds:
+        return gravity.less_steep(machine, BELT_SHARE * machine.axis.belt_force_limit_n, factor * step.prediction.belt_force_n)
     return (
         f"check that limit in axis.yaml: it would have to be {factor:.2g} times as high, which only the data sheets of belt, axis and "
         "motor can allow"
@@ -338,7 +316,7 @@ def loose_room(machine: Machine) -> Room:
 def gentle_limits(machine: Machine, model: Model, speed_m_s: float) -> TrajectoryLimits:
     """Speed, acceleration and jerk that load the belt with a third of its force at most."""
     limits, top = machine.axis.limits, SPEED_SHARE * machine.full_room().speed_m_s
-    acceleration = min(limits.acceleration_m_s2 or np.inf, machine.axis.belt_force_limit_n / 3.0 / model["cart.mass"])
+    acceleration = min(limits.acceleration_m_s2 or np.inf, machine.belt_left_n / 3.0 / model["cart.mass"])
     return TrajectoryLimits(jerk_m_s3=20.0 * acceleration, acceleration_m_s2=acceleration, speed_m_s=min(speed_m_s, top))
 
 

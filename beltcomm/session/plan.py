@@ -13,7 +13,7 @@ from beltcomm.axis import Axis
 from beltcomm.drive import Capabilities
 from beltcomm.identify.amplitude import UNKNOWN_MASSES_KG
 from beltcomm.model import Model
-from beltcomm.session import creep, phases, programme
+from beltcomm.session import creep, gravity, holding, phases, programme
 from beltcomm.session.bounds import CREEP_SECONDS, Experiment, course_before, has_room, lines_of, masses_kg, top_speed_m_s
 from beltcomm.session.programme import Extent
 from beltcomm.session.strokes import fastest_stroke_m_s
@@ -83,7 +83,7 @@ def commission_plan(axis: Axis, capabilities: Capabilities, extent: Extent = "st
         steps = lines_of(axis, capabilities, possible)
     force = axis.belt_force_limit_n
     move = Experiment("move that verifies the result", min(whole, MOVE_M), whole, moved, torque, force, 3.0 + MOVE_SECONDS)
-    budget = programme.BUDGET_S[extent]
+    budget = programme.BUDGET_S[extent] + (HOLDING_SECONDS if axis.mounting.tilted else 0.0)
     fits = f"What does not fit into {budget:.0f} s when the carriage is weighed is left out and named. " if extent != "quick" else ""
     return Plan(
         f"The carriage of {axis.name or 'the axis'} will creep some millimetres both ways, shake around where it stands with rising "
@@ -172,12 +172,22 @@ MOVE_SECONDS = 2.0
 SWEEP_SECONDS = 28.0
 REST_SECONDS = 2.0
 HOMING_SECONDS = 60.0
+#: Of a tilted axis: the torque that holds it is felt for and crept around several times, then found in slow strokes and by an integrator.
+HOLDING_CREEP_SECONDS, HOLDING_STROKES_SECONDS = 25.0, 15.0
+HOLDING_SECONDS = HOLDING_CREEP_SECONDS + HOLDING_STROKES_SECONDS
 
 
 def _stop_words(axis: Axis, capabilities: Capabilities) -> str:
     """What a stop is counted with."""
     first = first_deceleration(axis, capabilities.peak_torque_nm)
-    return (
+    held = ""
+    if axis.mounting.tilted:
+        held = (
+            f"Gravity is held with about {gravity.expected(axis).torque_nm:.2f} N m from before the brake opens until it is closed; while "
+            f"it is felt for, the carriage may slip: the stage goes off when it has by {1e3 * holding.SLIP_M:g} mm. "
+            + ("" if axis.motor.brake_torque_nm else "No brake is stated: only friction holds it without torque. ")
+        )
+    return held + (
         "A stop at any moment ends within the way 'with stop' (in closed loop: within the travel). Until the carriage is weighed, "
         f"friction and the velocity loop found in the drive stop it, with {first.value_m_s2:.2g} m/s² at most ({first.binds}, the belt's "
         "swing counted twice); then a loop designed for it, with as much as loads the belt by its feed force, on top of what it carries "
@@ -191,7 +201,8 @@ def _here(axis: Axis, capabilities: Capabilities, window_m: tuple[float, float] 
     force = axis.belt_force_limit_n
     shaking = phases.BELT_SHARE * force
     ratio = axis.transmission_m_rad
-    rising = creep.BREAKAWAY_SHARE * torque
+    tilted = axis.mounting.tilted
+    rising = (creep.HELD_SHARE if tilted else creep.BREAKAWAY_SHARE) * torque
     top = top_speed_m_s(axis, capabilities)
     shaken = min(phases.EXCITATION_SPEED_M_S, top)
     travel = min(phases.EXCITATION_TRAVEL_M, widest)
@@ -204,8 +215,9 @@ def _here(axis: Axis, capabilities: Capabilities, window_m: tuple[float, float] 
             min(creep.CREEP_SPEED_M_S, top),
             rising,
             min(rising / ratio, force),
-            CREEP_SECONDS,
+            HOLDING_CREEP_SECONDS if tilted else CREEP_SECONDS,
         ),
         Experiment("excitation, rising in steps", travel, reach, shaken, torque, shaking, 3 * STEP_SECONDS),
+        *([Experiment("holding torque, in slow creep", 5e-3, reach, 0.02, torque, force, HOLDING_STROKES_SECONDS)] if tilted else []),
         Experiment("frequency response here", travel, reach, shaken, torque, shaking, RESPONSE_SECONDS),
     )

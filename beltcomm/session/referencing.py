@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
+
 from beltcomm.axis import Axis
-from beltcomm.axis_entries import COMMISSION_NEEDS
+from beltcomm.axis_entries import COMMISSION_NEEDS, LEVEL_DEG
 from beltcomm.drive import Capabilities
 from beltcomm.errors import Refused, UsageError
-from beltcomm.session import phases
+from beltcomm.model import Model
+from beltcomm.session import gravity, phases
 from beltcomm.session.commission import Settings
 from beltcomm.session.creep import small_move
 from beltcomm.session.machine import Machine
@@ -15,8 +18,6 @@ from beltcomm.session.machine import Machine
 SAME_POSITION_M = 5e-3
 #: m/s²: an axis that gets no faster than this within its belt's limit carries too much.
 SLOW_M_S2 = 1.0
-#: Tilt, degrees, that friction can be hoped to hold.
-MOST_TILT_DEG = 3.0
 
 
 def reference(machine: Machine, settings: Settings, *, needed: bool = True) -> tuple[float, float] | None:
@@ -27,6 +28,11 @@ def reference(machine: Machine, settings: Settings, *, needed: bool = True) -> t
     Raises Refused without any, UsageError for a window that cannot be.
     """
     window = settings.window_m
+    if settings.home:
+        gravity.not_on_tilted(
+            machine.axis, "the drive's own homing is no motion that anybody has held or predicted; give --position METRES"
+        )
+    gravity.admit(machine)
     if settings.position_m is not None:
         _believe(machine, settings, settings.position_m)
     elif settings.home:
@@ -109,12 +115,16 @@ def only_here(capabilities: Capabilities, position_m: float | None, *, home: boo
 
 
 def suitable(axis: Axis) -> None:
-    """Raise UsageError unless the axis file has what the whole job needs, Refused for a tilted axis."""
+    """Raise UsageError unless the axis file has what the whole job needs, Refused for an axis tilted too much for its load."""
     axis.require("commission", *COMMISSION_NEEDS)
-    tilt = axis.mounting.tilt_deg
-    if abs(tilt) > MOST_TILT_DEG:
-        raise Refused(
-            f"axis.yaml states a tilt of {tilt:g} deg: the first experiments have no closed loop, and nothing but friction would "
-            f"hold the carriage when the brake opens; axes tilted by more than {MOST_TILT_DEG:g} deg cannot be commissioned yet. "
-            "Records of another tool can be read with `beltcomm import`"
+    gravity.suitable(axis)
+
+
+def same_tilt(axis: Axis, model: Model) -> None:
+    """Raise UsageError for an axis file that stands otherwise than the plant that it is to be simulated with."""
+    tilt_deg = math.degrees(model.get("tilt.angle"))
+    if abs(tilt_deg - axis.mounting.tilt_deg) > LEVEL_DEG:
+        raise UsageError(
+            f"plant {model.name} is tilted by {tilt_deg:.3g} deg, {axis} by {axis.mounting.tilt_deg:g} deg; give the axis that belongs to "
+            "it with --axis"
         )

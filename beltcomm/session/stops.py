@@ -76,12 +76,15 @@ def count_on_loop(machine: Machine, family: Sequence[Model], cascade: Cascade, d
     """Set the quick stop to the hardest one that a loop makes without loading the belt too much; returns what is counted with."""
     capabilities, room = machine.drive.capabilities, machine.full_room()
     low, high = room.window_m
+    if machine.axis.mounting.tilted:
+        machine.holding_nm = analyse.holding_nm(family[0])
+    limits = replace(machine.axis.limits, feed_force_n=max((machine.axis.limits.feed_force_n or math.inf) - machine.weight_n, 1.0))
     rigid = rigid_deceleration(machine.axis, family[0]["cart.mass"], room.torque_nm).value_m_s2
     speed = min(room.speed_m_s, math.sqrt(2.0 * rigid * SIMULATED_SHARE * (high - low)))
     braking, stop = braked_by_loop(
         family,
         cascade,
-        machine.axis,
+        replace(machine.axis, limits=limits),
         speed,
         position_m=low,
         period_s=capabilities.structure.period_s,

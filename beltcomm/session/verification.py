@@ -66,7 +66,7 @@ def belt_force_limit_n(machine: Machine, model: Model, speed_m_s: float, swing: 
     F_max = s (F_feed + F_c + d_c v)
     """
     friction = model.get("cart_friction.level") + model.get("viscous_cart.damping") * speed_m_s
-    return swing * (machine.axis.belt_force_limit_n + friction)
+    return swing * (machine.axis.belt_force_limit_n + friction) - machine.weight_n
 
 
 def kept_by_belt(machine: Machine, model: Model, cascade: Cascade, delay_s: float, standard: StandardMove) -> StandardMove:
@@ -202,7 +202,7 @@ def broken_limits(machine: Machine, model: Model, trajectory: Trajectory) -> lis
     pairs = [
         ("the speed", asked.speed_m_s, phases.SPEED_SHARE * room.speed_m_s, "m/s"),
         ("the acceleration", asked.acceleration_m_s2, axis.acceleration_m_s2 or math.inf, "m/s²"),
-        ("the feed force", asked.feed_force_n, machine.axis.belt_force_limit_n, "N"),
+        ("the feed force", asked.feed_force_n, machine.belt_left_n, "N"),
         ("the motor torque", asked.torque_nm, room.torque_nm, "N m"),
     ]
     broken = [f"{what} would be {value:.4g} {unit}, limit {limit:.4g} {unit}" for what, value, limit, unit in pairs if value > limit]

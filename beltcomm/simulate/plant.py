@@ -82,6 +82,17 @@ class SimulatedPlant:
         self.cart_position_m = 0.0
         self.belt_force_n = self._advance(self._q, self._v, self._p, 0.0, 0.0, 0.0, 1)  # a step of no length only reads it
 
+    def brake(self, torque_nm: float) -> None:
+        """See :class:`beltcomm.plant.BrakedPlant`: a closed brake is more Coulomb friction of the motor.
+
+        Raises UsageError for a model without such friction.
+        """
+        if "coulomb" not in self._model.effects:
+            raise UsageError(
+                f"model {self._model.name!r} has no Coulomb friction at the motor, so it can have no brake; add it with level 0"
+            )
+        self._p[self._model.index("coulomb.level")] = self._model["coulomb.level"] + torque_nm
+
     def step(self, torque_nm: float, duration_s: float) -> None:
         """Let ``torque_nm`` (held, at the motor shaft) act for ``duration_s``; deterministic.
 

@@ -33,7 +33,8 @@ class VirtualDrive:
     end_switches_rad : motor angles of the lower and upper end switch; None: none are wired.
     nonvolatile : what 1010h saves; pass it to the next drive to play a power cycle.
     fault_bits : bits 3-0 of the statusword in the state Fault: 08h (CiA 402) or 0Fh.
-    faults : what goes wrong.   Raises UsageError for an unknown profile, a node ID or a delay out of range.
+    faults : what goes wrong.   brake : torque of a holding brake, N m, 0 for none, and s in which it opens or closes.
+    Raises UsageError for an unknown profile, a node ID or a delay out of range.
     """
 
     def __init__(
@@ -54,6 +55,7 @@ class VirtualDrive:
         nonvolatile: NonVolatile | None = None,
         fault_bits: int = 0x08,
         faults: Faults | None = None,
+        brake: tuple[float, float] = (0.0, 0.0),
     ) -> None:
         if profile not in PROFILES:
             raise UsageError(f"there is no virtual drive with the profile {profile!r}; there are {', '.join(PROFILES)}")
@@ -70,7 +72,7 @@ class VirtualDrive:
         self._dictionary.load(self._stored)
         self._errors = ErrorRegister(self._dictionary, self._send_emcy)
         loops = Loops(self._dictionary, kind, motor, counts_per_rev)
-        stage = PowerStage(plant, motor, setpoint_delay_s, torque_noise_nm, seed, self.faults)
+        stage = PowerStage(plant, motor, setpoint_delay_s, torque_noise_nm, seed, self.faults, brake)
         encoder = Encoder(plant, counts_per_rev, zero_rad, self.faults)
         self._servo = Servo(
             self._dictionary,

@@ -342,6 +342,7 @@ class Stop(Mode):
     def __init__(self, loops: Loops) -> None:
         super().__init__(loops)
         self._deceleration = self.object(0x6085)
+        self.done = False
 
     def start(self) -> None:
         """Ramp from the present speed."""

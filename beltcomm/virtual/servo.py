@@ -243,6 +243,8 @@ class Servo:
         self._unsettled = True  # the controlword may lead further: its level counts, not only its writing
         self._dictionary.stage_on = self.machine.powered
         if state == State.OPERATION_ENABLED:
+            self._stage.switch_on()
+            self._stop.done = False
             self._supervision.begin()
             self._loops.open()
             self._mode.start()
@@ -250,7 +252,7 @@ class Servo:
             self.machine.quick_stop_holds = self._quick_stop_code.value == 6
             self._stop.start()
         else:
-            self._stage.switch_off()
+            self._stage.switch_off(held=self._stop.done)
             self._loops.open()
 
     def _on_i2t(self, exceeded: bool) -> None:

@@ -7,7 +7,8 @@ from collections import deque
 
 import numpy as np
 
-from beltcomm.plant import Plant
+from beltcomm.errors import UsageError
+from beltcomm.plant import BrakedPlant, Plant
 from beltcomm.virtual.bus import TICK_S
 from beltcomm.virtual.faults import Faults
 from beltcomm.virtual.motor import Motor
@@ -20,6 +21,42 @@ _NOISE_BLOCK = 4096
 _SWITCH_ROUNDING = 1e-9
 
 
+class Brake:
+    """The motor's holding brake, which the drive opens with the stage and closes without being asked; both take ``time_s``.
+
+    A stop that ends in the stage off keeps the torque until the brake has closed, as drives do; a stage that is cut off, by a command or
+    a fault, leaves the axis free as long.   Without ``torque_nm`` there is none.   Raises UsageError for a plant that has none.
+    """
+
+    def __init__(self, plant: Plant, torque_nm: float, time_s: float) -> None:
+        if torque_nm and not isinstance(plant, BrakedPlant):
+            raise UsageError("this machine has no brake that the drive could close; leave brake_torque_nm out")
+        self._plant = plant
+        self._torque_nm = torque_nm
+        self._ticks = round(time_s / TICK_S)
+        self._left, self._next_nm = 0, torque_nm
+        self._press(torque_nm)
+
+    def open(self) -> None:
+        """The stage is on."""
+        self._left, self._next_nm = 1 + self._ticks, 0.0
+
+    def close(self, held: bool) -> None:
+        """The stage goes off.   held : the torque stays until the brake has closed."""
+        self._left, self._next_nm = 1 if held else 1 + self._ticks, self._torque_nm
+
+    def pass_tick(self) -> None:
+        """One tick begins."""
+        if self._left:
+            self._left -= 1
+            if not self._left:
+                self._press(self._next_nm)
+
+    def _press(self, torque_nm: float) -> None:
+        if self._torque_nm and isinstance(self._plant, BrakedPlant):
+            self._plant.brake(torque_nm)
+
+
 class PowerStage:
     """Turns torque setpoints into acting torque and lets the machine move on, one tick at a time.
 
@@ -30,8 +67,18 @@ class PowerStage:
     i2t_exceeded : the I²t reserve (peak current for 2 s) is used up; False again at half of it.
     """
 
-    def __init__(self, plant: Plant, motor: Motor, setpoint_delay_s: float, torque_noise_nm: float, seed: int, faults: Faults) -> None:
+    def __init__(
+        self,
+        plant: Plant,
+        motor: Motor,
+        setpoint_delay_s: float,
+        torque_noise_nm: float,
+        seed: int,
+        faults: Faults,
+        brake: tuple[float, float] = (0.0, 0.0),
+    ) -> None:
         self._plant = plant
+        self._brake = Brake(plant, *brake)
         self._motor = motor
         self._faults = faults
         delay = setpoint_delay_s / TICK_S
@@ -48,13 +95,19 @@ class PowerStage:
         self.torque_sample_nm = 0.0
         self.switch_off()
 
-    def switch_off(self) -> None:
-        """No current from now on; setpoints on their way are lost."""
+    def switch_on(self) -> None:
+        """The motor carries torque, the brake begins to open."""
+        self._brake.open()
+
+    def switch_off(self, held: bool = False) -> None:
+        """No current from now on; setpoints on their way are lost.   held : but not before the brake has closed."""
+        self._brake.close(held)
         self._on_the_way = deque([0.0] * self._delay_ticks)
         self._acting_nm = 0.0
 
     def run(self, setpoint_nm: float, now_s: float) -> None:
         """Let one tick pass that began at ``now_s`` with this setpoint decided."""
+        self._brake.pass_tick()
         self._on_the_way.append(setpoint_nm)
         old, new = self._acting_nm, self._on_the_way.popleft()
         self._acting_nm = new

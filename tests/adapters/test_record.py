@@ -366,3 +366,52 @@ def test_close_is_idempotent_and_stops_an_enabled_axis(opened):
     drive.close()
     assert node.states[-2:] == [QUICK, DISABLED]
     drive.stop()
+
+
+def test_the_torque_that_holds_is_there_before_the_drive_is_enabled_and_until_it_is_stopped(opened):
+    """Every frame from the first with Enable Operation on carries it; `brake_s` more of them come before the motion."""
+    node, rows = StubNode(), []
+    sent: list[tuple[int, float]] = []
+    drive = opened(node)
+    unit = drive.capabilities.torque_step_nm
+    rest, motion = 40 * unit, torque([45 * unit] * 5)
+    original = drive._link.bus.send
+
+    def send(message, *args, **kwargs):
+        if message.arbitration_id == 0x200 + 1 and len(message.data) == 4:
+            sent.append((int.from_bytes(message.data[:2], "little"), int.from_bytes(message.data[2:], "little", signed=True) * unit))
+        return original(message, *args, **kwargs)
+
+    drive._link.bus.send = send
+    drive.record(replace(motion, rest_nm=rest), replace(LIMITS, brake_s=0.03), rows.append)
+    enabled = [value for word, value in sent if word == 0x0F]
+    assert len(rows) == 5
+    assert rows[0][2] == pytest.approx(45 * unit)
+    assert enabled[:30] == pytest.approx([rest] * 30)
+    assert enabled.count(pytest.approx(45 * unit)) == 5
+    assert all(value == pytest.approx(rest) for _, value in sent if value != pytest.approx(45 * unit))
+    released = [word for word, _ in sent]
+    assert 0x02 in released  # a motion that ends well ends with a quick stop
+
+
+def test_what_is_released_has_no_quick_stop(opened):
+    node = StubNode()
+    drive = opened(node)
+    words: list[int] = []
+    original = drive._link.bus.send
+
+    def send(message, *args, **kwargs):
+        if message.arbitration_id == 0x200 + 1 and len(message.data) == 4:
+            words.append(int.from_bytes(message.data[:2], "little"))
+        return original(message, *args, **kwargs)
+
+    drive._link.bus.send = send
+
+    def enough(_row: Row) -> None:
+        raise SafetyStop("enough", "enough")
+
+    with pytest.raises(SafetyStop):
+        drive.record(torque([0.01] * 20), replace(LIMITS, release=True), enough)
+    assert 0x0F in words
+    assert 0x02 not in words
+    assert words[-1] == 0x00

@@ -55,6 +55,9 @@ class LoggedPlant:
     def __getattr__(self, name: str) -> Any:
         return getattr(self.plant, name)
 
+    def brake(self, torque_nm: float) -> None:
+        self.plant.brake(torque_nm)
+
     def step(self, torque_nm: float, duration_s: float) -> None:
         plant = self.plant
         plant.step(torque_nm, duration_s)

@@ -168,6 +168,10 @@ class TruthPlant:
         if outcome != k.FINE:
             raise RuntimeError(_OUTCOMES[outcome].format(events=k.MOST_EVENTS))
 
+    def brake(self, torque_nm: float) -> None:
+        """A holding brake that presses with this torque: Coulomb friction of the motor beside its own."""
+        self._parameters[k.COULOMB + k.MOTOR] = self.axis.coulomb_motor_nm + torque_nm
+
     @property
     def stuck(self) -> tuple[bool, bool, bool]:
         """Whether motor, carriage and end pulley are held by their friction."""
