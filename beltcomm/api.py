@@ -209,12 +209,14 @@ def verify(
     move: Path | None = None,
     trajectory: str | None = None,
     rungs: bool = False,
+    over_belt: bool = False,
     options: Options | None = None,
     talk: Talk | None = None,
 ) -> Result:
     """Drive a move with the run's design, compare its error with the prediction.   Exit code 1 when a target is missed.
 
     ``options.feedforward`` replaces the design's for this move only.   rungs : the move once for each step of what the model can bring.
+    over_belt : on a virtual drive, the belt may carry more than its feed force.
     """
     options, talk = options or Options(), talk or Silence()
     with open_drive(drive, options.for_drive()) as connected:
@@ -229,6 +231,7 @@ def verify(
             trajectory=trajectory,
             feedforward=options.feedforward,
             rungs=rungs,
+            over_belt=over_belt,
             planned=(lambda plan, axis: _planned(plan, connected, options, axis)) if options.dry_run else None,
         )
 

@@ -19,9 +19,12 @@ from beltcomm.errors import UsageError
 @click.option("--trajectory", metavar="NAME", help="Limits of the 0 to 0.5 m move, from axis.yaml; T_A when left out.")
 @shared.sent_feedforward_option
 @click.option("--rungs", is_flag=True, help="The move five times: what each step beyond the design source brings, in um.")
+@click.option("--over-belt", is_flag=True, help="Virtual drives only: the belt may carry more than its feed force (T_B of the thesis).")
 @shared.output_options
 @click.pass_obj
-def command(frame: Frame, /, drive: str, run: Path, move: Path | None, trajectory: str | None, rungs: bool, **given: Any) -> int:
+def command(
+    frame: Frame, /, drive: str, run: Path, move: Path | None, trajectory: str | None, rungs: bool, over_belt: bool, **given: Any
+) -> int:
     """Drive a move with the run's design and compare its error with the predicted one; the machine moves."""
     if move is not None and trajectory is not None:
         raise UsageError("--move brings its own motion, --trajectory names limits for the standard one; give one of them")
@@ -29,4 +32,7 @@ def command(frame: Frame, /, drive: str, run: Path, move: Path | None, trajector
     if rungs and options.feedforward is not None:
         raise UsageError("--rungs drives every feedforward in turn; leave --feedforward out")
     frame.run = run
-    return frame.show(api().verify(drive, run, move=move, trajectory=trajectory, rungs=rungs, options=options, talk=frame.talk()))
+    result = api().verify(
+        drive, run, move=move, trajectory=trajectory, rungs=rungs, over_belt=over_belt, options=options, talk=frame.talk()
+    )
+    return frame.show(result)

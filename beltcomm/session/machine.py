@@ -72,6 +72,7 @@ class Machine:
     holding_nm : what keeps the axis where it is beside friction, N m; every open-loop record holds it, or the carriage would drift.
     titles : of the phases to come, so that :meth:`begin` can number them.
     keep_gains : set by the sequence when the user wants to keep the new gains in the drive (not saved).
+    over_belt : the user lets the belt carry more than its feed force; virtual drives only.
     deceleration_m_s2 : of a quick stop, lent to the drive with every motion.   braking : what brakes the axis with the loop that is in
     the drive; None as long as only friction can be counted with.
     """
@@ -82,7 +83,7 @@ class Machine:
         self.origin_rad = 0.0
         self.place_known = True
         self._window_m = (-math.inf, math.inf)
-        self.keep_gains = False
+        self.keep_gains = self.over_belt = False
         self.titles: tuple[str, ...] = ()
         self.friction = (0.0, 0.0)
         self.holding_nm = 0.0
@@ -270,7 +271,7 @@ class Machine:
 
     def stops_beyond(self, position_m: Array, speed_m_s: Array) -> str:
         """In words, where a stop at some moment of a motion would end outside the travel; empty when every stop ends inside."""
-        if self.braking is None:
+        if self.braking is None or self.over_belt:
             return ""
         low, high = self.full_room().window_m
         reached = self.braking.span_m(position_m, speed_m_s, self.drive.capabilities.sample_period_s)

@@ -202,7 +202,7 @@ def broken_limits(machine: Machine, model: Model, trajectory: Trajectory) -> lis
     pairs = [
         ("the speed", asked.speed_m_s, phases.SPEED_SHARE * room.speed_m_s, "m/s"),
         ("the acceleration", asked.acceleration_m_s2, axis.acceleration_m_s2 or math.inf, "m/s²"),
-        ("the feed force", asked.feed_force_n, machine.belt_left_n, "N"),
+        ("the feed force", asked.feed_force_n, math.inf if machine.over_belt else machine.belt_left_n, "N"),
         ("the motor torque", asked.torque_nm, room.torque_nm, "N m"),
     ]
     broken = [f"{what} would be {value:.4g} {unit}, limit {limit:.4g} {unit}" for what, value, limit, unit in pairs if value > limit]

@@ -67,14 +67,18 @@ def verify_with(
     trajectory: str | None = None,
     feedforward: SentFeedforward | None = None,
     rungs: bool = False,
+    over_belt: bool = False,
     planned: Callable[[Plan, Axis], Result] | None = None,
 ) -> Result:
     """Drive a move with the run's design and compare its error with the prediction.   Exit code 1 when a target is missed.
 
     name : of the drive, for what to do next.   agree : shows what will move and raises Refused for a no.   move, trajectory : a file, or
     limits named in axis.yaml.   feedforward : in place of the design's, for this move only.   rungs : the move once for each of ``RUNGS``.
+    over_belt : a virtual belt may carry more than its feed force, as T_B of the design source asks for.
     planned : makes the result of a plan that is only shown.
     """
+    if over_belt and name.split(":")[0] != "virtual":
+        raise Refused("more than the feed force is for virtual belts only; slow the move down, or state another belt in axis.yaml")
     folder = RunFolder.open(run)
     saved = folder.load("designs", "final")
     model = offline.trusted(folder, str(saved.get("revision") or ""))[0]
@@ -93,6 +97,7 @@ def verify_with(
     sending: Sending = "compliant" if feedforward == "compliant" else "rigid" if along else "nothing"
     driven: list[tuple[str, Verdict, Demand]] = []
     with Machine(drive, folder.axis, folder, talk) as machine:
+        machine.over_belt = over_belt
         referencing.reference(machine, settings)
         braking = stops.count_on_loop(machine, [model], cascade, delay_s)
         path, remark = verification.move_asked_for(machine, model, move, trajectory)

@@ -93,3 +93,16 @@ def test_a_drive_that_takes_no_torque_along_cannot_be_led(
 def test_compliant_is_nothing_to_commission_with(complete: Complete, tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="beltcomm verify --feedforward compliant"):
         api.commission("virtual", "egc-70-600", tmp_path / "new", options=api.Options(yes=True, feedforward="compliant"))
+
+
+def test_more_than_the_feed_force_is_for_virtual_belts_only(
+    complete: Complete, copy_of_complete: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """T_B takes 115 N of the belt (thesis.md 3), which bears 100 N."""
+    monkeypatch.setattr(api, "open_drive", complete.bench.open)
+    run = copy_of_complete()
+    with pytest.raises(Refused, match=r"the feed force would be 11[45]\.\d N, limit 99\.84 N"):
+        api.verify(complete.bench.name, run, trajectory="T_B", options=YES)
+    with pytest.raises(Refused, match="virtual belts only"):
+        api.verify("can0", run, trajectory="T_B", over_belt=True, options=YES)
+    assert api.verify(complete.bench.name, run, trajectory="T_B", over_belt=True, options=YES).exit_code == 0
