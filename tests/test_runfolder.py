@@ -20,7 +20,7 @@ DRIVE = {"name": "reference", "serial": "1"}
 def rows(samples: int = 40) -> list[tuple[float, ...]]:
     t = 1e-3 * np.arange(samples)
     nan = np.full(samples, np.nan)
-    return list(zip(*(c.tolist() for c in (t, 0.1 * np.sin(50 * t), nan, np.cos(20 * t), nan, nan, nan)), strict=True))
+    return list(zip(*(c.tolist() for c in (t, 0.1 * np.sin(50 * t), nan, np.cos(20 * t), nan, nan, nan, nan)), strict=True))
 
 
 def record(run: RunFolder, name: str, experiment: str = "frf", finished: bool = True) -> None:

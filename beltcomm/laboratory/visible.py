@@ -59,6 +59,7 @@ def visible(fitted: Fitted, ground: Ground) -> list[Sight]:
         falls: list[tuple[float, Trial]] = []
         for some, columns in scorer.trials(effect, ground):
             falls += zip(scorer.nearby.power(columns, columns.shape[1] // len(some)), some, strict=True)
+        falls = [entry for entry in falls if not entry[1].base] or falls  # what a trial changes of the base is not the effect
         if not falls:
             continue
         falls.sort(key=lambda entry: -entry[0])
