@@ -9,7 +9,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -19,6 +19,7 @@ from click.testing import CliRunner, Result
 
 from beltcomm.cli.frame import _fitted
 from beltcomm.cli.main import VERBS, cli
+from beltcomm.design.specification import PRODUCT_SPECIFICATION
 from beltcomm.errors import DataError, DriveFault, Refused, SafetyStop, UsageError
 
 
@@ -146,7 +147,13 @@ def test_what_is_not_given_is_left_to_the_api(api: StandIn) -> None:
     [
         (["fit", "R", "--solver", "trf"], "fit", (Path("R"),), {"solver": "trf", "model": "two-mass"}),
         (["fit", "R", "--model", "three-mass"], "fit", (Path("R"),), {"model": "three-mass"}),
-        (["design", "R"], "design", (Path("R"),), {}),
+        (["design", "R"], "design", (Path("R"),), {"specification": PRODUCT_SPECIFICATION}),
+        (
+            ["design", "R", "--phase-margin", "60", "--suppression", "-12", "--position-phase-margin", "75"],
+            "design",
+            (Path("R"),),
+            {"specification": replace(PRODUCT_SPECIFICATION, phase_margin_deg=60.0, suppression_db=-12.0, position_phase_margin_deg=75.0)},
+        ),
         (["verify", "--drive", "can0", "--run", "R", "--move", "m.csv"], "verify", ("can0", Path("R")), {"move": Path("m.csv")}),
         (["apply", "--drive", "can0", "--run", "R"], "apply", ("can0", Path("R")), {}),
         (["rollback", "--drive", "can0", "--run", "R"], "rollback", ("can0", Path("R")), {}),
