@@ -19,7 +19,11 @@ from beltcomm.errors import UsageError
 @click.option("--trajectory", metavar="NAME", help="Limits of the 0 to 0.5 m move, from axis.yaml; T_A when left out.")
 @shared.sent_feedforward_option
 @click.option("--rungs", is_flag=True, help="The move five times: what each step beyond the design source brings, in um.")
-@click.option("--over-belt", is_flag=True, help="Virtual drives only: the belt may carry more than its feed force (T_B of the thesis).")
+@click.option(
+    "--over-belt",
+    is_flag=True,
+    help="Virtual drives only: no limit of the belt, nor of the way of a stop, holds the move back (T_B of the thesis).",
+)
 @shared.output_options
 @click.pass_obj
 def command(

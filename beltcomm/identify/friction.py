@@ -271,7 +271,7 @@ def _remarks(fit: FrictionFit, left_out_rad_s: Sequence[float], speed: Array, to
     if fit.offset.interval is not None and abs(fit.offset.value) > fit.offset.interval:
         remarks.append(
             f"an offset of {fit.offset.value:.3g} ± {fit.offset.interval:.2g} N m: gravity, an offset of the current or friction "
-            "that differs by direction; a sweep with another payload tells gravity apart"
+            "that differs by direction; on a tilted axis most of it is gravity, elsewhere a sweep with another payload tells that apart"
         )
     slowest = float(np.min(np.abs(speed)))
     slow = np.abs(speed) <= slowest * (1.0 + 2.0 * LARGEST_SPEED_ERROR)

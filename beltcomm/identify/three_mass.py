@@ -15,7 +15,7 @@ import numpy as np
 
 from beltcomm.axis import Axis
 from beltcomm.effects.belt_spans import stiffness as stiffness_at
-from beltcomm.errors import DataError
+from beltcomm.errors import DataError, Refused
 from beltcomm.identify.final import FinalModel, PlaceStiffness, by_position, evidence, final_model
 from beltcomm.identify.inverse_fit import SUSPECT_MISFIT, InverseFit, fit_inverse
 from beltcomm.identify.residual import stretches, whitened
@@ -138,7 +138,7 @@ def fit_three_mass(
 ) -> InverseFit:
     """The three-mass model fitted to the excited records from the start values that rank best, until it explains them, then to all.
 
-    two : the fitted two-mass model.   Raises DataError when the fit does not stay finite.
+    two : the fitted two-mass model.   Raises DataError when no start value is possible, Refused when no fit stays finite.
     """
     excited = [r for r in recordings if r.sidecar.experiment == "frf" and not r.sidecar.held_out]
     ranked = _ranked(list(_starts(axis, two.model, recordings, two.suspect)), excited, counts_per_rev, two.noise_nm)
@@ -159,14 +159,20 @@ def fit_three_mass(
     if best is not None and len(excited) == len(recordings):
         return best
     start = ranked[0] if best is None else best.model
-    return fit_inverse(
-        recordings,
-        start,
-        counts_per_rev=counts_per_rev,
-        fixed=fixed,
-        noise_nm=two.noise_nm,
-        progress=lambda f: progress(0.5 + 0.5 * f),
-    )
+    try:
+        return fit_inverse(
+            recordings,
+            start,
+            counts_per_rev=counts_per_rev,
+            fixed=fixed,
+            noise_nm=two.noise_nm,
+            progress=lambda f: progress(0.5 + 0.5 * f),
+        )
+    except DataError as problem:
+        raise Refused(
+            "no third mass is identified, nothing was changed: no three-mass model with the belt of axis.yaml follows all of these records "
+            f"({problem}); two masses leave {math.sqrt(two.misfit):.2f} times the noise"
+        ) from problem
 
 
 def _starts(axis: Axis, two: Model, recordings: Sequence[Recording], suspect: bool) -> Iterator[Model]:
@@ -222,20 +228,22 @@ def _ranked(starts: Sequence[Model], excited: Sequence[Recording], counts_per_re
 
 
 def _bounds(axis: Axis, recordings: Sequence[Recording]) -> dict[str, tuple[float, float]]:
-    """What the belt and the end pulley can be: EA by the data sheet, no section shorter than ``SHORTEST_SPAN`` of l3 in the records, and no
-    end pulley whose mode lies above the sampling frequency, which would show as compliance alone:
+    """What the belt and the end pulley can be: EA by the data sheet, no section shorter than ``SHORTEST_SPAN`` of l3 in the records, or
+    half of what the data sheet says, where that is less, and no end pulley whose mode lies above the sampling frequency, which would
+    show as compliance alone:
 
     m > EA (1/l2 + 1/l3)/(2π f_s)²,   l2 : the shortest allowed
     """
     distance, ea = float(axis.get("belt.pulley_distance_m")), float(axis.get("belt.specific_stiffness_n"))
-    ratio, shortest = axis.transmission_m_rad, SHORTEST_SPAN * distance
+    ratio, offset = axis.transmission_m_rad, axis.travel.driven_side_offset_m
     where = [(r.sidecar.start_position_m or 0.0) + ratio * (r.position - r.position[0]) for r in recordings]
     low, high = min(float(x.min()) for x in where), max(float(x.max()) for x in where)
     slowest = max(r.sample_period_s for r in recordings)
+    first, second = (min(SHORTEST_SPAN * distance, 0.5 * max(span, 0.0)) for span in (offset + low, distance - offset - high))
     return {
-        MASS: (ea * (1.0 / shortest + 1.0 / distance) * (slowest / math.tau) ** 2, 100.0),
+        MASS: (ea * (1.0 / max(second, 1e-6) + 1.0 / distance) * (slowest / math.tau) ** 2, 100.0),
         EA: (ea / BELT_FACTOR, ea * BELT_FACTOR),
-        OFFSET: (max(0.0, shortest - low), distance - shortest - high),
+        OFFSET: (max(0.0, first - low), distance - second - high),
     }
 
 

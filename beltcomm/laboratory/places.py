@@ -6,6 +6,7 @@ stands out by ratio / elsewhere, not by ratio alone, or an error that is everywh
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -268,5 +269,5 @@ def worst_band(judged: Sequence[Judged]) -> Place | None:
 
 
 def above_noise(squares: Array) -> float:
-    """Sum of all squares above the noise."""
-    return max(float(np.sum(squares - 1.0)), 1e-9)
+    """Sum of all squares above the noise; no less than noise alone scatters by, √(2n), or shares of nothing would be told."""
+    return max(float(np.sum(squares - 1.0)), math.sqrt(2.0 * max(len(squares), 1)))

@@ -154,11 +154,11 @@ def _residuals(axes: Axes, trace: Trace, near: NDArray[np.bool_]) -> None:
 
 
 def _mean(values: Array, width: int) -> Array:
-    """Running mean over the samples that are there."""
+    """Running mean over the samples that are there: of grouped ones every second or fourth is."""
     known = np.isfinite(values)
     total = np.convolve(np.where(known, values, 0.0), np.ones(width), mode="same")
     count = np.convolve(known, np.ones(width), mode="same")
-    return np.asarray(np.where(known & (count > 0.5 * width), total / np.maximum(count, 1.0), np.nan))
+    return np.asarray(np.where(count > 0.5 * max(float(np.max(count, initial=0.0)), 1.0), total / np.maximum(count, 1.0), np.nan))
 
 
 def _wide(values: Array) -> tuple[float, float]:

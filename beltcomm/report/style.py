@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from textwrap import wrap
+from textwrap import fill, wrap
 from typing import Any
 
 from matplotlib import rc_context
@@ -24,6 +24,8 @@ NO_DATA = "#D5DCE4"
 WIDTH = 10.0
 #: Letters of a line of text above a figure.
 LINE = 118
+#: The same of a title in bold.
+BOLD_LINE = 96
 
 _STYLE: Any = {
     "font.size": 10.0,
@@ -59,6 +61,7 @@ def figure(title: str, height: float, caption: Caption, sentences: Sequence[str]
     """An empty figure with its title and sentences on top, command and data below."""
     below = [line for sentence in sentences for line in wrap(sentence, LINE, initial_indent="• ", subsequent_indent="   ")]
     made = Figure(figsize=(WIDTH, height + 0.2 * len(below)), layout="constrained")
+    title = title if len(title) <= BOLD_LINE else fill(title, BOLD_LINE)
     made.suptitle("\n".join([title, *below]), x=0.01, ha="left", fontsize=11, fontweight="normal" if sentences else "bold")
     made.supxlabel(f"{caption.command}    data: {caption.data}", x=0.01, ha="left", fontsize=8, color="#555555")
     return made

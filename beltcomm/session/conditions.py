@@ -12,13 +12,13 @@ from beltcomm.recording import Recording
 #: m/s: a carriage that gets on less than this on average stands, but for its drift; so does one that swings faster than it gets on.
 MOVING_M_S = 0.01
 
-Direction = Literal["standing", "forward", "backward"]
+Direction = Literal["standing", "forward", "backward", "both ways"]
 
 
 @dataclass(frozen=True)
 class Condition:
     """One excited record.   place_m : None where nobody knows it, the middle of the way for a moving one.   amplitude_nm : largest torque
-    of the excitation.   base_speed_m_s : mean speed over its periods, 0 for a standing one.
+    of the excitation.   base_speed_m_s : mean speed over its periods, 0 for a standing one.   to_and_fro : strokes at that speed each way.
     """
 
     record: str
@@ -26,10 +26,13 @@ class Condition:
     amplitude_nm: float
     base_speed_m_s: float
     held_out: bool
+    to_and_fro: bool = False
 
     @property
     def direction(self) -> Direction:
         """Sign of the base speed."""
+        if self.to_and_fro:
+            return "both ways"
         return "standing" if self.base_speed_m_s == 0.0 else "forward" if self.base_speed_m_s > 0.0 else "backward"
 
     def words(self) -> str:
@@ -44,11 +47,24 @@ def condition_of(recording: Recording, ratio_m_rad: float) -> Condition:
     note = recording.sidecar.excitation
     first = min(note.first_sample if note else 0, len(recording.t_s) - 2)
     path = ratio_m_rad * (recording.position - recording.position[0])
+    start = recording.sidecar.start_position_m
+    if note is not None and note.base_speed_m_s:  # strokes there and back, which come to nothing in the mean
+        middle = None if start is None else start + 0.5 * float(path.min() + path.max())
+        return Condition(
+            recording.name, middle, loudness(recording, first), note.base_speed_m_s, recording.sidecar.held_out, to_and_fro=True
+        )
     speed = float(path[-1] - path[first]) / float(recording.t_s[-1] - recording.t_s[first])
     swing = float(np.std(np.diff(path[first:]) / np.diff(recording.t_s[first:])))
     speed = speed if abs(speed) >= max(MOVING_M_S, swing) else 0.0
-    start = recording.sidecar.start_position_m
     middle = 0.5 * float(path[first] + path[-1]) if speed else 0.0
-    torque = recording.torque[first:] - np.mean(recording.torque[first:])
-    amplitude = note.amplitude_nm if note and note.amplitude_nm is not None else float(np.max(np.abs(torque)))
-    return Condition(recording.name, None if start is None else start + middle, amplitude, speed, recording.sidecar.held_out)
+    place = None if start is None else start + middle
+    return Condition(recording.name, place, loudness(recording, first), speed, recording.sidecar.held_out)
+
+
+def loudness(recording: Recording, first: int) -> float:
+    """Largest torque of the excitation, N m: as noted, else what the record shows from a sample on."""
+    note = recording.sidecar.excitation
+    if note is not None and note.amplitude_nm is not None:
+        return note.amplitude_nm
+    torque = recording.torque[first:]
+    return float(np.max(np.abs(torque - np.mean(torque))))

@@ -161,7 +161,8 @@ def _backwards(sign: float, torque_nm: float, top_nm: float) -> str:
     if torque_nm < BY_ITSELF * top_nm:
         return (
             f"the carriage moved to {to} by itself, under hardly any torque ({torque_nm:.3f} N m to {under}): a tilt, a hanging load or a "
-            "spring moves it as soon as the brake opens. Secure the carriage; such axes cannot be commissioned. Do not change any polarity"
+            "spring moves it as soon as the brake opens. Secure the carriage. For a tilted axis state mounting.tilt_deg, payload and brake "
+            "in axis.yaml: then gravity is held from the beginning. Do not change any polarity"
         )
     return (
         f"the carriage moves to {to} under {torque_nm:.3f} N m of {under} torque. On a level axis torque and encoder count in opposite "

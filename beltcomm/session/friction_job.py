@@ -21,7 +21,7 @@ from beltcomm.session.bounds import Experiment, course_before
 from beltcomm.session.commission import measure_friction
 from beltcomm.session.machine import Machine, stroking
 from beltcomm.session.orders import DEFAULT, Stroke, Wanted
-from beltcomm.session.plan import MOVE_SECONDS, Plan, friction_plan
+from beltcomm.session.plan import MOVE_SECONDS, Plan, friction_plan, gentle_force_n
 from beltcomm.sidecar import Sidecar, load_sidecar
 from beltcomm.trajectory import Trajectory
 
@@ -85,7 +85,7 @@ def plan_of(axis: Axis, capabilities: Capabilities, model: Model, asked: Wanted)
         records = orders.records_of(strokes, course.gentle, record_s(capabilities))
         top, way = max(s.speed_m_s for s in strokes), max(s.length_m for s in strokes)
         seconds = sum(orders.seconds_of(s, course.gentle) for s in strokes) + BRING_SECONDS * len(records)
-        lines.append(Experiment(title, way, whole, top, torque, axis.belt_force_limit_n / 3.0, seconds))
+        lines.append(Experiment(title, way, whole, top, torque, gentle_force_n(axis), seconds))
     if any(order != DEFAULT for order, _ in asked.sweeps):
         strokes, left_out = orders.strokes_for(orders.speeds_of("I", 1), room, course.gentle, axis)
         notes += friction_words.stroke_lines(strokes, left_out)

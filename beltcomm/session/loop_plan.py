@@ -32,7 +32,7 @@ from beltcomm.session.bounds import Experiment
 from beltcomm.session.commission import Findings
 from beltcomm.session.machine import Machine
 from beltcomm.session.making import RESPONSE_S
-from beltcomm.session.plan import MOVE_SECONDS, Plan
+from beltcomm.session.plan import MOVE_SECONDS, Plan, gentle_force_n
 from beltcomm.simulate.loop import LoopDrive, LoopKind
 
 #: m/s: the thesis's own base speed (3.4); less where the travel is short.
@@ -187,7 +187,7 @@ def plan_of(machine: Machine, job: Job) -> Plan:
         high - low,
         min(phases.POSITIONING_SPEED_M_S, machine.full_room().speed_m_s),
         torque,
-        axis.belt_force_limit_n / 3.0,
+        gentle_force_n(axis),
         (1 + RISES) * MOVE_SECONDS,
     )
     lines = [

@@ -119,7 +119,13 @@ def _sweep(axis: Axis, capabilities: Capabilities, seconds: float) -> Experiment
     whole = float(axis.travel.max_m or 0.0) - float(axis.travel.min_m or 0.0)
     torque = min(axis.motor.peak_torque_nm or math.inf, capabilities.peak_torque_nm)
     travel, speed = (1.0 - 2.0 * phases.stroke_share(capabilities)) * whole, _sweep_speed_m_s(axis, capabilities)
-    return Experiment("constant-speed sweep", travel, whole, speed, torque, axis.belt_force_limit_n / 3.0, seconds)
+    return Experiment("constant-speed sweep", travel, whole, speed, torque, gentle_force_n(axis), seconds)
+
+
+def gentle_force_n(axis: Axis) -> float:
+    """What strokes load the belt with, N: a third of its limit, and on a tilted axis the weight it carries all the time."""
+    held = abs(gravity.expected(axis).torque_nm) / axis.transmission_m_rad if axis.mounting.tilted else 0.0
+    return axis.belt_force_limit_n / 3.0 + held
 
 
 def move_plan(

@@ -113,6 +113,11 @@ def verify_with(
             shown = {"proof": proof(gains, path, (), how if how in ("stretch", "compliant") else "")}
             folder.save_result(f"verify_{record}", {**verdict_to_dict(verdict), **shown})
             driven.append((record, verdict, asked))
+    if over_belt and asked.feed_force_n > folder.axis.belt_force_limit_n:
+        beyond = (
+            f"the belt carried up to {asked.feed_force_n:.0f} N, beyond its {folder.axis.belt_force_limit_n:.0f} N: for a virtual belt only"
+        )
+        remark = f"{remark}; {beyond}" if remark else beyond
     return _rungs_result(folder, path, driven) if rungs else _result(folder, name, driven[0], feedforward, remark)
 
 
@@ -120,6 +125,10 @@ def _result(folder: RunFolder, drive: str, one: tuple[str, Verdict, Demand], fee
     """One move."""
     record, verdict, asked = one
     text = words.verdict_lines(verdict, asked, feedforward) + words.remarks_lines([remark] if remark else [])
+    if feedforward == "compliant":
+        text.append(
+            "`beltcomm apply` writes the gains that this move was driven with, and the drive's own feedforward; the host led the motor."
+        )
     text.append(f"Next: {next_step(folder, drive, verdict.passed)}")
     return Result({"run": str(folder.path), "recording": record, **verdict_to_dict(verdict)}, text, 0 if verdict.passed else 1)
 
@@ -144,5 +153,8 @@ def _rungs_result(folder: RunFolder, path: Trajectory, driven: list[tuple[str, V
     last = driven[-1][1]
     where = "measured" if last.measured_cart else "predicted; nothing measures there"
     text += [f"  at the carriage: {where}", f"  {last.reasons[-1]}"]
+    if last.measured_cart is None:
+        missed = 1e6 * abs(last.measured.dynamic_m - last.predicted.dynamic_m)
+        text.append(f"  the prediction knows the model only: at the motor it is {missed:.3g} um off, expect no less at the carriage")
     text.append(f"Next: beltcomm verify --drive DRIVE --run {folder.path} --feedforward compliant --move FILE for a move of your own")
     return Result({"run": str(folder.path), "rungs": data}, text)
