@@ -22,14 +22,17 @@ def figures(study: Study, caption: Caption) -> Mapping[str, Figure]:
     """Error at the motor over time; what was stopped is left out, and so is what would hide all others."""
     made = {}
     for number, title in TITLES.items():
-        runs: list[Run] = [r for r in study.runs if r.figure == number and not r.stopped and r.motor.dynamic_m < 0.05]
+        driven: list[Run] = [r for r in study.runs if r.figure == number and not r.stopped]
+        runs = [r for r in driven if r.motor.dynamic_m < 0.05]
         with styled():
             shown = figure(f"{title}: error at the motor, 0 to 0.5 m with the limits T_A", 3.6, caption)
             axes = shown.subplots()
             for run, colour in zip(runs, COLOURS, strict=False):
                 name = f"{run.name}, {RIGS[run.rig]}" if number == "5.4" else run.name
                 axes.plot(run.t_s, 1e3 * run.error_m, color=colour, linewidth=1.3, label=f"{name}: {1e3 * run.motor.dynamic_m:.2f} mm")
-            axes.axhspan(-1.0, 1.0, color="#EEEEEE", zorder=0)
+            for run in (r for r in driven if r not in runs):
+                axes.plot([], [], " ", label=f"not shown, {run.name}: {1e3 * run.motor.dynamic_m:.0f} mm")
+            axes.axhspan(-1.0, 1.0, color="#EEEEEE", zorder=0, label="below 1 mm")
             axes.set(xlabel="time in s", ylabel="reference - motor in mm", xlim=(0.0, 1.6))
             axes.legend()
         made[f"closed_loop_{number.replace('.', '_')}"] = shown
