@@ -21,11 +21,12 @@ from beltcomm.errors import DamagedRecord, DataError, Refused
 from beltcomm.identify.dead_time import DeadTime, dead_time_between
 from beltcomm.identify.friction import FrictionFit, Plateau, find_plateaus, fit_friction
 from beltcomm.identify.inverse_fit import InverseFit
+from beltcomm.identify.loop_response import seen
 from beltcomm.identify.magnitude_fit import MagnitudeFit, Solver, fit_magnitude
 from beltcomm.linear import operating_point
 from beltcomm.model import Model
 from beltcomm.recording import Recording
-from beltcomm.response import FrequencyResponse, estimate_response
+from beltcomm.response import FrequencyResponse
 from beltcomm.transfer import two_mass
 
 #: Below this a loop is refused, whatever the drive's structure.
@@ -52,15 +53,7 @@ def responses(recordings: Sequence[Recording], *, setpoint: bool = False) -> dic
         if recording.sidecar.experiment != "frf" or note is None or not note.period_samples or torque is None:
             continue
         try:
-            found[recording.name] = estimate_response(
-                torque,
-                recording.position,
-                recording.sample_period_s,
-                note.period_samples,
-                note.first_sample,
-                t_s=recording.t_s,
-                starts=note.period_starts,
-            )
+            found[recording.name] = seen(recording, torque)
         except DataError:
             continue  # a record with a single period: it serves the final fit, not the picture
     return found
