@@ -41,7 +41,7 @@ from beltcomm.session.move_file import trajectory as trajectory
 from beltcomm.session.options import Options, settings_of
 from beltcomm.session.orders import wanted as wanted_sweeps
 from beltcomm.session.plan import Plan, commission_plan, identify_plan, move_plan, with_homing
-from beltcomm.session.proof import admit, thin_margins
+from beltcomm.session.proof import admit, doubts, thin_margins
 from beltcomm.session.store import cascade_from_dict, drive_to_dict
 from beltcomm.session.thesis import thesis as thesis
 from beltcomm.session.verify_job import verify_with
@@ -190,13 +190,16 @@ def design(
         findings.remarks.append(remark)
     proven = examined(folder, model, revision, findings, settings.payloads_kg, options.seed or 0, pictures, command)
     mapping = {**outcome.design_dict(findings), "revision": revision, "compensated": list(along), "proof": proven.data}
+    sound = "final" in folder.names("designs") and not doubts(folder)
     folder.save_design("final", mapping)
+    if sound and doubts(folder):
+        findings.remarks.append("the gains before were proven by a move and are replaced; these are not proven yet, verify them")
     text = [
         *words.design_lines(findings.design, findings.cascade),
         *words.knowledge_lines(model, along, which),
         *proven.lines,
         *words.remarks_lines(findings.remarks),
-        *(f"This design is in doubt: {doubt}." for doubt in (*thin_margins(findings.design.margins), *proven.doubts)),
+        *(f"This design is in doubt: {why}." for why in (*thin_margins(findings.design.margins), *proven.doubts)),
         f"Next: beltcomm verify --drive DRIVE --run {run}",
     ]
     return Result({"run": str(run), **mapping, "pictures": proven.pictures}, text, 1 if findings.design.relaxed or proven.failed else 0)

@@ -336,7 +336,7 @@ def _worst(
     found = loads("model", design.plants, design.margins)
     at = spread.worst_at / spread.plants
     drawn = _of_plant(grounds, "draws", at, spread.worst, spread.worst_values["sensitivity_db"])
-    found.append(replace(drawn, text=f"{drawn.text}, reached by 97.5 % of the draws of the uncertain parameters"))
+    found.append(replace(drawn, text=f"{drawn.text}, not exceeded by 97.5 % of the draws of the uncertain parameters"))
     for one, condition in zip(measured, conditions, strict=True):
         most = max(one.velocity.most_sensitivity_db, one.position.most_sensitivity_db)
         text = f"{one.record}, measured at {condition.words()}, the load that was mounted, friction as damping, with 95 %"

@@ -358,3 +358,11 @@ def test_nobody_can_be_asked(make_bench: MakeBench, tmp_path: Path) -> None:
     assert json_of(outcome, 2)["exit_code"] == 2
     assert "use --yes" in outcome.stderr
     assert bench.plant.cart_position_m == 0.0
+
+
+def test_a_design_that_replaces_proven_gains_says_so(copy_of_complete: Copy) -> None:
+    run = copy_of_complete()
+    said = "the gains before were proven by a move and are replaced"
+    assert said not in call("design", run).stdout, "the same gains again"
+    assert said in call("design", run, "--phase-margin", "60").stdout
+    assert said not in call("design", run, "--phase-margin", "60").stdout, "those before were not proven either"
