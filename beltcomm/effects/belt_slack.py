@@ -38,10 +38,16 @@ def slope(stretch: float, limit: float, share: float, balance: float, rounding: 
 def trials(ground: Ground) -> list[Trial]:
     """Limits between an eighth and four fifths of the largest stretch recorded: with the belt as it was fitted, and with a stiffer one.
 
-    A belt fitted without the slack is as soft as both states in the mean; with that stiffness no limit may be better than none.
+    A belt fitted without the slack is as soft as both states in the mean; with that stiffness no limit may be better than none.  Where
+    it was fitted to what it explains, the strands go slack where that ends:  1/s₊ + 1/s₋ = 2/limit,  balance = limit/(2 s₋).
     """
     largest = ground.peak_force_n / ground.stiffness
     plain = [Trial({"limit": part * largest, "share": 0.7, "balance": 0.5}) for part in (0.25, 0.4, 0.6, 0.8)]
+    minus, plus = ground.explained_m
+    if min(minus, plus) > 0.0:
+        limit = 2.0 / (1.0 / plus + 1.0 / minus)
+        balance = min(max(0.5 * limit / minus, 0.25), 0.75)
+        plain += [Trial({"limit": limit, "share": share, "balance": balance}) for share in (0.55, 0.7, 0.85)]
     return plain + [
         Trial({"limit": part * largest, "share": share, "balance": 0.5}, base={_STIFFNESS: stiffer * ground.stiffness})
         for share, stiffer in STIFFER.items()

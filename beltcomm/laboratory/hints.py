@@ -7,9 +7,12 @@ from dataclasses import replace
 import numpy as np
 from scipy.optimize import minimize_scalar
 
+from beltcomm.identify.following import follows
+from beltcomm.identify.problem import OFFSET_M
 from beltcomm.identify.residual import Stretch, dressed, whitened
 from beltcomm.laboratory.data import SUBSTEPS
 from beltcomm.laboratory.fitting import BLOCK_S, Fitted
+from beltcomm.simulate.inverse import fine_load, true_motion
 
 #: m; a record whose carriage stays within this is taken at one place.
 ONE_PLACE_M = 0.06
@@ -20,6 +23,8 @@ RANGE, GRID = 3.0, 25
 #: Rise of the objective on both sides that makes a minimum, nats.
 CLEAR = 30.0
 STIFFNESS = "belt_stiffness.stiffness"
+#: Mean square of a block's residual up to which the model explains it, and share of such blocks that may have swung further by chance.
+EXPLAINS, BY_CHANCE = 1.5, 0.01
 
 
 def stiffness_by_record(fitted: Fitted) -> tuple[tuple[float, float, float], ...]:
@@ -39,6 +44,36 @@ def stiffness_by_record(fitted: Fitted) -> tuple[tuple[float, float, float], ...
             if stiffness is not None:
                 found.append((float(np.mean(theta)), float(np.std(piece.torque)), stiffness))
     return tuple(found)
+
+
+def explained_stretch(fitted: Fitted) -> tuple[float, float]:
+    """How far the belt was stretched, m, to the negative and positive side, in moments that the model explains; (0, 0) without a belt.
+
+    A strand that goes slack does so beyond it, however little the moments beyond tell of where.
+    """
+    model, problem = fitted.model, fitted.problem
+    if STIFFNESS not in problem.free or follows(model):
+        return 0.0, 0.0
+    vector, ratio = model.vector(), model["transmission.ratio"]
+    ends: list[tuple[float, float]] = []
+    first = 0
+    for piece, offset in zip(problem.pieces, fitted.offsets, strict=True):
+        motion = true_motion(model, piece.motion, vector)
+        cart = fine_load(model, motion, vector, OFFSET_M * float(offset))[1]
+        stretch = (ratio * motion.theta - cart)[:: motion.substeps]
+        here = slice(first, first + len(piece.counted))
+        first = here.stop
+        squares, blocks = fitted.residual[here] ** 2, problem.blocks[here]
+        for block in np.unique(blocks):
+            mine = blocks == block
+            if np.mean(squares[mine]) < EXPLAINS:
+                at = piece.counted[mine]
+                part = stretch[int(at.min()) : int(at.max()) + 1]
+                ends.append((-float(part.min()), float(part.max())))
+    if not ends:
+        return 0.0, 0.0
+    minus, plus = np.quantile(np.array(ends), 1.0 - BY_CHANCE, axis=0)
+    return float(minus), float(plus)
 
 
 def likeliest(fitted: Fitted, piece: Stretch) -> float | None:

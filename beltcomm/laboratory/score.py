@@ -21,7 +21,7 @@ from beltcomm.laboratory.acceptance import loudness
 from beltcomm.laboratory.data import SUBSTEPS
 from beltcomm.laboratory.fitting import BLOCK_S, Fitted
 from beltcomm.laboratory.harmonics import gain_means, load_means
-from beltcomm.laboratory.hints import stiffness_by_record
+from beltcomm.laboratory.hints import explained_stretch, stiffness_by_record
 from beltcomm.laboratory.nearby import Nearby
 from beltcomm.model import Model, on_side
 from beltcomm.simulate.inverse import FineMotion, acting_torque, acts_on_motor, as_read, load_of, part_of_load, reading_lags, true_motion
@@ -257,4 +257,5 @@ def ground_of(fitted: Fitted, pieces: Sequence[Stretch], axis: Axis) -> Ground:
         side=model.side,
         belt="cart" in model.base_bodies,
         gear=axis.gearbox.ratio,
+        explained_m=explained_stretch(fitted),
     )
