@@ -2,7 +2,7 @@
 
     python tests/benchmarks/tilted.py [found] [refused] [faults]      (some minutes; tables on stdout)
 
-Truth is i_t m_c g sin(α) of the plant; the commands see axis.yaml and frames only.
+The machine is the independent simulator's; truth is its i_t m_c g sin(α), the commands see axis.yaml and frames only.
 """
 
 from __future__ import annotations
@@ -15,30 +15,38 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
 from beltcomm import api
 from beltcomm.axis import Axis, Mounting, load_axis
-from beltcomm.effects.tilt import GRAVITY_M_S2
 from beltcomm.errors import BeltcommError
-from beltcomm.model import PlantFile, load_plant
-from beltcomm.simulate.plant import SimulatedPlant
 from beltcomm.virtual.faults import Faults
+from truth.plant import TruthPlant
+from truth.rigs import nominal
 
 START_M = 0.25
 PAYLOADS_KG = {"g_a": 11.2, "g_b": 0.0}
 
 
-class Watched(SimulatedPlant):
-    """A plant that remembers its lowest and highest place, and may call back when it is fast."""
+class Watched:
+    """The independent simulator's rig, which remembers its lowest and highest place, and may call back when it is fast."""
 
-    def __init__(self, file: PlantFile, tilt_deg: float) -> None:
-        model = file.model.without_effect("tilt").with_effect("tilt", {"angle": math.radians(tilt_deg)})
-        super().__init__(model, START_M)
-        self.model, self.span_m, self.fast_m_s, self.after_s, self.then = model, [0.0, 0.0], math.inf, 0.0, lambda: None
+    def __init__(self, rig: str, tilt_deg: float) -> None:
+        level = nominal(rig)
+        self.plant = TruthPlant(replace(level.axis, tilt_rad=math.radians(tilt_deg)), truth=level.truth)
+        self.now_s, self.span_m, self.fast_m_s, self.after_s, self.then = 0.0, [0.0, 0.0], math.inf, 0.0, lambda: None
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.plant, name)
+
+    def brake(self, torque_nm: float) -> None:
+        self.plant.brake(torque_nm)
 
     def step(self, torque_nm: float, duration_s: float) -> None:
-        super().step(torque_nm, duration_s)
-        self.span_m = [min(self.span_m[0], self.cart_position_m), max(self.span_m[1], self.cart_position_m)]
-        if self.time_s > self.after_s and abs(self.velocity_rad_s) * self.model["transmission.ratio"] > self.fast_m_s:
+        self.plant.step(torque_nm, duration_s)
+        self.now_s += duration_s
+        self.span_m = [min(self.span_m[0], self.plant.cart_position_m), max(self.span_m[1], self.plant.cart_position_m)]
+        if self.now_s > self.after_s and abs(self.plant.velocity_rad_s) * self.plant.axis.transmission_m_rad > self.fast_m_s:
             self.fast_m_s = math.inf
             self.then()
 
@@ -51,8 +59,7 @@ def case(
     motor = base.motor if brake else replace(base.motor, brake_torque_nm=None)
     payload = replace(base.payload, mass_kg=PAYLOADS_KG[rig] if payload_kg is None else payload_kg)
     axis = replace(base, motor=motor, payload=payload, mounting=Mounting(tilt_deg if stated_deg is None else stated_deg))
-    shipped = {"g_a": "g_a_25deg", "g_b": "g_b_vertical"}[rig]
-    return Watched(load_plant(shipped), tilt_deg), axis
+    return Watched(rig, tilt_deg), axis
 
 
 def run(rig: str, plant: Watched, axis: Axis, command: Any = api.identify, **options: Any) -> Any:
@@ -60,7 +67,7 @@ def run(rig: str, plant: Watched, axis: Axis, command: Any = api.identify, **opt
     shipped = {"g_a": "g_a_25deg", "g_b": "g_b_vertical"}[rig]
     with tempfile.TemporaryDirectory() as folder:
         place = options.pop("position_m", None)
-        given = api.Options(yes=True, position_m=place, drive={"plant": plant, **options})
+        given = api.Options(yes=True, position_m=place, drive={"plant": plant, "start_position": START_M, **options})
         return command(f"virtual:{shipped}", axis, Path(folder) / "run", options=given)
 
 
@@ -68,12 +75,11 @@ def found() -> None:
     print("rig  tilt |  truth mN m | (a) below  above (band ±) | (b) breakaway    creep     fit | mass %      stiffness %   (± 95 %)")
     for rig, tilt in (("g_b", 30.0), ("g_b", 60.0), ("g_b", 90.0), ("g_a", 10.0), ("g_a", 25.0)):
         plant, axis = case(rig, tilt)
-        truth = plant.model["transmission.ratio"] * plant.model["cart.mass"] * GRAVITY_M_S2 * math.sin(math.radians(tilt))
+        truth = plant.plant.axis.transmission_m_rad * plant.truth["mass_kg"] * 9.80665 * math.sin(math.radians(tilt))
         data = run(rig, plant, axis).to_json()
         way, p = data["gravity"], data["model"]["parameters"]
         errors = []
-        for name in ("cart.mass", "belt_stiffness.stiffness"):
-            real = plant.model[name]
+        for name, real in (("cart.mass", plant.truth["mass_kg"]), ("belt_stiffness.stiffness", plant.truth["stiffness_n_m"])):
             errors.append(f"{100 * (p[name]['value'] / real - 1):+.2f} ± {100 * p[name]['interval'] / real:.2f}")
         a = " ".join(f"{1e3 * s['torque_nm']:7.1f}" for s in way["integrators"])
         band = 1e3 * (way["integrators"][0]["high_nm"] - way["integrators"][0]["torque_nm"]) if way["integrators"] else 0.0
