@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
 
 from beltcomm.identify.following import follows
 from beltcomm.identify.problem import OFFSET_M, Problem, free_parameters, time_blocks
@@ -16,6 +17,10 @@ from beltcomm.model import Model
 
 Array = NDArray[np.float64]
 
+#: Where the carriage of a held-out record may have stuck at its start: looked at so far apart, m, so many times to either side.
+APART_M, SIDEWAYS = 0.25 * OFFSET_M, 4
+#: Deviations beyond which a sample counts no more there.
+OUTLIER = 5.0
 #: s; blocks with one weight: longer than the resonance rings, short enough to keep what is wrong apart from what is right.
 BLOCK_S = 0.2
 #: Gain of O that is not worth another iteration, nats.
@@ -93,15 +98,13 @@ def judged(piece: Stretch, model: Model) -> Array:
     here = whitened(piece, model, vector)
     if "cart" not in model.base_bodies or piece.follower is not None:
         return here
-    probe = 0.2 * OFFSET_M
-    slope = (whitened(piece, model, vector, probe) - here) / probe
-    weight = 1.0 / np.maximum(1.0, here**2 / 9.0)
-    information = float(np.sum(weight * slope**2))
-    if information <= 0.0:
-        return here
-    offset = float(np.clip(-np.sum(weight * slope * here) / information, -OFFSET_M, OFFSET_M))
-    there = whitened(piece, model, vector, offset)
-    return there if np.sum(np.minimum(there**2, 25.0)) < np.sum(np.minimum(here**2, 25.0)) else here
+
+    def cost(offset: float) -> float:
+        return float(np.sum(np.minimum(whitened(piece, model, vector, offset) ** 2, OUTLIER**2)))
+
+    near = min((APART_M * k for k in range(-SIDEWAYS, SIDEWAYS + 1)), key=cost)
+    found = minimize_scalar(cost, bounds=(near - APART_M, near + APART_M), method="bounded", options={"xatol": 1e-3 * APART_M})
+    return whitened(piece, model, vector, found.x) if found.fun < cost(0.0) else here
 
 
 def held_objective(data: Data, residuals: Sequence[Array]) -> float:
