@@ -190,7 +190,8 @@ def _stop_words(axis: Axis, capabilities: Capabilities) -> str:
     if axis.mounting.tilted:
         held = (
             f"Gravity is held with about {gravity.expected(axis).torque_nm:.2f} N m from before the brake opens until it is closed; while "
-            f"it is felt for, the carriage may slip: the stage goes off when it has by {1e3 * holding.SLIP_M:g} mm. "
+            f"it is felt for, the carriage may slip: the stage goes off when it has by {1e3 * holding.SLIP_M:g} mm, and it rolls on until "
+            f"brake or friction stop it; all tries together stay within {1e3 * phases.SIGN_REACH_M:g} mm. "
             + ("" if axis.motor.brake_torque_nm else "No brake is stated: only friction holds it without torque. ")
         )
     return held + (

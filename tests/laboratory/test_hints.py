@@ -1,0 +1,43 @@
+"""How far the belt was stretched where the model explains the records, against the carriage of the independent simulator."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import cast
+
+import numpy as np
+import pytest
+
+from beltcomm.identify.problem import Problem, free_parameters, time_blocks
+from beltcomm.identify.residual import stretches
+from beltcomm.laboratory.fitting import BLOCK_S, Fitted
+from beltcomm.laboratory.hints import BY_CHANCE, explained_stretch
+from identify.records import NOISE_NM, STEP_RAD, Recorder, true_model
+from truth.rigs import draw
+
+
+@pytest.mark.parametrize("beyond_m", [np.inf, 1e-4, 0.0])
+def test_only_explained_moments_count(beyond_m: float) -> None:
+    """Blocks in which the belt was stretched further than ``beyond_m`` are called unexplained; what is left says how far."""
+    plant = draw("g_b", np.random.default_rng(10))
+    model = true_model(plant)
+    record = Recorder().shaken(plant, 0.3, 2)
+    assert record.cart_position_m is not None
+    stretch = model["transmission.ratio"] * (record.position - record.position[0]) - (record.cart_position_m - record.cart_position_m[0])
+    (piece,) = stretches(record, model, STEP_RAD, NOISE_NM, fitted=True)
+    assert len(piece.position) == len(stretch)
+    blocks = time_blocks([piece], BLOCK_S)
+    residual, ends = np.ones(len(blocks)), []
+    for block in np.unique(blocks):
+        rows = piece.counted[blocks == block]
+        reached = stretch[rows.min() : rows.max() + 1]
+        if np.abs(reached).max() > beyond_m:
+            residual[blocks == block] = 2.0
+        else:
+            ends.append((-reached.min(), reached.max()))
+    problem = Problem([piece], model, free_parameters(model, ("transmission.ratio",)), BLOCK_S)
+    fitted = SimpleNamespace(model=model, problem=problem, residual=residual, offsets=np.zeros(1))
+    assert len(ends) > 3 or not beyond_m
+    expected = np.quantile(ends, 1.0 - BY_CHANCE, axis=0) if ends else np.zeros(2)
+    # the carriage's own rounding at the start, and the dead time of the recorder's torque: some micrometres
+    np.testing.assert_allclose(explained_stretch(cast("Fitted", fitted)), expected, atol=1e-5)
