@@ -5,7 +5,6 @@ from __future__ import annotations
 import errno
 import importlib
 import json
-import math
 import os
 import shutil
 import sys
@@ -128,7 +127,9 @@ class Frame:
         """The same from a mapping and lines."""
         self._end_talk(done=True)
         if self.json:
-            click.echo(json.dumps(_jsonable(data), ensure_ascii=False, allow_nan=False))
+            from beltcomm.result import jsonable  # numpy, which a command that prints help does without
+
+            click.echo(json.dumps(jsonable(data), ensure_ascii=False, allow_nan=False))
             return
         for line in lines:
             click.echo(_fitted(line, sys.stdout))
@@ -236,21 +237,6 @@ def run_folder(run: Path | None, name: str) -> Path:
         return run
     plain = "".join(letter if letter.isalnum() else "-" for letter in name.lower()).strip("-") or "axis"
     return Path("runs") / f"{plain}-{datetime.now():%Y%m%d-%H%M%S}"
-
-
-def _jsonable(value: Any) -> Any:
-    """The value in the types JSON has; numbers that are not finite become null."""
-    if isinstance(value, Mapping):
-        return {str(key): _jsonable(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_jsonable(item) for item in value]
-    if hasattr(value, "tolist"):  # numpy, which is not imported here
-        return _jsonable(value.tolist())
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    if value is None or isinstance(value, (bool, int, float, str)):
-        return value
-    return str(value)
 
 
 def options_of(**values: Any) -> Any:

@@ -35,6 +35,7 @@ VERBS = {
     "diagnose": "Which physical effect is missing in the model.",
     "add": "One more effect in the model: error before and after.",
     "remove": "One effect less.",
+    "report": "Everything known of a run, as one page.",
     "ladder": "All revisions of a model, down to the noise.",
     "simulate": "A virtual experiment from a model or plant into a run folder.",
     "import": "Foreign measurements into a run folder.",

@@ -39,27 +39,28 @@ def middle_of(folder: RunFolder) -> float:
 
 def comparison_pictures(folder: RunFolder, data: Data, fitted: Fitted, found: Comparison, command: str) -> tuple[list[str], list[str]]:
     """Overlay of the worst record, error maps, frequency responses.   Returns paths and remarks, as :func:`_written`."""
+    return _written(folder, lambda: comparison_figures(folder, data, fitted, found, command))
 
-    def draw() -> dict[str, Figure]:
-        from beltcomm.report import bode, maps, overlay, style
 
-        shown = f"{folder.path.resolve().name}/recordings, {len(found.records)} records"
-        caption = style.Caption(command or f"beltcomm compare {folder.path}", shown)
-        named = landmarks(fitted.model, middle_of(folder))
-        sentences = [in_words(place, named) for place in worst(found)[:SENTENCES]]
-        excess = {r.name: (r.ratio**2 - 1.0) * r.samples for r in found.records}
-        name = max(excess, key=lambda record: excess[record])
-        excited = any(r.name == name and r.sidecar.experiment == "frf" for r in data.recordings)
-        figures = {
-            "compare_maps": maps.maps_figure(found.judged, found.ratio, found.held_out, named, sentences, caption),
-            "compare_overlay": overlay.overlay_figure(overlay.trace_of(found.judged, name, excited), caption),
-        }
-        pairs = bode.response_pairs(data.recordings, found.judged)
-        if pairs:
-            figures["compare_response"] = bode.bode_figure(pairs, named, caption)
-        return figures
+def comparison_figures(folder: RunFolder, data: Data, fitted: Fitted, found: Comparison, command: str) -> dict[str, Figure]:
+    """The same as figures, by name."""
+    from beltcomm.report import bode, maps, overlay, style
 
-    return _written(folder, draw)
+    shown = f"{folder.path.resolve().name}/recordings, {len(found.records)} records"
+    caption = style.Caption(command or f"beltcomm compare {folder.path}", shown)
+    named = landmarks(fitted.model, middle_of(folder))
+    sentences = [in_words(place, named) for place in worst(found)[:SENTENCES]]
+    excess = {r.name: (r.ratio**2 - 1.0) * r.samples for r in found.records}
+    name = max(excess, key=lambda record: excess[record])
+    excited = any(r.name == name and r.sidecar.experiment == "frf" for r in data.recordings)
+    figures = {
+        "compare_maps": maps.maps_figure(found.judged, found.ratio, found.held_out, named, sentences, caption),
+        "compare_overlay": overlay.overlay_figure(overlay.trace_of(found.judged, name, excited), caption),
+    }
+    pairs = bode.response_pairs(data.recordings, found.judged)
+    if pairs:
+        figures["compare_response"] = bode.bode_figure(pairs, named, caption)
+    return figures
 
 
 def change_picture(folder: RunFolder, rung: Revision, before: Comparison, after: Comparison, command: str) -> tuple[list[str], list[str]]:
@@ -78,15 +79,16 @@ def change_picture(folder: RunFolder, rung: Revision, before: Comparison, after:
 
 def ladder_picture(folder: RunFolder, rungs: Sequence[Revision], command: str) -> tuple[list[str], list[str]]:
     """The staircase."""
+    return _written(folder, lambda: ladder_figures(folder, rungs, command))
 
-    def draw() -> dict[str, Figure]:
-        from beltcomm.report import staircase, style
 
-        caption = style.Caption(command or f"beltcomm ladder {folder.path}", f"{folder.path.resolve().name}/results/ladder.yaml")
-        steps = [staircase.Rung(r.name, r.change, r.ratio, r.held_out, r.confirmed) for r in rungs]
-        return {"ladder": staircase.staircase_figure(steps, caption)}
+def ladder_figures(folder: RunFolder, rungs: Sequence[Revision], command: str) -> dict[str, Figure]:
+    """The same as a figure."""
+    from beltcomm.report import staircase, style
 
-    return _written(folder, draw)
+    caption = style.Caption(command or f"beltcomm ladder {folder.path}", f"{folder.path.resolve().name}/results/ladder.yaml")
+    steps = [staircase.Rung(r.name, r.change, r.ratio, r.held_out, r.confirmed) for r in rungs]
+    return {"ladder": staircase.staircase_figure(steps, caption)}
 
 
 def responses_picture(folder: RunFolder, table: Table, command: str) -> tuple[list[str], list[str]]:

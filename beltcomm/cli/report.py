@@ -1,0 +1,21 @@
+"""``beltcomm report``: everything known of a run, as one page."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from beltcomm.cli import options as shared
+from beltcomm.cli.frame import Frame, api
+
+
+@click.command("report")
+@shared.run_argument
+@click.option("--out", type=click.Path(path_type=Path, dir_okay=False), help="Where the page goes (RUN/report.html).")
+@shared.output_options
+@click.pass_obj
+def command(frame: Frame, /, run: Path, out: Path | None) -> int:
+    """Write a page on RUN that explains itself: one file of HTML, made for screen and paper, and its numbers beside it."""
+    frame.run = run
+    return frame.show(api().report(run, out=out, talk=frame.talk()))

@@ -1,0 +1,142 @@
+"""A page of HTML that holds everything it shows: sections of words, numbers, tables and figures as SVG; no script, nothing from outside."""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Literal
+
+from matplotlib import rc_context
+
+from beltcomm.report import style
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+#: Colours of figures that follow the page, light or dark: ink, faint ink, grid, bars of what is missing.
+FOLLOWING = {
+    style.MEASURED: "--ink",
+    "#555555": "--soft",
+    "#777777": "--soft",
+    style.FAINT: "--faint",
+    "#e4e4e4": "--grid",
+    "#cccccc": "--faint",
+    style.NO_DATA: "--nothing",
+}
+#: Dots per inch of what is too dense for lines, as maps are.
+DENSE_DPI = 110
+State = Literal["good", "bad", "note", ""]
+
+
+@dataclass(frozen=True)
+class Fact:
+    """One of the large numbers on the first screen.   value : with its unit.   state : what it means for the axis."""
+
+    name: str
+    value: str
+    words: str = ""
+    state: State = ""
+
+
+@dataclass(frozen=True)
+class Words:
+    """Paragraphs; a list where ``listed``; typed text where ``typed``."""
+
+    lines: Sequence[str]
+    listed: bool = False
+    typed: bool = False
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows under a head; cells are text, those that begin with a number stand right."""
+
+    head: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    words: str = ""
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A figure.   svg : without prologue.   caption : command and data."""
+
+    title: str
+    sentences: Sequence[str]
+    svg: str
+    caption: str
+
+
+@dataclass(frozen=True)
+class Section:
+    """A heading with its parts.   key : stable, for links and programs."""
+
+    key: str
+    title: str
+    parts: Sequence[Words | Table | Picture] = ()
+    missing: str = ""
+
+
+@dataclass(frozen=True)
+class Page:
+    """What is shown.   verdict : the first sentence.   next_steps : commands, in the order in which they help."""
+
+    title: str
+    subtitle: str
+    verdict: str
+    state: State
+    facts: Sequence[Fact]
+    next_steps: Sequence[str]
+    sections: Sequence[Section] = ()
+    notes: Sequence[str] = field(default=())
+
+
+def picture_of(figure: Figure) -> Picture:
+    """A figure of this package as a part of a page: title, sentences and caption become text of the page.
+
+    Raises ValueError for a figure that was not made by :func:`beltcomm.report.style.figure`.
+    """
+    title, _, rest = figure.get_suptitle().partition("\n")
+    caption = figure.get_supxlabel()
+    if not caption:
+        raise ValueError("a picture names its command and data")
+    sentences = [line.removeprefix("• ").strip() for line in re.sub(r"\n {3}", " ", rest).splitlines()] if "• " in rest else []
+    if rest and not sentences:
+        title = f"{title} {rest}"
+    figure.suptitle("")
+    figure.supxlabel("")
+    return Picture(title, sentences, svg_of(figure), re.sub(r"\s{2,}", " · ", caption))
+
+
+def svg_of(figure: Figure) -> str:
+    """A figure as SVG that scales with the page and takes its colours where they mean nothing; the same figure gives the same text."""
+    figure.patch.set_alpha(0.0)
+    for axes in figure.get_axes():
+        if axes.get_facecolor()[:3] == (1.0, 1.0, 1.0):
+            axes.patch.set_alpha(0.0)
+    stream = io.StringIO()
+    with rc_context({"svg.fonttype": "none", "svg.hashsalt": "beltcomm"}):
+        figure.savefig(stream, format="svg", dpi=DENSE_DPI, metadata={"Date": None, "Creator": None})
+    text = stream.getvalue()
+    text = text[text.index("<svg") :]
+    text = re.sub(r'width="[\d.]+pt" height="[\d.]+pt" ', "", text, count=1)
+    text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
+    text = re.sub(r"font: ([\d.]+)px [^;\"]*", r"font: \1px var(--font)", text)
+    for colour, name in FOLLOWING.items():
+        text = re.sub(rf"(?i)(fill|stroke): {colour}\b", rf"\1: var({name})", text)
+    # text without a colour of its own is black
+    return text.replace("<text ", '<text fill="var(--ink)" ').replace("\n", " ")
+
+
+def render(page: Page) -> str:
+    """The page as one file of HTML."""
+    from importlib.resources import files
+
+    from jinja2 import Environment, StrictUndefined
+
+    source = files("beltcomm.report").joinpath("page.html.j2").read_text(encoding="utf-8")
+    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    environment.tests["number"] = lambda cell: re.match(r"[-+±]?\d", cell) is not None
+    environment.filters["part"] = lambda part: type(part).__name__
+    return environment.from_string(source).render(page=page)

@@ -1,0 +1,77 @@
+"""What a run folder holds, read once for all sections of its report."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from beltcomm.errors import BeltcommError
+from beltcomm.laboratory.compare import Comparison, compare, landmarks
+from beltcomm.model import Model
+from beltcomm.recording import Recording
+from beltcomm.runfolder import RunFolder
+from beltcomm.session.laboratory import Opened, opened
+from beltcomm.session.pictures import middle_of
+from beltcomm.session.revisions import Revision, current_model, revisions
+from beltcomm.talk import Talk
+
+
+@dataclass(frozen=True)
+class Gathered:
+    """A run.   laboratory, comparison : model against records, None where they cannot be compared, with the reason in ``remarks``.
+
+    verifications : results of moves by name, in the order driven.   command : of the report.
+    """
+
+    folder: RunFolder
+    recordings: Sequence[Recording]
+    model: Model | None
+    laboratory: Opened | None
+    comparison: Comparison | None
+    rungs: Sequence[Revision]
+    results: Mapping[str, Mapping[str, Any]]
+    design: Mapping[str, Any]
+    command: str
+    remarks: Sequence[str] = field(default=())
+
+    @property
+    def name(self) -> str:
+        """The folder's own name: pages name no path of the machine they were made on."""
+        return self.folder.path.resolve().name
+
+    @property
+    def landmarks(self) -> Mapping[str, float]:
+        """Frequencies to mark, Hz; none without a model."""
+        return landmarks(self.model, middle_of(self.folder)) if self.model is not None else {}
+
+    @property
+    def verifications(self) -> dict[str, Mapping[str, Any]]:
+        """Results of moves."""
+        return {name.removeprefix("verify_"): result for name, result in self.results.items() if name.startswith("verify_")}
+
+
+def gathered(run: Path, talk: Talk) -> Gathered:
+    """Everything of a run.   Raises DataError for a folder that is none."""
+    folder = RunFolder.open(run)
+    remarks = []
+    laboratory = comparison = None
+    try:
+        laboratory = opened(run, talk)
+        comparison = compare(laboratory.data, laboratory.fitted)
+    except BeltcommError as problem:
+        remarks.append(f"model and measurement were not compared: {problem}")
+    results = {name: found for name in folder.names("results") if (found := folder.load_result(name)) is not None}
+    return Gathered(
+        folder,
+        folder.recordings(),
+        current_model(folder),
+        laboratory,
+        comparison,
+        revisions(folder),
+        results,
+        folder.load("designs", "final") if "final" in folder.names("designs") else {},
+        f"beltcomm report {folder.path.resolve().name}",
+        tuple(remarks),
+    )

@@ -1,0 +1,25 @@
+"""Where the model fails: error maps, the worst record, and the ladder of revisions."""
+
+from __future__ import annotations
+
+from beltcomm.laboratory.compare import worst
+from beltcomm.laboratory.place_words import in_words
+from beltcomm.report.page import Picture, Section, Table, Words, picture_of
+from beltcomm.session import pictures
+from beltcomm.session.reporting.gather import Gathered
+
+
+def section(run: Gathered) -> Section:
+    """Ratios by record, places in words, maps over frequency, speed, direction, position, amplitude and time."""
+    found = run.comparison
+    if found is None or run.laboratory is None:
+        return Section("model-error", "Where the model fails", missing=f"Nothing to compare; beltcomm fit {run.name} makes a model.")
+    places = [in_words(place, run.landmarks) for place in worst(found)] or ["No place stands out."]
+    rows = [(r.name, f"{r.ratio:.2f}", f"{r.samples}", "held out" if r.held_out else "fitted") for r in found.records]
+    drawn = pictures.comparison_figures(run.folder, run.laboratory.data, run.laboratory.fitted, found, run.command)
+    parts: list[Words | Table | Picture] = [Words(places, listed=True)]
+    parts += [picture_of(figure) for figure in drawn.values()]
+    parts.append(Table(("record", "error / noise", "samples", "used"), rows, "1.00 means that nothing is missing in that record."))
+    if run.rungs:
+        parts += [picture_of(figure) for figure in pictures.ladder_figures(run.folder, run.rungs, run.command).values()]
+    return Section("model-error", "Where the model fails", parts)
