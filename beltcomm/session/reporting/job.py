@@ -9,14 +9,14 @@ from typing import Any
 from beltcomm.configfiles import write_text
 from beltcomm.report.page import Page, render
 from beltcomm.result import Result, jsonable, plain
-from beltcomm.session.reporting import first, model_error
+from beltcomm.session.reporting import first, model, model_error, record, tracking
 from beltcomm.session.reporting.gather import Gathered, gathered
 from beltcomm.talk import Silence, Talk
 
 #: The page and its numbers, in the run folder.
 NAME = "report.html"
 #: Every part of the page, in the order shown.
-PARTS = (model_error.section,)
+PARTS = (tracking.section, record.gains, model.section, model_error.section, record.journal)
 
 
 def report(run: Path, *, out: Path | None = None, talk: Talk | None = None) -> Result:
