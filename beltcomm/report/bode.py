@@ -27,7 +27,8 @@ LINES, MOST = ("#000000", "#0072B2", "#D55E00", "#009E73"), 4
 @dataclass(frozen=True)
 class ResponsePair:
     """One excited record.   measured : torque to angle, rad/(N m), (k,) at freq_hz.   model : the same angle over the torque that the model
-    says it needed, so friction is in both as the record has it.   radius : 95 % of the measured one's noise, None for a single period.
+    says it needed, so friction is in both as the record has it.   radius : 95 % of the measured one's noise.   coherence : of its periods;
+    both None for a single period.
 
     cart_m : carriage at the start, m.   amplitude_nm : largest torque.   units : of the axis.
     """
@@ -40,6 +41,7 @@ class ResponsePair:
     measured: ComplexArray
     model: ComplexArray
     radius: Array | None
+    coherence: Array | None
     units: Units
 
 
@@ -73,7 +75,7 @@ def response_pairs(recordings: Sequence[Recording], judged: Sequence[Judged]) ->
                 freq[lines],
                 angle / torque[lines],
                 angle / needed[lines],
-                _radius(piece.torque, piece.position, recording.sample_period_s, note, freq[lines]),
+                *_noise(piece.torque, piece.position, recording.sample_period_s, note, freq[lines]),
                 parts[0].units,
             )
         )
@@ -85,43 +87,60 @@ def _lines(periods: Array) -> ComplexArray:
     return np.asarray(np.fft.rfft(periods.mean(axis=0)))
 
 
-def _radius(torque: Array, position: Array, sample_s: float, note: ExcitationNote, freq_hz: Array) -> Array | None:
-    """Noise of the measured response at these lines, nan where it is not known; None for a single period."""
+def _noise(torque: Array, position: Array, sample_s: float, note: ExcitationNote, freq_hz: Array) -> tuple[Array | None, Array | None]:
+    """Noise and coherence of the measured response at these lines, nan where they are not known; None for a single period."""
     try:
         response = estimate_response(torque, position, sample_s, note.period_samples or 0, note.first_sample, starts=note.period_starts)
     except DataError:
-        return None
-    radius = np.full(len(freq_hz), np.nan)
+        return None, None
+    radius, coherence = np.full((2, len(freq_hz)), np.nan)
     _, here, there = np.intersect1d(freq_hz, response.freq_hz, return_indices=True)
-    radius[here] = response.error_radius()[there]
-    return radius
+    radius[here], coherence[here] = response.error_radius()[there], response.coherence[there]
+    return radius, coherence
+
+
+def apart(pairs: Sequence[ResponsePair]) -> list[ResponsePair]:
+    """Up to ``MOST`` responses that differ in place or amplitude, those with several periods first."""
+    chosen: dict[tuple[float, float], ResponsePair] = {}
+    for pair in sorted(pairs, key=lambda p: p.radius is None):
+        chosen.setdefault((round(pair.cart_m, 1), float(f"{pair.amplitude_nm:.1g}")), pair)
+    return list(chosen.values())[:MOST]
+
+
+def below(response: ComplexArray) -> Array:
+    """Phase in degrees, every one between -360 and 0: single lines that friction turns by half a turn must not shift all that follow."""
+    return np.asarray(np.degrees(np.angle(-response)) - 180.0, dtype=np.float64)
 
 
 def bode_figure(pairs: Sequence[ResponsePair], landmarks: Mapping[str, float], caption: style.Caption) -> Figure:
-    """Magnitude, phase, and model over measurement in dB, for up to four records."""
-    shown = list(pairs)[:MOST]
+    """Magnitude, phase, model over measurement and coherence, of up to four records that differ."""
+    shown = apart(pairs)
     with style.styled():
-        made = style.figure("Frequency response: model over measurement", 9.0, caption)
-        upper, middle, lower = made.subplots(3, 1, sharex=True, height_ratios=[1.7, 1.0, 1.0])
+        made = style.figure("Frequency response: model over measurement", 9.6, caption)
+        upper, middle, lower, strip = made.subplots(4, 1, sharex=True, height_ratios=[1.7, 1.0, 1.0, 0.5])
         for pair, colour in zip(shown, LINES, strict=False):
             label = f"{pair.record}, {pair.cart_m:.2f} m, {pair.amplitude_nm:.2g} {pair.units.force}" + (
                 " (held out)" if pair.held_out else ""
             )
-            size, phase = 20.0 * np.log10(np.abs(pair.measured)), np.degrees(np.unwrap(np.angle(-pair.measured))) - 180.0
+            size = 20.0 * np.log10(np.abs(pair.measured))
             upper.plot(pair.freq_hz, size, ".", markersize=3.5, color=colour, label=f"measured: {label}")
             upper.plot(pair.freq_hz, 20.0 * np.log10(np.abs(pair.model)), color=colour, linewidth=1.2, alpha=0.8)
-            middle.plot(pair.freq_hz, phase, ".", markersize=3.5, color=colour)
-            middle.plot(pair.freq_hz, phase + np.degrees(np.angle(pair.model / pair.measured)), color=colour, linewidth=1.2, alpha=0.8)
+            middle.plot(pair.freq_hz, below(pair.measured), ".", markersize=3.5, color=colour)
+            phase = below(pair.model)
+            broken = np.where(np.abs(np.diff(phase, prepend=phase[0])) > 180.0, np.nan, phase)
+            middle.plot(pair.freq_hz, broken, color=colour, linewidth=1.2, alpha=0.8)
             level = np.abs(pair.measured)
             lower.plot(pair.freq_hz, 100.0 * np.abs(pair.model - pair.measured) / level, color=colour, linewidth=1.0)
             if pair.radius is not None:
                 lower.plot(pair.freq_hz, 100.0 * pair.radius / level, color=colour, linewidth=0.9, linestyle=":")
+            if pair.coherence is not None:
+                strip.plot(pair.freq_hz, pair.coherence, ".", markersize=2.5, color=colour)
         upper.plot([], [], color="#777777", label="line: model, for the measured motion")
         lower.plot([], [], color="#777777", label="difference of model and measurement")
         lower.plot([], [], color="#777777", linestyle=":", label="what noise alone makes (95 %)")
         low, high = upper.get_ylim()
         for name, hz in landmarks.items():
-            for axes in (upper, middle, lower):
+            for axes in (upper, middle, lower, strip):
                 axes.axvline(hz, color=style.FAINT, linewidth=1.2, zorder=0.5)
             upper.annotate(f" {name} {hz:.1f} Hz", (hz, low + 0.02 * (high - low)), rotation=90, va="bottom", ha="right", fontsize=8)
         upper.set_xscale("log")
@@ -135,9 +154,11 @@ def bode_figure(pairs: Sequence[ResponsePair], landmarks: Mapping[str, float], c
         lower.set_yticks([0.1, 1.0, 10.0, 100.0, 1000.0], ["0.1", "1", "10", "100", "1000"])
         lower.set_ylabel("difference in %")
         lower.legend(loc="upper right", fontsize=8, ncols=2)
-        lower.set_xlabel("frequency in Hz")
-        lower.xaxis.set_major_formatter(style.plain_numbers())
-        ticks = [t for t in (1, 2, 5, 10, 20, 50, 100, 200, 500) if lower.get_xlim()[0] <= t <= lower.get_xlim()[1]]
-        lower.set_xticks(ticks)
-        lower.minorticks_off()
+        middle.set_ylim(-370.0, 10.0)
+        middle.set_yticks([-360, -270, -180, -90, 0])
+        strip.set(xlabel="frequency in Hz", ylabel="coherence", ylim=(0.0, 1.05))
+        strip.xaxis.set_major_formatter(style.plain_numbers())
+        ticks = [t for t in (1, 2, 5, 10, 20, 50, 100, 200, 500) if strip.get_xlim()[0] <= t <= strip.get_xlim()[1]]
+        strip.set_xticks(ticks)
+        strip.minorticks_off()
     return made

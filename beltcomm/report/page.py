@@ -8,12 +8,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
+import numpy as np
 from matplotlib import rc_context
 
 from beltcomm.report import style
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
 
 #: Colours of figures that follow the page, light or dark: ink, faint ink, grid, bars of what is missing.
 FOLLOWING = {
@@ -27,6 +29,8 @@ FOLLOWING = {
 }
 #: Dots per inch of what is too dense for lines, as maps are.
 DENSE_DPI = 110
+#: Pixels at 100 dpi that a line may be off, and within which points cover each other; the number of points from which that is looked at.
+LINE_PX, POINT_PX, MANY = 0.3, 1.5, 200
 State = Literal["good", "bad", "note", ""]
 
 
@@ -116,7 +120,12 @@ def svg_of(figure: Figure) -> str:
         if axes.get_facecolor()[:3] == (1.0, 1.0, 1.0):
             axes.patch.set_alpha(0.0)
     stream = io.StringIO()
-    with rc_context({"svg.fonttype": "none", "svg.hashsalt": "beltcomm"}):
+    with rc_context({"svg.fonttype": "none", "svg.hashsalt": "beltcomm", "path.simplify_threshold": LINE_PX}):
+        figure.draw_without_rendering()  # the axes must have their size before points can be told apart on it
+        figure.set_layout_engine("none")  # and keep it: the layout costs as much as the drawing
+        for axes in figure.get_axes():
+            for line in axes.get_lines():
+                _thin(line)
         figure.savefig(stream, format="svg", dpi=DENSE_DPI, metadata={"Date": None, "Creator": None})
     text = stream.getvalue()
     text = text[text.index("<svg") :]
@@ -129,6 +138,17 @@ def svg_of(figure: Figure) -> str:
     return text.replace("<text ", '<text fill="var(--ink)" ').replace("\n", " ")
 
 
+def _thin(line: Line2D) -> None:
+    """Of points that cover each other keep one: a cloud of thousands would make the page heavy and look the same."""
+    points = line.get_transform().transform(np.column_stack([line.get_xdata(), line.get_ydata()]).astype(float))
+    if line.get_linestyle() != "None" or len(points) < MANY:
+        return
+    known = np.flatnonzero(np.isfinite(points).all(axis=1))
+    _, first = np.unique(np.round(points[known] / POINT_PX).astype(int), axis=0, return_index=True)
+    kept = known[np.sort(first)]
+    line.set_data(np.asarray(line.get_xdata())[kept], np.asarray(line.get_ydata())[kept])
+
+
 def render(page: Page) -> str:
     """The page as one file of HTML."""
     from importlib.resources import files
@@ -137,6 +157,6 @@ def render(page: Page) -> str:
 
     source = files("beltcomm.report").joinpath("page.html.j2").read_text(encoding="utf-8")
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    environment.tests["number"] = lambda cell: re.match(r"[-+±]?\d", cell) is not None
+    environment.tests["number"] = lambda cell: re.fullmatch(r"[-+±−]?[\d.,]+(e[-+]\d+)?( (±|to) [\d.,]+)?", cell) is not None
     environment.filters["part"] = lambda part: type(part).__name__
     return environment.from_string(source).render(page=page)

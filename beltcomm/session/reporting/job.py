@@ -9,14 +9,23 @@ from typing import Any
 from beltcomm.configfiles import write_text
 from beltcomm.report.page import Page, render
 from beltcomm.result import Result, jsonable, plain
-from beltcomm.session.reporting import first, model, model_error, record, tracking
+from beltcomm.session.reporting import axis, first, loops, model, model_error, record, tracking
 from beltcomm.session.reporting.gather import Gathered, gathered
 from beltcomm.talk import Silence, Talk
 
 #: The page and its numbers, in the run folder.
 NAME = "report.html"
 #: Every part of the page, in the order shown.
-PARTS = (tracking.section, record.gains, model.section, model_error.section, record.journal)
+PARTS = (
+    tracking.section,
+    record.gains,
+    loops.section,
+    model.section,
+    axis.frequency,
+    axis.sliding,
+    model_error.section,
+    record.journal,
+)
 
 
 def report(run: Path, *, out: Path | None = None, talk: Talk | None = None) -> Result:
@@ -39,10 +48,10 @@ def report(run: Path, *, out: Path | None = None, talk: Talk | None = None) -> R
 def page_of(found: Gathered) -> Page:
     """The whole page."""
     sentence, state = first.verdict(found)
-    axis, drive = found.folder.axis, found.folder.drive
-    subtitle = ", ".join(filter(None, [axis.name, drive.get("device_name", ""), f"run {found.name}"]))
+    name, drive = found.folder.axis.name, found.folder.drive
+    subtitle = ", ".join(filter(None, [name, drive.get("device_name", ""), f"run {found.name}"]))
     return Page(
-        f"{axis.name or 'Axis'}: report",
+        f"{name or 'Axis'}: report",
         subtitle,
         sentence,
         state,
