@@ -38,7 +38,8 @@ def report(run: Path, *, out: Path | None = None, talk: Talk | None = None) -> R
     page = page_of(found)
     where = out or run / NAME
     beside = where.with_suffix(".json")
-    write_text(where, render(page))
+    # a page may be sent to anybody: it names no folder of the machine that it was made on
+    write_text(where, render(page).replace(f"{run.resolve()}/", ""))
     data = numbers_of(found, page)
     write_text(beside, json.dumps(jsonable(data), indent=1) + "\n")
     facts = [f"  {fact.name}: {fact.value} ({fact.words})" for fact in page.facts]

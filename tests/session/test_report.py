@@ -1,0 +1,93 @@
+"""The page on a run: holds everything it shows, names where each figure comes from, and says what is missing and how to get it."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+
+from beltcomm import api
+from session.conftest import Complete
+
+#: What the page may weigh, bytes.
+LARGEST = 5_000_000
+
+
+class Seen(HTMLParser):
+    """Text by tag, addresses that are asked for, and tags that were not closed."""
+
+    VOID = ("meta", "br", "link", "path", "use", "image", "img", "rect", "circle", "line", "clipPath")
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.text: dict[str, list[str]] = {}
+        self.asked: list[str] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.asked += [value or "" for name, value in attrs if name in ("src", "href", "xlink:href", "data")]
+        if tag not in self.VOID:
+            self.open.append(tag)
+            self.text.setdefault(tag, []).append("")
+
+    def handle_endtag(self, tag: str) -> None:
+        if tag not in self.VOID:
+            assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        if self.open:
+            self.text[self.open[-1]][-1] += data
+
+
+@pytest.fixture(scope="module")
+def page(complete: Complete) -> str:
+    api.report(complete.path)
+    return (complete.path / "report.html").read_text(encoding="utf-8")
+
+
+def test_it_needs_nothing_from_outside(page: str, complete: Complete) -> None:
+    assert len(page.encode()) < LARGEST
+    seen = Seen(page)
+    assert not seen.open
+    assert all(address.startswith(("#", "data:image/png;base64,")) for address in seen.asked)
+    assert "<script" not in page
+    assert not re.search(r"url\((?!#)|@import", page)
+    assert str(complete.path) not in page
+
+
+def test_every_figure_names_its_command_and_data(page: str) -> None:
+    captions = Seen(page).text["figcaption"]
+    assert len(captions) == page.count("<figure>") == 8
+    for caption in captions:
+        assert re.match(r"beltcomm \w+ .* · data: run/", caption)
+
+
+def test_the_first_screen_has_the_numbers_of_the_run(page: str, complete: Complete) -> None:
+    numbers = json.loads((complete.path / "report.json").read_text(encoding="utf-8"), parse_constant=lambda word: pytest.fail(word))
+    verdict = complete.result.to_json()["verdict"]
+    assert numbers["verdict"] == "The axis meets its targets."
+    assert numbers["verdict"] in page
+    tracking, model, margin = numbers["facts"]
+    assert tracking["value"] == f"{1e6 * verdict['measured']['dynamic_m']:.0f} µm"
+    assert float(model["value"].split()[0]) == pytest.approx(max(numbers["ratio"].values()), abs=0.006)
+    assert 40.0 < float(margin["value"].rstrip("°")) < 60.0
+    assert any("beltcomm apply" in step for step in numbers["next"])
+    assert numbers["sections"] == ["tracking", "gains", "loops", "model", "responses", "friction", "model-error", "journal"]
+
+
+def test_what_is_missing_names_the_command_that_makes_it(copy_of_complete: Callable[..., Path]) -> None:
+    run = copy_of_complete(name="bare")
+    for kind in ("models", "designs", "results"):
+        for file in (run / kind).glob("*.yaml"):
+            file.unlink()
+    numbers = api.report(run).to_json()
+    text = (run / "report.html").read_text(encoding="utf-8")
+    assert numbers["state"] == "note"
+    assert any("beltcomm fit bare" in step for step in numbers["next"])
+    for command in ("verify", "design", "fit"):
+        assert f"beltcomm {command}" in text
