@@ -41,6 +41,7 @@ VERBS = {
     "import": "Foreign measurements into a run folder.",
     "trajectory": "A jerk-limited motion into a file, with limits of its own each way.",
     "export": "The designed controller as YAML, C or structured text.",
+    "demo": "Find a hidden fault of a virtual axis: measure, compare, diagnose, add.",
     "thesis": "What the design source compares, recomputed: tables and figures.",
     "convert": "Gains of a P-PI cascade as a PID controller, and back.",
     "drives": "Drive adapters found, or why one is broken.",

@@ -1,0 +1,37 @@
+"""``beltcomm demo``: the model laboratory on a virtual axis with a hidden fault."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any
+
+import click
+
+from beltcomm.cli import options as shared
+from beltcomm.cli.frame import Frame, run_folder
+
+
+@click.command("demo")
+@click.option("--seed", type=click.IntRange(0), default=None, help="Of the fault; drawn anew each time unless told.")
+@shared.new_run_option
+@shared.output_options
+@click.pass_obj
+def command(frame: Frame, /, seed: int | None, run: Path | None) -> int:
+    """Find a hidden fault of a virtual axis: measure, compare, diagnose, add it, watch the error fall.  No machine moves.
+
+    Example: beltcomm demo
+    """
+    from beltcomm.demo import demo
+
+    chosen = time.time_ns() % 1000 if seed is None else seed
+    frame.run = run_folder(run, f"demo-{chosen}")
+    click.echo(f"A virtual axis with a fault that is drawn by --seed {chosen} and told at the end.", err=True)
+    steps: list[dict[str, Any]] = []
+    for step in demo(frame.run, seed=chosen, talk=frame.talk()):
+        steps.append({"command": step.command, "why": step.why, **step.data})
+        if not frame.json:
+            frame.print({}, ["", f"# {step.why}", *([f"$ {step.command}"] if step.command else []), *step.lines])
+    if frame.json:
+        frame.print({"run": str(frame.run), "seed": chosen, "steps": steps}, [])
+    return 0

@@ -1,0 +1,127 @@
+"""``beltcomm demo``: a virtual axis with a fault that nobody knows, found by the commands that one would type.
+
+Each step is the public function behind a command; the fault is drawn by the seed, put into the virtual plant, and told at the end.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from beltcomm import api
+from beltcomm.effects import effect_named
+from beltcomm.errors import Refused
+from beltcomm.model import Model, load_plant
+from beltcomm.simulate.plant import SimulatedPlant
+from beltcomm.talk import Silence, Talk
+
+#: The axis of the demonstration, a shipped one, and where its carriage stands, m.
+PLANT, AXIS, START_M = "g_a", "egc-70-600", 0.25
+#: Faults that a machine gets or is built with: values that are drawn to within a quarter, and pairs that have a phase of their own.
+FAULTS: dict[str, dict[str, float]] = {
+    "cogging": {"order": 12.0, "sine": 0.03, "cosine": 0.0},
+    "tooth_ripple": {"sine": 0.03, "cosine": 0.0},
+    "pulley_eccentricity": {"sine": 0.02, "cosine": 0.0},
+    "friction_position": {"amount": 0.05, "place": 0.3, "width": 0.06},
+    "stribeck": {"amount": 0.06, "speed_scale": 2.5},
+    "cable_chain": {"rate": 12.0, "offset": -3.0},
+    "quadratic_drag": {"factor": 6.0},
+}
+#: Values that are drawn as they are: orders are whole.
+FIXED = ("order",)
+SPREAD = 0.25
+
+
+@dataclass(frozen=True)
+class Step:
+    """command : as one would type it.   why : what it is for, one line.   lines, data : what it said."""
+
+    command: str
+    why: str
+    lines: Sequence[str]
+    data: dict[str, Any] = field(default_factory=dict)
+
+
+class _Progress:
+    """Phases and progress of a talk; what a command says in between would bury the steps."""
+
+    def __init__(self, talk: Talk) -> None:
+        self.phase, self.progress, self.confirm = talk.phase, talk.progress, talk.confirm
+
+    def say(self, text: str) -> None:
+        """Left out."""
+
+
+def hidden(seed: int) -> tuple[str, Model]:
+    """The fault of a seed, and the shipped plant's model with it."""
+    random = np.random.default_rng(seed)
+    name = str(random.choice(sorted(FAULTS)))
+    values = {key: value if key in FIXED else value * random.uniform(1.0 - SPREAD, 1.0 + SPREAD) for key, value in FAULTS[name].items()}
+    if "cosine" in values:
+        size, phase = values["sine"], random.uniform(0.0, 2.0 * np.pi)
+        values |= {"sine": size * np.cos(phase), "cosine": size * np.sin(phase)}
+    return name, load_plant(PLANT).model.with_effect(name, values)
+
+
+def demo(run: Path, *, seed: int, talk: Talk | None = None) -> Iterator[Step]:
+    """Measure, compare, diagnose, add, look: one :class:`Step` after the other; the last one tells what was hidden.
+
+    seed : of the fault.   Raises what the commands raise.
+    """
+    talk = _Progress(talk or Silence())
+    name, model = hidden(seed)
+    options = api.Options(yes=True, seed=seed, drive={"plant": SimulatedPlant(model, START_M), "start_position": START_M})
+    measured = api.commission(f"virtual:{PLANT}", AXIS, run, options=options, talk=talk)
+    yield Step(
+        f"beltcomm commission --drive virtual --run {run}",
+        "Measure the axis, tune it, drive a move with the new gains.",
+        measured.text[:1],
+        {"verdict": measured.text[0]},
+    )
+    compared = api.compare(run, pictures=False, talk=talk)
+    error = compared.to_json()
+    worst = [f"  {place['text']}" for place in error["worst"][:3]]
+    yield Step(
+        f"beltcomm compare {run}",
+        "Is the model right? 1.00 would mean that nothing is missing.",
+        [f"The error is {error['ratio']['overall']:.2f} times the noise. Where:", *worst],
+        {"ratio": error["ratio"]},
+    )
+    diagnosed = api.diagnose(run, cost=True, talk=talk)
+    found = diagnosed.to_json()
+    yield Step(
+        f"beltcomm diagnose {run}", "What is missing?", diagnosed.text, {"verdict": found["verdict"], "ranking": found["ranking"][:3]}
+    )
+    added = [step["added"] for step in found["steps"] if step["added"]]
+    if not added:
+        raise Refused(f"the search of this demonstration ended with '{found['verdict']}'; hidden was {name}. Try another --seed")
+    for effect in added:
+        after = api.add(effect, run, pictures=False, cost=False, talk=talk)
+        data = after.to_json()
+        before, now = data["before"], data["after"]
+        yield Step(
+            f"beltcomm add {effect} {run}",
+            "Put it into the model and fit everything again.",
+            [f"error over noise {before['overall']:.2f} -> {now['overall']:.2f}, on records that were not fitted "
+             f"{before['held_out']:.2f} -> {now['held_out']:.2f}"],
+            {"before": before, "after": now},
+        )  # fmt: skip
+    ladder = api.ladder(run)
+    yield Step(f"beltcomm ladder {run}", "All of it as a staircase down to the noise.", ladder.text)
+    yield Step("", "What was hidden", answer(name, model, added), {"hidden": name, "named": list(added), "right": name in added})
+
+
+def answer(name: str, model: Model, added: Sequence[str]) -> list[str]:
+    """What was built into the axis, and whether it was found."""
+    effect = effect_named(name)
+    values = ", ".join(f"{key.partition('.')[2]} {model[key]:.3g} {model.parameters[key].unit}" for key in effect.full_names())
+    right = "found" if name in added else f"not found: {', '.join(added)} was named"
+    return [
+        f"Hidden was {name} ({effect.title}): {values}; {right}.",
+        f"What a technician sees: {effect.seen}.",
+        f"What to check on the machine: {effect.check}.",
+    ]
