@@ -106,7 +106,7 @@ def demo(run: Path, *, seed: int, talk: Talk | None = None) -> Iterator[Step]:
         yield Step(
             f"beltcomm add {effect} {run}",
             "Put it into the model and fit everything again.",
-            [f"error over noise {before['overall']:.2f} -> {now['overall']:.2f}, on records that were not fitted "
+            [f"error over noise {before['ratio']:.2f} -> {now['ratio']:.2f}, on records that were not fitted "
              f"{before['held_out']:.2f} -> {now['held_out']:.2f}"],
             {"before": before, "after": now},
         )  # fmt: skip
