@@ -17,13 +17,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.control import CascadeStructure
-from beltcomm.errors import UsageError
+from beltcomm.errors import Refused, UsageError
 from beltcomm.recording_columns import MOTOR_COLUMNS
 
 Array = NDArray[np.float64]
 
 #: Columns of every recorded row, in this order; NaN where the drive does not report a quantity.
 COLUMNS = MOTOR_COLUMNS
+
+#: The kinds of motion in which the drive closes a loop; see :class:`Motion`.
+LoopKind = Literal["position", "velocity", "profile"]
 
 Row = tuple[float, ...]
 Sink = Callable[[Row], None]
@@ -78,7 +81,9 @@ class Motion:
     kind : "torque"    torque setpoint, all loops open (cyclic synchronous or profile torque);
            "position"  the drive closes its cascade on ``position_rad`` (cyclic synchronous or interpolated position),
                        ``velocity_rad_s`` is its velocity feedforward and ``torque_nm`` is added to its torque;
-           "velocity"  the drive closes its velocity loop on ``velocity_rad_s``; ``torque_nm`` is added to its torque.
+           "velocity"  the drive closes its velocity loop on ``velocity_rad_s``; ``torque_nm`` is added to its torque;
+           "profile"   strokes from rest to rest: each is handed to the drive as end, speed and acceleration (profile position), which
+                       drives a trapezoid of the same way, time and top speed by itself, and ends it by itself.
            What a drive cannot add (:attr:`Capabilities.torque_along`) must be zero.
     period_s : float, s, a whole multiple of ``Capabilities.sample_period_s``.
     position_rad : ndarray (n,), rad, motor shaft, absolute in the drive's zero.
@@ -86,7 +91,7 @@ class Motion:
     rest_nm : N m, of kind "torque": what holds the axis while the drive is being enabled, after the last entry and until it is stopped.
     """
 
-    kind: Literal["torque", "position", "velocity"]
+    kind: Literal["torque", "position", "velocity", "profile"]
     period_s: float
     position_rad: Array
     velocity_rad_s: Array
@@ -113,7 +118,9 @@ class Capabilities:
     rated_torque_nm, peak_torque_nm : N m.    rated_current_a : A rms.    max_speed_rad_s : rad/s.
     referenced : the drive knows its zero.
     torque_along : the kinds of closed-loop motion to whose torque it adds the motion's.
-    identity : name, maker, serial number, firmware ... as text, to recognise the same drive on ``--resume``.
+    identity : name, maker, serial number, firmware ... as text, to recognise the same drive on ``--resume``; "" where the
+        port that it is connected by cannot tell.
+    refused : why kinds of motion that the drive itself may have are not offered, by kind: a sentence with the remedy.
     """
 
     name: str
@@ -131,6 +138,7 @@ class Capabilities:
     referenced: bool
     identity: Mapping[str, str] = field(default_factory=dict)
     torque_along: frozenset[str] = frozenset()
+    refused: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -241,21 +249,41 @@ def find_adapters() -> list[FoundAdapter]:
     return found
 
 
-def open_drive(name: str, options: Mapping[str, object] | None = None) -> Drive:
-    """Open the drive called ``name`` (``virtual``, ``virtual:g_a``, ``can0``, ``slcan:/dev/ttyACM0``).
+def simulated(name: str) -> bool:
+    """Whether a drive's name is that of a virtual one: ``virtual:g_a``, ``serial:virtual``."""
+    return "virtual" in name.split(":")[:2]
 
-    Raises UsageError when no adapter understands the name (those found are listed), and what the adapter raises.
+
+def open_drive(name: str, options: Mapping[str, object] | None = None, *, needs: str = "") -> Drive:
+    """Open the drive called ``name`` (``virtual``, ``virtual:g_a``, ``can0``, ``slcan:/dev/ttyACM0``, ``serial:/dev/ttyUSB0``).
+
+    needs : a kind of :class:`Motion` without which there is nothing to be done with it.
+    Raises UsageError when no adapter understands the name (those found are listed), Refused when the drive lacks what is needed, and
+    what the adapter raises.
     """
+    drive = _open(name, options or {})
+    has = drive.capabilities
+    if needs and needs not in has.kinds:
+        drive.close()
+        offered = ", ".join(sorted(has.kinds)) or "none"
+        raise Refused(
+            f"{has.name} cannot do this: {has.refused.get(needs) or f'it offers no motions of kind {needs!r}, only {offered}'}; "
+            "nothing was moved"
+        )
+    return drive
+
+
+def _open(name: str, options: Mapping[str, object]) -> Drive:
     scheme, _, address = name.partition(":")
     found = find_adapters()
     if not found:
         raise UsageError("no drive adapters are installed; run `pip install -e .` in the beltcomm folder")
     for item in found:
         if item.adapter and scheme in item.adapter.schemes:
-            return item.adapter.open(address, options or {})
+            return item.adapter.open(address, options)
     for item in found:
         if item.adapter and item.adapter.claims(name):
-            return item.adapter.open(name, options or {})
+            return item.adapter.open(name, options)
     known = ", ".join(sorted(s for item in found if item.adapter for s in item.adapter.schemes))
     broken = "".join(f" ({item.entry_point} is broken: {item.reason})" for item in found if not item.adapter)
     raise UsageError(f"no adapter understands the drive {name!r}; known are {known} and CAN interfaces like can0{broken}")

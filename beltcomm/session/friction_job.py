@@ -99,7 +99,7 @@ def plan_of(axis: Axis, capabilities: Capabilities, model: Model, asked: Wanted)
 
 def record_s(capabilities: Capabilities) -> float:
     """Longest record of a sweep, s."""
-    return orders.RECORD_S if stroking(capabilities) == "position" else DRIFTING_RECORD_S
+    return DRIFTING_RECORD_S if stroking(capabilities) == "velocity" else orders.RECORD_S
 
 
 def record(machine: Machine, model: Model, asked: Wanted) -> Made:

@@ -358,7 +358,7 @@ def stroke_ends(machine: Machine) -> tuple[float, float]:
 
 def stroke_share(capabilities: Capabilities) -> float:
     """Share of the travel that strokes leave free at either end."""
-    return OVERSHOOT_SHARE if stroking(capabilities) == "position" else DRIFT_SHARE
+    return DRIFT_SHARE if stroking(capabilities) == "velocity" else OVERSHOOT_SHARE
 
 
 def sweep(machine: Machine, model: Model) -> Strokes:

@@ -14,7 +14,7 @@ from beltcomm_adapters.canopen import connect
 from beltcomm_adapters.link import Link
 from beltcomm_adapters.profiles import CONFIDENCES, choose_profile, load_profile
 from beltcomm_adapters.scaling import read_scaling
-from beltcomm_adapters.sdo import Objects
+from beltcomm_adapters.sdo import SdoObjects
 
 
 @pytest.mark.parametrize(
@@ -141,7 +141,7 @@ def _units(**values: int) -> StubNode:
 
 def _scaling(node: StubNode, profile: str):
     with StubBus(node) as bus:
-        objects = Objects(Link(bus, bus.clock, 1))
+        objects = SdoObjects(Link(bus, bus.clock, 1))
         with objects.lend() as lending:
             return read_scaling(objects, load_profile(profile), lending)
 
