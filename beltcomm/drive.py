@@ -25,7 +25,8 @@ Array = NDArray[np.float64]
 #: Columns of every recorded row, in this order; NaN where the drive does not report a quantity.
 COLUMNS = MOTOR_COLUMNS
 
-#: The kinds of motion in which the drive closes a loop; see :class:`Motion`.
+#: See :class:`Motion`; and those in which the drive closes a loop.
+MotionKind = Literal["torque", "position", "velocity", "profile"]
 LoopKind = Literal["position", "velocity", "profile"]
 
 Row = tuple[float, ...]
@@ -91,7 +92,7 @@ class Motion:
     rest_nm : N m, of kind "torque": what holds the axis while the drive is being enabled, after the last entry and until it is stopped.
     """
 
-    kind: Literal["torque", "position", "velocity", "profile"]
+    kind: MotionKind
     period_s: float
     position_rad: Array
     velocity_rad_s: Array

@@ -38,6 +38,7 @@ SWITCH_ON: Final = 0x0007
 ENABLE_OPERATION: Final = 0x000F
 ENABLE_INTERPOLATION: Final = 0x001F  # bit 4 in mode 7
 START_HOMING: Final = 0x001F  # bit 4 in mode 6
+NEW_SETPOINT: Final = 1 << 4  # in mode 1
 DISABLE_VOLTAGE: Final = 0x0000
 QUICK_STOP: Final = 0x0002
 FAULT_RESET: Final = 0x0080
@@ -47,6 +48,7 @@ FAULTED: Final = 1 << 3
 TARGET_REACHED: Final = 1 << 10
 INTERNAL_LIMIT: Final = 1 << 11
 FOLLOWS: Final = 1 << 12  # modes 8, 9, 10: the target is followed; mode 7: interpolation active; mode 6: homing attained
+SETPOINT_TAKEN: Final = 1 << 12  # mode 1
 HOMING_ERROR: Final = 1 << 13
 
 _PATTERNS: Final = (

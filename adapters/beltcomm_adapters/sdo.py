@@ -216,6 +216,10 @@ class Lending:
             self._lent.pop()
             raise
 
+    def keep(self, index: int, subindex: int, kind: str) -> None:
+        """Remember what stands there, for whoever writes it afterwards.  Raises as :meth:`Objects.read`."""
+        self._lent.append((index, subindex, kind, self._objects.read(index, subindex, kind)))
+
     def set_if_there(self, index: int, subindex: int, kind: str, value: float) -> bool:
         """As :meth:`set`; False when the drive has no such object or does not let it be written."""
         try:

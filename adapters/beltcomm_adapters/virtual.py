@@ -15,18 +15,47 @@ from beltcomm.model import load_plant
 from beltcomm.simulate.plant import SimulatedPlant
 from beltcomm.virtual.bus import LockstepBus
 from beltcomm.virtual.device import VirtualDrive
+from beltcomm.virtual.service_port import LockstepPort, ServicePort
 from beltcomm_adapters.buses import MonotonicClock
-from beltcomm_adapters.canopen import connect, profile_name, whole_number
+from beltcomm_adapters.canopen import CanopenDrive, connect, profile_name, whole_number
+from beltcomm_adapters.serial_drive import SerialDrive
 
 DEFAULT_PLANT: Final = "g_a"
 #: m; the middle of the rig's 0 to 0.5 m.
 DEFAULT_START_M: Final = 0.25
 _NODE: Final = 1
 _OPTIONS: Final = ("seed", "profile", "realtime", "plant", "start_position", "referenced", "faults", "log")
+_SERIAL_OPTIONS: Final = ("bitrate", "line_faults")
 
 
 def _open(address: str, options: Mapping[str, object]) -> Drive:
-    """``address``: a plant's name or path, "" for g_a.  Options:
+    """The virtual drive on its bus; ``address`` and options as of :func:`make`."""
+    bus, _, plant = make(address, options)
+    return _named(connect(bus, bus.clock, _NODE, None, None, bus.shutdown), plant)
+
+
+def open_serial(address: str, options: Mapping[str, object], bitrate: int) -> Drive:
+    """The virtual drive at its RS-232 port, in virtual time.   bitrate : bit/s for the session.
+
+    Options beside those of :func:`make`: line_faults, a :class:`beltcomm.virtual.service_port.LineFaults`; bitrate.
+    """
+    given: Mapping[str, Any] = options
+    bus, virtual, plant = make(address, {name: value for name, value in options.items() if name not in _SERIAL_OPTIONS})
+    port = LockstepPort(bus, ServicePort(bus, virtual, given.get("line_faults")))
+
+    def release() -> None:
+        port.close()
+        bus.shutdown()
+
+    try:
+        return _named(SerialDrive(port, bus.clock, bitrate, profile_name(options), release), plant)
+    except BaseException:
+        release()
+        raise
+
+
+def make(address: str, options: Mapping[str, object]) -> tuple[LockstepBus, VirtualDrive, str]:
+    """A virtual drive on a bus of its own, and the name of its plant.   ``address``: a plant's name or path, "" for g_a.  Options:
 
     seed : whole number, of the torque noise (0).     profile : "reference" or "cmmp-as".     realtime : run at the wall clock.
     start_position : m, where the carriage stands (0.25).     referenced : the encoder knows the carriage's zero (yes).
@@ -43,7 +72,7 @@ def _open(address: str, options: Mapping[str, object]) -> Drive:
     bus = LockstepBus(MonotonicClock() if options.get("realtime") else None)
     bus.on_frame = given.get("log")
     try:
-        VirtualDrive(
+        drive = VirtualDrive(
             bus,
             plant,
             profile_name(options) or "reference",
@@ -60,9 +89,12 @@ def _open(address: str, options: Mapping[str, object]) -> Drive:
     except BaseException:
         bus.shutdown()
         raise
-    drive = connect(bus, bus.clock, _NODE, None, None, bus.shutdown)
-    identity = {**drive.capabilities.identity, "plant": file.model.name}  # the machine behind it is part of what a run was made on
-    drive.capabilities = replace(drive.capabilities, identity=identity)
+    return bus, drive, file.model.name
+
+
+def _named(drive: CanopenDrive | SerialDrive, plant: str) -> Drive:
+    """The machine behind it is part of what a run was made on."""
+    drive.capabilities = replace(drive.capabilities, identity={**drive.capabilities.identity, "plant": plant})
     return drive
 
 
