@@ -88,7 +88,7 @@ def _open(address: str, options: Mapping[str, object]) -> Drive:
     """
     scheme, _, plant = address.partition(":")
     if scheme == _SIMULATED:
-        from beltcomm_adapters.virtual import open_serial
+        from beltcomm_adapters.virtual_serial import open_serial
 
         return open_serial(plant, options, bitrate_of(options))
     if unknown := sorted(set(options) - set(_OPTIONS)):

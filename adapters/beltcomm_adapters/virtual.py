@@ -15,87 +15,61 @@ from beltcomm.model import load_plant
 from beltcomm.simulate.plant import SimulatedPlant
 from beltcomm.virtual.bus import LockstepBus
 from beltcomm.virtual.device import VirtualDrive
-from beltcomm.virtual.service_port import LockstepPort, ServicePort
 from beltcomm_adapters.buses import MonotonicClock
-from beltcomm_adapters.canopen import CanopenDrive, connect, profile_name, whole_number
-from beltcomm_adapters.serial_drive import SerialDrive
+from beltcomm_adapters.canopen import connect, profile_name, whole_number
 
 DEFAULT_PLANT: Final = "g_a"
 #: m; the middle of the rig's 0 to 0.5 m.
 DEFAULT_START_M: Final = 0.25
 _NODE: Final = 1
 _OPTIONS: Final = ("seed", "profile", "realtime", "plant", "start_position", "referenced", "faults", "log")
-_SERIAL_OPTIONS: Final = ("bitrate", "line_faults")
 
 
 def _open(address: str, options: Mapping[str, object]) -> Drive:
-    """The virtual drive on its bus; ``address`` and options as of :func:`make`."""
-    bus, _, plant = make(address, options)
-    return _named(connect(bus, bus.clock, _NODE, None, None, bus.shutdown), plant)
-
-
-def open_serial(address: str, options: Mapping[str, object], bitrate: int) -> Drive:
-    """The virtual drive at its RS-232 port, in virtual time.   bitrate : bit/s for the session.
-
-    Options beside those of :func:`make`: line_faults, a :class:`beltcomm.virtual.service_port.LineFaults`; bitrate.
-    """
-    given: Mapping[str, Any] = options
-    bus, virtual, plant = make(address, {name: value for name, value in options.items() if name not in _SERIAL_OPTIONS})
-    port = LockstepPort(bus, ServicePort(bus, virtual, given.get("line_faults")))
-
-    def release() -> None:
-        port.close()
-        bus.shutdown()
-
-    try:
-        return _named(SerialDrive(port, bus.clock, bitrate, profile_name(options), release), plant)
-    except BaseException:
-        release()
-        raise
-
-
-def make(address: str, options: Mapping[str, object]) -> tuple[LockstepBus, VirtualDrive, str]:
-    """A virtual drive on a bus of its own, and the name of its plant.   ``address``: a plant's name or path, "" for g_a.  Options:
+    """``address``: a plant's name or path, "" for g_a.  Options:
 
     seed : whole number, of the torque noise (0).     profile : "reference" or "cmmp-as".     realtime : run at the wall clock.
     start_position : m, where the carriage stands (0.25).     referenced : the encoder knows the carriage's zero (yes).
     plant : a :class:`beltcomm.plant.Plant` in place of the plant file's model; its delay and noise stay.
     faults : a :class:`beltcomm.virtual.faults.Faults`.     log : called with every frame.
     """
+    given: Mapping[str, Any] = options  # objects are handed over by programs only, of the types named above
+    bus = LockstepBus(MonotonicClock() if options.get("realtime") else None)
+    bus.on_frame = given.get("log")
+    try:
+        _, plant = attached(bus, address, options)
+    except BaseException:
+        bus.shutdown()
+        raise
+    drive = connect(bus, bus.clock, _NODE, None, None, bus.shutdown)
+    identity = {**drive.capabilities.identity, "plant": plant}  # the machine behind it is part of what a run was made on
+    drive.capabilities = replace(drive.capabilities, identity=identity)
+    return drive
+
+
+def attached(bus: LockstepBus, address: str, options: Mapping[str, object]) -> tuple[VirtualDrive, str]:
+    """The drive of these options (see :func:`_open`) on ``bus``, and its plant's name.  Raises UsageError."""
     if unknown := sorted(set(options) - set(_OPTIONS)):
         raise UsageError(f"the virtual drive has no option {', '.join(unknown)}; leave it out")
     file = load_plant(address or DEFAULT_PLANT)
     start_m = _number(options, "start_position", DEFAULT_START_M)
-    given: Mapping[str, Any] = options  # objects are handed over by programs only, of the types named above
-    plant = given.get("plant") or SimulatedPlant(file.model, position_m=start_m)
+    given: Mapping[str, Any] = options
     referenced = bool(options.get("referenced", True))
-    bus = LockstepBus(MonotonicClock() if options.get("realtime") else None)
-    bus.on_frame = given.get("log")
-    try:
-        drive = VirtualDrive(
-            bus,
-            plant,
-            profile_name(options) or "reference",
-            node_id=_NODE,
-            seed=whole_number(options, "seed", 0, 0, 2**63 - 1) or 0,
-            counts_per_rev=file.counts_per_rev,
-            setpoint_delay_s=file.setpoint_delay_s,
-            torque_noise_nm=file.torque_noise_nm,
-            zero_rad=-start_m / file.model["transmission.ratio"] if referenced else 0.0,
-            referenced=referenced,
-            faults=given.get("faults"),
-            brake=(file.brake_torque_nm, file.brake_time_s),
-        )
-    except BaseException:
-        bus.shutdown()
-        raise
-    return bus, drive, file.model.name
-
-
-def _named(drive: CanopenDrive | SerialDrive, plant: str) -> Drive:
-    """The machine behind it is part of what a run was made on."""
-    drive.capabilities = replace(drive.capabilities, identity={**drive.capabilities.identity, "plant": plant})
-    return drive
+    drive = VirtualDrive(
+        bus,
+        given.get("plant") or SimulatedPlant(file.model, position_m=start_m),
+        profile_name(options) or "reference",
+        node_id=_NODE,
+        seed=whole_number(options, "seed", 0, 0, 2**63 - 1) or 0,
+        counts_per_rev=file.counts_per_rev,
+        setpoint_delay_s=file.setpoint_delay_s,
+        torque_noise_nm=file.torque_noise_nm,
+        zero_rad=-start_m / file.model["transmission.ratio"] if referenced else 0.0,
+        referenced=referenced,
+        faults=given.get("faults"),
+        brake=(file.brake_torque_nm, file.brake_time_s),
+    )
+    return drive, file.model.name
 
 
 def _number(options: Mapping[str, object], name: str, default: float) -> float:
