@@ -2,12 +2,13 @@
 
 A line ends with CR; ``?XXXXSU`` reads an object, ``=XXXXSU:HH`` writes one and is echoed, ``!FFFFFFFF`` is an abort code
 (F2 p22, F3 p237).  There is no checksum and no number on an answer, so whatever came before a request is thrown away, an answer must
-name the object that was asked for, and after a missing answer the line must fall silent before it is used again: what comes late must
-never pass for the answer to a later request.
+name the object that was asked for, and after a missing one another object is asked for first: the drive answers in order, so that with
+its answer nothing earlier can come any more, and nothing late passes for the answer to a later request.
 """
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -28,6 +29,8 @@ ANSWER_TIME_S: Final = 0.2
 QUIET_TIME_S: Final = 0.1
 #: A drive that talks unasked for so long, as one that restarts does, is talking nonsense.
 TALK_TIME_S: Final = 5.0
+#: Objects that every drive has and nobody else asks for: what tells that the drive has come so far.
+_MARKERS: Final = ((0x1001, 0), (0x1005, 0), (0x1018, 1))
 #: A line that does not end is none.
 _LONGEST_LINE: Final = 200
 
@@ -110,7 +113,9 @@ class SerialLine:
         self.clock = clock
         self.asked_s = self.answered_s = clock.now()
         self._buffer = bytearray()
-        self._owed = True  # who knows what the port has kept
+        self._unsettled = True  # who knows what the port has kept
+        self._owed = False
+        self._markers = itertools.cycle(_MARKERS)
 
     @property
     def bitrate(self) -> int:
@@ -135,19 +140,18 @@ class SerialLine:
         longest : characters of the longest answer.   time_s : the drive's own time, beside that of the characters.
         quiet_s : silence to wait for when an earlier request is still owed its answer.   Raises BusError.
         """
-        if self._owed:
+        if self._unsettled or self._owed:
             self.settle(quiet_s)
+        if self._owed and not self._caught_up(time_s):
+            return None
         self._drop()
         self._owed = True  # until the answer has come, whatever interrupts the waiting
         self.asked_s = self.clock.now()
-        self._send(request)
-        end_s = self.asked_s + time_s + self.seconds(len(request) + 1 + longest)
-        while (line := self._next_line(end_s)) is not None:
-            if fits(line):
-                self.answered_s = self.clock.now()
-                self._owed = False
-                return line
-        return None
+        line = self._exchange(request, fits, time_s + self.seconds(longest))
+        if line is not None:
+            self.answered_s = self.clock.now()
+            self._owed = False
+        return line
 
     def settle(self, quiet_s: float = QUIET_TIME_S) -> None:
         """Drop what comes until nothing has come for ``quiet_s``: late answers, boot text.  Raises BusError when it never ends."""
@@ -159,7 +163,22 @@ class SerialLine:
                     "else uses it"
                 )
         self._buffer.clear()
-        self._owed = False
+        self._unsettled = False
+
+    def _caught_up(self, time_s: float) -> bool:
+        """Whether the drive has answered all that it was asked before: it answers another question, each time another one."""
+        index, subindex = next(self._markers)
+        place = f"={index:04X}{subindex:02X}:"
+        self._owed = self._exchange(f"?{place[1:-1]}", lambda line: isinstance(line, Value) and line.text.startswith(place), time_s) is None
+        return not self._owed
+
+    def _exchange(self, request: str, fits: Callable[[Line], bool], time_s: float) -> Line | None:
+        self._send(request)
+        end_s = self.clock.now() + time_s + self.seconds(len(request) + 1)
+        while (line := self._next_line(end_s)) is not None:
+            if fits(line):
+                return line
+        return None
 
     def set_bitrate(self, bitrate: int) -> None:
         """Of this end only.  Raises BusError."""
@@ -167,12 +186,12 @@ class SerialLine:
             self.port.bitrate = bitrate
         except (OSError, ValueError) as error:
             raise self._gone(error) from error
-        self._owed = True
+        self._unsettled, self._owed = True, False
 
     def tell(self, text: str) -> None:
         """Send what has no answer, and wait until it is out.  Raises BusError."""
         self._send(text)
-        self._owed = True
+        self._unsettled = True
         self.clock.sleep_until(self.clock.now() + self.seconds(len(text) + 1) + QUIET_TIME_S)
 
     def pump(self, timeout_s: float) -> bool:
