@@ -14,7 +14,7 @@ from beltcomm.axis import Axis, load_axis
 from beltcomm.control import Cascade
 from beltcomm.design.compensation import compensated
 from beltcomm.design.specification import Specification
-from beltcomm.drive import Drive, open_drive
+from beltcomm.drive import Drive, able, open_drive
 from beltcomm.errors import BeltcommError, Refused, UsageError
 from beltcomm.foreign.convert import Reading
 from beltcomm.foreign.job import check_imports, import_recordings
@@ -60,7 +60,7 @@ def commission(drive: str, axis: Axis | str, run: Path, *, options: Options | No
     """
     options, talk, axis = options or Options(), talk or Silence(), _axis(axis)
     referencing.suitable(axis)
-    with open_drive(drive, options.for_drive(), needs="torque") as connected:
+    with able(open_drive(drive, options.for_drive()), "torque") as connected:
         analyse.offered(connected.capabilities.structure, options.prefilter, options.feedforward)
         if options.window_m is not None:
             referencing.only_here(connected.capabilities, options.position_m, home=options.home)
@@ -94,7 +94,7 @@ def identify(drive: str, axis: Axis | str, run: Path, *, options: Options | None
     options, talk, axis = options or Options(), talk or Silence(), _axis(axis)
     referencing.suitable(axis)
     closed = options.in_loop
-    with open_drive(drive, options.for_drive(), needs="torque") as connected:
+    with able(open_drive(drive, options.for_drive()), "torque") as connected:
         if closed:
             return identify_in_loop(connected, axis, run, options, lambda plan, m: _agree(plan, options, talk, m), talk)
         return _identify(connected, drive, axis, run, options, talk)
@@ -128,7 +128,7 @@ def _identify(connected: Drive, drive: str, axis: Axis, run: Path, options: Opti
 def follow(drive: str, run: Path, plan: Path, *, options: Options | None = None, talk: Talk | None = None) -> Result:
     """The records of a plan that ``diagnose`` wrote, into the run that it was written for."""
     options, talk = options or Options(), talk or Silence()
-    with open_drive(drive, options.for_drive(), needs="torque") as connected:
+    with able(open_drive(drive, options.for_drive()), "torque") as connected:
         return follow_plan(connected, run, plan, settings_of(options), partial(_agree, options=options, talk=talk), talk, options.dry_run)
 
 
@@ -219,7 +219,7 @@ def verify(
     over_belt : on a virtual drive, the belt may carry more than its feed force.
     """
     options, talk = options or Options(), talk or Silence()
-    with open_drive(drive, options.for_drive(), needs="position") as connected:
+    with able(open_drive(drive, options.for_drive()), "position") as connected:
         return verify_with(
             connected,
             drive,

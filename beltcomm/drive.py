@@ -255,36 +255,31 @@ def simulated(name: str) -> bool:
     return "virtual" in name.split(":")[:2]
 
 
-def open_drive(name: str, options: Mapping[str, object] | None = None, *, needs: str = "") -> Drive:
+def open_drive(name: str, options: Mapping[str, object] | None = None) -> Drive:
     """Open the drive called ``name`` (``virtual``, ``virtual:g_a``, ``can0``, ``slcan:/dev/ttyACM0``, ``serial:/dev/ttyUSB0``).
 
-    needs : a kind of :class:`Motion` without which there is nothing to be done with it.
-    Raises UsageError when no adapter understands the name (those found are listed), Refused when the drive lacks what is needed, and
-    what the adapter raises.
+    Raises UsageError when no adapter understands the name (those found are listed), and what the adapter raises.
     """
-    drive = _open(name, options or {})
-    has = drive.capabilities
-    if needs and needs not in has.kinds:
-        drive.close()
-        offered = ", ".join(sorted(has.kinds)) or "none"
-        raise Refused(
-            f"{has.name} cannot do this: {has.refused.get(needs) or f'it offers no motions of kind {needs!r}, only {offered}'}; "
-            "nothing was moved"
-        )
-    return drive
-
-
-def _open(name: str, options: Mapping[str, object]) -> Drive:
     scheme, _, address = name.partition(":")
     found = find_adapters()
     if not found:
         raise UsageError("no drive adapters are installed; run `pip install -e .` in the beltcomm folder")
     for item in found:
         if item.adapter and scheme in item.adapter.schemes:
-            return item.adapter.open(address, options)
+            return item.adapter.open(address, options or {})
     for item in found:
         if item.adapter and item.adapter.claims(name):
-            return item.adapter.open(name, options)
+            return item.adapter.open(name, options or {})
     known = ", ".join(sorted(s for item in found if item.adapter for s in item.adapter.schemes))
     broken = "".join(f" ({item.entry_point} is broken: {item.reason})" for item in found if not item.adapter)
     raise UsageError(f"no adapter understands the drive {name!r}; known are {known} and CAN interfaces like can0{broken}")
+
+
+def able(drive: Drive, kind: MotionKind) -> Drive:
+    """The same drive, if it offers this kind of motion.   Raises Refused with its reason, and closes it; nothing has moved then."""
+    has = drive.capabilities
+    if kind in has.kinds:
+        return drive
+    drive.close()
+    why = has.refused.get(kind) or f"it offers motions of kind {', '.join(sorted(has.kinds)) or 'none'}, not {kind}"
+    raise Refused(f"{has.name} cannot do this: {why}; nothing was moved")

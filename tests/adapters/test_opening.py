@@ -50,11 +50,6 @@ def test_adapters_register_their_schemes():
     assert {"can", "slcan", "serial"} <= schemes
 
 
-def test_serial_says_what_to_use_instead():
-    with pytest.raises(UsageError, match=r"not built yet.*slcan"):
-        open_drive("serial:/dev/ttyUSB0")
-
-
 def test_an_interface_that_is_missing_says_how_to_bring_it_up():
     with pytest.raises(BusError, match=r"vcan97 cannot be opened.*(ip link set vcan97 up|kernel has no CAN)"):
         open_drive("vcan97")

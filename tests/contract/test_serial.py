@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from beltcomm.drive import Drive, Limits, Motion, Row, open_drive
+from beltcomm.drive import Drive, Limits, Motion, Row, able, open_drive
 from beltcomm.errors import BeltcommError, BusError, DriveError, DriveFault, Refused, SafetyStop, UsageError
 from beltcomm.identify.friction import find_plateaus, fit_friction
 from beltcomm.virtual.faults import Faults
@@ -149,7 +149,7 @@ def test_without_the_profile_s_name_the_numbers_must_decide():
 def test_what_needs_a_bus_is_refused_before_anything_moves(kind):
     plant = RigidPlant()
     with pytest.raises(Refused, match=r"13 setpoints a second at 9600 bit/s and 160 at 115200.*nothing was moved") as caught:
-        open_drive("serial:virtual", {"plant": plant}, needs=kind)
+        able(open_drive("serial:virtual", {"plant": plant}), kind)
     assert caught.value.exit_code == 1
     assert plant.position_rad == plant.velocity_rad_s == 0.0
 
