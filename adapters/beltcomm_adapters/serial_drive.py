@@ -25,6 +25,7 @@ from beltcomm_adapters.serial_strokes import check_limits, strokes_of
 _CYCLE_CHARACTERS: Final = 2 * 13 + 8 + 17 + 8 + 13
 _STOP_TIME_S: Final = 3.0  # beyond the ramp of the quick stop
 _UNTOLD: Final = ("device_name", "hardware", "firmware")
+_POSITION_GAIN: Final = "kpp_1_s"
 _NUMBERS: Final = ("vendor_id", "product_code")
 
 
@@ -85,7 +86,7 @@ class SerialDrive(ObjectDrive):
         strokes, rest_s = strokes_of(motion, here, self._scaling)
         self._machine.reset_fault()
         self._machine.disable()
-        run = PolledRun(self._serial, self._machine, self._scaling, limits, self.clock, self._pace, sink)
+        run = PolledRun(self._serial, self._machine, self._scaling, limits, self.clock, self._pace, sink, self._lag_1_s())
         try:
             with self._serial.lend() as lending:
                 prepare(self._serial, lending, self._machine, self._profile, self._scaling, limits, self._pace.period_s)
@@ -101,6 +102,11 @@ class SerialDrive(ObjectDrive):
                 return report
         finally:
             self.clock.sleep_until(self.clock.now() + limits.brake_s)  # it is over when a brake has had its time to close
+
+    def _lag_1_s(self) -> float:
+        """Gain of a position loop without velocity feedforward; infinite where there is one, or no such gain."""
+        known = not self.capabilities.structure.velocity_feedforward and _POSITION_GAIN in self._parameters.names
+        return self._parameters.read([_POSITION_GAIN])[_POSITION_GAIN] if known else math.inf
 
     def _halt(self, limits: Limits, run: PolledRun, error: BaseException | None) -> None:
         """Quick stop and disable; a failure to do so is raised, or noted on the ``error`` that is already under way."""

@@ -46,8 +46,9 @@ _PERIOD_STEP_S: Final = 0.005
 #: An answer that takes this many times as long as the slowest is lost.
 _PATIENCE: Final = 2.0
 _MEASURED: Final = 8
-#: s after its time in which a stroke must have reached its target.
-ARRIVAL_TIME_S: Final = 2.0
+#: s after its time in which a stroke must have reached its target, and time constants of a position loop that follows late.
+_ARRIVAL_TIME_S: Final = 2.0
+_ARRIVAL_CONSTANTS: Final = 10.0
 
 
 @dataclass(frozen=True)
@@ -96,14 +97,26 @@ def prepare(
 
 
 class PolledRun:
-    """One enabled stretch.   limits : watched on the host in every poll.   sink : gets a row of every poll."""
+    """One enabled stretch.   limits : watched on the host in every poll.   sink : gets a row of every poll.
+
+    lag_1_s : gain of a position loop that follows late because it has no velocity feedforward, 1/s; infinite for one that has.
+    """
 
     def __init__(
-        self, objects: SerialObjects, machine: StateMachine, scaling: Scaling, limits: Limits, clock: Clock, pace: Pace, sink: Sink
+        self,
+        objects: SerialObjects,
+        machine: StateMachine,
+        scaling: Scaling,
+        limits: Limits,
+        clock: Clock,
+        pace: Pace,
+        sink: Sink,
+        lag_1_s: float = math.inf,
     ) -> None:
         self._objects, self._machine, self._scaling = objects, machine, scaling
         self._clock, self._pace, self._sink = clock, pace, sink
         self._watch = Watch(limits, scaling, pace.period_s)
+        self._arrival_s = _ARRIVAL_TIME_S + (_ARRIVAL_CONSTANTS / lag_1_s if lag_1_s > 0.0 else 0.0)
         self._next_s = clock.now()
         self._start_s = self._before_s = math.nan
         self._rows = self._lost = self._lost_in_a_row = self._limited = 0
@@ -161,10 +174,10 @@ class PolledRun:
             late_s = sample.stamp_s - start_s - doubt_s - path.duration_s
             if late_s > 0.0 and sample.statusword & TARGET_REACHED:
                 return
-            if late_s > ARRIVAL_TIME_S:
+            if late_s > self._arrival_s:
                 off = path.end_rad - sample.position * self._scaling.position_rad
                 raise SafetyStop(
-                    f"the drive is {self._watch.way(abs(off))} away from its target {ARRIVAL_TIME_S:g} s after it should have "
+                    f"the drive is {self._watch.way(abs(off))} away from its target {self._arrival_s:.2g} s after it should have "
                     "arrived; the axis was stopped; it sticks, or the gains in the drive are too weak for its friction",
                     "lag",
                 )

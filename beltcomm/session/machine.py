@@ -324,7 +324,7 @@ class Machine:
             belt(row)
             watch(row)
             rows += 1
-            if rows % 200 == 0:
+            if rows % 200 == 0 and rows < total:  # a drive that makes its strokes by itself takes longer than planned
                 self.talk.progress(rows / total, (total - rows) * motion.period_s)
 
         try:
@@ -391,10 +391,7 @@ class Machine:
 
 
 def stroking(capabilities: Capabilities) -> LoopKind:
-    """The loop that follows strokes without lag: the position loop where it has a velocity feedforward, else the velocity loop.
-
-    A drive that drives strokes by itself only is left to that.
-    """
+    """The loop that follows strokes with the least lag, or the drive's own strokes where it offers nothing else."""
     if capabilities.kinds == {"profile"}:
         return "profile"
     return "position" if capabilities.structure.velocity_feedforward and "position" in capabilities.kinds else "velocity"
