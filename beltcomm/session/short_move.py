@@ -8,7 +8,7 @@ from beltcomm.axis import Axis
 from beltcomm.axis_entries import TrajectoryLimits
 from beltcomm.drive import Capabilities, Drive, Motion
 from beltcomm.errors import UsageError
-from beltcomm.session import gravity
+from beltcomm.session import gravity, own_strokes
 from beltcomm.session.creep import BREAKAWAY_SHARE, CREEP_SPEED_M_S, MARGIN_M, NEAR_M, RAMP_S, move_limits, small_move
 from beltcomm.session.machine import stroking
 from beltcomm.session.plan import Plan, move_plan
@@ -49,8 +49,8 @@ def plan_of(axis: Axis, capabilities: Capabilities, by_m: float) -> Plan:
             abs(by_m) / STROKE.speed_m_s + STROKE.speed_m_s / STROKE.acceleration_m_s2 + 2.0 * REST_S + LATE_S,
         )
         what = (
-            f"go {1e3 * by_m:+.1f} mm in one slow stroke of the drive, with the gains that are in it. Nothing guards a drive over RS-232: "
-            "when the cable is pulled, it ends the stroke by itself and holds the axis there"
+            f"go {1e3 * by_m:+.1f} mm in one slow stroke of the drive, with the gains that are in it."
+            f"{own_strokes.unguarded_words(capabilities)[:-1]}"
         )
     force = min(axis.belt_force_limit_n, torque / axis.transmission_m_rad)
     return move_plan(axis, abs(by_m), abs(by_m) + MARGIN_M, speed, torque, force, seconds, what)

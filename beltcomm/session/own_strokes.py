@@ -1,6 +1,6 @@
-"""Strokes of a drive whose position loop has no velocity feedforward: it follows late, and is as fast as its reference only after a while.
+"""Strokes that the drive makes by itself: what is said of them beforehand, and what a position loop without feedforward makes of them.
 
-The loop lags by  v/K_PP  and settles with  e^(-K_PP t).  Where the drive makes the strokes by itself, nothing else can be had of it.
+Such a loop lags by  v/K_PP  and settles with  e^(-K_PP t); the drive is as fast as its reference only after a while.
 """
 
 from __future__ import annotations
@@ -23,6 +23,16 @@ LONGEST_S = 4.0
 LAG_M = 0.05
 #: Strokes of a sweep of seven speeds, three of them twice; time constants until one has arrived.
 STROKES, ARRIVING = 20, 10.0
+
+
+def unguarded_words(capabilities: Capabilities) -> str:
+    """What happens when the host is gone, as a sentence for a plan; nothing where the drive is guarded."""
+    if stroking(capabilities) != "profile":
+        return ""
+    return (
+        " Nothing guards a drive over RS-232: it makes each stroke by itself, and when the cable is pulled it ends the one it has inside the "
+        "travel and holds the axis there."
+    )
 
 
 def lags(capabilities: Capabilities) -> bool:
