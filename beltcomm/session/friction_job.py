@@ -16,7 +16,7 @@ from beltcomm.identify.sweeps import SweepNote, note_of
 from beltcomm.model import Model
 from beltcomm.result import Result, plain
 from beltcomm.runfolder import RunFolder
-from beltcomm.session import friction_study, friction_words, orders, own_strokes, phases, pictures, words
+from beltcomm.session import friction_study, friction_words, orders, phases, pictures, words
 from beltcomm.session.bounds import Experiment, course_before
 from beltcomm.session.commission import measure_friction
 from beltcomm.session.machine import Machine, stroking
@@ -73,8 +73,8 @@ def plan_of(axis: Axis, capabilities: Capabilities, model: Model, asked: Wanted)
         return usual
     if stroking(capabilities) == "profile":
         raise Refused(
-            f"{capabilities.name} is looked at once in {1e3 * capabilities.sample_period_s:.0f} ms, too seldom for the short plateaus of the "
-            "orders; leave --order and --repeat out, or connect the drive's CAN port"
+            f"{capabilities.name} is looked at once in {1e3 * capabilities.sample_period_s:.0f} ms, too seldom for the short plateaus of "
+            "the orders; leave --order and --repeat out, or connect the drive's CAN port"
         )
     course = course_before(axis, capabilities, model["cart.mass"])
     whole = course.window_m[1] - course.window_m[0]

@@ -13,7 +13,7 @@ from beltcomm.drive import Capabilities
 from beltcomm.errors import Refused
 from beltcomm.identify.sweeps import RUN_IN_KEY
 from beltcomm.session.machine import Machine, stroking
-from beltcomm.session.strokes import SWEEP_RUN_IN_S
+from beltcomm.session.strokes import PLATEAU_ROWS, SWEEP_LONGEST_S, SWEEP_RUN_IN_S
 
 #: Time constants after which the speed is that of the reference to 2 %.
 CONSTANTS = 4.0
@@ -21,8 +21,10 @@ CONSTANTS = 4.0
 LONGEST_S = 4.0
 #: m: a stroke is so slow that its lag is no larger.
 LAG_M = 0.05
-#: Strokes of a sweep of seven speeds, three of them twice; time constants until one has arrived.
-STROKES, ARRIVING = 20, 10.0
+#: Strokes of a sweep of seven speeds, three of them twice; s and time constants until one has arrived, at most.
+STROKES, ARRIVAL_S, ARRIVING = 20, 2.0, 10.0
+#: Polls while a stroke is handed over; m/s of the slowest way to where a sweep begins.
+HANDING_OVER, SLOW_M_S = 12, 0.05
 
 
 def unguarded_words(capabilities: Capabilities) -> str:
@@ -30,8 +32,8 @@ def unguarded_words(capabilities: Capabilities) -> str:
     if stroking(capabilities) != "profile":
         return ""
     return (
-        " Nothing guards a drive over RS-232: it makes each stroke by itself, and when the cable is pulled it ends the one it has inside the "
-        "travel and holds the axis there."
+        " Nothing guards a drive over RS-232: it makes each stroke by itself, and when the cable is pulled it ends the one it has inside "
+        "the travel and holds the axis there."
     )
 
 
@@ -62,9 +64,14 @@ def note(machine: Machine) -> dict[str, Any]:
 
 
 def longest_sweep_s(axis: Axis, capabilities: Capabilities) -> float:
-    """What a sweep may take longer because of it, s."""
-    if not lags(capabilities):
+    """What a sweep may take longer than one in step with the host, s: longer plateaus, handing over, arriving, and settling."""
+    if stroking(capabilities) != "profile":
         return 0.0
-    slowest = CONSTANTS / LONGEST_S
+    period_s = capabilities.sample_period_s
+    plateau_s = max(0.0, 1.5 * PLATEAU_ROWS * period_s - SWEEP_LONGEST_S)
+    each_s = plateau_s + HANDING_OVER * period_s + ARRIVAL_S
     way = float(axis.travel.max_m or 0.0) - float(axis.travel.min_m or 0.0)
-    return STROKES * (LONGEST_S + ARRIVING / slowest) + way / (LAG_M * slowest)
+    if not lags(capabilities):
+        return STROKES * each_s + way / SLOW_M_S
+    slowest = CONSTANTS / LONGEST_S
+    return STROKES * (each_s + LONGEST_S + ARRIVING / slowest) + way / min(SLOW_M_S, LAG_M * slowest)
