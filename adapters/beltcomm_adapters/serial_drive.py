@@ -155,8 +155,8 @@ def _left_alone(limits: Limits, end_rad: float) -> str:
     """What an axis does that nobody can tell anything any more, in words."""
     where = "" if math.isnan(end_rad) else f" at {limits.where(end_rad)}"
     return (
-        f"nothing guards a drive over RS-232: if it is on, it ends the stroke it has by itself{where}, and holds the axis there with its "
-        "stage on and the limits of this session; switch its power off before going near"
+        f"nothing guards a drive over RS-232: if it runs on, it ends the stroke it has by itself{where}, and holds the axis there with its "
+        "stage on and the limits of this session; if it has restarted, the axis rolls out; switch its power off before going near"
     )
 
 

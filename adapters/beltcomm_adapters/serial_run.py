@@ -115,7 +115,8 @@ class PolledRun:
     ) -> None:
         self._objects, self._machine, self._scaling = objects, machine, scaling
         self._clock, self._pace, self._sink = clock, pace, sink
-        self._watch = Watch(limits, scaling, pace.period_s)
+        self._limits = limits
+        self._watch = self._new_watch()
         self._arrival_s = _ARRIVAL_TIME_S + (_ARRIVAL_CONSTANTS / lag_1_s if lag_1_s > 0.0 else 0.0)
         self._next_s = clock.now()
         self._start_s = self._before_s = math.nan
@@ -194,6 +195,24 @@ class PolledRun:
                 raise BusError(f"the drive has not answered {self._lost_in_a_row} times in a row while moving; check the cable")
             return None
         self._lost_in_a_row = 0
+        t_s = sample.stamp_s - start_s
+        try:
+            self._judge(sample, path, t_s, doubt_s)
+        except (SafetyStop, DriveError):  # a digit may have been spoilt, which nothing on the line shows: a second look must say the same
+            again = self._poll()
+            if again is None:
+                raise
+            sample, t_s = again, again.stamp_s - start_s
+            self._watch = self._new_watch()
+            self._judge(sample, path, t_s, doubt_s)
+            self._lost += 1
+        self._limited += bool(sample.statusword & INTERNAL_LIMIT)
+        slow, fast = path.at(t_s - doubt_s)[1], path.at(t_s + doubt_s)[1]
+        self._row(sample, path.at(t_s)[0], 0.5 * (slow + fast))
+        return sample
+
+    def _judge(self, sample: Sample, path: Trapezoid, t_s: float, doubt_s: float) -> None:
+        """Raises what a sample gives reason for.   t_s : since the path began, known to ``doubt_s``."""
         if sample.statusword & FAULTED:
             raise self._machine.fault("moving")
         if (state := state_of(sample.statusword)) is not State.OPERATION_ENABLED:
@@ -202,14 +221,13 @@ class PolledRun:
                 "inputs and the limit switches"
             )
         self._watch.check(sample)
-        self._limited += bool(sample.statusword & INTERNAL_LIMIT)
-        t_s = sample.stamp_s - start_s
-        (early, slow), (late, fast) = path.at(t_s - doubt_s), path.at(t_s + doubt_s)
+        early, late = path.at(t_s - doubt_s)[0], path.at(t_s + doubt_s)[0]
         unit = self._scaling.position_rad
         near = min(max(sample.position * unit, min(early, late)), max(early, late))
         self._watch.follow(sample, round(near / unit))
-        self._row(sample, path.at(t_s)[0], 0.5 * (slow + fast))
-        return sample
+
+    def _new_watch(self) -> Watch:
+        return Watch(self._limits, self._scaling, self._pace.period_s)
 
     def _row(self, sample: Sample, reference_rad: float, reference_rad_s: float) -> None:
         """Pass on a row of :data:`beltcomm.drive.COLUMNS`; the reference's speed is the plateau's only where that is sure."""

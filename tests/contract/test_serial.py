@@ -183,7 +183,7 @@ def test_a_pulled_cable_leaves_an_axis_that_ends_its_stroke_inside_the_window(op
     begun = machine.drive.clock.now()
     with pytest.raises(BusError, match=r"has not answered 4 times in a row while moving") as caught:
         machine.drive.record(motion, machine.limits, pull)
-    assert any("it ends the stroke it has by itself at" in note for note in caught.value.__notes__)
+    assert any("if it runs on, it ends the stroke it has by itself at" in note for note in caught.value.__notes__)
     assert machine.drive.clock.now() - begun < 8.0  # it gives up and says so, and does not hang
     ticks(machine, 2.0)
     assert plant.position_rad == pytest.approx(8.0, abs=0.01)
@@ -286,6 +286,31 @@ def test_an_encoder_that_jumps_is_the_drive_s_own_fault_and_told(opened):
     with pytest.raises(DriveFault, match=r"8400h, speed control"):
         machine.drive.record(stroke(machine, 6.0, 1.0), machine.limits, lambda _row: None)
     assert machine.drive.read(["state"])["state"] in (*STATE_DISABLED, 7)
+
+
+@pytest.mark.parametrize(("spoilt", "place"), [(1, 0x6064), (1, 0x6041), (1, 0x606C), (1, 0x6077), (2, 0x6064), (2, 0x6041), (2, 0x606C)])
+def test_one_spoilt_digit_stops_nothing_and_two_alike_do(opened, monkeypatch, spoilt, place):
+    """There is no checksum: what a sample says that would stop the axis must be said twice."""
+    machine = opened()
+    serial = machine.drive._serial
+    poll, left = serial.poll, [spoilt]
+
+    def spoil(index: int, kind: str) -> tuple[int, float] | None:
+        answer = poll(index, kind)
+        if index == place and answer is not None and left[0] and rows and rows[-1][0] > 0.5:
+            left[0] -= 1
+            return 0x0237 | 0x08 if index == 0x6041 else answer[0] + (20_000 if index == 0x6077 else 0x10000000), answer[1]
+        return answer
+
+    monkeypatch.setattr(serial, "poll", spoil)
+    rows: list[Row] = []
+    if spoilt == 1:
+        report = machine.drive.record(stroke(machine, 6.0, 1.0), machine.limits, rows.append)
+        assert report.lost_cycles == 1
+        assert rows[-1][3] == pytest.approx(6.0, abs=0.01)
+    else:
+        with pytest.raises((SafetyStop, DriveFault)):
+            machine.drive.record(stroke(machine, 6.0, 1.0), machine.limits, rows.append)
 
 
 def test_a_stuck_axis_is_stopped_for_its_lag(opened):

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from beltcomm.drive import open_drive
+from beltcomm.errors import Refused
 from beltcomm.runfolder import RunFolder
+from beltcomm.session import own_strokes
 from session.conftest import Complete
 from session.test_commands import call, json_of
 
@@ -39,6 +44,8 @@ def test_a_move_is_not_verified_over_it(copy_of_complete: Copy) -> None:
 def test_friction_of_a_run_that_was_made_over_can(copy_of_complete: Copy, complete: Complete) -> None:
     """The same drive at its other port: strokes of its own, polled; the plant's friction comes out as over CAN."""
     run = copy_of_complete("sweep*")
+    planned = json_of(call("friction", *SERIAL, "--dry-run", "--run", run, "--json"))
+    assert "when the cable is pulled it ends the one it has" in planned["plan"]["text"]
     data = json_of(call("friction", *SERIAL, "--yes", "--run", run, "--json"))
     truth = complete.bench.plant.truth
     assert data["friction"]["coulomb"]["value"] == pytest.approx(truth["coulomb_total_nm"], rel=0.05)
@@ -46,6 +53,10 @@ def test_friction_of_a_run_that_was_made_over_can(copy_of_complete: Copy, comple
     recording = RunFolder.open(run).recording("sweep")
     assert recording.sample_period_s == pytest.approx(0.014, abs=0.004)
     assert recording.sidecar.closed_loop
+    assert float(np.ptp(recording.t_s)) < planned["seconds"]
+    orders = call("friction", *SERIAL, "--order", "I", "--dry-run", "--run", run)
+    assert orders.exit_code == 1
+    assert "too seldom for the short plateaus of the orders" in orders.stderr
 
 
 def test_gains_are_applied_and_rolled_back_over_it(copy_of_complete: Copy) -> None:
@@ -78,3 +89,28 @@ def test_a_short_move_is_a_stroke_of_the_drive(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(api, "open_drive", tuned)
     data = json_of(call("move", *SERIAL, "--yes", "--by", "-12mm", "--json"))
     assert data["moved_m"] == pytest.approx(-0.012, abs=5e-4)
+
+
+@dataclass
+class Slow:
+    """A stand-in for a machine: a drive that makes its strokes by itself with this K_PP, 1/s."""
+
+    kpp: float
+    feedforward: bool = False
+
+    @property
+    def drive(self) -> Any:
+        structure = SimpleNamespace(velocity_feedforward=self.feedforward)
+        capabilities = SimpleNamespace(kinds={"profile"}, structure=structure)
+        return SimpleNamespace(capabilities=capabilities, backup=lambda: {"kpp_1_s": self.kpp})
+
+
+def test_strokes_that_lag_are_given_time_or_refused() -> None:
+    """A first-order lag  1 - e^(-K_PP t)  has reached 98.2 % after four time constants."""
+    settle_s = own_strokes.settle_s(Slow(2.0))  # type: ignore[arg-type]
+    assert 1.0 - np.exp(-2.0 * settle_s) == pytest.approx(0.982, abs=1e-3)
+    assert own_strokes.note(Slow(2.0)) == {"run_in_s": 0.2 + settle_s}  # type: ignore[arg-type]
+    assert own_strokes.settle_s(Slow(0.1, feedforward=True)) == 0.0  # type: ignore[arg-type]
+    assert own_strokes.note(Slow(0.1, feedforward=True)) == {}  # type: ignore[arg-type]
+    with pytest.raises(Refused, match=r"K_PP = 0.9 1/s.*CAN port"):
+        own_strokes.settle_s(Slow(0.9))  # type: ignore[arg-type]
