@@ -14,7 +14,7 @@ from beltcomm.axis import Axis, load_axis
 from beltcomm.control import Cascade
 from beltcomm.design.compensation import compensated
 from beltcomm.design.specification import Specification
-from beltcomm.drive import Drive, open_drive
+from beltcomm.drive import Drive, able, open_drive
 from beltcomm.errors import BeltcommError, Refused, UsageError
 from beltcomm.foreign.convert import Reading
 from beltcomm.foreign.job import check_imports, import_recordings
@@ -22,11 +22,10 @@ from beltcomm.model import load_plant
 from beltcomm.parameters import cascade_to_parameters
 from beltcomm.result import Result, plain
 from beltcomm.runfolder import RunFolder
-from beltcomm.session import analyse, friction_job, gains, gravity, offline, outcome, referencing, words
+from beltcomm.session import analyse, friction_job, gains, offline, outcome, referencing, short_move, words
 from beltcomm.session import commission as sequence
 from beltcomm.session.commission import Findings
 from beltcomm.session.convert import convert as convert
-from beltcomm.session.creep import BREAKAWAY_SHARE, CREEP_SPEED_M_S, MARGIN_M, NEAR_M, RAMP_S, small_move
 from beltcomm.session.design_job import examined
 from beltcomm.session.experiment import run_experiment
 from beltcomm.session.export import export as export
@@ -40,7 +39,7 @@ from beltcomm.session.machine import Machine
 from beltcomm.session.move_file import trajectory as trajectory
 from beltcomm.session.options import Options, settings_of
 from beltcomm.session.orders import wanted as wanted_sweeps
-from beltcomm.session.plan import Plan, commission_plan, identify_plan, move_plan, with_homing
+from beltcomm.session.plan import Plan, commission_plan, identify_plan, with_homing
 from beltcomm.session.proof import admit, doubts, thin_margins
 from beltcomm.session.reporting.job import report as report
 from beltcomm.session.store import cascade_from_dict, drive_to_dict
@@ -53,8 +52,6 @@ compare, diagnose, add, remove, ladder = compare_run, diagnose_run, add_to_run, 
 
 #: Before the plan of a resumed run.
 KEPT = "Finished records are kept; what stands below is the most that is driven again, after a check that this is still the machine. "
-#: m: the longest way of ``beltcomm move``.
-LONGEST_MOVE_M = 0.1
 
 
 def commission(drive: str, axis: Axis | str, run: Path, *, options: Options | None = None, talk: Talk | None = None) -> Result:
@@ -64,7 +61,7 @@ def commission(drive: str, axis: Axis | str, run: Path, *, options: Options | No
     """
     options, talk, axis = options or Options(), talk or Silence(), _axis(axis)
     referencing.suitable(axis)
-    with open_drive(drive, options.for_drive()) as connected:
+    with able(open_drive(drive, options.for_drive()), "torque") as connected:
         analyse.offered(connected.capabilities.structure, options.prefilter, options.feedforward)
         if options.window_m is not None:
             referencing.only_here(connected.capabilities, options.position_m, home=options.home)
@@ -98,7 +95,7 @@ def identify(drive: str, axis: Axis | str, run: Path, *, options: Options | None
     options, talk, axis = options or Options(), talk or Silence(), _axis(axis)
     referencing.suitable(axis)
     closed = options.in_loop
-    with open_drive(drive, options.for_drive()) as connected:
+    with able(open_drive(drive, options.for_drive()), "torque") as connected:
         if closed:
             return identify_in_loop(connected, axis, run, options, lambda plan, m: _agree(plan, options, talk, m), talk)
         return _identify(connected, drive, axis, run, options, talk)
@@ -132,7 +129,7 @@ def _identify(connected: Drive, drive: str, axis: Axis, run: Path, options: Opti
 def follow(drive: str, run: Path, plan: Path, *, options: Options | None = None, talk: Talk | None = None) -> Result:
     """The records of a plan that ``diagnose`` wrote, into the run that it was written for."""
     options, talk = options or Options(), talk or Silence()
-    with open_drive(drive, options.for_drive()) as connected:
+    with able(open_drive(drive, options.for_drive()), "torque") as connected:
         return follow_plan(connected, run, plan, settings_of(options), partial(_agree, options=options, talk=talk), talk, options.dry_run)
 
 
@@ -223,7 +220,7 @@ def verify(
     over_belt : on a virtual drive, the belt may carry more than its feed force.
     """
     options, talk = options or Options(), talk or Silence()
-    with open_drive(drive, options.for_drive()) as connected:
+    with able(open_drive(drive, options.for_drive()), "position") as connected:
         return verify_with(
             connected,
             drive,
@@ -266,30 +263,16 @@ def rollback(drive: str, run: Path, *, options: Options | None = None, talk: Tal
 def move(drive: str, axis: Axis | str, by_m: float, *, options: Options | None = None, talk: Talk | None = None) -> Result:
     """Move the carriage slowly by a small distance with the gains that are in the drive.   Raises UsageError beyond 100 mm."""
     options, talk, axis = options or Options(), talk or Silence(), _axis(axis)
-    if not 2.0 * NEAR_M <= abs(by_m) <= LONGEST_MOVE_M:
-        ways = f"{2e3 * NEAR_M:g} to {1e3 * LONGEST_MOVE_M:.0f} mm, either way"
-        raise UsageError(f"a move by {1e3 * by_m:g} mm cannot be crept: give {ways} (it ends within {1e3 * NEAR_M:g} mm)")
-    gravity.not_on_tilted(
-        axis, "it is not crept without a loop, for a torque from zero would let it fall; `beltcomm verify --move FILE` moves it"
-    )
-    axis.require("move", "pulley.effective_radius_m", "travel.min_m", "travel.max_m")
-    plan = move_plan(
-        axis,
-        abs(by_m),
-        abs(by_m) + MARGIN_M,
-        CREEP_SPEED_M_S,
-        BREAKAWAY_SHARE * axis.torque_limit_nm,
-        min(axis.belt_force_limit_n, BREAKAWAY_SHARE * axis.torque_limit_nm / axis.transmission_m_rad),
-        RAMP_S * (1.0 + abs(by_m) / 3e-3),
-        f"creep {1e3 * by_m:+.1f} mm under slowly rising torque, in several goes",
-    )
-    if options.dry_run:
-        return _planned(plan)
+    short_move.admit(axis, by_m)
     with open_drive(drive, options.for_drive()) as connected:
+        plan = short_move.plan_of(axis, connected.capabilities, by_m)
+        if options.dry_run:
+            return _planned(plan)
         _agree(plan, options, talk)
-        moved = small_move(connected, axis, by_m, options.position_m)
+        moved, closed = short_move.make(connected, axis, by_m, options.position_m), short_move.by_drive(connected.capabilities)
     reached = abs(moved - by_m) < max(0.2 * abs(by_m), 2e-3)
-    text = [f"The carriage crept {1e3 * moved:+.2f} mm, asked were {1e3 * by_m:+.2f} mm; no loop was closed."]
+    how = "the drive closed its loop with the gains that are in it" if closed else "no loop was closed"
+    text = [f"The carriage went {1e3 * moved:+.2f} mm, asked were {1e3 * by_m:+.2f} mm; {how}."]
     return Result({"moved_m": moved, "asked_m": by_m}, text, 0 if reached else 1)
 
 

@@ -17,13 +17,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.control import CascadeStructure
-from beltcomm.errors import UsageError
+from beltcomm.errors import Refused, UsageError
 from beltcomm.recording_columns import MOTOR_COLUMNS
 
 Array = NDArray[np.float64]
 
 #: Columns of every recorded row, in this order; NaN where the drive does not report a quantity.
 COLUMNS = MOTOR_COLUMNS
+
+#: See :class:`Motion`; and those in which the drive closes a loop.
+MotionKind = Literal["torque", "position", "velocity", "profile"]
+LoopKind = Literal["position", "velocity", "profile"]
 
 Row = tuple[float, ...]
 Sink = Callable[[Row], None]
@@ -78,7 +82,9 @@ class Motion:
     kind : "torque"    torque setpoint, all loops open (cyclic synchronous or profile torque);
            "position"  the drive closes its cascade on ``position_rad`` (cyclic synchronous or interpolated position),
                        ``velocity_rad_s`` is its velocity feedforward and ``torque_nm`` is added to its torque;
-           "velocity"  the drive closes its velocity loop on ``velocity_rad_s``; ``torque_nm`` is added to its torque.
+           "velocity"  the drive closes its velocity loop on ``velocity_rad_s``; ``torque_nm`` is added to its torque;
+           "profile"   strokes from rest to rest: each is handed to the drive as end, speed and acceleration (profile position), which
+                       drives a trapezoid of the same way, time and top speed by itself, and ends it by itself.
            What a drive cannot add (:attr:`Capabilities.torque_along`) must be zero.
     period_s : float, s, a whole multiple of ``Capabilities.sample_period_s``.
     position_rad : ndarray (n,), rad, motor shaft, absolute in the drive's zero.
@@ -86,7 +92,7 @@ class Motion:
     rest_nm : N m, of kind "torque": what holds the axis while the drive is being enabled, after the last entry and until it is stopped.
     """
 
-    kind: Literal["torque", "position", "velocity"]
+    kind: MotionKind
     period_s: float
     position_rad: Array
     velocity_rad_s: Array
@@ -113,7 +119,9 @@ class Capabilities:
     rated_torque_nm, peak_torque_nm : N m.    rated_current_a : A rms.    max_speed_rad_s : rad/s.
     referenced : the drive knows its zero.
     torque_along : the kinds of closed-loop motion to whose torque it adds the motion's.
-    identity : name, maker, serial number, firmware ... as text, to recognise the same drive on ``--resume``.
+    identity : name, maker, serial number, firmware ... as text, to recognise the same drive on ``--resume``; "" where the
+        port that it is connected by cannot tell.
+    refused : why kinds of motion that the drive itself may have are not offered, by kind: a sentence with the remedy.
     """
 
     name: str
@@ -131,6 +139,7 @@ class Capabilities:
     referenced: bool
     identity: Mapping[str, str] = field(default_factory=dict)
     torque_along: frozenset[str] = frozenset()
+    refused: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -241,8 +250,13 @@ def find_adapters() -> list[FoundAdapter]:
     return found
 
 
+def simulated(name: str) -> bool:
+    """Whether a drive's name is that of a virtual one: ``virtual:g_a``, ``serial:virtual``."""
+    return "virtual" in name.split(":")[:2]
+
+
 def open_drive(name: str, options: Mapping[str, object] | None = None) -> Drive:
-    """Open the drive called ``name`` (``virtual``, ``virtual:g_a``, ``can0``, ``slcan:/dev/ttyACM0``).
+    """Open the drive called ``name`` (``virtual``, ``virtual:g_a``, ``can0``, ``slcan:/dev/ttyACM0``, ``serial:/dev/ttyUSB0``).
 
     Raises UsageError when no adapter understands the name (those found are listed), and what the adapter raises.
     """
@@ -259,3 +273,13 @@ def open_drive(name: str, options: Mapping[str, object] | None = None) -> Drive:
     known = ", ".join(sorted(s for item in found if item.adapter for s in item.adapter.schemes))
     broken = "".join(f" ({item.entry_point} is broken: {item.reason})" for item in found if not item.adapter)
     raise UsageError(f"no adapter understands the drive {name!r}; known are {known} and CAN interfaces like can0{broken}")
+
+
+def able(drive: Drive, kind: MotionKind) -> Drive:
+    """The same drive, if it offers this kind of motion.   Raises Refused with its reason, and closes it; nothing has moved then."""
+    has = drive.capabilities
+    if kind in has.kinds:
+        return drive
+    drive.close()
+    why = has.refused.get(kind) or f"it offers motions of kind {', '.join(sorted(has.kinds)) or 'none'}, not {kind}"
+    raise Refused(f"{has.name} cannot do this: {why}; nothing was moved")

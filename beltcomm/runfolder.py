@@ -114,8 +114,8 @@ class RunFolder:
     def claim_drive(self, identity: Mapping[str, str]) -> None:
         """Note which drive this run is made on; on a later call, that it still is.
 
-        identity : :attr:`beltcomm.drive.Capabilities.identity`.   Raises UsageError when the run was made on another drive, with
-        what differs.
+        identity : :attr:`beltcomm.drive.Capabilities.identity`; what one of the two ports does not tell ("") is not compared.
+        Raises UsageError when the run was made on another drive, with what differs.
         """
         known = self._about().get("drive", {})
         if not known:
@@ -124,7 +124,7 @@ class RunFolder:
         changed = [
             f"{key} {known.get(key, 'not known')} -> {identity.get(key, 'not known')}"
             for key in sorted({*known, *identity})
-            if known.get(key) != identity.get(key)
+            if known.get(key) != identity.get(key) and "" not in (known.get(key), identity.get(key))
         ]
         if changed:
             raise UsageError(f"{self.path} was made on another drive ({'; '.join(changed)}); begin a new run")

@@ -5,32 +5,30 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from typing import Final
 
 import can
 
 from beltcomm.drive import Adapter, Clock, Drive, ExchangeReport, Limits, Motion, Sink
-from beltcomm.errors import BeltcommError, BusError, DriveError, Refused, UsageError
+from beltcomm.errors import BusError, DriveError, Refused, UsageError
 from beltcomm_adapters.buses import DEFAULT_BITRATE, Address, MonotonicClock, is_socketcan, open_bus
-from beltcomm_adapters.cia402 import StateMachine
 from beltcomm_adapters.exchange import Exchange
-from beltcomm_adapters.gains import Parameters
 from beltcomm_adapters.identification import HOMING_MODE, read_capabilities, read_identity, sync_period_s
 from beltcomm_adapters.interrupts import deferred_interrupt
 from beltcomm_adapters.link import Link, find_nodes
 from beltcomm_adapters.motion import Run, Watch
+from beltcomm_adapters.object_drive import ObjectDrive
 from beltcomm_adapters.preparation import check_motion, guard, homing_speeds_rad_s, prepare
 from beltcomm_adapters.profiles import choose_profile, load_profile
-from beltcomm_adapters.scaling import read_scaling
-from beltcomm_adapters.sdo import Objects
+from beltcomm_adapters.sdo import SdoObjects
 from beltcomm_adapters.setpoints import Layout, Setpoints, layout_of
 
 _HOMING_PERIOD_S: Final = 0.010  # homing is watched, not sampled
 _OPTIONS: Final = ("node", "bitrate", "profile")
 
 
-class CanopenDrive:
+class CanopenDrive(ObjectDrive):
     """A drive behind a CAN bus; see :class:`beltcomm.drive.Drive`.
 
     While it is open, the speed unit and the enable logic (cmmp-as) are as the adapter needs them; mode of operation, PDOs,
@@ -44,63 +42,16 @@ class CanopenDrive:
     def __init__(
         self, bus: can.BusABC, clock: Clock, node: int, profile: str | None, bitrate: int | None, release: Callable[[], None]
     ) -> None:
-        self.clock = clock
-        self._release = release
-        self._open = True
-        self._homed = False
         self._link = Link(bus, clock, node)
-        self._objects = Objects(self._link)
-        self._session = self._objects.lend()
+        super().__init__(clock, SdoObjects(self._link), release)
         where = f"{bus.channel_info}, node {node}" + (f", {bitrate // 1000} kbit/s" if bitrate else "")
         identity = read_identity(self._objects, where)
-        self._profile = choose_profile(identity, profile)
-        self._machine = StateMachine(self._link, self._objects, self._profile.emergency)
-        self._machine.disable()
+        self._take_over(self._link, choose_profile(identity, profile))
         try:
-            self._borrow()
-            self._parameters = Parameters(self._objects, self._profile, self._scaling)
             self.capabilities = read_capabilities(self._objects, self._profile, self._scaling, identity, bitrate, self._referenced())
         except BaseException:
             self._session.give_back()
             raise
-
-    # -- values ---------------------------------------------------------------------------------------------------------
-
-    def read(self, names: Sequence[str]) -> dict[str, float]:
-        """See :meth:`beltcomm.drive.Drive.read`; ``state`` is a :class:`beltcomm_adapters.cia402.State`."""
-        objects, scaling = self._objects, self._scaling
-        measured: dict[str, Callable[[], float]] = {
-            "position_rad": lambda: objects.read(0x6064, 0, "int32") * scaling.position_rad,
-            "velocity_rad_s": lambda: objects.read(0x606C, 0, "int32") * scaling.speed_rad_s,
-            "torque_nm": lambda: objects.read(0x6077, 0, "int16") * scaling.torque_nm,
-            "state": lambda: float(self._machine.state()),
-            "referenced": lambda: float(self._referenced()),
-        }
-        if unknown := [name for name in names if name not in measured and name not in self._parameters.names]:
-            known = ", ".join((*measured, *self._parameters.names))
-            raise UsageError(f"this drive has no quantity {', '.join(unknown)}; it has {known}")
-        return {name: measured[name]() if name in measured else self._parameters.read([name])[name] for name in names}
-
-    def write(self, values: Mapping[str, float]) -> dict[str, float]:
-        """See :meth:`beltcomm.drive.Drive.write`; the stage is taken off first."""
-        self._machine.disable()
-        return self._parameters.write(values)
-
-    def backup(self) -> dict[str, float]:
-        """See :meth:`beltcomm.drive.Drive.backup`."""
-        return self._parameters.read(self._parameters.names)
-
-    def save(self) -> None:
-        """See :meth:`beltcomm.drive.Drive.save`; what is lent to this session is saved as it was found."""
-        self._machine.disable()
-        if failures := self._session.give_back():
-            raise DriveError(f"nothing was saved: {'; '.join(failures)}")
-        try:
-            self._objects.save()
-        finally:
-            self._borrow()
-
-    # -- motion ---------------------------------------------------------------------------------------------------------
 
     def record(self, motion: Motion, limits: Limits, sink: Sink) -> ExchangeReport:
         """See :meth:`beltcomm.drive.Drive.record`.  Returns a :class:`beltcomm_adapters.motion.Report`."""
@@ -184,48 +135,6 @@ class CanopenDrive:
             if error is None:
                 raise
             error.add_note(str(failure))
-
-    def stop(self) -> None:
-        """See :meth:`beltcomm.drive.Drive.stop`."""
-        if self._open:
-            with contextlib.suppress(BeltcommError):
-                self._machine.disable()
-
-    def close(self) -> None:
-        """See :meth:`beltcomm.drive.Drive.close`."""
-        if not self._open:
-            return
-        with deferred_interrupt():
-            self.stop()
-            self._open = False
-            try:
-                self._session.give_back()
-            finally:
-                self._release()
-
-    def __enter__(self) -> Drive:
-        return self
-
-    def __exit__(self, *_exc: object) -> None:
-        self.close()
-
-    # -- inside -----------------------------------------------------------------------------------------------------------
-
-    def _borrow(self) -> None:
-        """What is lent to this session: bus control first, then the speed unit."""
-        if self._profile.enable_logic:
-            self._session.set(*self._profile.enable_logic)
-        self._scaling = read_scaling(self._objects, self._profile, self._session)
-
-    def _here_rad(self) -> float:
-        return self._objects.read(0x6064, 0, "int32") * self._scaling.position_rad
-
-    def _referenced(self) -> bool:
-        """What the drive tells of its zero; where it tells nothing, whether it was homed by us."""
-        if self._profile.referenced is None:
-            return self._homed
-        index, subindex, bit = self._profile.referenced
-        return bool(int.from_bytes(self._objects.read_bytes(index, subindex), "little") >> bit & 1)
 
 
 def connect(

@@ -7,11 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from enum import IntEnum
-from typing import Final
+from typing import Final, Protocol
 
 from beltcomm.drive import Clock
 from beltcomm.errors import BusError, DriveError, DriveFault, ObjectRefused
-from beltcomm_adapters.link import Link
+from beltcomm_adapters.link import Emergency
 from beltcomm_adapters.sdo import Objects
 
 
@@ -38,6 +38,7 @@ SWITCH_ON: Final = 0x0007
 ENABLE_OPERATION: Final = 0x000F
 ENABLE_INTERPOLATION: Final = 0x001F  # bit 4 in mode 7
 START_HOMING: Final = 0x001F  # bit 4 in mode 6
+NEW_SETPOINT: Final = 1 << 4  # in mode 1
 DISABLE_VOLTAGE: Final = 0x0000
 QUICK_STOP: Final = 0x0002
 FAULT_RESET: Final = 0x0080
@@ -47,6 +48,7 @@ FAULTED: Final = 1 << 3
 TARGET_REACHED: Final = 1 << 10
 INTERNAL_LIMIT: Final = 1 << 11
 FOLLOWS: Final = 1 << 12  # modes 8, 9, 10: the target is followed; mode 7: interpolation active; mode 6: homing attained
+SETPOINT_TAKEN: Final = 1 << 12  # mode 1
 HOMING_ERROR: Final = 1 << 13
 
 _PATTERNS: Final = (
@@ -123,10 +125,25 @@ def emergency_text(code: int, special: Mapping[int, str]) -> str:
     return _EMERGENCY_GROUPS.get(code & 0xFF00, _EMERGENCY_GROUPS.get(code & 0xF000, "unknown"))
 
 
-class StateMachine:
-    """States asked and commanded by SDO, while nothing cyclic runs."""
+class Wire(Protocol):
+    """What carries the objects: its time, and what a drive tells unasked."""
 
-    def __init__(self, link: Link, objects: Objects, emergencies: Mapping[int, str]) -> None:
+    clock: Clock
+    emergency: Emergency | None
+
+    def pump(self, timeout_s: float) -> bool:
+        """Wait at most ``timeout_s`` for something to come."""
+        ...
+
+    def forget_emergency(self) -> None:
+        """From here on ``emergency`` tells of new ones only."""
+        ...
+
+
+class StateMachine:
+    """States asked and commanded object by object, while nothing cyclic runs."""
+
+    def __init__(self, link: Wire, objects: Objects, emergencies: Mapping[int, str]) -> None:
         self._link = link
         self._objects = objects
         self._emergencies = emergencies
@@ -162,6 +179,23 @@ class StateMachine:
         if not cleared:
             raise self.fault("resetting its fault, which is still there")
         self._link.forget_emergency()
+
+    def enable(self, timeout_s: float = 3.0) -> None:
+        """Step by step to Operation Enabled, each state confirmed.  Raises DriveFault, DriveError when the drive does not follow."""
+        end_s = self._clock.now() + timeout_s
+        commanded: int | None = None
+        while (state := state_of(word := self.statusword())) is not State.OPERATION_ENABLED:
+            if word & FAULTED:
+                raise self.fault("being enabled")
+            if self._clock.now() >= end_s:
+                raise DriveError(
+                    f"the drive stays in {state.words} and cannot be enabled; check STO, the enable inputs and the power stage's supply"
+                )
+            if (step := step_to_enabled(state)) != commanded:
+                self._objects.write(0x6040, 0, "uint16", step)
+                commanded = step
+            else:
+                self._link.pump(0.01)
 
     def disable(self, timeout_s: float = 3.0) -> None:
         """Quick stop when the axis is enabled, then take the stage off.  Raises BusError, DriveError when it stays on."""

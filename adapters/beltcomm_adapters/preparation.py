@@ -155,14 +155,15 @@ def prepare(
         ramp = max(1, math.ceil(steepest / scaling.acceleration_rad_s2))
         for index in (0x6083, 0x6084):
             lending.set(index, 0, "uint32", ramp)
-    _tighten_torque_and_speed(objects, lending, profile, scaling, limits)
+    tighten_torque_and_speed(objects, lending, profile, scaling, limits)
     if mode in _POSITION_MODES:
-        _tighten_window(objects, lending, scaling, limits, period_s)
+        tighten_window(objects, lending, scaling, limits, period_s)
         if limits.lag_rad is not None:
             lending.set_if_there(0x6065, 0, "uint32", min(math.ceil(limits.lag_rad / scaling.position_rad), _INT32))
 
 
-def _tighten_torque_and_speed(objects: Objects, lending: Lending, profile: Profile, scaling: Scaling, limits: Limits) -> None:
+def tighten_torque_and_speed(objects: Objects, lending: Lending, profile: Profile, scaling: Scaling, limits: Limits) -> None:
+    """6072h and 6080h, never above what they are."""
     torque = max(math.ceil(limits.torque_nm / scaling.torque_nm), profile.torque_limit_lowest_permille)
     if torque < objects.read_int(0x6072, 0, "uint16"):
         lending.set(0x6072, 0, "uint16", torque)
@@ -172,7 +173,7 @@ def _tighten_torque_and_speed(objects: Objects, lending: Lending, profile: Profi
         lending.set(0x6080, 0, "uint32" if len(stored) == 4 else "uint16", speed)
 
 
-def _tighten_window(objects: Objects, lending: Lending, scaling: Scaling, limits: Limits, period_s: float) -> None:
+def tighten_window(objects: Objects, lending: Lending, scaling: Scaling, limits: Limits, period_s: float) -> None:
     """607Dh around the window, as far outside as a quick stop from the speed limit goes: the drive answers a breach with a
     fault, which brakes worse than the host's quick stop or not at all."""
     stored_low = objects.read_if_there(0x607D, 1, "int32")

@@ -1,12 +1,13 @@
-"""Objects of a drive by number: typed reads and writes (SDO, CiA 301, 7.2.4), and values lent for a while.
+"""Objects of a drive by number: typed reads and writes, by SDO (CiA 301, 7.2.4) or another carrier, and values lent for a while.
 
-The transfer protocol is the stock ``canopen`` client; its waiting is replaced, because it expects a receiving thread.
+The SDO protocol is the stock ``canopen`` client; its waiting is replaced, because it expects a receiving thread.
 """
 
 from __future__ import annotations
 
 import logging
 import struct
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import Final, TypeVar
 
@@ -77,16 +78,25 @@ class _Client(SdoClient):
         return response
 
 
-class Objects:
-    """The object dictionary of one drive, one transfer at a time."""
+class Objects(ABC):
+    """The object dictionary of one drive, one transfer at a time; a carrier brings ``read_bytes``, ``write_bytes`` and ``save``.
 
-    def __init__(self, link: Link) -> None:
-        self._client = _Client(link)
-        self.node = link.node
+    node : number on its bus, 0 where there is no bus.
+    """
 
+    node = 0
+
+    @abstractmethod
     def read_bytes(self, index: int, subindex: int = 0) -> bytes:
-        """Raw content of an object.  Raises ObjectRefused, BusError."""
-        return self._transfer(index, subindex, "read", lambda: self._client.upload(index, subindex))
+        """Raw content of an object, little endian.  Raises ObjectRefused, BusError."""
+
+    @abstractmethod
+    def write_bytes(self, index: int, subindex: int, data: bytes, verb: str) -> None:
+        """Raw content into an object.   verb : what is done, for messages.   Raises ObjectRefused, BusError."""
+
+    @abstractmethod
+    def save(self) -> None:
+        """Make all parameters permanent; the drive may take seconds.  Raises ObjectRefused, BusError."""
 
     def read(self, index: int, subindex: int, kind: str) -> float:
         """Value of an object of type ``kind`` (a key of :data:`FORMATS`).  Raises ObjectRefused, BusError, DriveError."""
@@ -125,32 +135,42 @@ class Objects:
             data = struct.pack(FORMATS[kind], value if kind == "real32" else int(value))
         except (struct.error, OverflowError, ValueError) as error:
             raise DriveError(f"the value {value:g} does not fit into object {name_of(index, subindex)} ({kind})") from error
-        self._transfer(index, subindex, f"write {value:g}", lambda: self._client.download(index, subindex, data))
+        self.write_bytes(index, subindex, data, f"write {value:g}")
+
+    def lend(self) -> Lending:
+        """A context in which objects are changed for a while."""
+        return Lending(self)
+
+
+class SdoObjects(Objects):
+    """Objects of a CANopen node."""
+
+    def __init__(self, link: Link) -> None:
+        self._client = _Client(link)
+        self.node = link.node
+
+    def read_bytes(self, index: int, subindex: int = 0) -> bytes:
+        """See :meth:`Objects.read_bytes`."""
+        return self._transfer(index, subindex, "read", lambda: self._client.upload(index, subindex))
+
+    def write_bytes(self, index: int, subindex: int, data: bytes, verb: str) -> None:
+        """See :meth:`Objects.write_bytes`."""
+        self._transfer(index, subindex, verb, lambda: self._client.download(index, subindex, data))
 
     def save(self) -> None:
-        """Make all parameters permanent (1010h:1); the drive may take seconds."""
+        """See :meth:`Objects.save`; 1010h:1."""
         self._client.answer_time_s = SAVE_TIME_S
         try:
             self.write(0x1010, 1, "uint32", _SAVE)
         finally:
             self._client.answer_time_s = ANSWER_TIME_S
 
-    def lend(self) -> Lending:
-        """A context in which objects are changed for a while."""
-        return Lending(self)
-
     def _transfer(self, index: int, subindex: int, verb: str, transfer: Callable[[], _Result]) -> _Result:
         for attempt in range(1, _ATTEMPTS + 1):
             try:
                 return transfer()
             except SdoAbortedError as error:
-                text = SdoAbortedError.CODES.get(error.code, "no standard text")
-                raise ObjectRefused(
-                    f"the drive refused to {verb} object {name_of(index, subindex)}: {text} (abort code {error.code:08X}h)",
-                    error.code,
-                    index,
-                    subindex,
-                ) from error
+                raise refusal(index, subindex, verb, error.code) from error
             except SdoCommunicationError as error:
                 if attempt == _ATTEMPTS:
                     raise BusError(
@@ -163,6 +183,14 @@ class Objects:
 def name_of(index: int, subindex: int = 0) -> str:
     """An object as the standards write it: 6041h, 2100h:3."""
     return f"{index:04X}h" if subindex == 0 else f"{index:04X}h:{subindex:X}"
+
+
+def refusal(index: int, subindex: int, verb: str, code: int) -> ObjectRefused:
+    """The exception for an abort code (CiA 301, table 22)."""
+    text = SdoAbortedError.CODES.get(code, "no standard text")
+    return ObjectRefused(
+        f"the drive refused to {verb} object {name_of(index, subindex)}: {text} (abort code {code:08X}h)", code, index, subindex
+    )
 
 
 class Lending:
@@ -187,6 +215,10 @@ class Lending:
         except ObjectRefused:
             self._lent.pop()
             raise
+
+    def keep(self, index: int, subindex: int, kind: str) -> None:
+        """Remember what stands there, for whoever writes it afterwards.  Raises as :meth:`Objects.read`."""
+        self._lent.append((index, subindex, kind, self._objects.read(index, subindex, kind)))
 
     def set_if_there(self, index: int, subindex: int, kind: str, value: float) -> bool:
         """As :meth:`set`; False when the drive has no such object or does not let it be written."""

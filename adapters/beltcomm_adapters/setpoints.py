@@ -5,9 +5,9 @@ from __future__ import annotations
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import Final
 
-from beltcomm.drive import Motion
+from beltcomm.drive import Motion, MotionKind
 from beltcomm_adapters.cia402 import ENABLE_INTERPOLATION, ENABLE_OPERATION
 from beltcomm_adapters.exchange import MappedObject
 from beltcomm_adapters.scaling import Scaling
@@ -53,7 +53,7 @@ def layout_of(mode: int, offsets: bool) -> Layout:
 class Setpoints:
     """A motion in the drive's units, one entry per period; ``kind`` as in :class:`beltcomm.drive.Motion`."""
 
-    kind: Literal["torque", "position", "velocity"]
+    kind: MotionKind
     position: tuple[int, ...]
     velocity: tuple[int, ...]
     torque: tuple[int, ...]

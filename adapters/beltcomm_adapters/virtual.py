@@ -33,37 +33,43 @@ def _open(address: str, options: Mapping[str, object]) -> Drive:
     plant : a :class:`beltcomm.plant.Plant` in place of the plant file's model; its delay and noise stay.
     faults : a :class:`beltcomm.virtual.faults.Faults`.     log : called with every frame.
     """
-    if unknown := sorted(set(options) - set(_OPTIONS)):
-        raise UsageError(f"the virtual drive has no option {', '.join(unknown)}; leave it out")
-    file = load_plant(address or DEFAULT_PLANT)
-    start_m = _number(options, "start_position", DEFAULT_START_M)
     given: Mapping[str, Any] = options  # objects are handed over by programs only, of the types named above
-    plant = given.get("plant") or SimulatedPlant(file.model, position_m=start_m)
-    referenced = bool(options.get("referenced", True))
     bus = LockstepBus(MonotonicClock() if options.get("realtime") else None)
     bus.on_frame = given.get("log")
     try:
-        VirtualDrive(
-            bus,
-            plant,
-            profile_name(options) or "reference",
-            node_id=_NODE,
-            seed=whole_number(options, "seed", 0, 0, 2**63 - 1) or 0,
-            counts_per_rev=file.counts_per_rev,
-            setpoint_delay_s=file.setpoint_delay_s,
-            torque_noise_nm=file.torque_noise_nm,
-            zero_rad=-start_m / file.model["transmission.ratio"] if referenced else 0.0,
-            referenced=referenced,
-            faults=given.get("faults"),
-            brake=(file.brake_torque_nm, file.brake_time_s),
-        )
+        _, plant = attached(bus, address, options)
     except BaseException:
         bus.shutdown()
         raise
     drive = connect(bus, bus.clock, _NODE, None, None, bus.shutdown)
-    identity = {**drive.capabilities.identity, "plant": file.model.name}  # the machine behind it is part of what a run was made on
+    identity = {**drive.capabilities.identity, "plant": plant}  # the machine behind it is part of what a run was made on
     drive.capabilities = replace(drive.capabilities, identity=identity)
     return drive
+
+
+def attached(bus: LockstepBus, address: str, options: Mapping[str, object]) -> tuple[VirtualDrive, str]:
+    """The drive of these options (see :func:`_open`) on ``bus``, and its plant's name.  Raises UsageError."""
+    if unknown := sorted(set(options) - set(_OPTIONS)):
+        raise UsageError(f"the virtual drive has no option {', '.join(unknown)}; leave it out")
+    file = load_plant(address or DEFAULT_PLANT)
+    start_m = _number(options, "start_position", DEFAULT_START_M)
+    given: Mapping[str, Any] = options
+    referenced = bool(options.get("referenced", True))
+    drive = VirtualDrive(
+        bus,
+        given.get("plant") or SimulatedPlant(file.model, position_m=start_m),
+        profile_name(options) or "reference",
+        node_id=_NODE,
+        seed=whole_number(options, "seed", 0, 0, 2**63 - 1) or 0,
+        counts_per_rev=file.counts_per_rev,
+        setpoint_delay_s=file.setpoint_delay_s,
+        torque_noise_nm=file.torque_noise_nm,
+        zero_rad=-start_m / file.model["transmission.ratio"] if referenced else 0.0,
+        referenced=referenced,
+        faults=given.get("faults"),
+        brake=(file.brake_torque_nm, file.brake_time_s),
+    )
+    return drive, file.model.name
 
 
 def _number(options: Mapping[str, object], name: str, default: float) -> float:

@@ -217,12 +217,13 @@ def axis_for(axis: str | None, drive: str, run: Path | None, resume: bool) -> Ax
     from difflib import get_close_matches
 
     from beltcomm.axis import load_axis
+    from beltcomm.drive import simulated
 
     if axis is not None:
         return load_axis(axis)
     if resume and run is not None and (run / "axis.yaml").is_file():
         return load_axis(run / "axis.yaml")
-    if drive.partition(":")[0] == "virtual":
+    if simulated(drive):
         return load_axis(VIRTUAL_AXIS)
     if get_close_matches(drive.partition(":")[0], ["virtual"], cutoff=0.7):
         raise UsageError(f"there is no drive {drive}, did you mean virtual?")

@@ -89,11 +89,11 @@ def drive_options(function: Function, *, needed: bool = True) -> Function:
                 "--drive",
                 required=needed,
                 metavar="DRIVE",
-                help="virtual, virtual:PLANT, can0, slcan:/dev/ttyACM0, ... (`beltcomm drives` lists adapters).",
+                help="virtual, virtual:PLANT, can0, slcan:/dev/ttyACM0, serial:/dev/ttyUSB0, ... (`beltcomm drives` lists adapters).",
             ),
             click.option("--profile", metavar="NAME", help="Drive profile; recognised from the drive when left out."),
             click.option("--node", type=click.IntRange(1, 126), help="CANopen node; searched for when left out."),
-            click.option("--bitrate", type=click.IntRange(10_000, 1_000_000), help="Bit rate of the CAN bus."),
+            click.option("--bitrate", type=click.IntRange(9_600, 1_000_000), help="Bit rate of the CAN bus, or of the RS-232 line."),
             click.option("--realtime", is_flag=True, help="Virtual drive: run at 1 kHz of real time, not as fast as possible."),
             click.option("--seed", type=click.IntRange(0), help="Seed of everything random: equal seeds give equal runs."),
         )

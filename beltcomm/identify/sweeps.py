@@ -25,6 +25,9 @@ Array = NDArray[np.float64]
 
 #: Key of a sidecar that says which sweep a record belongs to.
 KEY = "sweep"
+#: Key of a sidecar for the beginning of each plateau that is left out, s, where it is not the usual one.
+RUN_IN_KEY = "run_in_s"
+RUN_IN_S = 0.2
 #: Fewest speeds, either way, from which a sweep gets a law of its own.
 FEWEST_SPEEDS = 3
 #: Speeds that differ by less than this share are one: a stroke ends on a whole sample period.
@@ -143,6 +146,15 @@ def sweeps_of(recordings: Sequence[Recording], slowest_rad_s: float = 0.0, inert
     return tuple(sorted((s for s in found if s.plateaus), key=lambda s: (s.note.measurement, s.from_s or 0.0, s.records)))
 
 
+def plateaus_of(recording: Recording, inertia_kg_m2: float) -> tuple[Plateau, ...]:
+    """The passes of a record with reference velocity, see :func:`find_plateaus`, without the run-in that its sidecar names."""
+    assert recording.reference_velocity is not None
+    noted = recording.sidecar.extra.get(RUN_IN_KEY)
+    run_in_s = max(float(noted), RUN_IN_S) if isinstance(noted, (int, float)) else RUN_IN_S
+    arrays = (recording.t_s, recording.torque, recording.position, recording.reference_velocity)
+    return find_plateaus(*arrays, run_in_s=run_in_s, inertia_kg_m2=inertia_kg_m2)
+
+
 def _sweep(records: Sequence[Recording], slowest_rad_s: float, inertia_kg_m2: float) -> Sweep:
     payloads = {r.sidecar.payload_kg for r in records}
     if len(payloads) > 1:
@@ -150,9 +162,8 @@ def _sweep(records: Sequence[Recording], slowest_rad_s: float, inertia_kg_m2: fl
     clock = all(r.sidecar.session_time_s is not None for r in records)
     passes: list[Plateau] = []
     for r in records:
-        assert r.reference_velocity is not None
         shift = (r.sidecar.session_time_s or 0.0) - float(r.t_s[0])
-        found = find_plateaus(r.t_s, r.torque, r.position, r.reference_velocity, inertia_kg_m2=inertia_kg_m2)
+        found = plateaus_of(r, inertia_kg_m2)
         passes += [replace(p, start_s=p.start_s + shift) for p in found]
     passes.sort(key=lambda p: p.start_s)
     speeds = {round(abs(p.reference_rad_s), 6) for p in passes if abs(p.reference_rad_s) >= slowest_rad_s}

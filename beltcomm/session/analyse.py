@@ -19,10 +19,11 @@ from beltcomm.distortion import distortion
 from beltcomm.effects.tilt import GRAVITY_M_S2
 from beltcomm.errors import DamagedRecord, DataError, Refused
 from beltcomm.identify.dead_time import DeadTime, dead_time_between
-from beltcomm.identify.friction import FrictionFit, Plateau, find_plateaus, fit_friction
+from beltcomm.identify.friction import FrictionFit, Plateau, fit_friction
 from beltcomm.identify.inverse_fit import InverseFit
 from beltcomm.identify.loop_response import seen
 from beltcomm.identify.magnitude_fit import MagnitudeFit, Solver, fit_magnitude
+from beltcomm.identify.sweeps import plateaus_of
 from beltcomm.linear import operating_point
 from beltcomm.model import Model
 from beltcomm.recording import Recording
@@ -142,9 +143,7 @@ def friction_of(recordings: Sequence[Recording], slowest_rad_s: float = 0.0, ine
     for recording in recordings:
         if recording.sidecar.experiment != "friction_sweep" or recording.reference_velocity is None:
             continue
-        plateaus += find_plateaus(
-            recording.t_s, recording.torque, recording.position, recording.reference_velocity, inertia_kg_m2=inertia_kg_m2
-        )
+        plateaus += plateaus_of(recording, inertia_kg_m2)
     if not plateaus:
         raise DataError("no recording of a constant-speed sweep (experiment: friction_sweep); record one with `beltcomm friction`")
     return fit_friction(plateaus, slowest_rad_s=slowest_rad_s)

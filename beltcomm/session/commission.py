@@ -22,7 +22,7 @@ from beltcomm.identify.magnitude_fit import MagnitudeFit, Solver
 from beltcomm.identify.standstill import Standstill, largest
 from beltcomm.model import Model
 from beltcomm.recording import Recording
-from beltcomm.session import analyse, bounds, holding, making, phases, programme, sameness, stops, verification
+from beltcomm.session import analyse, bounds, holding, making, own_strokes, phases, programme, sameness, stops, verification
 from beltcomm.session.creep import Breakaway
 from beltcomm.session.machine import Machine
 from beltcomm.session.programme import Extent
@@ -280,6 +280,7 @@ def measure_friction(machine: Machine, model: Model, name: str = "sweep") -> Rec
         start_position_m=machine.position_m,
         session_time_s=machine.session_time_s,
         closed_loop=True,
+        extra=own_strokes.note(machine),
     )
     return machine.record(name, machine.follow(strokes.trajectory, machine.stroking()), phases.loose_room(machine), sidecar)
 

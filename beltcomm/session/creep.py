@@ -171,11 +171,10 @@ def _backwards(sign: float, torque_nm: float, top_nm: float) -> str:
     )
 
 
-def small_move(drive: Drive, axis: Axis, by_m: float, position_m: float | None) -> float:
-    """Creep to a place ``by_m`` away, in as many goes as it takes; returns how far it went, m.
+def move_limits(drive: Drive, axis: Axis, by_m: float, position_m: float | None) -> Limits:
+    """What a short move must keep to.   position_m : m, where the carriage stands, as the operator says; else the drive's own zero counts.
 
-    position_m : m, where the carriage stands, as the operator says; without it the drive's own zero counts.
-    Raises Refused when the move would leave the travel, and as :func:`creep`.
+    Raises Refused when the move would leave the travel.
     """
     ratio = axis.transmission_m_rad
     here = drive.read(["position_rad"])["position_rad"]
@@ -190,7 +189,17 @@ def small_move(drive: Drive, axis: Axis, by_m: float, position_m: float | None) 
     speed = (axis.limits.speed_m_s or 1.0) / ratio
     torque = min(axis.torque_limit_nm, drive.capabilities.peak_torque_nm)
     braking = first_deceleration(axis, torque).value_m_s2
-    limits = Limits(ends[0], ends[1], min(speed, drive.capabilities.max_speed_rad_s), torque, braking / ratio)
+    top = min(speed, drive.capabilities.max_speed_rad_s)
+    return Limits(ends[0], ends[1], top, torque, braking / ratio, MARGIN_M / ratio, ratio, here - start / ratio)
+
+
+def small_move(drive: Drive, axis: Axis, by_m: float, position_m: float | None) -> float:
+    """Creep to a place ``by_m`` away, in as many goes as it takes; returns how far it went, m.
+
+    position_m : m, where the carriage stands, as the operator says; without it the drive's own zero counts.
+    Raises Refused when the move would leave the travel, and as :func:`creep`.
+    """
+    limits = move_limits(drive, axis, by_m, position_m)
     moved = 0.0
     for _ in range(GOES):
         if abs(by_m - moved) < NEAR_M or (by_m - moved) * by_m < 0.0:

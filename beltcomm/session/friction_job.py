@@ -67,10 +67,15 @@ def _sidecars(folder: RunFolder) -> dict[str, Sidecar]:
 
 
 def plan_of(axis: Axis, capabilities: Capabilities, model: Model, asked: Wanted) -> Plan:
-    """What the sweeps will do, with the seconds of each, before anything moves."""
+    """What the sweeps will do, with the seconds of each, before anything moves.   Raises Refused for orders where it is polled."""
     usual = friction_plan(axis, capabilities)
     if asked.plain:
         return usual
+    if stroking(capabilities) == "profile":
+        raise Refused(
+            f"{capabilities.name} is looked at once in {1e3 * capabilities.sample_period_s:.0f} ms, too seldom for the short plateaus of "
+            "the orders; leave --order and --repeat out, or connect the drive's CAN port"
+        )
     course = course_before(axis, capabilities, model["cart.mass"])
     whole = course.window_m[1] - course.window_m[0]
     room = course.ends_m[1] - course.ends_m[0] - phases.ARRIVED_M
@@ -99,7 +104,7 @@ def plan_of(axis: Axis, capabilities: Capabilities, model: Model, asked: Wanted)
 
 def record_s(capabilities: Capabilities) -> float:
     """Longest record of a sweep, s."""
-    return orders.RECORD_S if stroking(capabilities) == "position" else DRIFTING_RECORD_S
+    return DRIFTING_RECORD_S if stroking(capabilities) == "velocity" else orders.RECORD_S
 
 
 def record(machine: Machine, model: Model, asked: Wanted) -> Made:

@@ -98,6 +98,11 @@ def admit(machine: Machine) -> None:
     if not axis.mounting.tilted:
         return
     suitable(axis)
+    if machine.drive.capabilities.kinds == {"profile"}:
+        raise Refused(
+            f"{machine.drive.capabilities.name} takes no torque beforehand, so that the carriage of a tilted axis would sag before each "
+            "stroke until the drive's integrator holds it; connect the drive's CAN port"
+        )
     before = machine.position_m
     machine.drive.clock.sleep_until(machine.drive.clock.now() + LOOK_S)
     fallen = machine.position_m - before

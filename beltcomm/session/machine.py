@@ -11,14 +11,13 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from types import TracebackType
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.axis import Axis
 from beltcomm.control import Cascade
-from beltcomm.drive import COLUMNS, Capabilities, Drive, Limits, Motion, Row
+from beltcomm.drive import COLUMNS, Capabilities, Drive, Limits, LoopKind, Motion, Row
 from beltcomm.errors import BeltcommError, DamagedRecord, DataError, Refused, UsageError
 from beltcomm.excitation import ExcitationKind
 from beltcomm.parameters import GAIN_NAMES, cascade_to_parameters, parameters_to_cascade
@@ -258,7 +257,7 @@ class Machine:
         holding = round(self.holding_nm / step) * step if step else self.holding_nm
         return Motion("torque", self.drive.capabilities.sample_period_s, zero, zero, np.asarray(torque_nm) + holding, holding)
 
-    def follow(self, trajectory: Trajectory, kind: Literal["position", "velocity"], torque_nm: Array | None = None) -> Motion:
+    def follow(self, trajectory: Trajectory, kind: LoopKind, torque_nm: Array | None = None) -> Motion:
         """A reference motion of the carriage for the drive's own position or velocity loop.   torque_nm : (n,), sent along with it."""
         zero = np.zeros(len(trajectory.t_s))
         return Motion(
@@ -325,7 +324,7 @@ class Machine:
             belt(row)
             watch(row)
             rows += 1
-            if rows % 200 == 0:
+            if rows % 200 == 0 and rows < total:  # a drive that makes its strokes by itself takes longer than planned
                 self.talk.progress(rows / total, (total - rows) * motion.period_s)
 
         try:
@@ -378,7 +377,7 @@ class Machine:
         finally:
             self.machine_seconds += self.drive.clock.now() - begun
 
-    def stroking(self) -> Literal["position", "velocity"]:
+    def stroking(self) -> LoopKind:
         """See :func:`stroking`."""
         return stroking(self.drive.capabilities)
 
@@ -391,6 +390,8 @@ class Machine:
         return parameters_to_cascade({**offered, **stored})
 
 
-def stroking(capabilities: Capabilities) -> Literal["position", "velocity"]:
-    """The loop that follows strokes without lag: the position loop where it has a velocity feedforward, else the velocity loop."""
+def stroking(capabilities: Capabilities) -> LoopKind:
+    """The loop that follows strokes with the least lag, or the drive's own strokes where it offers nothing else."""
+    if capabilities.kinds == {"profile"}:
+        return "profile"
     return "position" if capabilities.structure.velocity_feedforward and "position" in capabilities.kinds else "velocity"

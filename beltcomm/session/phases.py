@@ -30,7 +30,7 @@ from beltcomm.identify.first_estimate import data_sheet_model, first_estimate, m
 from beltcomm.linear import modes, operating_point
 from beltcomm.model import Model
 from beltcomm.recording import Recording
-from beltcomm.session import gravity, stops
+from beltcomm.session import gravity, own_strokes, stops
 from beltcomm.session.creep import CLEAR_SHARE as CLEAR_SHARE
 from beltcomm.session.creep import Breakaway, creep
 from beltcomm.session.expectation import Expectation
@@ -310,12 +310,12 @@ def move_to(machine: Machine, target_m: float, model: Model, slow_m_s: float = P
 
 def loose_room(machine: Machine) -> Room:
     """The whole axis for a loop that is not tuned yet.  The drive's own window counts motor revolutions, whatever the gearbox."""
-    return replace(machine.full_room(), lag_m=LOST_M)
+    return replace(machine.full_room(), lag_m=LOST_M + own_strokes.LAG_M * (own_strokes.kpp_1_s(machine) < np.inf))
 
 
 def gentle_limits(machine: Machine, model: Model, speed_m_s: float) -> TrajectoryLimits:
     """Speed, acceleration and jerk that load the belt with a third of its force at most."""
-    limits, top = machine.axis.limits, SPEED_SHARE * machine.full_room().speed_m_s
+    limits, top = machine.axis.limits, min(SPEED_SHARE * machine.full_room().speed_m_s, own_strokes.LAG_M * own_strokes.kpp_1_s(machine))
     acceleration = min(limits.acceleration_m_s2 or np.inf, machine.belt_left_n / 3.0 / model["cart.mass"])
     return TrajectoryLimits(jerk_m_s3=20.0 * acceleration, acceleration_m_s2=acceleration, speed_m_s=min(speed_m_s, top))
 
@@ -358,7 +358,7 @@ def stroke_ends(machine: Machine) -> tuple[float, float]:
 
 def stroke_share(capabilities: Capabilities) -> float:
     """Share of the travel that strokes leave free at either end."""
-    return OVERSHOOT_SHARE if stroking(capabilities) == "position" else DRIFT_SHARE
+    return DRIFT_SHARE if stroking(capabilities) == "velocity" else OVERSHOOT_SHARE
 
 
 def sweep(machine: Machine, model: Model) -> Strokes:
@@ -366,4 +366,5 @@ def sweep(machine: Machine, model: Model) -> Strokes:
     low, high = stroke_ends(machine)
     at = machine.position_m
     far, period = high if high - at > at - low else low, machine.drive.capabilities.sample_period_s
-    return stoppable(machine, gentle_limits(machine, model, np.inf), lambda limits: sweep_strokes(at, far, limits, period))
+    limits, settle_s = gentle_limits(machine, model, np.inf), own_strokes.settle_s(machine)
+    return stoppable(machine, limits, lambda slower_: sweep_strokes(at, far, slower_, period, settle_s=settle_s))

@@ -13,7 +13,7 @@ from beltcomm.axis import Axis
 from beltcomm.drive import Capabilities
 from beltcomm.identify.amplitude import UNKNOWN_MASSES_KG
 from beltcomm.model import Model
-from beltcomm.session import creep, gravity, holding, phases, programme
+from beltcomm.session import creep, gravity, holding, own_strokes, phases, programme
 from beltcomm.session.bounds import CREEP_SECONDS, Experiment, course_before, has_room, lines_of, masses_kg, top_speed_m_s
 from beltcomm.session.programme import Extent
 from beltcomm.session.strokes import fastest_stroke_m_s
@@ -109,8 +109,8 @@ def friction_plan(axis: Axis, capabilities: Capabilities) -> Plan:
     """The sweep alone."""
     return Plan(
         f"The carriage of {axis.name or 'the axis'} will travel its whole length in closed loop at seven speeds, both ways, with a loop "
-        "designed from the run's model. Ctrl-C stops it at any time.",
-        (_sweep(axis, capabilities, SWEEP_SECONDS + MOVE_SECONDS),),
+        f"designed from the run's model. Ctrl-C stops it at any time.{own_strokes.unguarded_words(capabilities)}",
+        (_sweep(axis, capabilities, SWEEP_SECONDS + MOVE_SECONDS + own_strokes.longest_sweep_s(axis, capabilities)),),
     )
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from beltcomm.axis import Axis
 from beltcomm.control import Cascade
 from beltcomm.design.feedforward import FeedforwardKind, SentFeedforward
-from beltcomm.drive import Drive
+from beltcomm.drive import Drive, simulated
 from beltcomm.errors import Refused
 from beltcomm.result import Result
 from beltcomm.runfolder import RunFolder
@@ -77,7 +77,7 @@ def verify_with(
     over_belt : a virtual belt may carry more than its feed force, as T_B of the design source asks for.
     planned : makes the result of a plan that is only shown.
     """
-    if over_belt and name.split(":")[0] != "virtual":
+    if over_belt and not simulated(name):
         raise Refused("more than the feed force is for virtual belts only; slow the move down, or state another belt in axis.yaml")
     folder = RunFolder.open(run)
     saved = folder.load("designs", "final")

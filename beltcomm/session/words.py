@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from beltcomm.control import Cascade
 from beltcomm.design.cascade import DesignResult
 from beltcomm.design.structure import late_s, unseen
+from beltcomm.drive import simulated
 from beltcomm.identify.friction import FrictionFit
 from beltcomm.identify.inverse_fit import InverseFit
 from beltcomm.identify.magnitude_fit import MagnitudeFit
@@ -192,7 +193,7 @@ def remarks_lines(remarks: Sequence[str]) -> list[str]:
 
 def lasting(drive: str) -> str:
     """What a virtual drive keeps of what is written to it; nothing is said of a real one."""
-    return ". A virtual drive begins anew with every command and forgets what was written" if drive.split(":")[0] == "virtual" else ""
+    return ". A virtual drive begins anew with every command and forgets what was written" if simulated(drive) else ""
 
 
 def nonlinearity_lines(found: Mapping[str, Nonlinearity]) -> list[str]:

@@ -11,7 +11,7 @@ from beltcomm.virtual.emcy import Code, ErrorRegister
 from beltcomm.virtual.faults import Faults
 from beltcomm.virtual.loops import Loops
 from beltcomm.virtual.motor import EMMS_AS_70, Motor
-from beltcomm.virtual.nmt import OPERATIONAL, PRE_OPERATIONAL, STOPPED, Nmt
+from beltcomm.virtual.nmt import OPERATIONAL, PRE_OPERATIONAL, RESET_NODE, STOPPED, Nmt
 from beltcomm.virtual.pdo import PdoSet
 from beltcomm.virtual.profiles import PROFILES
 from beltcomm.virtual.sdo import SdoServer
@@ -113,6 +113,15 @@ class VirtualDrive:
     def state(self) -> State:
         """CiA 402 state, for tests that look inside; the host reads 6041h."""
         return self._servo.machine.state
+
+    @property
+    def objects(self) -> ObjectDictionary:
+        """The object dictionary, for a port beside the bus."""
+        return self._dictionary
+
+    def reset_node(self) -> None:
+        """Start anew, as at power-on."""
+        self._nmt.command(bytes((RESET_NODE, self._node_id)))
 
     def receive(self, identifier: int, data: bytes, remote: bool) -> None:
         """One frame from the bus."""

@@ -9,7 +9,7 @@ import pytest
 from adapters.stub_node import StubBus, StubNode
 from beltcomm.errors import BusError, DriveError, ObjectRefused
 from beltcomm_adapters.link import Link, find_nodes
-from beltcomm_adapters.sdo import NEVER_WRITTEN, Objects
+from beltcomm_adapters.sdo import NEVER_WRITTEN, SdoObjects
 
 
 @pytest.fixture
@@ -25,7 +25,7 @@ def bus(node):
 
 @pytest.fixture
 def objects(bus):
-    return Objects(Link(bus, bus.clock, 1))
+    return SdoObjects(Link(bus, bus.clock, 1))
 
 
 def test_values_have_their_types(node, objects):

@@ -14,7 +14,7 @@ from beltcomm_adapters.canopen import connect
 from beltcomm_adapters.link import Link
 from beltcomm_adapters.profiles import CONFIDENCES, choose_profile, load_profile
 from beltcomm_adapters.scaling import read_scaling
-from beltcomm_adapters.sdo import Objects
+from beltcomm_adapters.sdo import SdoObjects
 
 
 @pytest.mark.parametrize(
@@ -48,11 +48,6 @@ def test_the_bus_load_sets_the_shortest_period():
 def test_adapters_register_their_schemes():
     schemes = {scheme for item in find_adapters() if item.adapter for scheme in item.adapter.schemes}
     assert {"can", "slcan", "serial"} <= schemes
-
-
-def test_serial_says_what_to_use_instead():
-    with pytest.raises(UsageError, match=r"not built yet.*slcan"):
-        open_drive("serial:/dev/ttyUSB0")
 
 
 def test_an_interface_that_is_missing_says_how_to_bring_it_up():
@@ -141,7 +136,7 @@ def _units(**values: int) -> StubNode:
 
 def _scaling(node: StubNode, profile: str):
     with StubBus(node) as bus:
-        objects = Objects(Link(bus, bus.clock, 1))
+        objects = SdoObjects(Link(bus, bus.clock, 1))
         with objects.lend() as lending:
             return read_scaling(objects, load_profile(profile), lending)
 

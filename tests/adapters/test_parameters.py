@@ -14,7 +14,7 @@ from beltcomm_adapters.gains import Parameters, structure_of
 from beltcomm_adapters.link import Link
 from beltcomm_adapters.profiles import load_profile
 from beltcomm_adapters.scaling import Scaling
-from beltcomm_adapters.sdo import Objects
+from beltcomm_adapters.sdo import SdoObjects
 
 SCALING = Scaling(1e-4, 1e-4, 1e-4, 1e-3, 65536, 1.0, 2.0)
 
@@ -31,7 +31,7 @@ def festo():
 @pytest.fixture
 def parameters(festo):
     with StubBus(festo) as bus:
-        yield Parameters(Objects(Link(bus, bus.clock, 1)), load_profile("cmmp-as"), SCALING)
+        yield Parameters(SdoObjects(Link(bus, bus.clock, 1)), load_profile("cmmp-as"), SCALING)
 
 
 def test_defaults_in_si(parameters):

@@ -1,4 +1,4 @@
-"""Every contract test runs on both profiles of the virtual drive, and on the drive named with ``--drive``."""
+"""Every contract test runs on both profiles of the virtual drive, on its bus and on its RS-232 port, and on the drive of ``--drive``."""
 
 from __future__ import annotations
 
@@ -46,15 +46,15 @@ class Machine:
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     if "machine" in metafunc.fixturenames:
-        names = ["virtual-reference", "virtual-cmmp-as"]
+        names = ["virtual-reference", "virtual-cmmp-as", "serial:virtual-reference", "serial:virtual-cmmp-as"]
         if real := metafunc.config.getoption("--drive"):
             names.append(real)
         metafunc.parametrize("machine", names, indirect=True)
 
 
-def open_virtual(profile: str, plant: RigidPlant | None = None, **options: Any) -> Machine:
+def open_virtual(profile: str, plant: RigidPlant | None = None, name: str = "virtual", **options: Any) -> Machine:
     plant = plant or RigidPlant()
-    drive = open_drive("virtual", {"profile": profile, "plant": plant, "seed": 1, "referenced": False, **options})
+    drive = open_drive(name, {"profile": profile, "plant": plant, "seed": 1, "referenced": False, **options})
     # velocity loop of 100 rad/s: the factory's gains could neither follow with this inertia nor brake it
     kp = 100.0 * plant.inertia_kg_m2
     drive.write({"kp_nm_s_rad": kp, "ki_nm_rad": 32.0 * kp, "kpp_1_s": 20.0})
@@ -74,7 +74,7 @@ def _open_real(config: pytest.Config, name: str) -> Machine:
 @pytest.fixture
 def machine(request: pytest.FixtureRequest) -> Iterator[Machine]:
     name: str = request.param
-    virtual, profile = name.startswith("virtual-"), name.removeprefix("virtual-")
-    machine = open_virtual(profile) if virtual else _open_real(request.config, name)
+    drive, virtual, profile = name.partition("virtual-")
+    machine = open_virtual(profile, name=f"{drive}virtual") if virtual else _open_real(request.config, name)
     with machine.drive:
         yield machine

@@ -30,15 +30,41 @@ def smooth_path(machine, travel_rad: float, seconds: float) -> Motion:
     return Motion("position", machine.period_s, path, np.gradient(path, machine.period_s), np.zeros(len(t)))
 
 
+def stroke(machine, travel_rad: float, seconds: float) -> Motion:
+    """One stroke at constant speed with ramps of a quarter of its time, with rests before and after."""
+    t = np.arange(round((seconds + 0.2) / machine.period_s) + 1) * machine.period_s
+    top = travel_rad / (0.75 * seconds)
+    speed = top * np.clip(np.minimum(t - 0.1, seconds + 0.1 - t) / (0.25 * seconds), 0.0, 1.0)
+    here = machine.drive.read(["position_rad"])["position_rad"]
+    path = here + np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]))]) * machine.period_s
+    return Motion("profile", machine.period_s, path, speed, np.zeros(len(t)))
+
+
+def shaken(machine, share: float, seconds: float, half_period_s: float) -> Motion:
+    """Some motion that this drive can make: a torque to and fro, or a stroke of the way that this torque would make of an axis."""
+    if "torque" in machine.drive.capabilities.kinds:
+        return square_torque(machine, share, seconds, half_period_s)
+    return stroke(machine, 10.0 * share, max(seconds, 0.5))
+
+
+def needs(machine, kind: str) -> None:
+    """Skip what this drive cannot do, by its own word and for a reason that it gives."""
+    has = machine.drive.capabilities
+    if kind not in has.kinds:
+        assert kind == "profile" or has.refused[kind].endswith((".", ")"))
+        pytest.skip(f"{has.name} offers no motions of kind {kind!r}")
+
+
 def state(machine) -> float:
     return machine.drive.read(["state"])["state"]
 
 
 def test_capabilities_are_plausible(machine):
     has = machine.drive.capabilities
-    assert has.kinds <= {"torque", "position", "velocity"}
-    assert {"torque", "position"} <= has.kinds
-    assert 0.0002 <= has.sample_period_s <= 0.02
+    assert has.kinds
+    assert has.kinds <= {"torque", "position", "velocity", "profile"}
+    assert {"torque", "position"} <= has.kinds | set(has.refused)
+    assert 0.0002 <= has.sample_period_s <= (0.02 if "torque" in has.kinds else 0.25)
     assert has.counts_per_rev >= 256
     assert 0 < has.torque_step_nm < has.rated_torque_nm / 100
     assert has.rated_torque_nm <= has.peak_torque_nm < 20 * has.rated_torque_nm
@@ -71,6 +97,7 @@ def test_a_parameter_it_does_not_have_is_refused_and_nothing_is_written(machine)
 
 
 def test_a_torque_record_has_one_row_per_sample_with_stamps_and_setpoints(machine):
+    needs(machine, "torque")
     rows: list[Row] = []
     motion = square_torque(machine, 0.2, 0.3, 0.05)
     report = machine.drive.record(motion, machine.limits, rows.append)
@@ -91,6 +118,7 @@ def test_a_torque_record_has_one_row_per_sample_with_stamps_and_setpoints(machin
 
 
 def test_a_position_record_moves_the_axis_to_where_the_reference_ends(machine):
+    needs(machine, "position")
     travel_rad = 0.1 * (machine.limits.position_max_rad - machine.limits.position_min_rad)
     rows: list[Row] = []
     motion = smooth_path(machine, travel_rad, 1.5)
@@ -104,7 +132,31 @@ def test_a_position_record_moves_the_axis_to_where_the_reference_ends(machine):
     assert state(machine) in STATE_DISABLED
 
 
+def test_a_stroke_moves_the_axis_to_its_end_at_the_speed_asked(machine):
+    needs(machine, "profile")
+    travel_rad, seconds = 0.1 * (machine.limits.position_max_rad - machine.limits.position_min_rad), 2.0
+    rows: list[Row] = []
+    motion = stroke(machine, travel_rad, seconds)
+    report = machine.drive.record(motion, machine.limits, rows.append)
+    table = np.array(rows)
+    assert table.shape == (report.rows, len(COLUMNS))
+    assert np.isfinite(table[:, [0, 1, 3, 4, 5, 6]]).all()
+    steps = np.diff(table[:, 0])
+    assert (steps > 0).all()
+    assert np.median(steps) == pytest.approx(machine.period_s, rel=0.3)
+    assert table[-1, 3] - table[0, 3] == pytest.approx(travel_rad, rel=0.01)
+    top = travel_rad / (0.75 * seconds)
+    on_plateau = np.abs(table[:, 6] - top) < 0.01 * top  # the reference is as fast as asked for about as long as asked
+    assert on_plateau.sum() * machine.period_s == pytest.approx(0.5 * seconds, rel=0.1)
+    settled = np.flatnonzero(on_plateau)[on_plateau.sum() // 2 :]
+    slope = np.polyfit(table[settled, 0], table[settled, 3], 1)[0]  # the stamps are true: position over time is the speed
+    assert slope == pytest.approx(top, rel=0.02)
+    assert np.abs(table[:, 3] - table[:, 5]).max() < 0.3 * travel_rad
+    assert state(machine) in STATE_DISABLED
+
+
 def test_a_breached_window_stops_the_axis(machine):
+    needs(machine, "torque")
     here = machine.drive.read(["position_rad"])["position_rad"]
     tight = Limits(here - 0.2, here + 0.2, machine.limits.speed_rad_s, machine.limits.torque_nm)
     motion = square_torque(machine, 0.5, 1.0, 0.5)
@@ -123,18 +175,29 @@ def test_an_exception_from_the_sink_stops_the_axis_and_comes_out(machine, error)
         raise error
 
     with pytest.raises(type(error)) as caught:
-        machine.drive.record(square_torque(machine, 0.2, 0.5, 0.05), machine.limits, sink)
+        machine.drive.record(shaken(machine, 0.2, 0.5, 0.05), machine.limits, sink)
     assert caught.value is error
     assert state(machine) in STATE_DISABLED
     rows: list[Row] = []
-    machine.drive.record(square_torque(machine, 0.1, 0.1, 0.05), machine.limits, rows.append)  # and it can go on
-    assert len(rows) > 50
+    machine.drive.record(shaken(machine, 0.1, 0.1, 0.05), machine.limits, rows.append)  # and it can go on
+    assert len(rows) * machine.period_s > 0.05
+
+
+def test_a_kind_that_is_not_offered_is_refused_with_the_reason(machine):
+    here = machine.drive.read(["position_rad"])["position_rad"]
+    for kind, why in machine.drive.capabilities.refused.items():
+        motion = Motion(kind, machine.period_s, np.full(20, here), np.zeros(20), np.zeros(20))
+        with pytest.raises(UsageError) as caught:
+            machine.drive.record(motion, machine.limits, lambda row: None)
+        assert why in str(caught.value)
+    assert state(machine) in STATE_DISABLED
 
 
 def test_a_motion_beyond_the_limits_is_refused_without_moving(machine):
     here = machine.drive.read(["position_rad"])["position_rad"]
-    with pytest.raises(UsageError, match="reduce the amplitude"):
-        machine.drive.record(square_torque(machine, 1.5, 0.1, 0.05), machine.limits, lambda row: None)
+    too_much = 1.5 if "torque" in machine.drive.capabilities.kinds else 10.0  # 100 rad in a window of ± 30
+    with pytest.raises(UsageError, match=r"reduce the amplitude|shorten it"):
+        machine.drive.record(shaken(machine, too_much, 0.1, 0.05), machine.limits, lambda row: None)
     assert machine.drive.read(["position_rad"])["position_rad"] == pytest.approx(here, abs=1e-3)
 
 
@@ -146,7 +209,7 @@ def test_a_record_leaves_the_parameters_alone(machine):
         0.9 * machine.limits.speed_rad_s,
         0.9 * machine.limits.torque_nm,
     )
-    machine.drive.record(square_torque(machine, 0.1, 0.1, 0.05), tighter, lambda row: None)
+    machine.drive.record(shaken(machine, 0.1, 0.1, 0.05), tighter, lambda row: None)
     assert machine.drive.backup() == before
 
 
@@ -160,6 +223,7 @@ def test_stop_and_close_can_be_called_at_any_time(machine):
 
 def test_a_torque_sent_along_a_speed_is_added_and_recorded_or_refused(machine):
     """60B2h in the speed loop: an inertia at rest, asked for no speed, moves by what is added, and the loop works against it."""
+    needs(machine, "velocity")
     n = round(0.4 / machine.period_s)
     step = machine.drive.capabilities.torque_step_nm
     added = np.zeros(n)

@@ -1,0 +1,119 @@
+"""What a drive is to beltcomm through its objects, whatever carries them: named values, parameters, saving, and giving back."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Mapping, Sequence
+from typing import Self
+
+from beltcomm.drive import Capabilities, Clock
+from beltcomm.errors import BeltcommError, DriveError, UsageError
+from beltcomm_adapters.cia402 import StateMachine, Wire
+from beltcomm_adapters.gains import Parameters
+from beltcomm_adapters.interrupts import deferred_interrupt
+from beltcomm_adapters.profiles import Profile
+from beltcomm_adapters.scaling import read_scaling
+from beltcomm_adapters.sdo import Objects
+
+
+class ObjectDrive:
+    """The part of :class:`beltcomm.drive.Drive` that needs no motion.
+
+    clock : its time.   objects : its dictionary.   release : called once by :meth:`close`, last.
+    """
+
+    capabilities: Capabilities
+
+    def __init__(self, clock: Clock, objects: Objects, release: Callable[[], None]) -> None:
+        self.clock = clock
+        self._objects = objects
+        self._session = objects.lend()
+        self._release = release
+        self._open = True
+        self._homed = False
+
+    def _take_over(self, wire: Wire, profile: Profile) -> None:
+        """Axis disabled, units and parameters known.  On failure nothing stays lent."""
+        self._profile = profile
+        self._machine = StateMachine(wire, self._objects, profile.emergency)
+        self._machine.disable()
+        try:
+            self._borrow()
+            self._parameters = Parameters(self._objects, profile, self._scaling)
+        except BaseException:
+            self._session.give_back()
+            raise
+
+    def read(self, names: Sequence[str]) -> dict[str, float]:
+        """See :meth:`beltcomm.drive.Drive.read`; ``state`` is a :class:`beltcomm_adapters.cia402.State`."""
+        objects, scaling = self._objects, self._scaling
+        measured: dict[str, Callable[[], float]] = {
+            "position_rad": self._here_rad,
+            "velocity_rad_s": lambda: objects.read(0x606C, 0, "int32") * scaling.speed_rad_s,
+            "torque_nm": lambda: objects.read(0x6077, 0, "int16") * scaling.torque_nm,
+            "state": lambda: float(self._machine.state()),
+            "referenced": lambda: float(self._referenced()),
+        }
+        if unknown := [name for name in names if name not in measured and name not in self._parameters.names]:
+            known = ", ".join((*measured, *self._parameters.names))
+            raise UsageError(f"this drive has no quantity {', '.join(unknown)}; it has {known}")
+        return {name: measured[name]() if name in measured else self._parameters.read([name])[name] for name in names}
+
+    def write(self, values: Mapping[str, float]) -> dict[str, float]:
+        """See :meth:`beltcomm.drive.Drive.write`; the stage is taken off first."""
+        self._machine.disable()
+        return self._parameters.write(values)
+
+    def backup(self) -> dict[str, float]:
+        """See :meth:`beltcomm.drive.Drive.backup`."""
+        return self._parameters.read(self._parameters.names)
+
+    def save(self) -> None:
+        """See :meth:`beltcomm.drive.Drive.save`; what is lent to this session is saved as it was found."""
+        self._machine.disable()
+        if failures := self._session.give_back():
+            raise DriveError(f"nothing was saved: {'; '.join(failures)}")
+        try:
+            self._objects.save()
+        finally:
+            self._borrow()
+
+    def stop(self) -> None:
+        """See :meth:`beltcomm.drive.Drive.stop`."""
+        if self._open:
+            with contextlib.suppress(BeltcommError):
+                self._machine.disable()
+
+    def close(self) -> None:
+        """See :meth:`beltcomm.drive.Drive.close`."""
+        if not self._open:
+            return
+        with deferred_interrupt():
+            self.stop()
+            self._open = False
+            try:
+                self._session.give_back()
+            finally:
+                self._release()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_exc: object) -> None:
+        self.close()
+
+    def _borrow(self) -> None:
+        """What is lent to this session: control of the drive first, then the speed unit."""
+        if self._profile.enable_logic:
+            self._session.set(*self._profile.enable_logic)
+        self._scaling = read_scaling(self._objects, self._profile, self._session)
+
+    def _here_rad(self) -> float:
+        return self._objects.read(0x6064, 0, "int32") * self._scaling.position_rad
+
+    def _referenced(self) -> bool:
+        """What the drive tells of its zero; where it tells nothing, whether it was homed by us."""
+        if self._profile.referenced is None:
+            return self._homed
+        index, subindex, bit = self._profile.referenced
+        return bool(int.from_bytes(self._objects.read_bytes(index, subindex), "little") >> bit & 1)

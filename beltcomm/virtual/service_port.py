@@ -1,0 +1,194 @@
+"""The RS-232 port of the virtual drive: characters take their time, and lines go wrong at will."""
+
+from __future__ import annotations
+
+import random
+from collections import deque
+from dataclasses import dataclass
+
+from beltcomm.virtual.ascii import BITRATES, AsciiInterpreter
+from beltcomm.virtual.bus import TICK_S, LockstepBus
+from beltcomm.virtual.device import VirtualDrive
+
+BITS_PER_CHARACTER = 10
+BOOT_TEXT = "\r\nBOOT 2.1\r\nCRC OK\r\nSTART\r\n"
+#: s: from a reset to the first line that is answered.
+BOOT_S = 0.3
+#: A line that does not end is thrown away.
+LONGEST_LINE = 80
+
+
+@dataclass
+class LineFaults:
+    """What is wrong with this line; shares are probabilities per character or per answer, times are virtual time in s, None is never.
+
+    seed : of everything random here.     latency_s : the firmware's time for an answer.
+    noise : share of characters, either way, that arrive as others.     lost, cut, doubled : share of answers that never come, lose
+    their last characters, come twice.     slow, slow_s : share of answers that come so much later.     wrong_width : share of values
+    with a byte too many or too few.     echo : False: a write is not echoed.     boots : the drive is just starting when the port opens.
+    restart_at_s : the drive starts anew by itself.     silent_from_s : the cable is pulled; the drive itself runs on.
+    bitrate_locked : BAUD is not understood.
+    """
+
+    seed: int = 0
+    latency_s: float = 0.5e-3
+    noise: float = 0.0
+    lost: float = 0.0
+    cut: float = 0.0
+    doubled: float = 0.0
+    slow: float = 0.0
+    slow_s: float = 0.5
+    wrong_width: float = 0.0
+    echo: bool = True
+    boots: bool = False
+    restart_at_s: float | None = None
+    silent_from_s: float | None = None
+    bitrate_locked: bool = False
+
+
+class ServicePort:
+    """A node of the bus for its time only: what has arrived by a tick is answered in it."""
+
+    def __init__(self, bus: LockstepBus, drive: VirtualDrive, faults: LineFaults | None = None) -> None:
+        self.faults = faults or LineFaults()
+        self.bitrate = BITRATES[0]
+        self._bus, self._drive = bus, drive
+        self._random = random.Random(self.faults.seed)
+        self._interpreter = AsciiInterpreter(drive.objects, self._set_bitrate, self._restart)
+        self._incoming: deque[tuple[float, int]] = deque()
+        self._outgoing: deque[tuple[float, int, int]] = deque()
+        self._line = bytearray()
+        self._deaf_until_s = self._sending_until_s = 0.0
+        if self.faults.boots:
+            self._boot()
+        bus.attach(self)
+
+    # -- the host's end -------------------------------------------------------------------------------------------------
+
+    def send(self, data: bytes, bitrate: int) -> None:
+        """Characters from the host, one after the other at its own bit rate; at another than the drive's they arrive as others."""
+        start_s = max(self._now_s, self._incoming[-1][0] if self._incoming else 0.0)
+        for count, character in enumerate(data, start=1):
+            heard = character if bitrate == self.bitrate else self._random.randrange(256)
+            self._incoming.append((start_s + count * BITS_PER_CHARACTER / bitrate, self._spoilt(heard)))
+
+    def take(self, bitrate: int) -> bytes:
+        """Characters that have reached a host that listens at a bit rate."""
+        taken = bytearray()
+        while self._outgoing and self._outgoing[0][0] <= self._now_s + 1e-9:
+            _, character, sent_at = self._outgoing.popleft()
+            if not self._pulled:
+                taken.append(self._spoilt(character if bitrate == sent_at else self._random.randrange(256)))
+        return bytes(taken)
+
+    # -- the bus --------------------------------------------------------------------------------------------------------
+
+    def receive(self, identifier: int, data: bytes, remote: bool) -> None:
+        """Frames are nothing to this port."""
+
+    def begin_tick(self, tick: int) -> None:
+        """Whatever has arrived by now; the drive's own samples of this tick are taken already."""
+        faults, now_s = self.faults, tick * TICK_S
+        if faults.restart_at_s is not None and now_s >= faults.restart_at_s:
+            faults.restart_at_s = None
+            self._restart()
+        while self._incoming and self._incoming[0][0] <= now_s + 1e-9:
+            _, character = self._incoming.popleft()
+            if self._pulled or now_s < self._deaf_until_s:
+                continue
+            if character != 0x0D:
+                self._line.append(character)
+                if len(self._line) > LONGEST_LINE:
+                    self._line.clear()
+                continue
+            line = self._line.decode("latin-1").strip("\n \0")
+            self._line.clear()
+            self._answer(line)
+
+    def finish_tick(self) -> None:
+        """Nothing moves here."""
+
+    @property
+    def _now_s(self) -> float:
+        return self._bus.tick * TICK_S
+
+    @property
+    def _pulled(self) -> bool:
+        return self.faults.silent_from_s is not None and self._now_s >= self.faults.silent_from_s
+
+    def _answer(self, line: str) -> None:
+        faults = self.faults
+        if faults.bitrate_locked and line.startswith("BAUD"):
+            self._put("ERROR!\r", faults.latency_s)
+            return
+        answer = self._interpreter.answer(line)
+        if answer is None or (answer == line and not faults.echo) or self._happens(faults.lost):
+            return
+        if answer.startswith("=") and self._happens(faults.wrong_width):
+            answer = answer + "00" if self._happens(0.5) or len(answer) == 10 else answer[:-2]
+        text = answer + "\r"
+        if self._happens(faults.cut):
+            kept = self._random.randrange(1, len(answer) + 1)
+            text = answer[:kept] + ("\r" if self._happens(0.5) else "")
+        delay_s = faults.latency_s + (faults.slow_s if self._happens(faults.slow) else 0.0)
+        self._put(text * (2 if self._happens(faults.doubled) else 1), delay_s)
+
+    def _put(self, text: str, delay_s: float) -> None:
+        start_s = max(self._now_s + delay_s, self._sending_until_s)
+        for count, character in enumerate(text.encode("latin-1"), start=1):
+            self._outgoing.append((start_s + count * BITS_PER_CHARACTER / self.bitrate, character, self.bitrate))
+        self._sending_until_s = start_s + len(text) * BITS_PER_CHARACTER / self.bitrate
+
+    def _set_bitrate(self, bitrate: int) -> None:
+        self.bitrate = bitrate
+
+    def _restart(self) -> None:
+        self._drive.reset_node()
+        self._boot()
+
+    def _boot(self) -> None:
+        """Deaf for a while, at the first bit rate, and talking."""
+        self.bitrate = BITRATES[0]
+        self._line.clear()
+        self._deaf_until_s = self._now_s + BOOT_S
+        self._put(BOOT_TEXT, 0.5 * BOOT_S)
+
+    def _happens(self, share: float) -> bool:
+        return share > 0.0 and self._random.random() < share
+
+    def _spoilt(self, character: int) -> int:
+        return self._random.randrange(256) if self._happens(self.faults.noise) else character
+
+
+class LockstepPort:
+    """The host's end in virtual time: waiting for characters lets the drive run.
+
+    name : for messages.     bitrate : of this end.
+    """
+
+    def __init__(self, bus: LockstepBus, port: ServicePort) -> None:
+        self.name = "the virtual drive"
+        self.bitrate = BITRATES[0]
+        self._bus, self._port = bus, port
+        self._open = True
+
+    def write(self, data: bytes) -> None:
+        """Send.  Raises OSError after :meth:`close`."""
+        self._check()
+        self._port.send(data, self.bitrate)
+
+    def read(self, timeout_s: float) -> bytes:
+        """What has come; virtual time runs until something has, at most ``timeout_s``.  Raises OSError after :meth:`close`."""
+        self._check()
+        end_s = self._bus.clock.now() + timeout_s
+        while not (data := self._port.take(self.bitrate)) and self._bus.clock.now() < end_s - 1e-9:
+            self._bus.advance()
+        return data
+
+    def close(self) -> None:
+        """Let it go."""
+        self._open = False
+
+    def _check(self) -> None:
+        if not self._open:
+            raise OSError("the port is closed")
