@@ -12,10 +12,11 @@ import can
 
 from beltcomm.drive import Adapter, Clock, Drive, ExchangeReport, Limits, Motion, Sink
 from beltcomm.errors import BeltcommError, BusError, DriveError, Refused, UsageError
+from beltcomm.objects import ObjectValue
 from beltcomm_adapters.buses import DEFAULT_BITRATE, Address, MonotonicClock, is_socketcan, open_bus
 from beltcomm_adapters.cia402 import StateMachine
 from beltcomm_adapters.exchange import Exchange
-from beltcomm_adapters.gains import Parameters
+from beltcomm_adapters.gains import Parameters, structure_of
 from beltcomm_adapters.identification import HOMING_MODE, read_capabilities, read_identity, sync_period_s
 from beltcomm_adapters.interrupts import deferred_interrupt
 from beltcomm_adapters.link import Link, find_nodes
@@ -27,7 +28,7 @@ from beltcomm_adapters.sdo import Objects
 from beltcomm_adapters.setpoints import Layout, Setpoints, layout_of
 
 _HOMING_PERIOD_S: Final = 0.010  # homing is watched, not sampled
-_OPTIONS: Final = ("node", "bitrate", "profile")
+_OPTIONS: Final = ("node", "bitrate", "profile", "sample_period")
 
 
 class CanopenDrive:
@@ -38,11 +39,19 @@ class CanopenDrive:
 
     bus, clock : open bus and its time.    node : number on the bus.    profile : name, None to choose by identity.
     bitrate : of the bus, None when it carries any load.    release : called once by :meth:`close`, last.
+    sample_period_s : asked for, None for the shortest that the bus carries.
     Raises BusError when nobody answers, DriveError, DriveFault, UsageError for an unknown profile.
     """
 
     def __init__(
-        self, bus: can.BusABC, clock: Clock, node: int, profile: str | None, bitrate: int | None, release: Callable[[], None]
+        self,
+        bus: can.BusABC,
+        clock: Clock,
+        node: int,
+        profile: str | None,
+        bitrate: int | None,
+        release: Callable[[], None],
+        sample_period_s: float | None = None,
     ) -> None:
         self.clock = clock
         self._release = release
@@ -54,12 +63,23 @@ class CanopenDrive:
         where = f"{bus.channel_info}, node {node}" + (f", {bitrate // 1000} kbit/s" if bitrate else "")
         identity = read_identity(self._objects, where)
         self._profile = choose_profile(identity, profile)
+        self._objects.locks.add(self._profile.never_write)
         self._machine = StateMachine(self._link, self._objects, self._profile.emergency)
         self._machine.disable()
         try:
             self._borrow()
-            self._parameters = Parameters(self._objects, self._profile, self._scaling)
-            self.capabilities = read_capabilities(self._objects, self._profile, self._scaling, identity, bitrate, self._referenced())
+            self._parameters = Parameters(self._objects, self._profile, self._scaling, self._session)
+            self.capabilities = read_capabilities(
+                self._objects,
+                self._profile,
+                self._scaling,
+                identity,
+                bitrate,
+                self._referenced(),
+                self._parameters.table,
+                self._parameters.uncalibrated,
+                sample_period_s,
+            )
         except BaseException:
             self._session.give_back()
             raise
@@ -89,6 +109,32 @@ class CanopenDrive:
     def backup(self) -> dict[str, float]:
         """See :meth:`beltcomm.drive.Drive.backup`."""
         return self._parameters.read(self._parameters.names)
+
+    def objects(self) -> tuple[ObjectValue, ...]:
+        """See :meth:`beltcomm.drive.Drive.objects`."""
+        return self._parameters.objects()
+
+    def read_objects(self, places: Sequence[tuple[int, int, str]]) -> list[float | None]:
+        """See :meth:`beltcomm.drive.Drive.read_objects`."""
+        return self._parameters.read_objects(places)
+
+    def write_objects(self, values: Sequence[ObjectValue]) -> None:
+        """See :meth:`beltcomm.drive.Drive.write_objects`; the stage is taken off first."""
+        self._machine.disable()
+        self._parameters.write_objects(values)
+
+    def calibrate(self, units: Mapping[str, float]) -> None:
+        """See :meth:`beltcomm.drive.Drive.calibrate`."""
+        self._parameters.calibrate(units)
+        before = self.capabilities.structure
+        self.capabilities = dataclasses.replace(
+            self.capabilities,
+            structure=structure_of(
+                self._profile, before.period_s, before.output_limit_rad_s, before.dead_zone_rad, parameters=self._parameters.table
+            ),
+            parameters=dict(self._parameters.table),
+            uncalibrated=self._parameters.uncalibrated,
+        )
 
     def save(self) -> None:
         """See :meth:`beltcomm.drive.Drive.save`; what is lent to this session is saved as it was found."""
@@ -229,7 +275,13 @@ class CanopenDrive:
 
 
 def connect(
-    bus: can.BusABC, clock: Clock, node: int | None, profile: str | None, bitrate: int | None, release: Callable[[], None]
+    bus: can.BusABC,
+    clock: Clock,
+    node: int | None,
+    profile: str | None,
+    bitrate: int | None,
+    release: Callable[[], None],
+    sample_period_s: float | None = None,
 ) -> CanopenDrive:
     """The drive on an open bus; without ``node``, the only one there.  On failure the bus is released.
 
@@ -247,7 +299,7 @@ def connect(
                 found = ", ".join(map(str, nodes))
                 raise UsageError(f"several nodes answer on {bus.channel_info}: {found}; say which one is the drive with --node")
             node = nodes[0]
-        return CanopenDrive(bus, clock, node, profile, bitrate, release)
+        return CanopenDrive(bus, clock, node, profile, bitrate, release, sample_period_s)
     except BaseException:
         release()
         raise
@@ -259,8 +311,9 @@ def _open(address: str, options: Mapping[str, object]) -> Drive:
     node = whole_number(options, "node", None, 1, 126)
     bitrate = whole_number(options, "bitrate", DEFAULT_BITRATE, 10_000, 1_000_000)
     assert bitrate is not None
+    profile, period_s = profile_name(options), number(options, "sample_period", None)
     bus = open_bus(Address.parse(address), bitrate)
-    return connect(bus, MonotonicClock(), node, profile_name(options), bitrate, bus.shutdown)
+    return connect(bus, MonotonicClock(), node, profile, bitrate, bus.shutdown, period_s)
 
 
 def whole_number(options: Mapping[str, object], name: str, default: int | None, least: int, most: int) -> int | None:
@@ -275,6 +328,17 @@ def whole_number(options: Mapping[str, object], name: str, default: int | None, 
     if not least <= number <= most:
         raise UsageError(f"the option {name} must be a whole number from {least} to {most}, not {value}")
     return number
+
+
+def number(options: Mapping[str, object], name: str, default: float | None) -> float | None:
+    """An option as a number.  Raises UsageError."""
+    value = options.get(name)
+    if value is None:
+        return default
+    try:
+        return float(str(value))
+    except ValueError:
+        raise UsageError(f"the option {name} must be a number, not {value}") from None
 
 
 def profile_name(options: Mapping[str, object]) -> str | None:
