@@ -22,7 +22,7 @@ from beltcomm.identify.magnitude_fit import MagnitudeFit, Solver
 from beltcomm.identify.standstill import Standstill, largest
 from beltcomm.model import Model
 from beltcomm.recording import Recording
-from beltcomm.session import analyse, bounds, holding, making, phases, programme, sameness, stops, verification
+from beltcomm.session import analyse, bounds, gain_steps, holding, making, phases, programme, sameness, stops, verification
 from beltcomm.session.creep import Breakaway
 from beltcomm.session.machine import Machine
 from beltcomm.session.programme import Extent
@@ -130,6 +130,7 @@ def identify_here(machine: Machine, findings: Findings) -> Model:
         findings.breakaway = phases.sign_and_scale(machine)
         machine.holding_nm = findings.breakaway.holding_nm
     sameness.check_breakaway(machine, findings.breakaway.coulomb_nm)
+    gain_steps.ensure(machine, findings.breakaway.coulomb_nm)
     sameness.repeat_first_excitation(machine, phases.excitation_room(machine, machine.position_m))
     machine.begin(TITLES[2])
     findings.excited = phases.raise_amplitude(machine, findings.breakaway, masses)

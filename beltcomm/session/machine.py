@@ -24,6 +24,8 @@ from beltcomm.excitation import ExcitationKind
 from beltcomm.parameters import GAIN_NAMES, cascade_to_parameters, parameters_to_cascade
 from beltcomm.recording import Recording
 from beltcomm.runfolder import RunFolder
+from beltcomm.session.backups import keep_first, renew
+from beltcomm.session.calibration import recall
 from beltcomm.session.expectation import BeltWatch
 from beltcomm.sidecar import Sidecar
 from beltcomm.stopping import Braking, first_deceleration
@@ -92,10 +94,10 @@ class Machine:
         self.braking: Braking | None = None
         self.machine_seconds = 0.0
         self._started = drive.clock.now()
+        recall(drive, folder)
         self._backup = drive.backup()
         self._occupied = folder.occupy()
-        if folder.load_result("backup") is None:  # a resumed run keeps what was there before the first one
-            folder.save_result("backup", {"drive": dict(drive.capabilities.identity), "parameters": dict(self._backup)})
+        keep_first(folder, drive)
         folder.journal(f"connected to {drive.capabilities.name}; parameters saved as backup")
 
     def __enter__(self) -> Machine:
@@ -124,6 +126,11 @@ class Machine:
             self.talk.say(f"The drive's parameters could not be restored ({problem}); `beltcomm rollback` writes the backup again.")
         else:
             self.folder.journal("limits restored, new gains kept" if keep else "all parameters restored")
+
+    def meaning_changed(self) -> None:
+        """What the drive's raw gains mean is known now: they stand in it under other values."""
+        self._backup = self.drive.backup()
+        renew(self.folder, self.drive)
 
     def begin(self, title: str) -> None:
         """Tell that a phase begins, numbered among those to come."""

@@ -13,7 +13,7 @@ from beltcomm.axis import Axis
 from beltcomm.drive import Capabilities
 from beltcomm.identify.amplitude import UNKNOWN_MASSES_KG
 from beltcomm.model import Model
-from beltcomm.session import creep, gravity, holding, phases, programme
+from beltcomm.session import creep, gain_steps, gravity, holding, phases, programme
 from beltcomm.session.bounds import CREEP_SECONDS, Experiment, course_before, has_room, lines_of, masses_kg, top_speed_m_s
 from beltcomm.session.programme import Extent
 from beltcomm.session.strokes import fastest_stroke_m_s
@@ -223,6 +223,7 @@ def _here(axis: Axis, capabilities: Capabilities, window_m: tuple[float, float] 
             min(rising / ratio, force),
             HOLDING_CREEP_SECONDS if tilted else CREEP_SECONDS,
         ),
+        *gain_steps.line(axis, capabilities),
         Experiment("excitation, rising in steps", travel, reach, shaken, torque, shaking, 3 * STEP_SECONDS),
         *([Experiment("holding torque, in slow creep", 5e-3, reach, 0.02, torque, force, HOLDING_STROKES_SECONDS)] if tilted else []),
         Experiment("frequency response here", travel, reach, shaken, torque, shaking, RESPONSE_SECONDS),
