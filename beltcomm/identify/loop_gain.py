@@ -29,8 +29,9 @@ LATEST = 8
 RISE = 3
 #: A law leaves no more than this share of the torque that it explains, or so many times the noise.
 LARGEST_REST, NOISES = 0.1, 3.0
-#: Samples of the integral part that nobody sees: where in its period a setpoint acts, and whether the present error is counted, half each.
-UNSEEN_SAMPLES = 0.5 * math.sqrt(2.0)
+#: Samples of the integral part that nobody sees, at worst: where in its period a setpoint acts, and whether the present error is counted,
+#: half each.
+UNSEEN_SAMPLES = 1.0
 #: Estimates with a wider 95 % interval than this share of their value tell nothing.
 WIDEST = 0.3
 

@@ -111,6 +111,7 @@ class Findings:
     reservations: list[str] = field(default_factory=list)
     applied: Apply = "restore"
     machine_seconds: float = 0.0
+    calibrating_s: float = 0.0
 
     @property
     def succeeded(self) -> bool:
@@ -130,7 +131,7 @@ def identify_here(machine: Machine, findings: Findings) -> Model:
         findings.breakaway = phases.sign_and_scale(machine)
         machine.holding_nm = findings.breakaway.holding_nm
     sameness.check_breakaway(machine, findings.breakaway.coulomb_nm)
-    gain_steps.ensure(machine, findings.breakaway.coulomb_nm)
+    findings.calibrating_s = gain_steps.ensure(machine, findings.breakaway.coulomb_nm)
     sameness.repeat_first_excitation(machine, phases.excitation_room(machine, machine.position_m))
     machine.begin(TITLES[2])
     findings.excited = phases.raise_amplitude(machine, findings.breakaway, masses)
@@ -253,7 +254,7 @@ def record_steps(machine: Machine, findings: Findings, model: Model, cascade: Ca
         items = [item for item in items if item.step.kind != "reversals"]
         kept = DRIFTING_S
     first = [machine.folder.recording(n) for n in machine.folder.finished_names() if n.startswith("amplitude_") or n == "frf_1"]
-    spent = CREPT_S + sum(float(np.ptp(r.t_s)) for r in first)
+    spent = CREPT_S + findings.calibrating_s + sum(float(np.ptp(r.t_s)) for r in first)
     left = programme.BUDGET_S[extent] - spent - kept
     steps, without = programme.fitting(items, lambda step: bounds.seconds_of(step, course), left)
     if without:

@@ -19,6 +19,7 @@ from beltcomm.drive import Capabilities, Motion, Row
 from beltcomm.errors import DataError, Refused, SafetyStop
 from beltcomm.identify.loop_gain import RISE, Gain, Steps, VelocityLaw, position_gain, velocity_law
 from beltcomm.objects import GAIN, ObjectValue, ParameterObject, name_of
+from beltcomm.session.backups import renew
 from beltcomm.session.bounds import Experiment
 from beltcomm.session.calibration import RESULT, Calibration, Unit, check, known_of
 from beltcomm.session.machine import Machine, Room
@@ -63,13 +64,18 @@ def experiment(axis: Axis, capabilities: Capabilities) -> Experiment:
     )
 
 
-def ensure(machine: Machine, breakaway_nm: float) -> None:
-    """Before a gain is written for the first time: find out what they mean, unless it is known.   Raises Refused, DataError."""
+def ensure(machine: Machine, breakaway_nm: float) -> float:
+    """Before a gain is written for the first time: find out what they mean, unless it is known.  Returns the s that it took.
+
+    Raises Refused, DataError, SafetyStop.
+    """
     if not machine.drive.capabilities.uncalibrated:
-        return
+        return 0.0
+    begun = machine.drive.clock.now()
     found = measure(machine, breakaway_nm)
     remarks = adopt(machine, found)
     machine.talk.say("\n".join(["What the drive's gains mean, by small steps of its setpoints:", *found.lines(), *remarks]))
+    return machine.drive.clock.now() - begun
 
 
 def adopt(machine: Machine, found: Calibration) -> list[str]:
@@ -80,6 +86,7 @@ def adopt(machine: Machine, found: Calibration) -> list[str]:
     machine.folder.save_result(RESULT, {"drive": dict(drive.capabilities.identity), **found.to_dict()})
     machine.folder.save_result("drive", drive_to_dict(drive.capabilities))
     machine.meaning_changed()
+    renew(machine.folder, drive)
     told = ", ".join(f"{name} {one.value:.4g} for each unit of {one.place}" for name, one in found.units.items())
     machine.folder.journal(f"gains calibrated: {told}")
     return remarks

@@ -24,7 +24,7 @@ from beltcomm.excitation import ExcitationKind
 from beltcomm.parameters import GAIN_NAMES, cascade_to_parameters, parameters_to_cascade
 from beltcomm.recording import Recording
 from beltcomm.runfolder import RunFolder
-from beltcomm.session.backups import keep_first, renew
+from beltcomm.session.backups import keep_first
 from beltcomm.session.calibration import recall
 from beltcomm.session.expectation import BeltWatch
 from beltcomm.sidecar import Sidecar
@@ -128,9 +128,8 @@ class Machine:
             self.folder.journal("limits restored, new gains kept" if keep else "all parameters restored")
 
     def meaning_changed(self) -> None:
-        """What the drive's raw gains mean is known now: they stand in it under other values."""
+        """What raw gains mean is known now: they stand in the drive under other values."""
         self._backup = self.drive.backup()
-        renew(self.folder, self.drive)
 
     def begin(self, title: str) -> None:
         """Tell that a phase begins, numbered among those to come."""
