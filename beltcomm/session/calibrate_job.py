@@ -35,8 +35,8 @@ def plan_of(axis: Axis, capabilities: Capabilities) -> Plan:
     )
     return Plan(
         f"The carriage of {axis.name or 'the axis'} will creep some millimetres both ways; then the drive's own loops get small steps "
-        f"while friction holds it: half the torque that moves it. Its gains are set to the smallest ones for that and put back. Keep people and "
-        "tools out of its travel; Ctrl-C stops it at any time.",
+        f"while friction holds it: half the torque that moves it. Its gains are set to the smallest ones for that and put back. Keep "
+        "people and tools out of its travel; Ctrl-C stops it at any time.",
         (creeping, gain_steps.experiment(axis, capabilities)),
     )
 

@@ -22,7 +22,7 @@ from beltcomm.identify.magnitude_fit import MagnitudeFit, Solver
 from beltcomm.identify.standstill import Standstill, largest
 from beltcomm.model import Model
 from beltcomm.recording import Recording
-from beltcomm.session import analyse, bounds, gain_steps, holding, making, phases, programme, sameness, stops, verification
+from beltcomm.session import analyse, bounds, claims, gain_steps, holding, making, phases, programme, sameness, stops, verification
 from beltcomm.session.creep import Breakaway
 from beltcomm.session.machine import Machine
 from beltcomm.session.programme import Extent
@@ -152,6 +152,7 @@ def first_model(machine: Machine, findings: Findings) -> Model:
         found = final_model(recordings, machine.axis, counts, start=start)
         findings.final = found if not found.fit.suspect else with_late_torque(found, recordings, machine.axis, counts)
     model = findings.final.fit.model
+    claims.note_after(findings.remarks, model, machine.axis, machine.drive.capabilities, machine.position_m)
     measure_delay_and_damping(findings, recordings, model)
     return model
 
@@ -296,7 +297,9 @@ def fit_and_design(machine: Machine, findings: Findings, settings: Settings) -> 
         findings.final = final_model(recordings, machine.axis, counts, start=first, progress=lambda f: machine.talk.progress(f, None))
     model = findings.final.fit.model
     measure_delay_and_damping(findings, [r for r in recordings if r.sidecar.experiment == "frf"], model)
-    findings.characteristics = analyse.characteristics(findings.final.fit, sum(machine.full_room().window_m) / 2)
+    middle = sum(machine.full_room().window_m) / 2
+    findings.characteristics = analyse.characteristics(findings.final.fit, middle)
+    claims.note_after(findings.remarks, model, machine.axis, machine.drive.capabilities, middle)
     try:
         findings.friction = analyse.friction_of(recordings, inertia_kg_m2=analyse.moved_inertia(model))
     except DataError as problem:

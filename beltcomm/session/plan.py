@@ -13,7 +13,7 @@ from beltcomm.axis import Axis
 from beltcomm.drive import Capabilities
 from beltcomm.identify.amplitude import UNKNOWN_MASSES_KG
 from beltcomm.model import Model
-from beltcomm.session import creep, gain_steps, gravity, holding, phases, programme
+from beltcomm.session import claims, creep, gain_steps, gravity, holding, phases, programme
 from beltcomm.session.bounds import CREEP_SECONDS, Experiment, course_before, has_room, lines_of, masses_kg, top_speed_m_s
 from beltcomm.session.programme import Extent
 from beltcomm.session.strokes import fastest_stroke_m_s
@@ -66,6 +66,7 @@ def identify_plan(axis: Axis, capabilities: Capabilities, window_m: tuple[float,
         f"torque. No loop is closed but to stop it. Keep people and tools out of its travel; Ctrl-C stops it at any time. "
         f"{kept}{_stop_words(axis, capabilities)}",
         _here(axis, capabilities, window_m),
+        notes=claims.notes_before(axis, capabilities),
     )
 
 
@@ -92,6 +93,7 @@ def commission_plan(axis: Axis, capabilities: Capabilities, extent: Extent = "st
         f"end the drive is left as it was found unless you keep the new gains. {fits}{_stop_words(axis, capabilities)}",
         (*_here(axis, capabilities), *steps, move),
         budget,
+        claims.notes_before(axis, capabilities),
     )
 
 
