@@ -271,17 +271,13 @@ def rollback(drive: str, run: Path, *, backup: str | None = None, options: Optio
 def calibrate(drive: str, axis: Axis | str | None, run: Path, *, options: Options | None = None, talk: Talk | None = None) -> Result:
     """What the drive's gains mean, by small steps of its setpoints, into a run: a new one for ``axis``, or an existing one without it."""
     options, talk = options or Options(), talk or Silence()
-    known = None if axis is None else _axis(axis)
     with open_drive(drive, options.for_drive()) as connected:
-        folder = RunFolder.open(run) if known is None else None
-        of_axis = folder.axis if folder is not None else known
-        assert of_axis is not None
+        of_axis = RunFolder.open(run).axis if axis is None else _axis(axis)
         plan = calibrate_job.plan_of(of_axis, connected.capabilities)
         if options.dry_run:
             return _planned(plan, connected, options, of_axis)
-        folder = folder or _new_folder(run, of_axis, connected, options)
-        agree = partial(_agree, plan, options, talk)
-        return calibrate_job.calibrate_on(connected, drive, folder, settings_of(options), agree, talk)
+        folder = RunFolder.open(run) if axis is None else _new_folder(run, of_axis, connected, options)
+        return calibrate_job.calibrate_on(connected, drive, folder, settings_of(options), partial(_agree, plan, options, talk), talk)
 
 
 def move(drive: str, axis: Axis | str, by_m: float, *, options: Options | None = None, talk: Talk | None = None) -> Result:

@@ -121,8 +121,9 @@ def position_gain(steps: Steps, law: VelocityLaw) -> Gain:
     gain = _mean(each[:, 0])
     if not gain.share < WIDEST or gain.value <= 0.0:
         raise DataError(f"the position gain cannot be told: {gain.value:.3g} ± {gain.interval:.2g} 1/s over {steps.repeats} repeats")
-    # the velocity gain that it was computed with is not exact either
-    return Gain(gain.value, math.hypot(gain.interval, gain.value * law.gain.share))
+    # the velocity gain that it was computed with is not exact either, nor when the integral part begins
+    unseen = UNSEEN_SAMPLES * steps.period_s * ki / kp
+    return Gain(gain.value, math.hypot(gain.interval, gain.value * law.gain.share, gain.value * unseen))
 
 
 def _integral(values: Array) -> Array:

@@ -38,8 +38,9 @@ CAUTION = 100.0
 TRIES, GROWTH, ENOUGH = 16, 10.0, 0.5
 #: A response counts from so many standard deviations of its mean on.
 SEEN = 4.0
-#: m: the carriage may move so far; a watched torque may be so many times the one asked for, and so much of the rated one.
-TRAVEL_M, REACH_M, WATCHED, WATCHED_OF_RATED = 4e-3, 1e-2, 3.0, 0.05
+#: m: the carriage may move so far; from there friction stops it within the reach, were it only a third of what was counted with.  A watched
+#: torque may be so many times the one asked for, and so much of the rated one.
+TRAVEL_M, REACH_M, WATCHED, WATCHED_OF_RATED = 2e-3, 1e-2, 3.0, 0.05
 #: 1/s: bandwidth of the velocity loop with the motor alone, of the first record and of the one under the position loop; position gain.
 BANDWIDTH, POSITION_BANDWIDTH, POSITION_GAIN = 20.0, 100.0, 5.0
 #: m: largest step of the position setpoint.   Share of the speed limit that a step may ask for.   Of the position loop's output.

@@ -43,7 +43,6 @@ SETTLE_S = 1.0
 UNKNOWN_BRAKE_S = 0.1
 #: How many Ctrl-C the restoring of a drive survives.
 IMPATIENCE = 5
-
 #: Rated torque and current of the drive may differ by this share from axis.yaml: rounding of the data sheets.
 RATED_TOLERANCE = 0.02
 
@@ -187,8 +186,7 @@ class Machine:
                 )
         if seen.counts_per_rev != motor.encoder_counts_per_rev and motor.encoder_counts_per_rev:
             self.talk.say(
-                f"The drive counts {seen.counts_per_rev} per revolution, axis.yaml says {motor.encoder_counts_per_rev}; "
-                "the drive's number is used."
+                f"The drive counts {seen.counts_per_rev} per revolution, axis.yaml {motor.encoder_counts_per_rev}; the drive's is used."
             )
 
     def reference_at(self, position_m: float) -> None:
@@ -211,8 +209,7 @@ class Machine:
             raise UsageError(
                 f"the window of {1e3 * (high - low):.0f} mm is longer than the travel of {1e3 * travel:.0f} mm; give what is free"
             )
-        at = self.position_m
-        self._window_m = (at + low, at + high)
+        self._window_m = (self.position_m + low, self.position_m + high)
 
     @property
     def room_word(self) -> str:

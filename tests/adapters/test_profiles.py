@@ -70,24 +70,32 @@ def test_nothing_that_is_never_written_is_among_what_is_written(name):
 @pytest.mark.parametrize("name", NAMES)
 def test_a_locked_object_is_refused_whoever_asks_and_no_frame_is_sent(name):
     objects = locked_objects(name)
-    bus, client = objects._client._link.bus, objects._client
-    scaling = Scaling(1e-4, 1e-4, 1e-4, 1e-3, 65536, 1.0, 2.0)
-    parameters = Parameters(objects, load_profile(name), scaling)
+    bus = objects._client._link.bus
+    parameters = Parameters(objects, load_profile(name), Scaling(1e-4, 1e-4, 1e-4, 1e-3, 65536, 1.0, 2.0))
     bus.sent.clear()
+
+    def write_object(objects: Objects, index: int, sub: int) -> None:
+        objects.write(index, sub, "uint16", 1)
+
+    def download(objects: Objects, index: int, sub: int) -> None:
+        objects._client.download(index, sub, b"\1\0")
+
+    def lend(objects: Objects, index: int, sub: int) -> None:
+        bus.nodes[0].objects[index, sub] = ("<H", 7)
+        objects.lend().set(index, sub, "uint16", 1)
+
+    def map_it(objects: Objects, index: int, sub: int) -> None:
+        objects.write(0x1600, 1, "uint32", index << 16 | sub << 8 | 16)
+
+    def write_beside(_objects: Objects, index: int, sub: int) -> None:
+        parameters.write_objects([ObjectValue(0x6072, 0, "uint16", 7), ObjectValue(index, sub, "uint16", 1)])
+
     ranges = [(lock.first, lock.last, lock.subindex) for lock in (*ALWAYS, *load_profile(name).never_write)]
-    for index, sub in [(i, 1 if s is None else s) for first, last, s in ranges for i in {first, last}] + [(i, 0) for i in SHEET]:
-        for write in (
-            lambda: objects.write(index, sub, "uint16", 1),  # noqa: B023
-            lambda: client.download(index, sub, b"\1\0"),  # noqa: B023
-            lambda: (
-                objects.lend().set(index, sub, "uint16", 1) if (index, sub) in StubNode().objects else objects.write(index, sub, "uint8", 1)
-            ),  # noqa: B023
-            lambda: objects.write(0x1600, 1, "uint32", index << 16 | sub << 8 | 16),  # noqa: B023
-            lambda: parameters.write_objects([ObjectValue(0x6072, 0, "uint16", 7), ObjectValue(index, sub, "uint16", 1)]),  # noqa: B023
-        ):
+    for place in [(i, 1 if s is None else s) for first, last, s in ranges for i in {first, last}] + [(i, 0) for i in SHEET]:
+        for write in (write_object, download, lend, map_it, write_beside):
             with pytest.raises(ObjectLocked, match=r"never written by beltcomm.*the maker's own tool") as caught:
-                write()
-            assert (caught.value.index, caught.value.subindex) == (index, sub)
+                write(objects, *place)
+            assert (caught.value.index, caught.value.subindex) == place
     written = [data for _, cob, data, _ in bus.sent if cob == 0x601 and data[0] & 0xE0 == 0x20]
     assert written == []  # not even the harmless object beside the locked one
 
