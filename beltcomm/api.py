@@ -5,7 +5,6 @@ Each opens what it needs, does one job, saves its results, and returns a :class:
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -19,11 +18,11 @@ from beltcomm.errors import BeltcommError, Refused, UsageError
 from beltcomm.foreign.convert import Reading
 from beltcomm.foreign.job import check_imports, import_recordings
 from beltcomm.model import load_plant
-from beltcomm.parameters import cascade_to_parameters
 from beltcomm.result import Result, plain
 from beltcomm.runfolder import RunFolder
-from beltcomm.session import analyse, friction_job, gains, offline, outcome, referencing, short_move, words
+from beltcomm.session import analyse, calibrate_job, friction_job, offline, outcome, referencing, short_move, words
 from beltcomm.session import commission as sequence
+from beltcomm.session.backups import chosen
 from beltcomm.session.commission import Findings
 from beltcomm.session.convert import convert as convert
 from beltcomm.session.design_job import examined
@@ -40,11 +39,12 @@ from beltcomm.session.move_file import trajectory as trajectory
 from beltcomm.session.options import Options, settings_of
 from beltcomm.session.orders import wanted as wanted_sweeps
 from beltcomm.session.plan import Plan, commission_plan, identify_plan, with_homing
-from beltcomm.session.proof import admit, doubts, thin_margins
+from beltcomm.session.proof import doubts, thin_margins
 from beltcomm.session.reporting.job import report as report
-from beltcomm.session.store import cascade_from_dict, drive_to_dict
+from beltcomm.session.store import drive_to_dict
 from beltcomm.session.thesis import thesis as thesis
 from beltcomm.session.verify_job import verify_with
+from beltcomm.session.write_job import admitted, apply_to, backup_list, roll_back
 from beltcomm.talk import Silence, Talk
 
 #: The laboratory's commands on a run folder; see :mod:`beltcomm.session.laboratory`.
@@ -237,27 +237,45 @@ def verify(
         )
 
 
-def apply(drive: str, run: Path, *, options: Options | None = None, talk: Talk | None = None) -> Result:
-    """Write the run's gains to the drive and read them back; with ``apply="save"`` for good.   Nothing moves.
+def apply(
+    drive: str, run: Path, *, dcf: Path | None = None, shown: bool = False, options: Options | None = None, talk: Talk | None = None
+) -> Result:
+    """Write the run's gains, or the values of a file, to the drive and read them back; with ``apply="save"`` for good.
 
+    shown : by a small move before anything is saved; else nothing moves.
     Raises Refused for gains in doubt (model not trusted, no verification passed) without a yes to that or ``force``.
     """
     options, talk = options or Options(), talk or Silence()
     folder = RunFolder.open(run)
-    saved = folder.load("designs", "final")
-    wanted = cascade_to_parameters(cascade_from_dict(saved))
-    for line in words.remarks_lines(saved.get("remarks") or ()):
-        talk.say(line)
-    if not options.dry_run:
-        admit(folder, talk, yes=options.yes, force=options.force)
-    return _written(drive, folder, wanted, options, talk, "applied")
+    admitted(folder, options, talk, dcf, shown)
+    with open_drive(drive, options.for_drive()) as connected:
+        return apply_to(connected, drive, folder, options, talk, lambda plan, m: _agree(plan, options, talk, m), dcf=dcf, shown=shown)
 
 
-def rollback(drive: str, run: Path, *, options: Options | None = None, talk: Talk | None = None) -> Result:
-    """Write back the parameters that the drive had when the run began.   Nothing moves."""
+def backups(run: Path) -> Result:
+    """The backups of a run, with dates; no drive is needed."""
+    return backup_list(RunFolder.open(run))
+
+
+def rollback(drive: str, run: Path, *, backup: str | None = None, options: Options | None = None, talk: Talk | None = None) -> Result:
+    """Write back what the drive had when the run began, or another backup of the run by name or path.   Nothing moves."""
     options, talk = options or Options(), talk or Silence()
     folder = RunFolder.open(run)
-    return _written(drive, folder, dict(gains.backed_up(folder)), options, talk, "rolled back")
+    chosen(folder, backup)  # before anything is connected
+    with open_drive(drive, options.for_drive()) as connected:
+        return roll_back(connected, drive, folder, backup, options, talk)
+
+
+def calibrate(drive: str, axis: Axis | str | None, run: Path, *, options: Options | None = None, talk: Talk | None = None) -> Result:
+    """What the drive's gains mean, by small steps of its setpoints, into a run: a new one for ``axis``, or an existing one without it."""
+    options, talk = options or Options(), talk or Silence()
+    with open_drive(drive, options.for_drive()) as connected:
+        of_axis = RunFolder.open(run).axis if axis is None else _axis(axis)
+        plan = calibrate_job.plan_of(of_axis, connected.capabilities)
+        if options.dry_run:
+            return _planned(plan, connected, options, of_axis)
+        folder = RunFolder.open(run) if axis is None else _new_folder(run, of_axis, connected, options)
+        return calibrate_job.calibrate_on(connected, drive, folder, settings_of(options), partial(_agree, plan, options, talk), talk)
 
 
 def move(drive: str, axis: Axis | str, by_m: float, *, options: Options | None = None, talk: Talk | None = None) -> Result:
@@ -339,21 +357,6 @@ def _planned(plan: Plan, drive: Drive | None = None, options: Options | None = N
     )
 
 
-def _written(drive: str, folder: RunFolder, wanted: Mapping[str, float], options: Options, talk: Talk, verb: str) -> Result:
-    """Parameters into the drive of a run, or with ``dry_run`` only their differences."""
-    save = options.apply == "save"
-    with open_drive(drive, options.for_drive()) as connected:
-        folder.claim_drive(connected.capabilities.identity)
-        write = partial(gains.write, connected, folder, wanted, talk, yes=options.yes, save=save, verb=verb)
-        done = gains.differences(connected, wanted) if options.dry_run else write()
-    data = {"run": str(folder.path), **plain(done), "written": not options.dry_run, "saved": save and not options.dry_run}
-    if options.dry_run:
-        return Result(data, ["Would change:", *done.table(), "Nothing was written (--dry-run)."])
-    how = "and saved" if save else "until power-off (--save makes it permanent)"
-    nothing = "" if done.changes else " (nothing differed from what the drive had)"
-    return Result(data, [f"{len(done.changes)} parameters {verb}, read back, {how}{nothing}{words.lasting(drive)}."])
-
-
 __all__ = [
     "BeltcommError",
     "Cascade",
@@ -361,6 +364,8 @@ __all__ = [
     "Reading",
     "Result",
     "apply",
+    "backups",
+    "calibrate",
     "check_imports",
     "commission",
     "design",

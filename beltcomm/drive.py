@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from beltcomm.control import CascadeStructure
 from beltcomm.errors import Refused, UsageError
+from beltcomm.objects import ObjectValue, ParameterObject
 from beltcomm.recording_columns import MOTOR_COLUMNS
 
 Array = NDArray[np.float64]
@@ -122,6 +123,10 @@ class Capabilities:
     identity : name, maker, serial number, firmware ... as text, to recognise the same drive on ``--resume``; "" where the
         port that it is connected by cannot tell.
     refused : why kinds of motion that the drive itself may have are not offered, by kind: a sentence with the remedy.
+    parameters : the objects that hold the names of :meth:`Drive.backup`.     uncalibrated : those of them whose meaning nobody knows yet:
+        :meth:`Drive.write` refuses to change them until :meth:`Drive.calibrate` has told.
+    exchange, torque_scale : in words, the period of the exchange and what it costs the bus; why the unit of torque is in doubt, "" when
+        it is not.
     """
 
     name: str
@@ -140,6 +145,10 @@ class Capabilities:
     identity: Mapping[str, str] = field(default_factory=dict)
     torque_along: frozenset[str] = frozenset()
     refused: Mapping[str, str] = field(default_factory=dict)
+    parameters: Mapping[str, ParameterObject] = field(default_factory=dict)
+    uncalibrated: frozenset[str] = frozenset()
+    exchange: str = ""
+    torque_scale: str = ""
 
 
 @dataclass(frozen=True)
@@ -169,12 +178,33 @@ class Drive(Protocol):
     def write(self, values: Mapping[str, float]) -> dict[str, float]:
         """Write named parameters (stage off when the drive demands it), read them back and return what is stored.
 
-        Raises ObjectRefused when the drive refuses, DriveError when the value read back is not the quantised one asked
-        for; then everything written by this call has been put back."""
+        Raises Refused for another value of an uncalibrated gain, ObjectLocked for an object that is never written, ObjectRefused when the
+        drive refuses, DriveError when the value read back is not the quantised one asked for; then everything written by this call has
+        been put back."""
+        ...
+
+    def calibrate(self, units: Mapping[str, float]) -> None:
+        """From here on one raw unit of these gains means so much: N m s/rad, 1/s, or s where an object holds an integral time.
+
+        Nothing is written; :attr:`capabilities` and all values of these names follow.  Raises UsageError."""
         ...
 
     def backup(self) -> dict[str, float]:
         """All parameters beltcomm may ever write (gains, filters, feedforward, limits), as they stand now."""
+        ...
+
+    def objects(self) -> tuple[ObjectValue, ...]:
+        """The objects behind :meth:`backup`, and those lent to this session, with the raw values that the drive had before it."""
+        ...
+
+    def read_objects(self, places: Sequence[tuple[int, int, str]]) -> list[float | None]:
+        """Raw values of objects by index, subindex and data type; None where the drive has none or does not tell."""
+        ...
+
+    def write_objects(self, values: Sequence[ObjectValue]) -> None:
+        """Write raw values with the stage off, read them back; all or none.
+
+        Raises ObjectLocked before anything is written, ObjectRefused, DriveError (another value came back)."""
         ...
 
     def save(self) -> None:

@@ -4,6 +4,7 @@
 
     BeltcommError
     ├── Refused      1  the target was missed, or the person at the machine said no
+    │   └── ObjectLocked    an object that is never written (index and subindex kept)
     ├── UsageError   2  wrong option, wrong axis file, impossible limits
     ├── DataError    3  a recording or run folder that the method cannot use
     │   └── DamagedRecord   one recording spoils the rest (its name kept)
@@ -29,6 +30,15 @@ class Refused(BeltcommError):
     """Nothing is broken, but the result asked for is not to be had (infeasible design, user's no, missed target)."""
 
     exit_code = 1
+
+
+class ObjectLocked(Refused):
+    """An object of a drive that beltcomm never writes, whoever asks.  ``index``, ``subindex``: which."""
+
+    def __init__(self, message: str, index: int = 0, subindex: int = 0) -> None:
+        super().__init__(message)
+        self.index = index
+        self.subindex = subindex
 
 
 class UsageError(BeltcommError):

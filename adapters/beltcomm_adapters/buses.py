@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import math
 import re
 import time
 from dataclasses import dataclass
@@ -16,11 +15,6 @@ from beltcomm.errors import BusError, UsageError
 DEFAULT_BITRATE: Final = 1_000_000
 _SOCKETCAN: Final = re.compile(r"(v?can|slcan)\d+")
 _SERIAL_PORT: Final = re.compile(r"(/|COM\d+$|socket://)")
-#: Bits on the bus, worst-case stuffing and spacing, of a SYNC and of a frame with n data bytes (11-bit identifiers).
-_SYNC_BITS: Final = 55
-_FRAME_BITS: Final = {4: 95, 6: 115, 8: 135}
-#: Above this load frames wait for each other longer than a cycle can afford.
-_LARGEST_LOAD: Final = 0.6
 
 
 class MonotonicClock:
@@ -80,9 +74,3 @@ def open_bus(address: Address, bitrate: int) -> can.BusABC:
             if getattr(error, "errno", None) == errno.EAFNOSUPPORT:
                 remedy = "this system's kernel has no CAN (on Linux: `sudo modprobe can can_raw`); containers mostly have none"
         raise BusError(f"the CAN interface {address.channel} cannot be opened: {error}; {remedy}") from error
-
-
-def shortest_period_ms(bitrate: int, frame_bytes: tuple[int, ...]) -> int:
-    """The shortest period, whole ms, at which SYNC and frames with these data bytes load the bus by at most 60 %."""
-    bits = _SYNC_BITS + sum(_FRAME_BITS[length] for length in frame_bytes)
-    return math.ceil(bits / bitrate * 1e3 / _LARGEST_LOAD)

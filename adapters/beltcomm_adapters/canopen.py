@@ -25,7 +25,7 @@ from beltcomm_adapters.sdo import SdoObjects
 from beltcomm_adapters.setpoints import Layout, Setpoints, layout_of
 
 _HOMING_PERIOD_S: Final = 0.010  # homing is watched, not sampled
-_OPTIONS: Final = ("node", "bitrate", "profile")
+_OPTIONS: Final = ("node", "bitrate", "profile", "sample_period")
 
 
 class CanopenDrive(ObjectDrive):
@@ -36,11 +36,19 @@ class CanopenDrive(ObjectDrive):
 
     bus, clock : open bus and its time.    node : number on the bus.    profile : name, None to choose by identity.
     bitrate : of the bus, None when it carries any load.    release : called once by :meth:`close`, last.
+    sample_period_s : asked for, None for the shortest that the bus carries.
     Raises BusError when nobody answers, DriveError, DriveFault, UsageError for an unknown profile.
     """
 
     def __init__(
-        self, bus: can.BusABC, clock: Clock, node: int, profile: str | None, bitrate: int | None, release: Callable[[], None]
+        self,
+        bus: can.BusABC,
+        clock: Clock,
+        node: int,
+        profile: str | None,
+        bitrate: int | None,
+        release: Callable[[], None],
+        sample_period_s: float | None = None,
     ) -> None:
         self._link = Link(bus, clock, node)
         super().__init__(clock, SdoObjects(self._link), release)
@@ -48,7 +56,17 @@ class CanopenDrive(ObjectDrive):
         identity = read_identity(self._objects, where)
         self._take_over(self._link, choose_profile(identity, profile))
         try:
-            self.capabilities = read_capabilities(self._objects, self._profile, self._scaling, identity, bitrate, self._referenced())
+            self.capabilities = read_capabilities(
+                self._objects,
+                self._profile,
+                self._scaling,
+                identity,
+                bitrate,
+                self._referenced(),
+                self._parameters.table,
+                self._parameters.uncalibrated,
+                sample_period_s,
+            )
         except BaseException:
             self._session.give_back()
             raise
@@ -138,7 +156,13 @@ class CanopenDrive(ObjectDrive):
 
 
 def connect(
-    bus: can.BusABC, clock: Clock, node: int | None, profile: str | None, bitrate: int | None, release: Callable[[], None]
+    bus: can.BusABC,
+    clock: Clock,
+    node: int | None,
+    profile: str | None,
+    bitrate: int | None,
+    release: Callable[[], None],
+    sample_period_s: float | None = None,
 ) -> CanopenDrive:
     """The drive on an open bus; without ``node``, the only one there.  On failure the bus is released.
 
@@ -156,7 +180,7 @@ def connect(
                 found = ", ".join(map(str, nodes))
                 raise UsageError(f"several nodes answer on {bus.channel_info}: {found}; say which one is the drive with --node")
             node = nodes[0]
-        return CanopenDrive(bus, clock, node, profile, bitrate, release)
+        return CanopenDrive(bus, clock, node, profile, bitrate, release, sample_period_s)
     except BaseException:
         release()
         raise
@@ -168,8 +192,9 @@ def _open(address: str, options: Mapping[str, object]) -> Drive:
     node = whole_number(options, "node", None, 1, 126)
     bitrate = whole_number(options, "bitrate", DEFAULT_BITRATE, 10_000, 1_000_000)
     assert bitrate is not None
+    profile, period_s = profile_name(options), number(options, "sample_period", None)
     bus = open_bus(Address.parse(address), bitrate)
-    return connect(bus, MonotonicClock(), node, profile_name(options), bitrate, bus.shutdown)
+    return connect(bus, MonotonicClock(), node, profile, bitrate, bus.shutdown, period_s)
 
 
 def whole_number(options: Mapping[str, object], name: str, default: int | None, least: int, most: int) -> int | None:
@@ -184,6 +209,17 @@ def whole_number(options: Mapping[str, object], name: str, default: int | None, 
     if not least <= number <= most:
         raise UsageError(f"the option {name} must be a whole number from {least} to {most}, not {value}")
     return number
+
+
+def number(options: Mapping[str, object], name: str, default: float | None) -> float | None:
+    """An option as a number.  Raises UsageError."""
+    value = options.get(name)
+    if value is None:
+        return default
+    try:
+        return float(str(value))
+    except ValueError:
+        raise UsageError(f"the option {name} must be a number, not {value}") from None
 
 
 def profile_name(options: Mapping[str, object]) -> str | None:

@@ -16,6 +16,9 @@ from beltcomm_adapters.link import INTERFACE_ERRORS, NMT_PRE_OPERATIONAL, NMT_ST
 from beltcomm_adapters.sdo import Lending, Objects
 
 _INVALID: Final = 1 << 31
+_NO_REMOTE: Final = 1 << 30
+#: PDOs of each direction that a drive of this profile has at most, as far as they are looked at.
+_PDOS: Final = 4
 #: CiA 301 object of communication and of mapping, and base identifier, of the first PDO of each direction.
 _PDO: Final = {"receive": (0x1400, 0x1600, 0x200), "transmit": (0x1800, 0x1A00, 0x180)}
 _PDO_STEP: Final = 0x100
@@ -53,19 +56,32 @@ def map_pdo(
 ) -> int:
     """Map ``entries`` into PDO ``number`` (from 0), synchronous in every cycle, and enable it.  Returns its identifier.
 
-    Written only while the PDO is invalid, mapping only while its count is 0 (CiA 301, 7.5.2.36, F1 p26-27).
+    Written only while the PDO is invalid, its identifier too, and the mapping only while its count is 0 (CiA 301, 7.5.2.36, F1 p26-27).
+    Bit 30 stays as it is: a drive without remote frames refuses to allow them.
     """
     communication, mapping, base = _PDO[direction]
     communication, mapping = communication + number, mapping + number
+    found = objects.read_int(communication, 1, "uint32")
     cob_id = base + _PDO_STEP * number + objects.node
-    lending.set(communication, 1, "uint32", _INVALID | cob_id)
+    kept = found & _NO_REMOTE
+    lending.set(communication, 1, "uint32", _INVALID | found)
+    lending.set(communication, 1, "uint32", _INVALID | kept | cob_id)
     lending.set(communication, 2, "uint8", 1)
     lending.set(mapping, 0, "uint8", 0)
     for subindex, (index, part, bits) in enumerate(entries, start=1):
         lending.set(mapping, subindex, "uint32", index << 16 | part << 8 | bits)
     lending.set(mapping, 0, "uint8", len(entries))
-    lending.set(communication, 1, "uint32", cob_id)
+    lending.set(communication, 1, "uint32", kept | cob_id)
     return cob_id
+
+
+def silence(objects: Objects, lending: Lending, direction: Literal["receive", "transmit"], first: int) -> None:
+    """Switch off the PDOs from number ``first`` on: what somebody left enabled there loads the bus, or writes setpoints."""
+    communication = _PDO[direction][0]
+    for number in range(first, _PDOS):
+        found = objects.read_if_there(communication + number, 1, "uint32")
+        if found is not None and not found & _INVALID:
+            lending.set(communication + number, 1, "uint32", _INVALID | found)
 
 
 class Exchange:
@@ -87,6 +103,8 @@ class Exchange:
         except ObjectRefused:  # 6074h is optional in CiA 402
             self._second = map_pdo(objects, lending, "transmit", 1, TRANSMITTED[1][:1])
             self._has_demand = False
+        silence(objects, lending, "receive", len(rpdos))
+        silence(objects, lending, "transmit", len(TRANSMITTED))
         self._out = [can.Message(arbitration_id=cob_id, is_extended_id=False) for cob_id in rpdos]
         for message, entries in zip(self._out, received, strict=True):
             message.dlc = sum(bits for *_, bits in entries) // 8

@@ -3,149 +3,191 @@
 from __future__ import annotations
 
 import math
-import struct
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import Final
 
 from beltcomm.control import CascadeStructure
-from beltcomm.errors import BeltcommError, DriveError, ObjectRefused, UsageError
+from beltcomm.errors import BeltcommError, DriveError, ObjectRefused, Refused, UsageError
+from beltcomm.objects import GAIN, ObjectValue, ParameterObject, name_of, ordered
 from beltcomm.parameters import LIMIT_NAMES
-from beltcomm_adapters.profiles import ParameterObject, Profile
+from beltcomm_adapters.profiles import Profile
 from beltcomm_adapters.scaling import Scaling
-from beltcomm_adapters.sdo import Objects, name_of
+from beltcomm_adapters.sdo import Lending, Objects
 
-#: The gain that an integral time rests on:  T_n = K_P / K_I.
-_GAIN: Final = "kp_nm_s_rad"
-_BOUNDS: Final = {"uint8": (0, 255), "uint16": (0, 65535), "uint32": (0, 2**32 - 1)}
+#: The gains whose meaning a step test finds, where the profile does not know it.
+MEASURED: Final = (GAIN, "ki_nm_rad", "kpp_1_s")
+Place = tuple[int, int, str]  # index, subindex, data type
 
 
 class Parameters:
-    """The parameters beltcomm may write, by name, SI at the motor shaft."""
+    """The parameters beltcomm may write, by name, SI at the motor shaft; and any other object by number.
 
-    def __init__(self, objects: Objects, profile: Profile, scaling: Scaling) -> None:
+    session : what is lent while the drive is open; the drive's own values of these are what it will get back.
+    table : the objects by name.     uncalibrated : names whose meaning nobody knows yet; they are not written.
+    """
+
+    def __init__(self, objects: Objects, profile: Profile, scaling: Scaling, session: Lending | None = None) -> None:
         self._objects = objects
+        self._session = session or Lending(objects)
         wide = len(objects.read_bytes(0x6080)) == 4  # UINT32 in CiA 402, UINT16 on older drives
-        self._table: dict[str, ParameterObject] = {
+        self.table: dict[str, ParameterObject] = {
             **profile.parameters,
             LIMIT_NAMES[0]: ParameterObject(0x6072, 0, "uint16", scaling.torque_nm, profile.torque_limit_lowest_permille),
             LIMIT_NAMES[1]: ParameterObject(0x6080, 0, "uint32" if wide else "uint16", 2.0 * math.pi / 60.0),  # min⁻¹
         }
+        unknown = MEASURED if profile.gain_meaning == "unconfirmed" else ()
+        self.uncalibrated = frozenset(name for name in unknown if name in profile.parameters)
 
     @property
     def names(self) -> tuple[str, ...]:
         """Every name this drive has."""
-        return tuple(self._table)
+        return tuple(self.table)
+
+    def calibrate(self, units: Mapping[str, float]) -> None:
+        """From here on one raw unit of these gains means so much: N m s/rad of K_P, 1/s of K_PP, s of an integral time.
+
+        Raises UsageError for a name without an object, or a unit that is no positive number.
+        """
+        self._known(units)
+        for name, unit in units.items():
+            if not (math.isfinite(unit) and unit > 0.0):
+                raise UsageError(f"the unit of {name} must be a positive number, not {unit}; calibrate again")
+            self.table[name] = replace(self.table[name], scale=unit)
+        self.uncalibrated -= set(units)
 
     def read(self, names: Iterable[str]) -> dict[str, float]:
         """Values as they stand in the drive.  Raises UsageError for an unknown name."""
         wanted = list(names)
         self._known(wanted)
-        return {name: self._value(name, self._read_raw(name), self._stored_gain) for name in wanted}
+        return {name: self.table[name].value(self._read_raw(name), self._stored_gain) for name in wanted}
 
     def write(self, values: Mapping[str, float]) -> dict[str, float]:
         """Write, read back, compare; on any failure put back what this call has changed.  Returns what is stored.
 
-        Raises UsageError (unknown name, value out of range), ObjectRefused, DriveError (another value came back), BusError.
+        Raises UsageError (unknown name, value out of range), Refused (a gain of unknown meaning would change), ObjectLocked, ObjectRefused,
+        DriveError (another value came back), BusError.
         """
         raws: dict[str, float] = {}
 
         def gain() -> float:
-            return raws[_GAIN] * self._table[_GAIN].scale if _GAIN in raws else self._stored_gain()
+            return raws[GAIN] * self.table[GAIN].scale if GAIN in raws else self._stored_gain()
 
-        for name, value in self._in_order(values).items():
-            raws[name] = self._raw(name, value, gain)
+        asked = self._with_tied(values)
+        for name in ordered(self.table, asked):
+            raws[name] = self.table[name].raw(name, asked[name], gain)
         before = {name: self._read_raw(name) for name in raws}
+        self._check_known_meaning([name for name in raws if raws[name] != before[name]])
+        self._exchange([self._value_of(name, raw) for name, raw in raws.items()], [self._value_of(name, before[name]) for name in raws])
+        return {name: self.table[name].value(raws[name], gain) for name in values}
+
+    def objects(self) -> tuple[ObjectValue, ...]:
+        """What this drive had before the session, as far as it may be written for good: the parameters, and what is lent."""
+        values = self.read(self.names)
+        own = [replace(self._value_of(name, self._read_raw(name)), value=values[name]) for name in self.names]
+        places = {item.place for item in own}
+        lent = [ObjectValue(*entry) for entry in self._session.lent()]
+        return (*own, *(item for item in lent if item.place not in places))
+
+    def read_objects(self, places: Sequence[Place]) -> list[float | None]:
+        """Raw values of objects, as the drive had them before the session; None where it has none or does not tell."""
+        lent = {(index, subindex): value for index, subindex, _, value in self._session.lent()}
+        found: list[float | None] = []
+        for index, subindex, kind in places:
+            try:
+                here = lent.get((index, subindex))
+                found.append(self._objects.read(index, subindex, kind) if here is None else here)
+            except ObjectRefused:
+                found.append(None)
+        return found
+
+    def write_objects(self, values: Sequence[ObjectValue]) -> None:
+        """Write raw values, read back, compare; all or none.  What is lent will be given back so.
+
+        Raises ObjectLocked before anything is written, ObjectRefused, DriveError (another value came back), BusError.
+        """
+        for item in values:
+            self._objects.locks.check(item.index, item.subindex)
+        now = [item for item in values if not self._session.promise(item.index, item.subindex, item.raw)]
+        before = [replace(item, raw=self._objects.read(item.index, item.subindex, item.kind)) for item in now]
+        self._exchange(now, before)
+
+    def _exchange(self, wanted: Sequence[ObjectValue], before: Sequence[ObjectValue]) -> None:
         try:
-            for name, raw in raws.items():
-                self._write_raw(name, raw)
-                if (stored := self._read_raw(name)) != raw:
-                    entry = self._table[name]
+            for item in wanted:
+                self._write_raw(item)
+                if (stored := self._objects.read(item.index, item.subindex, item.kind)) != item.raw:
                     raise DriveError(
-                        f"the drive stored {stored:g} instead of {raw:g} for {name} (object "
-                        f"{name_of(entry.index, entry.subindex)}, raw values); its profile may not fit"
+                        f"the drive stored {stored:g} instead of {item.raw:g} for {item.name or 'an object'} (object "
+                        f"{item.title}, raw values); its profile may not fit"
                     )
         except BaseException as error:
-            self._put_back(before, error)
+            for item in reversed(before):
+                try:
+                    self._write_raw(item)
+                except BeltcommError as failure:
+                    error.add_note(f"{item.name or item.title} could not be put back: {failure}")
             raise
-        return {name: self._value(name, raws[name], gain) for name in values}
 
-    def _put_back(self, before: Mapping[str, float], error: BaseException) -> None:
-        for name, raw in reversed(list(before.items())):
-            try:
-                self._write_raw(name, raw)
-            except BeltcommError as failure:
-                error.add_note(f"{name} could not be put back: {failure}")
+    def _check_known_meaning(self, names: Sequence[str]) -> None:
+        if unknown := [name for name in names if name in self.uncalibrated]:
+            held = ", ".join(f"{name} ({name_of(self.table[name].index, self.table[name].subindex)})" for name in unknown)
+            raise Refused(
+                f"nothing was written: what one unit of {held} means is not known of this kind of drive; measure it with "
+                "`beltcomm calibrate --drive DRIVE --run RUN`, a few small steps of its speed setpoint"
+            )
 
-    def _in_order(self, values: Mapping[str, float]) -> dict[str, float]:
-        """``values`` in the table's order; K_I joins when K_P is written alone, for the drive holds their quotient."""
+    def _with_tied(self, values: Mapping[str, float]) -> dict[str, float]:
+        """``values``, and K_I where K_P is written alone, for the drive holds their quotient."""
         self._known(values)
-        tied = [name for name, entry in self._table.items() if entry.law == "integral_time" and _GAIN in values]
-        asked = {**self.read(name for name in tied if name not in values), **values}
-        return {name: asked[name] for name in self._table if name in asked}
-
-    def _raw(self, name: str, value: float, gain: Callable[[], float]) -> float:
-        entry = self._table[name]
-        if not math.isfinite(value):
-            raise UsageError(f"{name} must be a number, not {value}")
-        if entry.type == "real32":
-            single: float = struct.unpack("<f", struct.pack("<f", value))[0]
-            return single
-        exact = math.inf  # the integral time of an integral part that is off
-        if entry.law == "linear":
-            exact = value / entry.scale
-        elif value > 0:
-            exact = gain() / (value * entry.scale)
-        least, most = _range_of(entry)
-        if not least - 0.5 <= exact <= most + 0.5:
-            ends = sorted(self._value(name, end, gain) for end in (max(least, 1) if entry.law != "linear" else least, most))
-            raise UsageError(f"{name} = {value:g} is outside what this drive takes, {ends[0]:.4g} to {ends[1]:.4g}; design with its limits")
-        return round(exact)
-
-    def _value(self, name: str, raw: float, gain: Callable[[], float]) -> float:
-        entry = self._table[name]
-        if entry.law == "linear":
-            return raw * entry.scale
-        return gain() / (raw * entry.scale) if raw else math.inf
+        tied = [name for name, entry in self.table.items() if entry.law == "integral_time" and GAIN in values]
+        return {**self.read(name for name in tied if name not in values), **values}
 
     def _stored_gain(self) -> float:
-        return self._read_raw(_GAIN) * self._table[_GAIN].scale
+        return self._read_raw(GAIN) * self.table[GAIN].scale
 
     def _known(self, names: Iterable[str]) -> None:
-        if unknown := [name for name in names if name not in self._table]:
-            raise UsageError(f"this drive has no parameter {', '.join(unknown)}; it has {', '.join(self._table)}")
+        if unknown := [name for name in names if name not in self.table]:
+            raise UsageError(f"this drive has no parameter {', '.join(unknown)}; it has {', '.join(self.table)}")
+
+    def _value_of(self, name: str, raw: float) -> ObjectValue:
+        entry = self.table[name]
+        return ObjectValue(entry.index, entry.subindex, entry.type, raw, name)
 
     def _read_raw(self, name: str) -> float:
-        entry = self._table[name]
+        entry = self.table[name]
         return self._objects.read(entry.index, entry.subindex, entry.type)
 
-    def _write_raw(self, name: str, raw: float) -> None:
-        entry = self._table[name]
+    def _write_raw(self, item: ObjectValue) -> None:
         try:
-            self._objects.write(entry.index, entry.subindex, entry.type, raw)
+            self._objects.write(item.index, item.subindex, item.kind, item.raw)
         except ObjectRefused as error:
-            raise ObjectRefused(f"{name}: {error}", error.abort_code, error.index, error.subindex) from error
+            if not item.name:
+                raise
+            raise ObjectRefused(f"{item.name}: {error}", error.abort_code, error.index, error.subindex) from error
 
 
-def _range_of(entry: ParameterObject) -> tuple[int, int]:
-    """Smallest and largest raw value of an integer object."""
-    least, most = _BOUNDS[entry.type]
-    return entry.lowest if entry.lowest is not None else least, entry.highest if entry.highest is not None else most
-
-
-def structure_of(profile: Profile, period_s: float, output_limit_rad_s: float = math.inf, dead_zone_rad: float = 0.0) -> CascadeStructure:
-    """The cascade inside a drive of this kind, its gains as the objects quantise them.
+def structure_of(
+    profile: Profile,
+    period_s: float,
+    output_limit_rad_s: float = math.inf,
+    dead_zone_rad: float = 0.0,
+    parameters: Mapping[str, ParameterObject] | None = None,
+) -> CascadeStructure:
+    """The cascade inside a drive of this kind, its gains as the objects quantise them.   parameters : calibrated ones.
 
     Where the integral part is an integral time, its step and bounds stand under ``integral_time_s`` (K_I = K_P / T_n).
     """
     steps: dict[str, float] = {}
     lowest: dict[str, float] = {}
     highest: dict[str, float] = {}
-    for name, entry in profile.parameters.items():
+    for name in profile.parameters:
+        entry = (parameters or profile.parameters)[name]
         if entry.type == "real32" or name in ("prefilter_kind", "filter_reference"):
             continue
         key = "integral_time_s" if entry.law == "integral_time" else name
         steps[key] = entry.scale
-        lowest[key], highest[key] = (bound * entry.scale for bound in _range_of(entry))
+        lowest[key], highest[key] = (bound * entry.scale for bound in entry.range)
     options = dict(profile.structure)
     return CascadeStructure(
         name=profile.name,

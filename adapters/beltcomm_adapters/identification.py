@@ -7,7 +7,8 @@ from collections.abc import Mapping
 
 from beltcomm.drive import Capabilities
 from beltcomm.errors import BusError, ObjectRefused
-from beltcomm_adapters.buses import shortest_period_ms
+from beltcomm.objects import ParameterObject
+from beltcomm_adapters.busload import fullest, plan_exchange
 from beltcomm_adapters.gains import structure_of
 from beltcomm_adapters.profiles import Profile
 from beltcomm_adapters.scaling import Scaling
@@ -17,8 +18,6 @@ from beltcomm_adapters.setpoints import OFFSET_MODES
 HOMING_MODE = 6
 _MODE_BITS = {1: 0, 2: 1, 3: 2, 4: 3, 6: 5, 7: 6, 8: 7, 9: 8, 10: 9}  # 6502h
 _RPM = 2.0 * math.pi / 60.0
-#: Data bytes of the fullest exchange (position with offsets): receive PDOs, transmit PDOs.
-_FULLEST = (6, 6, 8, 6)
 
 
 def read_identity(objects: Objects, where: str) -> dict[str, str]:
@@ -61,15 +60,27 @@ def sync_period_s(objects: Objects) -> float | None:
 
 
 def read_capabilities(
-    objects: Objects, profile: Profile, scaling: Scaling, identity: Mapping[str, str], bitrate: int | None, referenced: bool
+    objects: Objects,
+    profile: Profile,
+    scaling: Scaling,
+    identity: Mapping[str, str],
+    bitrate: int | None,
+    referenced: bool,
+    parameters: Mapping[str, ParameterObject],
+    uncalibrated: frozenset[str],
+    wanted_s: float | None = None,
 ) -> Capabilities:
-    """Capabilities of the drive.  ``bitrate``: of the bus, None when the bus carries any load."""
+    """Capabilities of the drive.
+
+    bitrate : of the bus, None when it carries any load.    parameters, uncalibrated : see :class:`beltcomm_adapters.gains.Parameters`.
+    wanted_s : sample period asked for, None for the shortest that fits.   Raises UsageError for one that cannot be.
+    """
     modes = supported_modes(objects, profile)
-    period_s = profile.shortest_sync_ms * 1e-3
-    if profile.sync_change == "after_reset":
-        period_s = sync_period_s(objects) or period_s
-    if bitrate is not None:
-        period_s = max(period_s, shortest_period_ms(bitrate, _FULLEST) * 1e-3)
+    shortest_s, step_s = profile.shortest_sync_ms * 1e-3, profile.sync_step_ms * 1e-3
+    if profile.sync_change == "after_reset" and (stored_s := sync_period_s(objects)):
+        shortest_s = step_s = max(stored_s, shortest_s)  # the whole cascade is locked to it
+    exchange = plan_exchange(bitrate, fullest(profile, modes), shortest_s, step_s, wanted_s)
+    period_s = exchange.period_s
     peak_permille = objects.read_if_there(0x6073, 0, "uint16") or objects.read_int(0x6072, 0, "uint16")
     fastest = int.from_bytes(objects.read_bytes(0x6080), "little") * _RPM
     return Capabilities(
@@ -80,7 +91,9 @@ def read_capabilities(
         torque_step_nm=scaling.torque_nm,
         torque_sampling=profile.torque_sampling,
         torque_along=frozenset(kind for kind, mode in profile.modes.items() if profile.offsets and mode in modes and mode in OFFSET_MODES),
-        structure=structure_of(profile, _loop_period_s(objects, profile, period_s), *_position_bounds(objects, profile, scaling)),
+        structure=structure_of(
+            profile, _loop_period_s(objects, profile, period_s), *_position_bounds(objects, profile, scaling), parameters=parameters
+        ),
         rated_torque_nm=scaling.rated_torque_nm,
         peak_torque_nm=peak_permille * 1e-3 * scaling.rated_torque_nm,
         rated_current_a=scaling.rated_current_a,
@@ -88,7 +101,24 @@ def read_capabilities(
         can_home=HOMING_MODE in modes,
         referenced=referenced,
         identity=dict(identity),
+        parameters=dict(parameters),
+        uncalibrated=uncalibrated,
+        exchange=exchange.words,
+        torque_scale=""
+        if profile.torque_scale.confidence in ("read", "simulated") and profile.torque_scale.of == "rated_torque"
+        else _doubt(profile),
     )
+
+
+def _doubt(profile: Profile) -> str:
+    """In words, that nobody has shown what this drive's torques count in, and what tells."""
+    said = {
+        "rated_torque": "its rated torque 6076h",
+        "rated_current": "its rated current, not its rated torque",
+        "drive_peak": "the drive's peak",
+        "unknown": "something that its documents contradict each other about",
+    }[profile.torque_scale.of]
+    return f"{profile.title} is said to count torques in thousandths of {said}, which is not proven; {profile.torque_scale.check}"
 
 
 def _position_bounds(objects: Objects, profile: Profile, scaling: Scaling) -> tuple[float, float]:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from typing import Self
 
 from beltcomm.drive import Capabilities, Clock
 from beltcomm.errors import BeltcommError, DriveError, UsageError
+from beltcomm.objects import ObjectValue
 from beltcomm_adapters.cia402 import StateMachine, Wire
-from beltcomm_adapters.gains import Parameters
+from beltcomm_adapters.gains import Parameters, structure_of
 from beltcomm_adapters.interrupts import deferred_interrupt
 from beltcomm_adapters.profiles import Profile
 from beltcomm_adapters.scaling import read_scaling
@@ -35,11 +37,12 @@ class ObjectDrive:
     def _take_over(self, wire: Wire, profile: Profile) -> None:
         """Axis disabled, units and parameters known.  On failure nothing stays lent."""
         self._profile = profile
+        self._objects.locks.add(profile.never_write)
         self._machine = StateMachine(wire, self._objects, profile.emergency)
         self._machine.disable()
         try:
             self._borrow()
-            self._parameters = Parameters(self._objects, profile, self._scaling)
+            self._parameters = Parameters(self._objects, profile, self._scaling, self._session)
         except BaseException:
             self._session.give_back()
             raise
@@ -67,6 +70,32 @@ class ObjectDrive:
     def backup(self) -> dict[str, float]:
         """See :meth:`beltcomm.drive.Drive.backup`."""
         return self._parameters.read(self._parameters.names)
+
+    def objects(self) -> tuple[ObjectValue, ...]:
+        """See :meth:`beltcomm.drive.Drive.objects`."""
+        return self._parameters.objects()
+
+    def read_objects(self, places: Sequence[tuple[int, int, str]]) -> list[float | None]:
+        """See :meth:`beltcomm.drive.Drive.read_objects`."""
+        return self._parameters.read_objects(places)
+
+    def write_objects(self, values: Sequence[ObjectValue]) -> None:
+        """See :meth:`beltcomm.drive.Drive.write_objects`; the stage is taken off first."""
+        self._machine.disable()
+        self._parameters.write_objects(values)
+
+    def calibrate(self, units: Mapping[str, float]) -> None:
+        """See :meth:`beltcomm.drive.Drive.calibrate`."""
+        self._parameters.calibrate(units)
+        before = self.capabilities.structure
+        self.capabilities = dataclasses.replace(
+            self.capabilities,
+            structure=structure_of(
+                self._profile, before.period_s, before.output_limit_rad_s, before.dead_zone_rad, parameters=self._parameters.table
+            ),
+            parameters=dict(self._parameters.table),
+            uncalibrated=self._parameters.uncalibrated,
+        )
 
     def save(self) -> None:
         """See :meth:`beltcomm.drive.Drive.save`; what is lent to this session is saved as it was found."""

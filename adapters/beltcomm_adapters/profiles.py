@@ -12,37 +12,51 @@ from typing import Any, Final, Literal
 
 from beltcomm.configfiles import config_names, find_config, read_yaml
 from beltcomm.errors import UsageError
+from beltcomm.objects import TYPES, ParameterObject
 from beltcomm.parameters import GAIN_NAMES
+from beltcomm_adapters.locks import Lock
 
 CONFIDENCES: Final = ("read", "inferred", "unconfirmed", "simulated")
+#: Keys of a file that state no fact about the drive; every other one has its source.
+UNSOURCED: Final = frozenset({"name", "title", "known_gains", "never_write"})
 
 
 @dataclass(frozen=True)
-class ParameterObject:
-    """One gain as an object of the drive:  SI value = scale * raw value.
+class TorqueScale:
+    """What the drive's torques count in thousandths of.   of : "rated_torque" (6076h), "rated_current", "drive_peak" or "unknown".
 
-    type : an integer type or ``real32``.    lowest, highest : raw values the drive takes, None when unknown.
-    law : "linear", or "integral_time": the object is T_n = K_P / K_I in units of ``scale`` seconds.
+    confidence : of that.   check : what tells whether it is right, in words.
     """
 
-    index: int
-    subindex: int
-    type: str
-    scale: float = 1.0
-    lowest: int | None = None
-    highest: int | None = None
-    law: Literal["linear", "integral_time"] = "linear"
+    of: Literal["rated_torque", "rated_current", "drive_peak", "unknown"]
+    confidence: str
+    check: str
+
+
+@dataclass(frozen=True)
+class KnownGain:
+    """An object said to hold a gain, without what would be needed to write it.   what, missing : in words."""
+
+    place: str
+    what: str
+    missing: str
 
 
 @dataclass(frozen=True)
 class Profile:
     """A kind of drive.
 
+    match : of its identity; None is chosen by name only.
     modes : CiA 402 mode of operation by kind of motion.    supported_modes : asked when the drive has no 6502h.
     units : "cia402" (608Fh, 6091h, 6092h) or "factor_group" (6093h, 6094h, 6097h of the Metronix family).
     offsets : 60B1h and 60B2h exist.    guarding : how the drive notices that its host is gone.
     torque_sampling : see :class:`beltcomm.drive.Capabilities`.
-    shortest_sync_ms, sync_change : smallest 60C2h, and whether a new value acts at once or after save and reset.
+    bus : "canopen", or what the drive has in place of such a port; then it cannot be opened here.
+    shortest_sync_ms, sync_step_ms, sync_change : smallest period of SYNC and its step, and whether a new one (60C2h) acts at once or
+        after save and reset.
+    torque_scale : see :class:`TorqueScale`.
+    gain_meaning : "documented", "unconfirmed" (a step test finds it before a gain is written), or "none": no gain is writable.
+    known_gains : what is said of gains that are not writable.     never_write : locked beside those of every drive.
     enable_logic : (index, subindex, type, value) that hands control to the bus, None when there is no such switch.
     torque_slope_permille_s : 6087h that makes mode 4 follow a setpoint at once.
     torque_limit_lowest_permille : smallest 6072h the drive takes.
@@ -53,18 +67,24 @@ class Profile:
 
     name: str
     title: str
-    match: Mapping[str, Any]
+    match: Mapping[str, Any] | None
     modes: Mapping[str, int]
     supported_modes: tuple[int, ...]
     units: Literal["cia402", "factor_group"]
     offsets: bool
     guarding: Literal["heartbeat", "node_guarding"]
     torque_sampling: Literal["over", "after"]
-    shortest_sync_ms: int
+    shortest_sync_ms: float
+    sync_step_ms: float
     sync_change: Literal["at_once", "after_reset"]
     structure: Mapping[str, Any]
     parameters: Mapping[str, ParameterObject]
+    torque_scale: TorqueScale
+    gain_meaning: Literal["documented", "unconfirmed", "none"]
     sources: Mapping[str, Mapping[str, str]]
+    bus: str = "canopen"
+    known_gains: tuple[KnownGain, ...] = ()
+    never_write: tuple[Lock, ...] = ()
     enable_logic: tuple[int, int, str, int] | None = None
     torque_slope_permille_s: int | None = None
     torque_limit_lowest_permille: int = 0
@@ -92,9 +112,13 @@ def choose_profile(identity: Mapping[str, str], wanted: str | None) -> Profile:
     A profile fits when everything under its ``match`` is equal; an empty ``match`` fits every drive and is tried last.
     """
     if wanted is not None:
-        return load_profile(wanted)
-    profiles = sorted(map(load_profile, config_names("drives")), key=lambda profile: not profile.match)
-    return next(profile for profile in profiles if _fits(profile.match, identity))
+        chosen = load_profile(wanted)
+    else:  # the one that asks for most first
+        profiles = sorted(map(load_profile, config_names("drives")), key=lambda profile: -len(profile.match or {}))
+        chosen = next(profile for profile in profiles if profile.match is not None and _fits(profile.match, identity))
+    if chosen.bus != "canopen":
+        raise UsageError(f"{chosen.title} cannot be opened here: it has {chosen.bus}; beltcomm speaks CANopen and RS-232 only")
+    return chosen
 
 
 def _fits(match: Mapping[str, Any], identity: Mapping[str, str]) -> bool:
@@ -108,19 +132,32 @@ def _place(entry: Mapping[str, int] | None) -> tuple[int, int] | None:
 
 
 def _profile(raw: dict[str, Any]) -> Profile:
-    """Checked values from the file's mapping; a key that nothing reads is a ValueError."""
+    """Checked values from the file's mapping; a key that nothing reads, or an entry without source, is a ValueError."""
     sync = raw.pop("sync")
     parameters = {name: ParameterObject(**entry) for name, entry in raw.pop("parameters").items()}
     if unknown := set(parameters) - set(GAIN_NAMES):
         raise ValueError(f"unknown parameters {sorted(unknown)}")
+    if wrong := [name for name, entry in parameters.items() if entry.type not in TYPES or entry.range[0] > entry.range[1]]:
+        raise ValueError(f"no data type, or a range that is none, for {wrong}")
     sources = raw.pop("sources")
-    if wrong := [key for key, entry in sources.items() if not entry["source"] or entry["confidence"] not in CONFIDENCES]:
+    locks, gains = raw.pop("never_write", []), raw.pop("known_gains", [])
+    told = [*sources.items(), *((str(entry), entry) for entry in (*locks, *gains))]
+    if wrong := [key for key, entry in told if not entry["source"] or entry["confidence"] not in CONFIDENCES]:
         raise ValueError(f"no source or no confidence for {wrong}")
+    given = {key for key in raw if key not in UNSOURCED} | {"sync"} | ({"parameters"} if parameters else set())
+    if missing := sorted(given - set(sources)):
+        raise ValueError(f"no source for {missing}")
+    if bool(parameters) is (raw["gain_meaning"] == "none"):
+        raise ValueError("gain_meaning is none exactly where no gain is writable")
     logic, referenced = raw.pop("enable_logic", None), raw.pop("referenced", None)
     return Profile(
-        shortest_sync_ms=sync["shortest_ms"],
+        shortest_sync_ms=float(sync["shortest_ms"]),
+        sync_step_ms=float(sync["step_ms"]),
         sync_change=sync["change"],
         parameters=parameters,
+        torque_scale=TorqueScale(**raw.pop("torque_scale"), confidence=sources["torque_scale"]["confidence"]),
+        never_write=tuple(_lock(entry) for entry in locks),
+        known_gains=tuple(KnownGain(entry["place"], entry["what"], entry["missing"]) for entry in gains),
         sources=sources,
         supported_modes=tuple(raw.pop("supported_modes")),
         enable_logic=(logic["index"], logic["subindex"], logic["type"], logic["value"]) if logic else None,
@@ -130,3 +167,9 @@ def _profile(raw: dict[str, Any]) -> Profile:
         dead_zone=_place(raw.pop("dead_zone", None)),
         **raw,
     )
+
+
+def _lock(entry: Mapping[str, Any]) -> Lock:
+    """Objects ``index``, or ``first`` to ``last``; of one ``subindex`` only where it is given."""
+    first, last = (entry["index"], entry["index"]) if "index" in entry else (entry["first"], entry["last"])
+    return Lock(first, last, entry["what"], entry.get("subindex"))

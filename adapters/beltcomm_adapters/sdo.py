@@ -17,24 +17,13 @@ from canopen.sdo.client import SdoClient
 from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
 from beltcomm.errors import BusError, DriveError, ObjectRefused
+from beltcomm.objects import TYPES, name_of, packed
 from beltcomm_adapters.interrupts import deferred_interrupt
 from beltcomm_adapters.link import Link
+from beltcomm_adapters.locks import Locks
 
 # The client logs every abort as an error; here an abort is an exception with its own words.
 logging.getLogger("canopen").addHandler(logging.NullHandler())
-
-FORMATS: Final = {
-    "int8": "<b",
-    "uint8": "<B",
-    "int16": "<h",
-    "uint16": "<H",
-    "int32": "<i",
-    "uint32": "<I",
-    "real32": "<f",
-}
-
-#: Motor and encoder data and the current controller's gains: a wrong value there damages the drive or makes it run away.
-NEVER_WRITTEN: Final = frozenset({0x60F6, 0x6410, *range(0x2021, 0x2027), 0x604D, 0x6075, 0x6076})
 
 ANSWER_TIME_S: Final = 0.3
 SAVE_TIME_S: Final = 15.0
@@ -51,12 +40,18 @@ class _Client(SdoClient):
 
     RETRY_DELAY = 0.0
 
-    def __init__(self, link: Link) -> None:
+    def __init__(self, link: Link, locks: Locks) -> None:
         super().__init__(0x600 + link.node, 0x580 + link.node, ObjectDictionary())  # type: ignore[no-untyped-call]  # canopen has no types
         self.network = self  # type: ignore[assignment]  # all that is asked of a network is send_message
         self.answer_time_s = ANSWER_TIME_S
         self._link = link
+        self._locks = locks
         link.subscribe(self.tx_cobid, self._on_frame)
+
+    def download(self, index: int, subindex: int, data: bytes, force_segment: bool = False) -> None:
+        """Every write goes through here.   Raises ObjectLocked."""
+        self._locks.check(index, subindex, data)
+        super().download(index, subindex, data, force_segment)
 
     def send_message(self, cob_id: int, data: bytes) -> None:
         self._link.send_data(cob_id, bytes(data))
@@ -81,10 +76,13 @@ class _Client(SdoClient):
 class Objects(ABC):
     """The object dictionary of one drive, one transfer at a time; a carrier brings ``read_bytes``, ``write_bytes`` and ``save``.
 
-    node : number on its bus, 0 where there is no bus.
+    node : number on its bus, 0 where there is no bus.   locks : what is never written, whoever asks.
     """
 
     node = 0
+
+    def __init__(self) -> None:
+        self.locks = Locks()
 
     @abstractmethod
     def read_bytes(self, index: int, subindex: int = 0) -> bytes:
@@ -92,16 +90,16 @@ class Objects(ABC):
 
     @abstractmethod
     def write_bytes(self, index: int, subindex: int, data: bytes, verb: str) -> None:
-        """Raw content into an object.   verb : what is done, for messages.   Raises ObjectRefused, BusError."""
+        """Raw content into an object, once ``locks`` allow it.   verb : for messages.   Raises ObjectLocked, ObjectRefused, BusError."""
 
     @abstractmethod
     def save(self) -> None:
         """Make all parameters permanent; the drive may take seconds.  Raises ObjectRefused, BusError."""
 
     def read(self, index: int, subindex: int, kind: str) -> float:
-        """Value of an object of type ``kind`` (a key of :data:`FORMATS`).  Raises ObjectRefused, BusError, DriveError."""
+        """Value of an object of type ``kind`` (a key of :data:`beltcomm.objects.TYPES`).  Raises ObjectRefused, BusError, DriveError."""
         raw = self.read_bytes(index, subindex)
-        layout = FORMATS[kind]
+        layout = TYPES[kind][0]
         if len(raw) < struct.calcsize(layout):
             raise DriveError(f"object {name_of(index, subindex)} has {len(raw)} bytes, expected is {kind}; is the profile right?")
         value: float = struct.unpack_from(layout, raw)[0]
@@ -128,12 +126,10 @@ class Objects(ABC):
             return ""
 
     def write(self, index: int, subindex: int, kind: str, value: float) -> None:
-        """Write an object.  Raises ObjectRefused, BusError, DriveError (one of :data:`NEVER_WRITTEN`, or no room for the value)."""
-        if index in NEVER_WRITTEN:
-            raise DriveError(f"object {name_of(index, subindex)} is motor or encoder data and is never written by beltcomm")
+        """Write an object.  Raises ObjectLocked, ObjectRefused, BusError, DriveError (no room for the value)."""
         try:
-            data = struct.pack(FORMATS[kind], value if kind == "real32" else int(value))
-        except (struct.error, OverflowError, ValueError) as error:
+            data = packed(kind, value)
+        except ValueError as error:
             raise DriveError(f"the value {value:g} does not fit into object {name_of(index, subindex)} ({kind})") from error
         self.write_bytes(index, subindex, data, f"write {value:g}")
 
@@ -146,7 +142,8 @@ class SdoObjects(Objects):
     """Objects of a CANopen node."""
 
     def __init__(self, link: Link) -> None:
-        self._client = _Client(link)
+        super().__init__()
+        self._client = _Client(link, self.locks)
         self.node = link.node
 
     def read_bytes(self, index: int, subindex: int = 0) -> bytes:
@@ -178,11 +175,6 @@ class SdoObjects(Objects):
                         f"{_ATTEMPTS} attempts ({error}); check the cable, the bit rate and that the drive is on"
                     ) from error
         raise AssertionError("unreachable")
-
-
-def name_of(index: int, subindex: int = 0) -> str:
-    """An object as the standards write it: 6041h, 2100h:3."""
-    return f"{index:04X}h" if subindex == 0 else f"{index:04X}h:{subindex:X}"
 
 
 def refusal(index: int, subindex: int, verb: str, code: int) -> ObjectRefused:
@@ -227,6 +219,19 @@ class Lending:
         except ObjectRefused:
             return False
         return True
+
+    def lent(self) -> list[tuple[int, int, str, float]]:
+        """What will be given back: index, subindex, type and the value that each object had."""
+        first = {(index, subindex): (index, subindex, kind, before) for index, subindex, kind, before in reversed(self._lent)}
+        return list(reversed(first.values()))
+
+    def promise(self, index: int, subindex: int, value: float) -> bool:
+        """Give this value back in place of the one found; False when the object is not lent."""
+        for number, (i, s, kind, _) in enumerate(self._lent):
+            if (i, s) == (index, subindex):
+                self._lent[number] = (i, s, kind, value)
+                return True
+        return False
 
     def give_back(self) -> list[str]:
         """Put everything back, last change first.  Returns what could not be, in words; never raises a DriveError.

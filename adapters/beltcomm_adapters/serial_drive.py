@@ -47,7 +47,16 @@ class SerialDrive(ObjectDrive):
             identity = read_identity(self._serial, port.name)
             self._take_over(self._line, choose_serial_profile(identity, profile))
             self._pace = measure_pace(self._serial, clock)
-            known = read_capabilities(self._serial, self._profile, self._scaling, identity, None, self._referenced())
+            known = read_capabilities(
+                self._serial,
+                self._profile,
+                self._scaling,
+                identity,
+                None,
+                self._referenced(),
+                self._parameters.table,
+                self._parameters.uncalibrated,
+            )
             modes = supported_modes(self._serial, self._profile)
             self.capabilities = dataclasses.replace(
                 known,
@@ -179,8 +188,9 @@ def choose_serial_profile(identity: Mapping[str, str], wanted: str | None) -> Pr
     """The profile of a drive that tells its numbers, but not its name.   Raises UsageError when that does not decide."""
     if wanted is not None:
         return load_profile(wanted)
-    profiles = [profile for profile in map(load_profile, config_names("drives")) if set(_NUMBERS) & set(profile.match)]
-    fitting = [p for p in profiles if all(identity.get(key) == str(p.match[key]) for key in _NUMBERS if key in p.match)]
+    known = [(profile, profile.match) for profile in map(load_profile, config_names("drives")) if profile.match is not None]
+    profiles = [profile for profile, match in known if set(_NUMBERS) & set(match)]
+    fitting = [p for p, match in known if p in profiles and all(identity.get(key) == str(match[key]) for key in _NUMBERS if key in match)]
     if len(fitting) == 1:
         return fitting[0]
     which = ", ".join(profile.name for profile in fitting or profiles)

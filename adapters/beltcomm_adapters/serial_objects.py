@@ -12,7 +12,8 @@ from collections.abc import Callable, Iterator
 from typing import Final
 
 from beltcomm.errors import BusError, DriveError
-from beltcomm_adapters.sdo import FORMATS, Objects, name_of, refusal
+from beltcomm.objects import TYPES, name_of
+from beltcomm_adapters.sdo import Objects, refusal
 from beltcomm_adapters.serial_line import ANSWER_TIME_S, BITRATES, QUIET_TIME_S, Abort, Line, SerialLine, Text, Value
 
 #: Characters of ``?XXXXSU`` with its end, of the head of an answer ``=XXXXSU:`` with the answer's end, and of the longest answer.
@@ -33,6 +34,7 @@ class SerialObjects(Objects):
     """
 
     def __init__(self, line: SerialLine) -> None:
+        super().__init__()
         self._line = line
         self.answer_time_s, self.quiet_s = ANSWER_TIME_S, QUIET_TIME_S
 
@@ -48,7 +50,7 @@ class SerialObjects(Objects):
 
     def read(self, index: int, subindex: int, kind: str) -> float:
         """See :meth:`Objects.read`.  Raises DriveError for content of another width than the type's, too."""
-        layout = FORMATS[kind]
+        layout = TYPES[kind][0]
         value: float = struct.unpack(layout, self._read(index, subindex, kind))[0]
         return value
 
@@ -67,7 +69,7 @@ class SerialObjects(Objects):
 
     def poll(self, index: int, kind: str) -> tuple[int, float] | None:
         """A whole number, asked for once, and the middle of the time in which it was taken, s; None without a valid answer."""
-        layout, line = FORMATS[kind], self._line
+        layout, line = TYPES[kind][0], self._line
         width = struct.calcsize(layout)
         answer = self._ask(_reading(index, 0), _answer_to(index, 0))
         if not isinstance(answer, Value) or len(answer.data) != width:
@@ -78,6 +80,7 @@ class SerialObjects(Objects):
 
     def write_bytes(self, index: int, subindex: int, data: bytes, verb: str) -> None:
         """See :meth:`Objects.write_bytes`."""
+        self.locks.check(index, subindex, data)
         asked, answer = Value(index, subindex, data), None
         for _ in range(_ATTEMPTS):
             answer = self._ask(asked.text, _answer_to(index, subindex))
@@ -155,7 +158,7 @@ class SerialObjects(Objects):
 
     def _read(self, index: int, subindex: int, kind: str | None) -> bytes:
         """Content of an object; of the type's width where a type is known."""
-        width = struct.calcsize(FORMATS[kind]) if kind else None
+        width = struct.calcsize(TYPES[kind][0]) if kind else None
         answer: Line | None = None
         for _ in range(_ATTEMPTS):
             answer = self._ask(_reading(index, subindex), _answer_to(index, subindex))

@@ -16,13 +16,25 @@ from beltcomm.simulate.plant import SimulatedPlant
 from beltcomm.virtual.bus import LockstepBus
 from beltcomm.virtual.device import VirtualDrive
 from beltcomm_adapters.buses import MonotonicClock
-from beltcomm_adapters.canopen import connect, profile_name, whole_number
+from beltcomm_adapters.canopen import connect, number, profile_name, whole_number
 
 DEFAULT_PLANT: Final = "g_a"
 #: m; the middle of the rig's 0 to 0.5 m.
 DEFAULT_START_M: Final = 0.25
 _NODE: Final = 1
-_OPTIONS: Final = ("seed", "profile", "realtime", "plant", "start_position", "referenced", "faults", "log")
+_OPTIONS: Final = (
+    "seed",
+    "profile",
+    "realtime",
+    "bitrate",
+    "sample_period",
+    "plant",
+    "start_position",
+    "referenced",
+    "gain_units",
+    "faults",
+    "log",
+)
 
 
 def _open(address: str, options: Mapping[str, object]) -> Drive:
@@ -30,6 +42,8 @@ def _open(address: str, options: Mapping[str, object]) -> Drive:
 
     seed : whole number, of the torque noise (0).     profile : "reference" or "cmmp-as".     realtime : run at the wall clock.
     start_position : m, where the carriage stands (0.25).     referenced : the encoder knows the carriage's zero (yes).
+    bitrate : that its exchange is planned for, None for a bus that carries any load.     sample_period : s, asked for.
+    gain_units : (velocity, position, integral time): what one unit of the drive's gains means, in those of docs/reference-drive.md.
     plant : a :class:`beltcomm.plant.Plant` in place of the plant file's model; its delay and noise stay.
     faults : a :class:`beltcomm.virtual.faults.Faults`.     log : called with every frame.
     """
@@ -41,7 +55,8 @@ def _open(address: str, options: Mapping[str, object]) -> Drive:
     except BaseException:
         bus.shutdown()
         raise
-    drive = connect(bus, bus.clock, _NODE, None, None, bus.shutdown)
+    bitrate = whole_number(options, "bitrate", None, 10_000, 1_000_000)
+    drive = connect(bus, bus.clock, _NODE, None, bitrate, bus.shutdown, number(options, "sample_period", None))
     identity = {**drive.capabilities.identity, "plant": plant}  # the machine behind it is part of what a run was made on
     drive.capabilities = replace(drive.capabilities, identity=identity)
     return drive
@@ -52,7 +67,8 @@ def attached(bus: LockstepBus, address: str, options: Mapping[str, object]) -> t
     if unknown := sorted(set(options) - set(_OPTIONS)):
         raise UsageError(f"the virtual drive has no option {', '.join(unknown)}; leave it out")
     file = load_plant(address or DEFAULT_PLANT)
-    start_m = _number(options, "start_position", DEFAULT_START_M)
+    start_m = number(options, "start_position", DEFAULT_START_M)
+    assert start_m is not None
     given: Mapping[str, Any] = options
     referenced = bool(options.get("referenced", True))
     drive = VirtualDrive(
@@ -67,19 +83,10 @@ def attached(bus: LockstepBus, address: str, options: Mapping[str, object]) -> t
         zero_rad=-start_m / file.model["transmission.ratio"] if referenced else 0.0,
         referenced=referenced,
         faults=given.get("faults"),
+        gain_units=given.get("gain_units") or (1.0, 1.0, 1.0),
         brake=(file.brake_torque_nm, file.brake_time_s),
     )
     return drive, file.model.name
-
-
-def _number(options: Mapping[str, object], name: str, default: float) -> float:
-    value = options.get(name)
-    if value is None:
-        return default
-    try:
-        return float(str(value))
-    except ValueError:
-        raise UsageError(f"the option {name} must be a number, not {value}") from None
 
 
 ADAPTER = Adapter(

@@ -14,9 +14,17 @@ from beltcomm.cli.frame import Frame, api, options_of
 @click.command("apply")
 @shared.writing_options
 @click.option("--force", is_flag=True, help="Also gains whose model or verification is in doubt.")
+@click.option("--verify", "shown", is_flag=True, help="Show by a small move that they do what was predicted, before --save; else put back.")
+@click.option(
+    "--position", "position_m", type=shared.Quantity("position_m"), help="With --verify: where the carriage is, when the drive has no zero."
+)
+@click.option("--dcf", type=click.Path(path_type=Path), metavar="FILE", help="The values of a DCF in place of the run's design.")
 @click.pass_obj
-def command(frame: Frame, /, drive: str, run: Path, save: bool, **given: Any) -> int:
-    """Write the gains of the run's design to the drive and read them back; nothing moves."""
+def command(frame: Frame, /, drive: str, run: Path, save: bool, shown: bool, dcf: Path | None, **given: Any) -> int:
+    """Write the gains of the run's design to the drive and read them back; nothing moves, unless --verify asks for a small move.
+
+    What stood there before is kept in the run; `beltcomm rollback` writes it again.
+    """
     frame.run = run
     options = options_of(apply="save" if save else "keep", **given)
-    return frame.show(api().apply(drive, run, options=options, talk=frame.talk()))
+    return frame.show(api().apply(drive, run, dcf=dcf, shown=shown, options=options, talk=frame.talk()))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import click
 
 from beltcomm.cli import options as shared
@@ -9,10 +11,15 @@ from beltcomm.cli.frame import Frame
 
 
 @click.command("drives")
+@click.option(
+    "--eds", type=click.Path(path_type=Path), metavar="FILE", help="Show an EDS or DCF in place: its objects, and what it had wrong."
+)
 @shared.output_options
 @click.pass_obj
-def command(frame: Frame, /) -> int:
-    """List the drive adapters that are installed; of a broken one, why."""
+def command(frame: Frame, /, eds: Path | None) -> int:
+    """List the drive adapters that are installed; of a broken one, why.  With --eds, what a drive's data sheet holds."""
+    if eds is not None:
+        return _show_file(frame, eds)
     from beltcomm.configfiles import config_names
     from beltcomm.drive import find_adapters
 
@@ -41,4 +48,16 @@ def command(frame: Frame, /) -> int:
     if not found:
         lines = ["no adapters installed; run `pip install -e .` in the beltcomm folder"]
     frame.print(data, [*lines, f"drive profiles (--profile): {', '.join(profiles)}; virtual drives have reference and cmmp-as"])
+    return 0
+
+
+def _show_file(frame: Frame, path: Path) -> int:
+    """Print an EDS or DCF."""
+    from beltcomm.foreign.eds import load_object_file
+
+    found = load_object_file(path)
+    values = {one.title: one.value for one in found.objects if one.value is not None}
+    data = {"file": str(path), "device": dict(found.device), "objects": len(found.objects), "values": values, "repairs": found.repairs}
+    shown = [f"  {title:9} = {value:g}" for title, value in values.items()]
+    frame.print(data, [*found.lines(), *(["Values to be written:", *shown] if shown else [])])
     return 0

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from beltcomm.cli import options as shared
-from beltcomm.cli.frame import Frame, api, options_of
+from beltcomm.cli.frame import Frame, api, options_of, today
 
 
 @click.command("export")
@@ -16,8 +16,8 @@ from beltcomm.cli.frame import Frame, api, options_of
     "--format",
     "format_",
     required=True,
-    type=click.Choice(["yaml", "c", "st"]),
-    help="yaml: coefficients and equations; c: one C99 file; st: an IEC 61131-3 function block.",
+    type=click.Choice(["yaml", "c", "st", "dcf"]),
+    help="yaml: coefficients and equations; c: one C99 file; st: an IEC 61131-3 function block; dcf: what goes into the drive (CiA 306).",
 )
 @click.option("--out", type=click.Path(path_type=Path), metavar="FILE", help="Write to FILE; to stdout when left out.")
 @click.option(
@@ -33,6 +33,13 @@ def command(frame: Frame, /, run: Path, format_: str, out: Path | None, torque_l
     """Write the controller that was designed in the run folder RUN as text for another machine; nothing moves."""
     return frame.show(
         api().export(
-            run, format_, out=out, torque_limit_nm=torque_limit_nm, command=frame.line(), options=options_of(yes=yes), talk=frame.talk()
+            run,
+            format_,
+            out=out,
+            torque_limit_nm=torque_limit_nm,
+            command=frame.line(),
+            when=today(),
+            options=options_of(yes=yes),
+            talk=frame.talk(),
         )
     )

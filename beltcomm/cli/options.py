@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -94,6 +95,12 @@ def drive_options(function: Function, *, needed: bool = True) -> Function:
             click.option("--profile", metavar="NAME", help="Drive profile; recognised from the drive when left out."),
             click.option("--node", type=click.IntRange(1, 126), help="CANopen node; searched for when left out."),
             click.option("--bitrate", type=click.IntRange(9_600, 1_000_000), help="Bit rate of the CAN bus, or of the RS-232 line."),
+            click.option(
+                "--sample-period",
+                "sample_period_s",
+                type=Quantity("sample_period_s"),
+                help="Between two samples; the shortest that drive and bit rate allow when left out.",
+            ),
             click.option("--realtime", is_flag=True, help="Virtual drive: run at 1 kHz of real time, not as fast as possible."),
             click.option("--seed", type=click.IntRange(0), help="Seed of everything random: equal seeds give equal runs."),
         )
@@ -118,11 +125,11 @@ def machine_options(function: Function, *, needed: bool = True) -> Function:
     return drive_options(function, needed=needed)
 
 
-def writing_options(function: Function) -> Function:
-    """What every verb that writes a run's parameters to a drive has."""
+def writing_options(function: Function, *, needed: bool = True) -> Function:
+    """What every verb that writes a run's parameters to a drive has.   needed : as in :func:`drive_options`."""
     for decorate in reversed(
         (
-            drive_options,
+            partial(drive_options, needed=needed),
             existing_run_option,
             click.option("--save", is_flag=True, help="Make them permanent in the drive; else they hold until power-off."),
             yes_option,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +13,18 @@ from beltcomm.cli.frame import Frame, api, options_of
 
 
 @click.command("rollback")
-@shared.writing_options
-@click.pass_obj
-def command(frame: Frame, /, drive: str, run: Path, save: bool, **given: Any) -> int:
-    """Write back the parameters that the drive had when the run began; nothing moves."""
+@partial(shared.writing_options, needed=False)
+@click.option(
+    "--backup", metavar="FILE|list", help="Another backup of the run, by name or path; list shows them all. The first when left out."
+)
+@click.pass_context
+def command(ctx: click.Context, /, drive: str | None, run: Path, save: bool, backup: str | None, **given: Any) -> int:
+    """Write back what the drive had when the run began, or what any other backup holds; nothing moves."""
+    frame: Frame = ctx.obj
     frame.run = run
+    if backup == "list":
+        return frame.show(api().backups(run))
+    if drive is None:
+        raise click.UsageError("Missing option '--drive' (with --backup list no drive is needed)", ctx)
     options = options_of(apply="save" if save else "keep", **given)
-    return frame.show(api().rollback(drive, run, options=options, talk=frame.talk()))
+    return frame.show(api().rollback(drive, run, backup=backup, options=options, talk=frame.talk()))

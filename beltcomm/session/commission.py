@@ -22,7 +22,20 @@ from beltcomm.identify.magnitude_fit import MagnitudeFit, Solver
 from beltcomm.identify.standstill import Standstill, largest
 from beltcomm.model import Model
 from beltcomm.recording import Recording
-from beltcomm.session import analyse, bounds, holding, making, own_strokes, phases, programme, sameness, stops, verification
+from beltcomm.session import (
+    analyse,
+    bounds,
+    claims,
+    gain_steps,
+    holding,
+    making,
+    own_strokes,
+    phases,
+    programme,
+    sameness,
+    stops,
+    verification,
+)
 from beltcomm.session.creep import Breakaway
 from beltcomm.session.machine import Machine
 from beltcomm.session.programme import Extent
@@ -111,6 +124,7 @@ class Findings:
     reservations: list[str] = field(default_factory=list)
     applied: Apply = "restore"
     machine_seconds: float = 0.0
+    calibrating_s: float = 0.0
 
     @property
     def succeeded(self) -> bool:
@@ -130,6 +144,7 @@ def identify_here(machine: Machine, findings: Findings) -> Model:
         findings.breakaway = phases.sign_and_scale(machine)
         machine.holding_nm = findings.breakaway.holding_nm
     sameness.check_breakaway(machine, findings.breakaway.coulomb_nm)
+    findings.calibrating_s = gain_steps.ensure(machine, findings.breakaway.coulomb_nm)
     sameness.repeat_first_excitation(machine, phases.excitation_room(machine, machine.position_m))
     machine.begin(TITLES[2])
     findings.excited = phases.raise_amplitude(machine, findings.breakaway, masses)
@@ -150,6 +165,7 @@ def first_model(machine: Machine, findings: Findings) -> Model:
         found = final_model(recordings, machine.axis, counts, start=start)
         findings.final = found if not found.fit.suspect else with_late_torque(found, recordings, machine.axis, counts)
     model = findings.final.fit.model
+    claims.note_after(findings.remarks, model, machine.axis, machine.drive.capabilities, machine.position_m)
     measure_delay_and_damping(findings, recordings, model)
     return model
 
@@ -252,7 +268,7 @@ def record_steps(machine: Machine, findings: Findings, model: Model, cascade: Ca
         items = [item for item in items if item.step.kind != "reversals"]
         kept = DRIFTING_S
     first = [machine.folder.recording(n) for n in machine.folder.finished_names() if n.startswith("amplitude_") or n == "frf_1"]
-    spent = CREPT_S + sum(float(np.ptp(r.t_s)) for r in first)
+    spent = CREPT_S + findings.calibrating_s + sum(float(np.ptp(r.t_s)) for r in first)
     left = programme.BUDGET_S[extent] - spent - kept
     steps, without = programme.fitting(items, lambda step: bounds.seconds_of(step, course), left)
     if without:
@@ -295,7 +311,9 @@ def fit_and_design(machine: Machine, findings: Findings, settings: Settings) -> 
         findings.final = final_model(recordings, machine.axis, counts, start=first, progress=lambda f: machine.talk.progress(f, None))
     model = findings.final.fit.model
     measure_delay_and_damping(findings, [r for r in recordings if r.sidecar.experiment == "frf"], model)
-    findings.characteristics = analyse.characteristics(findings.final.fit, sum(machine.full_room().window_m) / 2)
+    middle = sum(machine.full_room().window_m) / 2
+    findings.characteristics = analyse.characteristics(findings.final.fit, middle)
+    claims.note_after(findings.remarks, model, machine.axis, machine.drive.capabilities, middle)
     try:
         findings.friction = analyse.friction_of(recordings, inertia_kg_m2=analyse.moved_inertia(model))
     except DataError as problem:

@@ -10,16 +10,19 @@ from typing import Any
 from beltcomm import __version__
 from beltcomm.configfiles import write_text
 from beltcomm.control import Cascade, CascadeStructure
-from beltcomm.errors import DataError, UsageError
+from beltcomm.errors import DataError, Refused, UsageError
+from beltcomm.export.dcf import dcf_text
 from beltcomm.export.program import controller_of
 from beltcomm.export.texts import FORMATS, text_of
+from beltcomm.objects import object_values
+from beltcomm.parameters import cascade_to_parameters
 from beltcomm.result import Result
 from beltcomm.runfolder import RunFolder
 from beltcomm.session import offline
 from beltcomm.session.files import may_write
 from beltcomm.session.options import Options
 from beltcomm.session.proof import doubts
-from beltcomm.session.store import cascade_from_dict, structure_from_dict
+from beltcomm.session.store import cascade_from_dict, parameters_from_dict, structure_from_dict
 from beltcomm.talk import Silence, Talk
 
 
@@ -30,20 +33,24 @@ def export(
     out: Path | None = None,
     torque_limit_nm: float | None = None,
     command: str = "",
+    when: str = "",
     options: Options | None = None,
     talk: Talk | None = None,
 ) -> Result:
-    """The run's design as "yaml", "c" or "st" text; into a file when ``out`` is given.
+    """The run's design as "yaml", "c" or "st" text, or as "dcf" for its drive; into a file when ``out`` is given.
 
-    torque_limit_nm : N m, motor shaft; the drive's peak torque when left out, else the motor's.   command : kept as provenance.
+    when : date and time, ISO 8601, for the file.   command : kept as provenance.
+    torque_limit_nm : N m, motor shaft; the drive's peak torque when left out, else the motor's.
     Raises UsageError (unknown format, torque limit neither known nor given), DataError (no design in the run, or a damaged one), Refused
     (the file exists and ``options.yes`` was not given).
     """
     options, talk = options or Options(), talk or Silence()
-    if format_ not in FORMATS:
-        raise UsageError(f"there is no format {format_!r}; there are {', '.join(FORMATS)}")
+    if format_ not in (*FORMATS, "dcf"):
+        raise UsageError(f"there is no format {format_!r}; there are {', '.join(FORMATS)}, dcf")
     folder = RunFolder.open(run)
     saved = folder.load("designs", "final")
+    if format_ == "dcf":
+        return _dcf(folder, saved, out, when, options, talk)
     cascade, structure = cascade_from_dict(saved), structure_from_dict(saved)
     limit = _torque_limit_nm(folder, structure, torque_limit_nm)
     model = offline.trusted(folder, str(saved.get("revision") or ""))[0]
@@ -63,6 +70,31 @@ def export(
     may_write(out, options.yes, talk)
     write_text(out, text)
     said = [f"{out} is written: the cascade of {folder.path}, {1e3 * structure.period_s:g} ms, at most {limit:.4g} N m."]
+    return Result({**data, "file": str(out)}, [*said, *(f"Note: {note}" for note in notes)])
+
+
+def _dcf(folder: RunFolder, saved: Mapping[str, Any], out: Path | None, when: str, options: Options, talk: Talk) -> Result:
+    """What the design writes into its drive, as a device configuration file (CiA 306).   Raises DataError, Refused."""
+    known = folder.load_result("drive") or {}
+    places = parameters_from_dict(known)
+    if unknown := known.get("uncalibrated"):
+        raise Refused(
+            f"what {', '.join(unknown)} mean in this drive is not known, so no raw value can be given; measure it with "
+            f"`beltcomm calibrate --drive DRIVE --run {folder.path}` first"
+        )
+    wanted = cascade_to_parameters(cascade_from_dict(saved))
+    values = object_values(places, {name: value for name, value in wanted.items() if name in places})
+    left = [
+        f"this drive has no {name}, which the design sets to {value:.4g}" for name, value in wanted.items() if name not in places and value
+    ]
+    notes = [*left, *(f"the design is in doubt: {doubt}" for doubt in doubts(folder))]
+    text = dcf_text(values, {**folder.drive, "when": when}, notes)
+    data = {"run": str(folder.path), "format": "dcf", "objects": [item.to_dict() for item in values], "notes": notes}
+    if out is None:
+        return Result({**data, "file": None, "text": text}, text.splitlines())
+    may_write(out, options.yes, talk)
+    write_text(out, text)
+    said = [f"{out} is written: {len(values)} objects of {folder.drive.get('device_name', 'the drive')}."]
     return Result({**data, "file": str(out)}, [*said, *(f"Note: {note}" for note in notes)])
 
 

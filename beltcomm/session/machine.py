@@ -23,6 +23,8 @@ from beltcomm.excitation import ExcitationKind
 from beltcomm.parameters import GAIN_NAMES, cascade_to_parameters, parameters_to_cascade
 from beltcomm.recording import Recording
 from beltcomm.runfolder import RunFolder
+from beltcomm.session.backups import keep_first
+from beltcomm.session.calibration import recall
 from beltcomm.session.expectation import BeltWatch
 from beltcomm.sidecar import Sidecar
 from beltcomm.stopping import Braking, first_deceleration
@@ -40,7 +42,6 @@ SETTLE_S = 1.0
 UNKNOWN_BRAKE_S = 0.1
 #: How many Ctrl-C the restoring of a drive survives.
 IMPATIENCE = 5
-
 #: Rated torque and current of the drive may differ by this share from axis.yaml: rounding of the data sheets.
 RATED_TOLERANCE = 0.02
 
@@ -91,10 +92,10 @@ class Machine:
         self.braking: Braking | None = None
         self.machine_seconds = 0.0
         self._started = drive.clock.now()
+        recall(drive, folder)
         self._backup = drive.backup()
         self._occupied = folder.occupy()
-        if folder.load_result("backup") is None:  # a resumed run keeps what was there before the first one
-            folder.save_result("backup", {"drive": dict(drive.capabilities.identity), "parameters": dict(self._backup)})
+        keep_first(folder, drive)
         folder.journal(f"connected to {drive.capabilities.name}; parameters saved as backup")
 
     def __enter__(self) -> Machine:
@@ -123,6 +124,10 @@ class Machine:
             self.talk.say(f"The drive's parameters could not be restored ({problem}); `beltcomm rollback` writes the backup again.")
         else:
             self.folder.journal("limits restored, new gains kept" if keep else "all parameters restored")
+
+    def meaning_changed(self) -> None:
+        """What raw gains mean is known now: they stand in the drive under other values."""
+        self._backup = self.drive.backup()
 
     def begin(self, title: str) -> None:
         """Tell that a phase begins, numbered among those to come."""
@@ -180,8 +185,7 @@ class Machine:
                 )
         if seen.counts_per_rev != motor.encoder_counts_per_rev and motor.encoder_counts_per_rev:
             self.talk.say(
-                f"The drive counts {seen.counts_per_rev} per revolution, axis.yaml says {motor.encoder_counts_per_rev}; "
-                "the drive's number is used."
+                f"The drive counts {seen.counts_per_rev} per revolution, axis.yaml {motor.encoder_counts_per_rev}; the drive's is used."
             )
 
     def reference_at(self, position_m: float) -> None:
@@ -204,8 +208,7 @@ class Machine:
             raise UsageError(
                 f"the window of {1e3 * (high - low):.0f} mm is longer than the travel of {1e3 * travel:.0f} mm; give what is free"
             )
-        at = self.position_m
-        self._window_m = (at + low, at + high)
+        self._window_m = (self.position_m + low, self.position_m + high)
 
     @property
     def room_word(self) -> str:

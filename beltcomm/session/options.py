@@ -27,7 +27,7 @@ class Options:
     prefilter, feedforward : None is the best one; "compliant" is for ``verify``.   profile, node, bitrate, realtime : of the drive.
     order, repeat, mounted_kg : of friction sweeps (thesis 3.6), how often, and the payload that is mounted while they are driven.
     loop : way of identification.   base_speed_m_s : of the carriage in a closed one; None chooses it, 0 stands.   pictures : made of it.
-    drive : further options for the adapter, by name.
+    sample_period_s : of records; None is the shortest that drive and bus allow.   drive : further options for the adapter, by name.
     """
 
     yes: bool = False
@@ -56,6 +56,7 @@ class Options:
     node: int | None = None
     bitrate: int | None = None
     realtime: bool = False
+    sample_period_s: float | None = None
     drive: Mapping[str, object] = field(default_factory=dict)
 
     @property
@@ -82,7 +83,13 @@ class Options:
 
     def for_drive(self) -> dict[str, object]:
         """The adapter's options: those that were given."""
-        given = {"seed": self.seed, "profile": self.profile, "node": self.node, "bitrate": self.bitrate}
+        given = {
+            "seed": self.seed,
+            "profile": self.profile,
+            "node": self.node,
+            "bitrate": self.bitrate,
+            "sample_period": self.sample_period_s,
+        }
         found: dict[str, object] = {name: value for name, value in given.items() if value is not None}
         if self.realtime:
             found["realtime"] = True

@@ -13,7 +13,7 @@ from beltcomm.axis import Axis
 from beltcomm.drive import Capabilities
 from beltcomm.identify.amplitude import UNKNOWN_MASSES_KG
 from beltcomm.model import Model
-from beltcomm.session import creep, gravity, holding, own_strokes, phases, programme
+from beltcomm.session import claims, creep, gain_steps, gravity, holding, own_strokes, phases, programme
 from beltcomm.session.bounds import CREEP_SECONDS, Experiment, course_before, has_room, lines_of, masses_kg, top_speed_m_s
 from beltcomm.session.programme import Extent
 from beltcomm.session.strokes import fastest_stroke_m_s
@@ -66,6 +66,7 @@ def identify_plan(axis: Axis, capabilities: Capabilities, window_m: tuple[float,
         f"torque. No loop is closed but to stop it. Keep people and tools out of its travel; Ctrl-C stops it at any time. "
         f"{kept}{_stop_words(axis, capabilities)}",
         _here(axis, capabilities, window_m),
+        notes=claims.notes_before(axis, capabilities),
     )
 
 
@@ -92,6 +93,7 @@ def commission_plan(axis: Axis, capabilities: Capabilities, extent: Extent = "st
         f"end the drive is left as it was found unless you keep the new gains. {fits}{_stop_words(axis, capabilities)}",
         (*_here(axis, capabilities), *steps, move),
         budget,
+        claims.notes_before(axis, capabilities),
     )
 
 
@@ -224,6 +226,7 @@ def _here(axis: Axis, capabilities: Capabilities, window_m: tuple[float, float] 
             min(rising / ratio, force),
             HOLDING_CREEP_SECONDS if tilted else CREEP_SECONDS,
         ),
+        *gain_steps.line(axis, capabilities),
         Experiment("excitation, rising in steps", travel, reach, shaken, torque, shaking, 3 * STEP_SECONDS),
         *([Experiment("holding torque, in slow creep", 5e-3, reach, 0.02, torque, force, HOLDING_STROKES_SECONDS)] if tilted else []),
         Experiment("frequency response here", travel, reach, shaken, torque, shaking, RESPONSE_SECONDS),

@@ -10,6 +10,7 @@ from beltcomm.design.cascade import DesignResult
 from beltcomm.drive import Capabilities
 from beltcomm.errors import DataError, UsageError
 from beltcomm.identify.inverse_fit import InverseFit
+from beltcomm.objects import ParameterObject
 from beltcomm.parameters import cascade_to_parameters, parameters_to_cascade
 from beltcomm.result import plain
 from beltcomm.verify import Verdict
@@ -27,6 +28,20 @@ def structure_from_dict(data: Mapping[str, Any]) -> CascadeStructure:
         return CascadeStructure(**{**fields, "prefilters": tuple(fields["prefilters"])})
     except (KeyError, TypeError) as error:
         raise DataError(f"results/drive.yaml is damaged ({error}); connect to the drive again with a new run") from error
+
+
+def parameters_from_dict(data: Mapping[str, Any]) -> dict[str, ParameterObject]:
+    """The objects of the drive's parameters from :func:`drive_to_dict`.   Raises DataError when they are missing or damaged."""
+    try:
+        found = {str(name): ParameterObject(**entry) for name, entry in data["parameters"].items()}
+    except (KeyError, TypeError, AttributeError) as error:
+        raise DataError(
+            f"results/drive.yaml does not tell the objects of the drive's parameters ({error}); it is damaged, or of an older run: begin a "
+            "new run with this drive"
+        ) from error
+    if not found:
+        raise DataError("the run's drive has no parameter that beltcomm could write")
+    return found
 
 
 def fit_to_dict(fit: InverseFit) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from beltcomm.virtual.loops import Loops
 from beltcomm.virtual.motor import EMMS_AS_70, Motor
 from beltcomm.virtual.nmt import OPERATIONAL, PRE_OPERATIONAL, RESET_NODE, STOPPED, Nmt
 from beltcomm.virtual.pdo import PdoSet
-from beltcomm.virtual.profiles import PROFILES
+from beltcomm.virtual.profiles import PROFILES, with_gain_units
 from beltcomm.virtual.sdo import SdoServer
 from beltcomm.virtual.servo import Servo
 from beltcomm.virtual.stage import Encoder, PowerStage
@@ -34,6 +34,7 @@ class VirtualDrive:
     nonvolatile : what 1010h saves; pass it to the next drive to play a power cycle.
     fault_bits : bits 3-0 of the statusword in the state Fault: 08h (CiA 402) or 0Fh.
     faults : what goes wrong.   brake : torque of a holding brake, N m, 0 for none, and s in which it opens or closes.
+    gain_units : as :func:`beltcomm.virtual.profiles.with_gain_units` takes them: what the host must find out.
     Raises UsageError for an unknown profile, a node ID or a delay out of range.
     """
 
@@ -56,6 +57,7 @@ class VirtualDrive:
         fault_bits: int = 0x08,
         faults: Faults | None = None,
         brake: tuple[float, float] = (0.0, 0.0),
+        gain_units: tuple[float, float, float] = (1.0, 1.0, 1.0),
     ) -> None:
         if profile not in PROFILES:
             raise UsageError(f"there is no virtual drive with the profile {profile!r}; there are {', '.join(PROFILES)}")
@@ -67,7 +69,7 @@ class VirtualDrive:
         self._bus = bus
         self._node_id = node_id
         self._stored: NonVolatile = {} if nonvolatile is None else nonvolatile
-        kind = PROFILES[profile]
+        kind = with_gain_units(PROFILES[profile], *gain_units)
         self._dictionary = ObjectDictionary(kind.rows(node_id, motor, counts_per_rev))
         self._dictionary.load(self._stored)
         self._errors = ErrorRegister(self._dictionary, self._send_emcy)

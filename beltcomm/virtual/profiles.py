@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from beltcomm.control import Cascade, Feedforward, Prefilter, PrefilterKind
 from beltcomm.virtual.dictionary import ObjectDictionary, Row
@@ -252,5 +252,17 @@ CMMP_AS = Profile(
     period_at_reset=True,
     vendor_bits=True,
 )
+
+
+def with_gain_units(profile: Profile, velocity: float, position: float, integral_time: float = 1.0) -> Profile:
+    """The same drive, whose gains of 1.0 mean so many times what docs/reference-drive.md says of them."""
+
+    def cascade(dictionary: ObjectDictionary) -> Cascade:
+        said = profile.cascade(dictionary)
+        ki = said.ki_nm_rad * velocity / integral_time
+        return replace(said, kp_nm_s_rad=said.kp_nm_s_rad * velocity, ki_nm_rad=ki, kpp_1_s=said.kpp_1_s * position)
+
+    return profile if velocity == position == integral_time == 1.0 else replace(profile, cascade=cascade)
+
 
 PROFILES = {profile.name: profile for profile in (REFERENCE, CMMP_AS)}

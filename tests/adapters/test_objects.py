@@ -9,7 +9,7 @@ import pytest
 from adapters.stub_node import StubBus, StubNode
 from beltcomm.errors import BusError, DriveError, ObjectRefused
 from beltcomm_adapters.link import Link, find_nodes
-from beltcomm_adapters.sdo import NEVER_WRITTEN, SdoObjects
+from beltcomm_adapters.sdo import SdoObjects
 
 
 @pytest.fixture
@@ -89,14 +89,6 @@ def test_saving_waits_longer_than_any_other_answer(node, bus, objects):
     bus.recv = recv_after_ten_seconds
     objects.save()
     assert node.written == [(0x1010, 1, int.from_bytes(b"save", "little"))]
-
-
-def test_motor_data_is_never_written(node, objects):
-    assert {0x60F6, 0x6410, 0x2021, 0x2026, 0x604D, 0x6075, 0x6076} <= NEVER_WRITTEN
-    for index in NEVER_WRITTEN:
-        with pytest.raises(DriveError, match="never written"):
-            objects.write(index, 0, "uint16", 1)
-    assert node.written == []
 
 
 def test_a_value_without_room_is_named(objects):

@@ -9,10 +9,10 @@ import pytest
 from adapters.stub_node import StubBus, StubNode
 from beltcomm.drive import find_adapters, open_drive
 from beltcomm.errors import BusError, DriveError, UsageError
-from beltcomm_adapters.buses import Address, shortest_period_ms
+from beltcomm_adapters.buses import Address
 from beltcomm_adapters.canopen import connect
 from beltcomm_adapters.link import Link
-from beltcomm_adapters.profiles import CONFIDENCES, choose_profile, load_profile
+from beltcomm_adapters.profiles import choose_profile, load_profile
 from beltcomm_adapters.scaling import read_scaling
 from beltcomm_adapters.sdo import SdoObjects
 
@@ -38,13 +38,6 @@ def test_what_is_no_address_says_what_is(text):
         Address.parse(text)
 
 
-def test_the_bus_load_sets_the_shortest_period():
-    # drive-protocols.md 3: 250 Hz from 250 kbit/s, 500 Hz needs 500 kbit/s, 1 kHz needs 1 Mbit/s
-    fullest = (6, 6, 8, 6)
-    assert [shortest_period_ms(rate, fullest) for rate in (1_000_000, 500_000, 250_000)] == [1, 2, 4]
-    assert shortest_period_ms(500_000, (4, 8)) == 1
-
-
 def test_adapters_register_their_schemes():
     schemes = {scheme for item in find_adapters() if item.adapter for scheme in item.adapter.schemes}
     assert {"can", "slcan", "serial"} <= schemes
@@ -58,7 +51,7 @@ def test_an_interface_that_is_missing_says_how_to_bring_it_up():
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"colour": 1}, "no option colour; it has node, bitrate, profile"),
+        ({"colour": 1}, "no option colour; it has node, bitrate, profile, sample_period"),
         ({"node": 200}, "node must be a whole number from 1 to 126"),
         ({"node": "one"}, "node must be"),
         ({"bitrate": 5}, "bitrate must be"),
@@ -114,16 +107,6 @@ def test_profiles_are_chosen_by_identity():
     assert choose_profile({}, "cmmp-as").name == "cmmp-as"
     with pytest.raises(UsageError, match="cmmpas"):
         choose_profile({}, "cmmpas")
-
-
-@pytest.mark.parametrize("name", ["reference", "cmmp-as", "cia402"])
-def test_every_odd_number_of_a_profile_has_a_source(name):
-    profile = load_profile(name)
-    told = {key for key, entry in profile.sources.items() if entry["source"] and entry["confidence"] in CONFIDENCES}
-    assert {"torque_sampling"} <= told
-    assert not profile.parameters or "parameters" in told
-    if name == "cmmp-as":
-        assert {"enable_logic", "torque_limit_lowest_permille", "torque_slope_permille_s", "emergency", "guarding"} <= told
 
 
 def _units(**values: int) -> StubNode:

@@ -31,7 +31,9 @@ def festo():
 @pytest.fixture
 def parameters(festo):
     with StubBus(festo) as bus:
-        yield Parameters(SdoObjects(Link(bus, bus.clock, 1)), load_profile("cmmp-as"), SCALING)
+        found = Parameters(SdoObjects(Link(bus, bus.clock, 1)), load_profile("cmmp-as"), SCALING)
+        found.calibrate({"kp_nm_s_rad": 0.02 / 256, "ki_nm_rad": 1e-6, "kpp_1_s": 10 / 256})
+        yield found
 
 
 def test_defaults_in_si(parameters):

@@ -66,6 +66,7 @@ class Options:
     node: int | None = None
     bitrate: int | None = None
     realtime: bool = False
+    sample_period_s: float | None = None
 
 
 class StandIn(ModuleType):

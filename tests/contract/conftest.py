@@ -55,6 +55,7 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
 def open_virtual(profile: str, plant: RigidPlant | None = None, name: str = "virtual", **options: Any) -> Machine:
     plant = plant or RigidPlant()
     drive = open_drive(name, {"profile": profile, "plant": plant, "seed": 1, "referenced": False, **options})
+    drive.calibrate({name: drive.capabilities.parameters[name].scale for name in drive.capabilities.uncalibrated})  # as the profile says
     # velocity loop of 100 rad/s: the factory's gains could neither follow with this inertia nor brake it
     kp = 100.0 * plant.inertia_kg_m2
     drive.write({"kp_nm_s_rad": kp, "ki_nm_rad": 32.0 * kp, "kpp_1_s": 20.0})

@@ -1,0 +1,192 @@
+"""What the gains of a drive's cascade mean, from small steps of its setpoints: no model of the axis is needed.
+
+The law of the controller itself is fitted to what it was given and what it answered, all at the motor shaft:
+
+    τ = K_P e + K_I ∫e dt + c,        e = ω_d - ω                     (velocity loop)
+    e = K_PP (φ_d - φ) - ω                                            (position loop above it)
+
+An axis that friction holds keeps ω at nought and makes e known; one that moves a little is measured.  Every repeat of the steps is fitted
+by itself; their scatter gives the 95 % interval.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import t as student
+
+from beltcomm.errors import DataError
+
+Array = NDArray[np.float64]
+
+#: Samples from a setpoint to the torque that answers it, at most.
+LATEST = 8
+#: Samples after a change of the setpoint that are left out: a drive spreads a step over a period or two.
+RISE = 3
+#: A law leaves no more than this share of the torque that it explains, or so many times the noise.
+LARGEST_REST, NOISES = 0.1, 3.0
+#: Samples of the integral part that nobody sees, at worst: where in its period a setpoint acts, and whether the present error is counted,
+#: half each.
+UNSEEN_SAMPLES = 1.0
+#: Estimates with a wider 95 % interval than this share of their value tell nothing.
+WIDEST = 0.3
+
+
+@dataclass(frozen=True)
+class Gain:
+    """One estimate with the half-width of its 95 % interval, in SI at the motor shaft."""
+
+    value: float
+    interval: float
+
+    @property
+    def share(self) -> float:
+        """Interval as a share of the value."""
+        return self.interval / abs(self.value) if self.value else math.inf
+
+
+@dataclass(frozen=True)
+class VelocityLaw:
+    """K_P, N m s/rad, and T_n = K_P/K_I, s, of a velocity loop.   samples_late : from the setpoint to the torque that answers it."""
+
+    gain: Gain
+    integral_time_s: Gain
+    samples_late: int
+
+
+@dataclass(frozen=True)
+class Steps:
+    """Rows of a record at a fixed period: setpoint (rad/s of the velocity loop, rad of the position loop), position, speed, torque.
+
+    repeat : rows of one repeat of the steps.   noise_nm : of the torque signal at rest.
+    """
+
+    period_s: float
+    setpoint: Array
+    position_rad: Array
+    velocity_rad_s: Array
+    torque_nm: Array
+    repeat: int
+    noise_nm: float
+
+    @property
+    def repeats(self) -> int:
+        """Whole repeats."""
+        return len(self.setpoint) // self.repeat
+
+
+def velocity_law(steps: Steps) -> VelocityLaw:
+    """The law of a velocity loop.   Raises DataError when the torque does not follow one, or too little of it is seen to tell."""
+
+    def regressors(late: int) -> list[Array]:
+        error = _later(steps.setpoint, late) - _later(steps.velocity_rad_s, 1)
+        return [error, _integral(error) * steps.period_s]
+
+    late = _late(steps, regressors, steps.torque_nm)
+    each, rest = _fit(steps, regressors(late), steps.torque_nm, _steady(steps, late))
+    _check(steps, rest, "the velocity loop's setpoint")
+    gain = _mean(each[:, 0])
+    if not gain.share < WIDEST or gain.value <= 0.0:
+        raise DataError(
+            f"the velocity gain cannot be told: {gain.value:.3g} ± {gain.interval:.2g} N m s/rad over {steps.repeats} repeats; the torque "
+            "that may be asked for is too small against its noise"
+        )
+    time = _ratio(each[:, 0], each[:, 1])
+    unseen = UNSEEN_SAMPLES * steps.period_s / time.value if time.value > 0.0 else 0.0
+    return VelocityLaw(
+        Gain(gain.value, math.hypot(gain.interval, gain.value * unseen)),
+        Gain(time.value, math.hypot(time.interval, time.value * unseen)),
+        late,
+    )
+
+
+def position_gain(steps: Steps, law: VelocityLaw) -> Gain:
+    """K_PP, 1/s, of the position loop above a velocity loop whose law is known.   Raises DataError as :func:`velocity_law`."""
+    kp, ki = law.gain.value, law.gain.value / law.integral_time_s.value if math.isfinite(law.integral_time_s.value) else 0.0
+
+    def through(error: Array) -> Array:
+        return kp * error + ki * _integral(error) * steps.period_s
+
+    def regressors(late: int) -> list[Array]:
+        return [through(_later(steps.setpoint, late) - _later(steps.position_rad, 1))]
+
+    answered = steps.torque_nm + through(_later(steps.velocity_rad_s, 1))
+    late = _late(steps, regressors, answered)
+    each, rest = _fit(steps, regressors(late), answered, _steady(steps, late))
+    _check(steps, rest, "the position loop's setpoint")
+    gain = _mean(each[:, 0])
+    if not gain.share < WIDEST or gain.value <= 0.0:
+        raise DataError(f"the position gain cannot be told: {gain.value:.3g} ± {gain.interval:.2g} 1/s over {steps.repeats} repeats")
+    # the velocity gain that it was computed with is not exact either, nor when the integral part begins
+    unseen = UNSEEN_SAMPLES * steps.period_s * ki / kp
+    return Gain(gain.value, math.hypot(gain.interval, gain.value * law.gain.share, gain.value * unseen))
+
+
+def _integral(values: Array) -> Array:
+    """Sum of the values so far, the present one half."""
+    return np.cumsum(values) - 0.5 * values
+
+
+def _late(steps: Steps, regressors: Callable[[int], list[Array]], answered: Array) -> int:
+    """Samples from the setpoint to the torque: those with which the edges of the steps fit best."""
+    whole = np.ones(len(answered), dtype=bool)
+    return int(np.argmin([_fit(steps, regressors(late), answered, whole)[1] for late in range(LATEST + 1)]))
+
+
+def _later(values: Array, samples: int) -> Array:
+    """The values so many samples later, the first one before."""
+    return np.concatenate([np.full(samples, values[0]), values[: len(values) - samples]])
+
+
+def _steady(steps: Steps, late: int) -> NDArray[np.bool_]:
+    """Rows in which a setpoint so late has not just changed."""
+    changed = np.flatnonzero(np.diff(_later(steps.setpoint, late), prepend=steps.setpoint[0]))
+    steady = np.ones(len(steps.setpoint), dtype=bool)
+    for row in changed:
+        steady[row : row + RISE] = False
+    return steady
+
+
+def _fit(steps: Steps, regressors: list[Array], answered: Array, rows: NDArray[np.bool_]) -> tuple[Array, float]:
+    """Coefficients of every repeat, (repeats, n), and what they leave, rms."""
+    table = np.stack([*regressors, np.ones(len(answered))], axis=1)
+    each, rests = [], []
+    for number in range(steps.repeats):
+        chosen = np.zeros(len(answered), dtype=bool)
+        chosen[number * steps.repeat : (number + 1) * steps.repeat] = True
+        chosen &= rows
+        scale = np.maximum(np.abs(table[chosen]).max(axis=0), 1e-30)
+        solved, *_ = np.linalg.lstsq(table[chosen] / scale, answered[chosen], rcond=None)
+        each.append(solved / scale)
+        rests.append(answered[chosen] - table[chosen] @ each[-1])
+    return np.array(each)[:, : len(regressors)], float(np.sqrt(np.mean(np.concatenate(rests) ** 2)))
+
+
+def _check(steps: Steps, rest_nm: float, what: str) -> None:
+    seen = float(np.std(steps.torque_nm))
+    if rest_nm > max(LARGEST_REST * seen, NOISES * steps.noise_nm):
+        raise DataError(
+            f"the torque does not answer {what} as a PI controller's does: {1e3 * rest_nm:.2g} mN m of {1e3 * seen:.2g} mN m are "
+            f"unexplained, the noise is {1e3 * steps.noise_nm:.2g} mN m; look for filters, limits and ramps in the drive"
+        )
+
+
+def _mean(values: Array) -> Gain:
+    count = len(values)
+    if count < 2:
+        return Gain(float(values[0]), math.inf)
+    half = float(student.ppf(0.975, count - 1)) * float(np.std(values, ddof=1)) / math.sqrt(count)
+    return Gain(float(np.mean(values)), half)
+
+
+def _ratio(above: Array, below: Array) -> Gain:
+    """Ratio of the means of two estimates that scatter together."""
+    middle = float(np.mean(below))
+    if middle <= 0.0:
+        return Gain(math.inf, math.inf)
+    value = float(np.mean(above)) / middle
+    return Gain(value, _mean((above - value * below) / middle).interval)
