@@ -28,6 +28,7 @@ from beltcomm.session.commission import Findings
 from beltcomm.session.convert import convert as convert
 from beltcomm.session.creep import BREAKAWAY_SHARE, CREEP_SPEED_M_S, MARGIN_M, NEAR_M, RAMP_S, small_move
 from beltcomm.session.design_job import examined
+from beltcomm.session.doctor import doctor as doctor
 from beltcomm.session.experiment import run_experiment
 from beltcomm.session.export import export as export
 from beltcomm.session.fit_job import fit as fit
@@ -380,6 +381,7 @@ __all__ = [
     "check_imports",
     "commission",
     "design",
+    "doctor",
     "export",
     "fit",
     "follow",

@@ -66,9 +66,9 @@ def is_socketcan(name: str) -> bool:
     return _SOCKETCAN.fullmatch(name) is not None
 
 
-def open_bus(address: Address, bitrate: int) -> can.BusABC:
-    """Open the interface.  Raises BusError, UsageError when python-can lacks what the interface needs."""
-    arguments: dict[str, Any] = {} if address.interface == "socketcan" else {"bitrate": bitrate}
+def open_bus(address: Address, bitrate: int, **more: Any) -> can.BusABC:
+    """Open the interface; ``more`` goes to python-can.  Raises BusError, UsageError when python-can lacks what the interface needs."""
+    arguments: dict[str, Any] = {} if address.interface == "socketcan" else {"bitrate": bitrate, **more}
     try:
         return can.Bus(channel=address.channel, interface=address.interface, **arguments)
     except can.CanInterfaceNotImplementedError as error:

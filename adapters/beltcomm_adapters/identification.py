@@ -18,7 +18,7 @@ HOMING_MODE = 6
 _MODE_BITS = {1: 0, 2: 1, 3: 2, 4: 3, 6: 5, 7: 6, 8: 7, 9: 8, 10: 9}  # 6502h
 _RPM = 2.0 * math.pi / 60.0
 #: Data bytes of the fullest exchange (position with offsets): receive PDOs, transmit PDOs.
-_FULLEST = (6, 6, 8, 6)
+FULLEST = (6, 6, 8, 6)
 
 
 def read_identity(objects: Objects, where: str) -> dict[str, str]:
@@ -69,7 +69,7 @@ def read_capabilities(
     if profile.sync_change == "after_reset":
         period_s = sync_period_s(objects) or period_s
     if bitrate is not None:
-        period_s = max(period_s, shortest_period_ms(bitrate, _FULLEST) * 1e-3)
+        period_s = max(period_s, shortest_period_ms(bitrate, FULLEST) * 1e-3)
     peak_permille = objects.read_if_there(0x6073, 0, "uint16") or objects.read_int(0x6072, 0, "uint16")
     fastest = int.from_bytes(objects.read_bytes(0x6080), "little") * _RPM
     return Capabilities(

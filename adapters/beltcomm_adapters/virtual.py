@@ -5,18 +5,20 @@ The only module of this package that knows :mod:`beltcomm.virtual`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import Any, Final
 
 from beltcomm.drive import Adapter, Drive
 from beltcomm.errors import UsageError
+from beltcomm.finding import Finding
 from beltcomm.model import load_plant
 from beltcomm.simulate.plant import SimulatedPlant
 from beltcomm.virtual.bus import LockstepBus
 from beltcomm.virtual.device import VirtualDrive
 from beltcomm_adapters.buses import MonotonicClock
-from beltcomm_adapters.canopen import connect, profile_name, whole_number
+from beltcomm_adapters.canopen import EXAMINATION_OPTIONS, connect, profile_name, whole_number
+from beltcomm_adapters.examination.can import examine_bus
 
 DEFAULT_PLANT: Final = "g_a"
 #: m; the middle of the rig's 0 to 0.5 m.
@@ -25,8 +27,8 @@ _NODE: Final = 1
 _OPTIONS: Final = ("seed", "profile", "realtime", "plant", "start_position", "referenced", "faults", "log")
 
 
-def _open(address: str, options: Mapping[str, object]) -> Drive:
-    """``address``: a plant's name or path, "" for g_a.  Options:
+def _playing(address: str, options: Mapping[str, object]) -> tuple[LockstepBus, str]:
+    """The bus with the drive on it, and the machine's name.   ``address``: a plant's name or path, "" for g_a.  Options:
 
     seed : whole number, of the torque noise (0).     profile : "reference" or "cmmp-as".     realtime : run at the wall clock.
     start_position : m, where the carriage stands (0.25).     referenced : the encoder knows the carriage's zero (yes).
@@ -60,10 +62,24 @@ def _open(address: str, options: Mapping[str, object]) -> Drive:
     except BaseException:
         bus.shutdown()
         raise
+    return bus, file.model.name
+
+
+def _open(address: str, options: Mapping[str, object]) -> Drive:
+    bus, machine = _playing(address, options)
     drive = connect(bus, bus.clock, _NODE, None, None, bus.shutdown)
-    identity = {**drive.capabilities.identity, "plant": file.model.name}  # the machine behind it is part of what a run was made on
+    identity = {**drive.capabilities.identity, "plant": machine}  # the machine behind it is part of what a run was made on
     drive.capabilities = replace(drive.capabilities, identity=identity)
     return drive
+
+
+def _examine(address: str, options: Mapping[str, object]) -> Iterator[Finding]:
+    own = {name: value for name, value in options.items() if name not in EXAMINATION_OPTIONS}
+    bus, _ = _playing(address, own)
+    try:
+        yield from examine_bus(bus, bus.clock, _NODE, None, None, options)
+    finally:
+        bus.shutdown()
 
 
 def _number(options: Mapping[str, object], name: str, default: float) -> float:
@@ -81,4 +97,5 @@ ADAPTER = Adapter(
     summary="simulated drive and axis: virtual, virtual:PLANT (a shipped plant's name, or a path to a plant file)",
     schemes=("virtual",),
     open=_open,
+    examine=_examine,
 )
