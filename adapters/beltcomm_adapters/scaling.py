@@ -38,7 +38,8 @@ def read_scaling(objects: Objects, profile: Profile, lending: Lending | None) ->
     """Ask the drive for its units.
 
     Factor group: internal = user * numerator / divisor; the speed factor is set to 1/1, 1/4096 min⁻¹, for the session, because
-    whole min⁻¹ are useless as feedback; without ``lending`` nothing is written.   CiA 402: user units per motor revolution = feed constant / gear ratio.
+    whole min⁻¹ are useless as feedback; without ``lending`` nothing is written.
+    CiA 402: user units per motor revolution = feed constant / gear ratio.
     Raises DriveError when a divisor is zero or a unit is not known, ObjectRefused, BusError.
     """
     rated_torque_nm = objects.read_int(0x6076, 0, "uint32") * 1e-3

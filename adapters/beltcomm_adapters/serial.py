@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 from beltcomm.drive import Adapter, Drive
 from beltcomm.errors import UsageError
+from beltcomm_adapters.examination.line import examine_line
 
 
 def _open(address: str, _options: Mapping[str, object]) -> Drive:
@@ -20,4 +21,5 @@ ADAPTER = Adapter(
     summary="drive on RS-232 (not built yet; use its CAN port)",
     schemes=("serial",),
     open=_open,
+    examine=examine_line,
 )

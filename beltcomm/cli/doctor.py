@@ -21,14 +21,11 @@ from beltcomm.cli.frame import VIRTUAL_AXIS, Frame, api, options_of
 def command(frame: Frame, /, drive: str | None, axis: str | None, try_bitrates: bool, sync_test: bool, **given: Any) -> int:
     """Find what stands in the way of commissioning; without --drive, what this machine has to reach one.
 
-    Nothing moves. Nothing is written to the drive but with --sync-test, which puts everything back. With --axis the drive's data are compared
-    with axis.yaml. Exit codes: 0 nothing is wrong, 1 something is, 5 the drive cannot be reached.
+    Nothing moves. Nothing is written to the drive but with --sync-test, which puts everything back. With --axis the drive's data are
+    compared with axis.yaml. Exit codes: 0 nothing is wrong, 1 something is, 5 the drive cannot be reached.
     """
-    from beltcomm.axis import load_axis
-
     if axis is None and drive is not None and drive.partition(":")[0] == "virtual":
         axis = VIRTUAL_AXIS
-    known = None if axis is None else load_axis(axis)
     return frame.show(
-        api().doctor(drive, known, try_bitrates=try_bitrates, sync_test=sync_test, options=options_of(**given), talk=frame.talk())
+        api().doctor(drive, axis, try_bitrates=try_bitrates, sync_test=sync_test, options=options_of(**given), talk=frame.talk())
     )

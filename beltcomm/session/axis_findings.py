@@ -21,7 +21,10 @@ def compared(findings: Sequence[Finding], axis: Axis) -> list[Finding]:
     """One finding per entry that both know; entries that one of them lacks are left out."""
     said = {name: value for finding in findings for name, value in finding.values.items()}
     seen = {name: float(value) for name, value in said.items() if isinstance(value, (int, float))}
-    return [*_ratings(seen, axis), *_encoder(seen, axis), *_gear(seen, axis), *_feed(seen, axis), *_position(seen, axis)]
+    gear = list(_gear(seen, axis))
+    if any(finding.state == "wrong" for finding in gear):  # feed and position follow from it
+        return [*_ratings(seen, axis), *_encoder(seen, axis), *gear]
+    return [*_ratings(seen, axis), *_encoder(seen, axis), *gear, *_feed(seen, axis), *_position(seen, axis)]
 
 
 def _ratings(seen: dict[str, float], axis: Axis) -> Iterator[Finding]:
@@ -29,7 +32,14 @@ def _ratings(seen: dict[str, float], axis: Axis) -> Iterator[Finding]:
     constant = motor.torque_constant_nm_a
     pairs = [
         ("rated torque", "6076h", "rated_torque_nm", seen.get("rated_torque_nm"), motor.rated_torque_nm, "N m"),
-        ("torque per current", "6076h / 6075h", "torque_constant_nm_a", _ratio(seen, "rated_torque_nm", "rated_current_a"), constant, "N m/A"),
+        (
+            "torque per current",
+            "6076h / 6075h",
+            "torque_constant_nm_a",
+            _ratio(seen, "rated_torque_nm", "rated_current_a"),
+            constant,
+            "N m/A",
+        ),
     ]
     for what, objects, entry, drive_value, file_value, unit in pairs:
         if not drive_value or not file_value:
@@ -83,16 +93,20 @@ def _feed(seen: dict[str, float], axis: Axis) -> Iterator[Finding]:
     units = abs(units)
     feed_m = 2.0 * math.pi * axis.transmission_m_rad
     if abs(units / counts - 1.0) <= _FEED_TOLERANCE:
-        yield Finding(AREA, "feed", "ok", f"one motor revolution is {units:g} position units, the encoder's increments, and {1e3 * feed_m:.2f} mm")
+        yield Finding(
+            AREA, "feed", "ok", f"one motor revolution is {units:g} position units, the encoder's increments, and {1e3 * feed_m:.2f} mm"
+        )
     elif _decimal_of(units, feed_m):
         yield Finding(AREA, "feed", "ok", f"one motor revolution is {units:g} position units, the {1e3 * feed_m:.2f} mm of axis.yaml")
     elif _decimal_of(units, 360.0) or _decimal_of(units, 1.0):
-        yield Finding(AREA, "feed", "ok", f"one motor revolution is {units:g} position units, a decimal part of a turn, and {1e3 * feed_m:.2f} mm")
+        yield Finding(
+            AREA, "feed", "ok", f"one motor revolution is {units:g} position units, a decimal part of a turn, and {1e3 * feed_m:.2f} mm"
+        )
     else:
         yield Finding(
             AREA, "feed", "warning",
-            f"one motor revolution is {units:g} position units: neither the encoder's {counts:g} increments ({units / counts:.4g} times) nor the "
-            f"{1e3 * feed_m:.2f} mm of axis.yaml in any decimal unit",
+            f"one motor revolution is {units:g} position units: neither the encoder's {counts:g} increments ({units / counts:.4g} times) "
+            f"nor the {1e3 * feed_m:.2f} mm of axis.yaml in any decimal unit",
             "with the power off, push the carriage 100 mm by hand between two runs of doctor: the position below must change by 100 mm; "
             "else correct 6092h, 6091h or 6093h with the maker's tool",
             {"factor": units / counts},

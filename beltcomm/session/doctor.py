@@ -7,7 +7,7 @@ from dataclasses import replace
 from itertools import groupby
 from typing import Final
 
-from beltcomm.axis import Axis
+from beltcomm.axis import Axis, load_axis
 from beltcomm.drive import Adapter, FoundAdapter, adapter_for, find_adapters
 from beltcomm.errors import BeltcommError, DriveError, UsageError
 from beltcomm.finding import Finding, State
@@ -23,7 +23,7 @@ _WIDTH: Final = max(map(len, MARKS.values())) + 2
 
 def doctor(
     drive: str | None,
-    axis: Axis | None = None,
+    axis: Axis | str | None = None,
     *,
     try_bitrates: bool = False,
     sync_test: bool = False,
@@ -34,7 +34,7 @@ def doctor(
     """Examine a drive, or with None this machine.
 
     try_bitrates : look for the bus's bit rate when nobody answers.     sync_test : map two PDOs for a second and count the answers to SYNC.
-    axis : compared with what the drive says.     found : the adapters, those installed when left out.
+    axis : or its name, compared with what the drive says.     found : the adapters, those installed when left out.
     Exit code 0 when nothing is wrong, 1 when something hinders commissioning, 5 when the drive cannot be reached.
     Raises UsageError for a drive that no adapter understands, or an option it does not have.
     """
@@ -51,9 +51,10 @@ def doctor(
     asked = {name: True for name, wanted in (("try_bitrates", try_bitrates), ("sync_test", sync_test)) if wanted}
     findings = list(_examined(adapter, address, {**options.for_drive(), **asked}))
     findings = [replace(finding, remedy=_here(finding.remedy, drive)) for finding in findings]
+    file = axis if isinstance(axis, str) else axis.source if axis else ""
     if axis is not None:
-        findings += compared(findings, axis)
-    return _result(drive, findings, _next_drive(drive, axis, findings))
+        findings += compared(findings, load_axis(axis) if isinstance(axis, str) else axis)
+    return _result(drive, findings, _next_drive(drive, file, findings))
 
 
 def _examined(adapter: Adapter, address: str, options: dict[str, object]) -> Iterator[Finding]:
@@ -77,7 +78,7 @@ def _machine(found: Sequence[FoundAdapter]) -> Iterator[Finding]:
         if item.adapter is None:
             yield Finding(
                 area, item.entry_point, "wrong", f"the adapter {item.entry_point} cannot be loaded: {item.reason}",
-                "install what is missing (`pip install PACKAGE`), or uninstall the package that brings the adapter; the others work without it",
+                "install what is missing (`pip install PACKAGE`), or uninstall the package that brings it; the others work without",
             )  # fmt: skip
         else:
             schemes = ", ".join(f"{scheme}:" for scheme in item.adapter.schemes)
@@ -103,17 +104,21 @@ def _counted(findings: Iterable[Finding]) -> dict[State, int]:
 
 def _next_machine(findings: Sequence[Finding]) -> str:
     usable = [finding.remedy for finding in findings if finding.state == "ok" and finding.remedy.startswith("`beltcomm doctor --drive")]
+    if _exit_code(findings):
+        return "next: put right what is wrong, then `beltcomm doctor` again"
     if usable:
         return f"next: {usable[0]}"
     return "next: connect a CAN adapter; without hardware, `beltcomm doctor --drive virtual`"
 
 
-def _next_drive(drive: str, axis: Axis | None, findings: Sequence[Finding]) -> str:
+def _next_drive(drive: str, file: str, findings: Sequence[Finding]) -> str:
+    rates = [finding.values["found_bitrate"] for finding in findings if "found_bitrate" in finding.values]
+    if rates:
+        return f"next: `beltcomm doctor --drive {drive} --bitrate {rates[0]}`"
     if _exit_code(findings):
         return f"next: put right what is wrong, then `beltcomm doctor --drive {drive}` again"
-    if axis is None:
+    if not file:
         return "next: `beltcomm init my-axis.yaml`, then doctor again with --axis my-axis.yaml, which compares the two"
-    file = axis.source or "FILE"
     return f"next: `beltcomm commission --drive {drive} --axis {file} --dry-run` shows the plan and moves nothing"
 
 
@@ -145,5 +150,5 @@ def _summary(drive: str | None, counts: dict[State, int], code: int) -> str:
     if code == DriveError.exit_code:
         return f"The drive {drive} cannot be reached{also}."
     if wrong:
-        return f"{wrong} thing{'s are' if wrong > 1 else ' is'} wrong{also}: commissioning would fail."
+        return f"{wrong} thing{'s are' if wrong > 1 else ' is'} wrong{also}{': commissioning would fail' if drive else ''}."
     return f"Nothing is wrong{also}." if drive else f"This machine is ready{also}."

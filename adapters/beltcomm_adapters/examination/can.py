@@ -24,9 +24,7 @@ from beltcomm_adapters.sdo import Objects
 
 #: Interfaces that turn a remote frame into something else: python-can's socketcand has none.
 _NO_RTR: Final = frozenset({"socketcand"})
-CHECKS: Final = tuple(
-    chain(node.CHECKS, condition.CHECKS, enabling.CHECKS, units.CHECKS, place.CHECKS, watching.CHECKS, timing.CHECKS)
-)
+CHECKS: Final = tuple(chain(node.CHECKS, condition.CHECKS, enabling.CHECKS, units.CHECKS, place.CHECKS, watching.CHECKS, timing.CHECKS))
 
 
 def examine_can(
@@ -96,6 +94,8 @@ def examine_bus(
     try:
         heard = wire.listen(bus, clock, wire.LISTEN_S)
         yield from wire.heard_finding(heard)
+        if heard.commanded:  # its transfers and ours would break each other
+            return
         trouble = wire.first_word(bus, clock, asked_node or 1)
         nodes = [] if trouble in ("no_ack", "bus_off") else find_nodes(bus, clock)
         if trouble and not nodes:
@@ -119,9 +119,7 @@ def examine_bus(
         problem, _, remedy = str(error).partition("; ")
         yield wire.unreachable("interface", problem, remedy)
         return
-    patient = Patient(
-        link, objects, identity, chosen, others, bitrate, rtr, bool(options.get("sync_test")), heard.nmt.get(number)
-    )
+    patient = Patient(link, objects, identity, chosen, others, bitrate, rtr, bool(options.get("sync_test")), heard.nmt.get(number))
     yield from examine(patient, CHECKS)
     if link.emergency is not None:
         text = f"the drive sent an emergency message meanwhile: error {link.emergency.code:04X}h"

@@ -33,7 +33,9 @@ def state(patient: Patient) -> Iterator[Finding]:
         remedy = "keep away from the axis; stop the controller or maker's tool that has enabled it"
         yield Finding(AREA, "state", "wrong", f"the power stage is on, and not by beltcomm: the drive is in {shown}", remedy, values)
     elif now is State.NOT_READY:
-        yield Finding(AREA, "state", "wrong", f"the drive is in {shown}: it is still starting, or never will", "wait, then look again", values)
+        yield Finding(
+            AREA, "state", "wrong", f"the drive is in {shown}: it is still starting, or never will", "wait, then look again", values
+        )
     else:
         yield Finding(AREA, "state", "ok", f"the drive is in {shown}, no fault", "", values)
 

@@ -53,7 +53,9 @@ def dc_link(patient: Patient) -> Iterator[Finding]:
         shown, values = f"the DC link is at {1e-3 * millivolts:.0f} V (6079h)", {"dc_link_v": 1e-3 * millivolts}
     if not present or (millivolts is not None and 1e-3 * millivolts < _NO_VOLTAGE):
         bit = "" if present else ", and no power at the stage is reported (6041h bit 4 is 0)"
-        remedy = "switch the power supply of the motor on (mains or DC), look at its fuse and contactor; the logic supply alone is not enough"
+        remedy = (
+            "switch the power supply of the motor on (mains or DC), look at its fuse and contactor; the logic supply alone is not enough"
+        )
         yield Finding(AREA, "dc link", "wrong", f"{shown}{bit}", remedy, values)
     else:
         yield Finding(AREA, "dc link", "ok" if millivolts is not None else "unknown", shown, "", values)
@@ -73,14 +75,16 @@ def ready(patient: Patient) -> Iterator[Finding]:
     if patient.objects.read_int(*place, "uint32") >> bit & 1:
         yield Finding(AREA, "ready", "ok", f"the drive could be enabled ({where}): STO closed, encoder ready, no error")
     elif patient.state in _FAULTS:
-        yield Finding(AREA, "ready", "wrong", f"the drive cannot be enabled ({where} is 0): its fault stands in the way", "see its state above")
+        yield Finding(
+            AREA, "ready", "wrong", f"the drive cannot be enabled ({where} is 0): its fault stands in the way", "see its state above"
+        )
     elif (patient.objects.read_if_there(0x6079, 0, "uint32") or 0) < 1e3 * _NO_VOLTAGE:
         yield Finding(
             AREA, "ready", "wrong", f"the drive cannot be enabled ({where} is 0): its DC link has no voltage", "see the DC link above"
         )
     else:
         yield Finding(
-            AREA, "ready", "wrong", f"the drive cannot be enabled ({where} is 0), without a fault and with power: STO is open, or the encoder is not ready",
+            AREA, "ready", "wrong", f"the drive cannot be enabled ({where} is 0), with power and no fault: STO open or encoder not ready",
             "close the STO circuit (emergency stop, safety door, STO plug), and look at the encoder's cable",
         )  # fmt: skip
 
@@ -104,10 +108,15 @@ def inputs(patient: Patient) -> Iterator[Finding]:
     doubt = " (the position of these bits is not confirmed)" if unsure else ""
     yield Finding(
         AREA, "inputs", "warning" if unsure else "wrong",
-        f"{', '.join(low)} reads low in {name_of(*place)}{doubt}: without it the drive stays in Switch On Disabled",
-        "apply 24 V to it, by the enable switch or the controller",
+        f"{' and '.join(low)} reads low in {name_of(*place)}{doubt}: without it the drive stays in Switch On Disabled",
+        "apply 24 V, by the enable switch or the controller",
         {"inputs": word},
     )  # fmt: skip
 
 
-CHECKS: Final = (Check(AREA, "control", control), Check(AREA, "dc link", dc_link), Check(AREA, "ready", ready), Check(AREA, "inputs", inputs))
+CHECKS: Final = (
+    Check(AREA, "control", control),
+    Check(AREA, "dc link", dc_link),
+    Check(AREA, "ready", ready),
+    Check(AREA, "inputs", inputs),
+)

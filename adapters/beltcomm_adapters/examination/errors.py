@@ -22,7 +22,7 @@ ORDER: Final[tuple[Trouble, ...]] = ("bus_off", "no_ack", "bit_errors", "passive
 WORDS: Final[dict[Trouble, tuple[str, str]]] = {
     "bus_off": (
         "the CAN controller went bus-off: it saw so many errors that it left the bus",
-        "check bit rate, cable (CAN high and low swapped, short circuit) and both terminators of 120 ohm, then take the interface down and up",
+        "check bit rate, cable (CAN high and low swapped, short circuit) and both 120 ohm terminators, then take the interface down and up",
     ),
     "no_ack": (
         "what is sent is acknowledged by nobody (ACK error): no other node is on the bus, or its bit rate is another one",

@@ -44,9 +44,7 @@ class Port:
 def _ip_link() -> str:
     """Output of ``ip``; "" where it is missing or fails."""
     try:
-        done = subprocess.run(
-            ["ip", "-details", "-json", "link", "show"], capture_output=True, text=True, timeout=_IP_TIME_S, check=True
-        )
+        done = subprocess.run(["ip", "-details", "-json", "link", "show"], capture_output=True, text=True, timeout=_IP_TIME_S, check=True)
     except (OSError, subprocess.SubprocessError):
         return ""
     return done.stdout

@@ -30,7 +30,9 @@ def identity(patient: Patient) -> Iterator[Finding]:
     who = f"node {patient.link.node} is {name} (vendor {one.get('vendor_id', '?')}, firmware {one.get('firmware', '?')})"
     if kind != _SERVO_PROFILE:
         text = f"{who}, but its device type 1000h = {one['device_type']} names the device profile {kind}, not {_SERVO_PROFILE} (CiA 402)"
-        yield Finding(AREA, "identity", "wrong", text, "choose the drive's node with --node, or set the drive to its CiA 402 data profile", one)
+        yield Finding(
+            AREA, "identity", "wrong", text, "choose the drive's node with --node, or set the drive to its CiA 402 data profile", one
+        )
     else:
         yield Finding(AREA, "identity", "ok", who, "", one)
     sure = Counter(entry["confidence"] for entry in profile.sources.values())
@@ -45,7 +47,9 @@ def identity(patient: Patient) -> Iterator[Finding]:
     if patient.others:
         found = ", ".join(map(str, patient.others))
         text = f"further nodes answer on this bus: {found}"
-        yield Finding(AREA, "others", "warning", text, "SYNC reaches them too: nothing they drive may be enabled meanwhile", {"nodes": found})
+        yield Finding(
+            AREA, "others", "warning", text, "SYNC reaches them too: nothing they drive may be enabled meanwhile", {"nodes": found}
+        )
 
 
 def nmt(patient: Patient) -> Iterator[Finding]:

@@ -77,7 +77,9 @@ def software_limits(patient: Patient) -> Iterator[Finding]:
     if low <= here <= high:
         yield Finding(AREA, "software limits", "ok", text, "", values)
     else:
-        yield Finding(AREA, "software limits", "wrong", f"{text}: outside", "push the carriage inside by hand, or correct 607Dh or the zero", values)
+        yield Finding(
+            AREA, "software limits", "wrong", f"{text}: outside", "push the carriage inside by hand, or correct 607Dh or the zero", values
+        )
 
 
 CHECKS: Final = (Check(AREA, "zero", zero), Check(AREA, "end switches", switches), Check(AREA, "software limits", software_limits))

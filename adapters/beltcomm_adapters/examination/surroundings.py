@@ -79,7 +79,7 @@ def _socketcan(host: Host) -> Iterator[Finding]:
             adapter, module = known
             yield Finding(
                 _AREA, f"usb {vendor:04x}:{product:04x}", "wrong",
-                f"a CAN adapter is plugged in ({adapter}, USB {vendor:04x}:{product:04x}), but no can0 belongs to it: its driver is missing",
+                f"a CAN adapter is plugged in ({adapter}, USB {vendor:04x}:{product:04x}), but it has no can0: its driver is missing",
                 f"`sudo modprobe {module}`, then `beltcomm doctor` again",
             )  # fmt: skip
 
@@ -121,9 +121,13 @@ def _ports(found: list[Port]) -> Iterator[Finding]:
         if not port.may_use:
             yield Finding(_AREA, port.device, "wrong", f"{name}: you may not open it", permission(port.group), values)
         elif adapter:
-            yield Finding(_AREA, port.device, "ok", f"{name} is a serial CAN adapter", f"`beltcomm doctor --drive slcan:{port.device}`", values)
+            yield Finding(
+                _AREA, port.device, "ok", f"{name} is a serial CAN adapter", f"`beltcomm doctor --drive slcan:{port.device}`", values
+            )
         else:
-            hint = f"if it is a serial CAN adapter: `beltcomm doctor --drive slcan:{port.device}`; if a drive's RS-232: serial:{port.device}"
+            hint = (
+                f"if it is a serial CAN adapter: `beltcomm doctor --drive slcan:{port.device}`; if a drive's RS-232: serial:{port.device}"
+            )
             yield Finding(_AREA, port.device, "ok", name, hint, values)
     if not found:
         yield Finding(_AREA, "serial ports", "ok", "there is no serial port")

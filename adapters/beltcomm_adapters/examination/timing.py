@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import pairwise
 from typing import Final
 
 from beltcomm.finding import Finding
+from beltcomm_adapters.buses import shortest_period_ms
 from beltcomm_adapters.cia402 import State
 from beltcomm_adapters.examination.patient import Check, Patient
 from beltcomm_adapters.exchange import Exchange
 from beltcomm_adapters.identification import FULLEST, sync_period_s
-from beltcomm_adapters.buses import shortest_period_ms
 from beltcomm_adapters.link import NMT_START
 
 AREA: Final = "timing"
@@ -49,7 +50,7 @@ def sync(patient: Patient) -> Iterator[Finding]:
             exchange.end()
             if patient.nmt == _OPERATIONAL:
                 link.send_nmt(NMT_START)
-    gaps = [later - earlier for earlier, later in zip(stamps, stamps[1:], strict=False) if earlier is not None and later is not None]
+    gaps = [later - earlier for earlier, later in pairwise(stamps) if earlier is not None and later is not None]
     jitter_s = max((abs(gap - period_s) for gap in gaps), default=0.0)
     count, lost = len(stamps), exchange.lost
     values = {"period_s": period_s, "cycles": count, "lost": lost, "worst_jitter_s": jitter_s}

@@ -31,7 +31,9 @@ def scaling(patient: Patient) -> Iterator[Finding]:
     yield Finding(AREA, "position", "ok", text, "", values)
     peak = patient.objects.read_if_there(0x6073, 0, "uint16") or patient.objects.read_int(0x6072, 0, "uint16")
     ratings = {"rated_torque_nm": found.rated_torque_nm, "rated_current_a": found.rated_current_a, "peak_permille": peak}
-    text = f"rated torque {found.rated_torque_nm:.4g} N m (6076h), rated current {found.rated_current_a:.4g} A (6075h), peak {peak / 10:g} %"
+    text = (
+        f"rated torque {found.rated_torque_nm:.4g} N m (6076h), rated current {found.rated_current_a:.4g} A (6075h), peak {peak / 10:g} %"
+    )
     if peak < 1000:
         remedy = "raise the drive's torque or current limit with the maker's tool, unless it is meant so"
         yield Finding(AREA, "ratings", "warning", f"{text}: less than rated", remedy, ratings)

@@ -24,7 +24,7 @@ def host(patient: Patient) -> Iterator[Finding]:
         yield Finding(AREA, "host", "ok", "the drive can watch this computer's heartbeat (1016h): it stops when that ends")
     elif not guarding:
         yield Finding(
-            AREA, "host", "wrong", "the drive watches neither a heartbeat (1016h) nor node guarding (100Ch): it would go on when the computer dies",
+            AREA, "host", "wrong", "the drive watches neither heartbeat (1016h) nor node guarding (100Ch): it would outlive this computer",
             "beltcomm does not move such a drive",
         )  # fmt: skip
     elif not patient.rtr:
@@ -34,13 +34,19 @@ def host(patient: Patient) -> Iterator[Finding]:
         )  # fmt: skip
     elif patient.guarded is False:
         yield Finding(
-            AREA, "host", "wrong", "the drive does not answer node guarding (a remote frame to 700h + node): it would not notice that the computer dies",
+            AREA, "host", "wrong", "the drive does not answer node guarding (700h + node): it would not notice that this computer dies",
             "use an adapter that sends remote frames (SocketCAN, slcan), and let no gateway block them; heartbeat 1017h must be 0",
         )  # fmt: skip
     elif patient.guarded is None:
         heartbeat_ms = objects.read_if_there(0x1017, 0, "uint16") or 0
-        why = f"it sends a heartbeat every {heartbeat_ms} ms (1017h)" if heartbeat_ms else "its life guarding is set (100Ch, 100Dh), and asking would arm it"
-        yield Finding(AREA, "host", "unknown", f"node guarding was not tried: {why}", "beltcomm sets both for each record and proves it then")
+        why = (
+            f"it sends a heartbeat every {heartbeat_ms} ms (1017h)"
+            if heartbeat_ms
+            else "its life guarding is set (100Ch, 100Dh), and asking would arm it"
+        )
+        yield Finding(
+            AREA, "host", "unknown", f"node guarding was not tried: {why}", "beltcomm sets both for each record and proves it then"
+        )
     else:
         yield Finding(AREA, "host", "ok", "the drive answers node guarding (100Ch): it can notice that this computer dies")
 
@@ -58,16 +64,25 @@ def following(patient: Patient) -> Iterator[Finding]:
                 f"the host watches it; set {name} with the maker's tool for the time after commissioning", {"window_units": limit},
             )  # fmt: skip
         else:
-            yield Finding(AREA, "following error", "ok", f"a following error above {limit} units stops the drive ({name})", "", {"window_units": limit})
+            yield Finding(
+                AREA,
+                "following error",
+                "ok",
+                f"a following error above {limit} units stops the drive ({name})",
+                "",
+                {"window_units": limit},
+            )
     elif window is None:
         yield Finding(AREA, "following error", "unknown", "the drive has no following error window (6065h)")
     elif window == _WINDOW_OFF:
         yield Finding(
-            AREA, "following error", "warning", "the following error window is off (6065h = FFFFFFFFh): the drive never stops because of it",
+            AREA, "following error", "warning", "the following error window is off (6065h = FFFFFFFFh): it never stops the drive",
             "beltcomm sets it for its own moves; set one with the maker's tool for the time after commissioning", {"window_units": window},
         )  # fmt: skip
     else:
-        yield Finding(AREA, "following error", "ok", f"a following error above {window} units stops the drive (6065h)", "", {"window_units": window})
+        yield Finding(
+            AREA, "following error", "ok", f"a following error above {window} units stops the drive (6065h)", "", {"window_units": window}
+        )
 
 
 def leftovers(patient: Patient) -> Iterator[Finding]:

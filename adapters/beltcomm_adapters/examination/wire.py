@@ -47,6 +47,11 @@ class Heard:
         return worst(self.errors)
 
     @property
+    def commanded(self) -> bool:
+        """Whether somebody commands or asks nodes; a SYNC alone may come from a drive."""
+        return self.master not in ("", "SYNC")
+
+    @property
     def master(self) -> str:
         """In words, what only a master sends and this computer did not; "" when nothing."""
         sent = [word for identifier, word in ((0x000, "NMT commands"), (0x080, "SYNC")) if self.frames.get(identifier)]
@@ -140,11 +145,13 @@ def heard_finding(heard: Heard) -> Iterator[Finding]:
     if heard.master:
         yield Finding(
             AREA, "other master", "wrong", f"somebody else works on this bus: {heard.master} were heard",
-            "stop the controller or tool that commands the drive; two masters must not move one axis",
+            "stop the controller or tool that works here, then look again: two masters must not move one axis, nor be asked at once",
         )  # fmt: skip
     elif not heard.trouble:
         count = sum(heard.frames.values())
-        yield Finding(AREA, "traffic", "ok", f"no other master and no error frame in {LISTEN_S:g} s ({count} frames heard)")
+        yield Finding(
+            AREA, "traffic", "ok", f"no other master and no error frame in {LISTEN_S:g} s ({count} frame{'s' * (count != 1)} heard)"
+        )
 
 
 def first_word(bus: can.BusABC, clock: Clock, node: int) -> Trouble | None:
@@ -175,7 +182,7 @@ def silence(bus: can.BusABC, clock: Clock, heard: Heard, node: int | None, rate:
         number = stopped[0]
         return unreachable(
             "nodes", f"node {number} is there, but in the NMT state stopped: it answers no question (SDO)",
-            f"switch the drive off and on, or send it to pre-operational: `cansend can0 000#80{number:02X}` (candump tools)",
+            f"switch the drive off and on, or send it to pre-operational: on SocketCAN `cansend can0 000#80{number:02X}` (can-utils)",
         )  # fmt: skip
     where = f"node {node} does not answer" if node else "no node answers"
     return unreachable(
@@ -229,9 +236,8 @@ def bit_rates(address: Address, opener: Opener, clock: Clock) -> Iterator[Findin
             tried.append(rate)
             if found:
                 how = "a node answers" if asking else "frames are heard"
-                yield Finding(
-                    AREA, "bit rate", "ok", f"{how} at {rate // 1000} kbit/s", f"add --bitrate {rate}", {"bitrate": rate}
-                )  # fmt: skip
+                text = f"{how} at {rate // 1000} kbit/s"
+                yield Finding(AREA, "bit rate", "warning", text, f"add --bitrate {rate}", {"found_bitrate": rate})
                 return
     names = ", ".join(f"{rate // 1000}" for rate in dict.fromkeys(tried))
     yield Finding(
