@@ -9,6 +9,9 @@ from typing import Literal
 #: ok: as it must be.   warning: works, but somebody should know.   wrong: hinders commissioning.   unknown: it cannot be told.
 State = Literal["ok", "warning", "wrong", "unknown"]
 
+#: What was read, by name with the unit as suffix.
+Values = dict[str, float | int | str | bool]
+
 
 @dataclass(frozen=True)
 class Finding:

@@ -116,7 +116,7 @@ def _feed(seen: dict[str, float], axis: Axis) -> Iterator[Finding]:
 def _decimal_of(value: float, base: float) -> bool:
     """Whether ``value`` is ``base`` times a power of ten."""
     exponent = math.log10(value / base)
-    return abs(10.0 ** (exponent - round(exponent)) - 1.0) <= _FEED_TOLERANCE
+    return math.isclose(10.0 ** (exponent - round(exponent)), 1.0, rel_tol=_FEED_TOLERANCE)
 
 
 def _position(seen: dict[str, float], axis: Axis) -> Iterator[Finding]:

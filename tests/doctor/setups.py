@@ -8,7 +8,7 @@ from __future__ import annotations
 import errno
 import json
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -68,7 +68,7 @@ class CurrentClock:
 class Bench:
     """Drives on a bus behind can0 or slcan, as one test wants them.
 
-    nodes : node numbers, each with a drive of ``profile``.     bitrate : of the drives.     before : called with the bus before it is examined.
+    nodes : node numbers, each with a drive of ``profile``.     bitrate : of the drives.     before : is done on the bus beforehand.
     interface : the entry of ``ip`` for can0, None where there is no interface.     more : arguments of the virtual drive.
     """
 
@@ -88,7 +88,7 @@ class Bench:
         bus.channel_info = channel
         for node in self.nodes:
             settings = {"referenced": True, "zero_rad": -self.position_m / RATIO_M_RAD, "torque_noise_nm": 0.0, **self.more}
-            VirtualDrive(bus, RigidPlant(), self.profile, node_id=node, faults=self.faults, **settings)
+            VirtualDrive(bus, RigidPlant(), self.profile, node_id=node, faults=replace(self.faults), **settings)
         while bus.recv(0.1) is not None:  # boot-up messages
             pass
         self.before(bus)
@@ -111,7 +111,7 @@ class Bench:
                 return clock.bus
 
             node, bitrate, profile = (options.get(name) for name in ("node", "bitrate", "profile"))
-            return examine_can(address, node, bitrate, profile, options, host=self.host(folder), opener=opener, clock=clock)  # type: ignore[arg-type]
+            return examine_can(address, node, bitrate, profile, options, host=self.host(folder), opener=opener, clock=clock)
 
         return [FoundAdapter("canopen", Adapter("canopen", "CAN", ("can", "slcan"), _no_drive, is_socketcan, examine))]
 
@@ -147,7 +147,9 @@ class Machine:
                 (device / "idVendor").write_text(f"{self.usb[0]:04x}\n", encoding="ascii")
                 (device / "idProduct").write_text(f"{self.usb[1]:04x}\n", encoding="ascii")
             backends = {"socketcan": "", "slcan": "", "pcan": "", "kvaser": "Kvaser canlib is unavailable."}
-            return surroundings(Host(folder, host.ip_link, lambda: self.has_can), lambda: self.ports, lambda: backends, lambda _n: self.detected)
+            return surroundings(
+                Host(folder, host.ip_link, lambda: self.has_can), lambda: self.ports, lambda: backends, lambda _n: self.detected
+            )
 
         found = [FoundAdapter("canopen", Adapter("canopen", "CiA 402 drive over CANopen", ("can", "slcan"), _no_drive, surroundings=look))]
         return [*found, FoundAdapter(self.broken[0], None, self.broken[1])] if self.broken else found
@@ -175,7 +177,7 @@ def _no_drive(*_: object) -> Any:
 
 @dataclass(frozen=True)
 class Setup:
-    """One broken set-up.   what : is broken, in words.   words : of the command line behind ``beltcomm``.   bench : what stands behind it."""
+    """One broken set-up.   what : is broken, in words.   words : of the command line behind ``beltcomm``.   bench : behind it all."""
 
     what: str
     words: str
@@ -218,7 +220,9 @@ SETUPS: dict[str, Setup] = {
     "rated_torque": Setup("the rated torque 6076h is doubled", CAN0_AXIS, Bench(faults=Faults(rated_torque_nm=2.86))),
     "guarding": Setup("remote frames do not get through, CMMP-AS", CAN0, Bench("cmmp-as", Faults(remote_frames_blocked=True))),
     "lost_sync": Setup(
-        "every 20th SYNC is not answered", "doctor --drive can0 --sync-test", Bench(faults=Faults(ignore_sync=frozenset(range(20, 2000, 20))))
+        "every 20th SYNC is not answered",
+        "doctor --drive can0 --sync-test",
+        Bench(faults=Faults(ignore_sync=frozenset(range(20, 2000, 20)))),
     ),
     "window_off": Setup("the following error window is off", CAN0, Bench(faults=Faults(readings={(0x6065, 0): 0xFFFFFFFF}))),
     "unreferenced": Setup("the drive was not homed", CAN0_AXIS, Bench(more={"referenced": False, "zero_rad": 0.0})),
@@ -227,12 +231,16 @@ SETUPS: dict[str, Setup] = {
     "not_a_drive": Setup("the node is an I/O module", CAN0, Bench(faults=Faults(readings={(0x1000, 0): 0x00030191}))),
     "cut_off": Setup("a run was killed", CAN0, Bench("cmmp-as", Faults(readings={(0x100C, 0): 50, (0x100D, 0): 1}))),
     "adapter_broken": Setup(
-        "an adapter package cannot be loaded", "doctor", Machine(broken=("acme_drives:ADAPTER", "ModuleNotFoundError: No module named 'acme_lib'"))
+        "an adapter package cannot be loaded",
+        "doctor",
+        Machine(broken=("acme_drives:ADAPTER", "ModuleNotFoundError: No module named 'acme_lib'")),
     ),
     "no_permission": Setup("the user may not open the port of the CAN adapter", "doctor", Machine(ports=[DENIED])),
     "no_driver": Setup("a USB CAN adapter without its kernel module", "doctor", Machine(usb=(0x0C72, 0x000C))),
     "port_denied": Setup(
-        "a serial port without permission", "doctor --drive serial:/dev/ttyUSB0", SerialBench(PermissionError(errno.EACCES, "Permission denied"))
+        "a serial port without permission",
+        "doctor --drive serial:/dev/ttyUSB0",
+        SerialBench(PermissionError(errno.EACCES, "Permission denied")),
     ),
 }
 

@@ -10,7 +10,7 @@ from typing import Any, Final
 import can
 
 from beltcomm.drive import Clock
-from beltcomm.errors import BusError, UsageError
+from beltcomm.errors import BusError, DriveError, UsageError
 from beltcomm.finding import Finding
 from beltcomm_adapters.buses import DEFAULT_BITRATE, Address, MonotonicClock, open_bus
 from beltcomm_adapters.examination import condition, enabling, node, place, timing, units, watching, wire
@@ -118,6 +118,10 @@ def examine_bus(
     except BusError as error:
         problem, _, remedy = str(error).partition("; ")
         yield wire.unreachable("interface", problem, remedy)
+        return
+    except DriveError as error:  # it answers, but not as CANopen demands
+        problem, _, _ = str(error).partition("; ")
+        yield Finding(node.AREA, "identity", "wrong", problem, "is node --node a CANopen drive, and nobody else on its number?")
         return
     patient = Patient(link, objects, identity, chosen, others, bitrate, rtr, bool(options.get("sync_test")), heard.nmt.get(number))
     yield from examine(patient, CHECKS)

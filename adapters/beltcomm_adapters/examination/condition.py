@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Final
 
-from beltcomm.finding import Finding
+from beltcomm.finding import Finding, Values
 from beltcomm_adapters.cia402 import State, emergency_text
 from beltcomm_adapters.examination.patient import Check, Patient
 from beltcomm_adapters.sdo import name_of
@@ -22,7 +22,7 @@ def state(patient: Patient) -> Iterator[Finding]:
     """The state of CiA 402; a fault with its code from 603Fh."""
     word = patient.statusword
     now = patient.state
-    values = {"statusword": word, "state": now.name.lower()}
+    values: Values = {"statusword": word, "state": now.name.lower()}
     shown = f"{now.words} (6041h = {word:04X}h)"
     if now in (State.FAULT, State.FAULT_REACTION_ACTIVE):
         code = patient.objects.read_if_there(0x603F, 0, "uint16") or (patient.link.emergency.code if patient.link.emergency else 0)

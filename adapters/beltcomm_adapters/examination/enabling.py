@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Final
 
-from beltcomm.finding import Finding
+from beltcomm.finding import Finding, Values
 from beltcomm_adapters.cia402 import State
-from beltcomm_adapters.examination.patient import Check, Patient, Values
+from beltcomm_adapters.examination.patient import Check, Patient
 from beltcomm_adapters.sdo import name_of
 
 AREA: Final = "enabling"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import os
 import socket
@@ -102,16 +103,19 @@ class Host:
 
 def ports() -> list[Port]:
     """All serial ports of this machine, and whether this user may open them."""
-    from serial.tools import list_ports
-
     found = []
-    for port in sorted(list_ports.comports(), key=lambda port: str(port.device)):
+    for port in sorted(_comports(), key=lambda port: str(port.device)):
         usb = None if port.vid is None or port.pid is None else (int(port.vid), int(port.pid))
         described = "" if port.description in (None, "n/a") else str(port.description)
         device = str(port.device)
         allowed = not device.startswith("/") or os.access(device, os.R_OK | os.W_OK)
         found.append(Port(device, described, usb, allowed, group_of(device)))
     return found
+
+
+def _comports() -> list[Any]:
+    tools: Any = importlib.import_module("serial.tools.list_ports")  # it has no types
+    return list(tools.comports())
 
 
 def group_of(device: str) -> str:

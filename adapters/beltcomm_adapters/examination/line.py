@@ -57,7 +57,9 @@ def open_port(device: str, baud: int, handshake: bool) -> Any:
     """A port of pyserial.  Raises OSError (serial.SerialException is one), ValueError."""
     import serial
 
-    return serial.serial_for_url(device, baudrate=baud, rtscts=handshake, timeout=0.02)
+    return serial.serial_for_url(  # type: ignore[no-untyped-call]  # pyserial has no types
+        device, baudrate=baud, rtscts=handshake, timeout=0.02
+    )
 
 
 @dataclass(frozen=True)
@@ -77,7 +79,10 @@ def examine_line(
     clock: Clock | None = None,
     group: Callable[[str], str] = group_of,
 ) -> Iterator[Finding]:
-    """Examine the drive behind a serial port.   options : ``bitrate``, the one baud rate to try.   group : owner of a device file.   Raises UsageError without a device."""
+    """Examine the drive behind a serial port.   options : ``bitrate``, the one baud rate to try.   group : owner of a device file.
+
+    Raises UsageError without a device.
+    """
     if not device:
         raise UsageError("say which serial port: serial:/dev/ttyUSB0 (`beltcomm doctor` lists them)")
     clock = clock or MonotonicClock()

@@ -9,7 +9,7 @@ from typing import Final
 
 import can
 
-from beltcomm.finding import Finding
+from beltcomm.finding import Finding, Values
 from beltcomm_adapters.examination.patient import Check, Patient
 from beltcomm_adapters.examination.wire import listen, state_name
 
@@ -37,7 +37,7 @@ def identity(patient: Patient) -> Iterator[Finding]:
         yield Finding(AREA, "identity", "ok", who, "", one)
     sure = Counter(entry["confidence"] for entry in profile.sources.values())
     known = ", ".join(f"{sure[word]} {word}" for word in ("read", "simulated", "inferred", "unconfirmed") if sure[word])
-    values = {"profile": profile.name, **{f"facts_{word}": count for word, count in sure.items()}}
+    values: Values = {"profile": profile.name, **{f"facts_{word}": count for word, count in sure.items()}}
     text = f"profile {profile.name} ({profile.title}); its facts: {known}"
     if not profile.match:
         remedy = "records and moves are possible, gains are not written; --profile NAME chooses one (`beltcomm drives` lists them)"

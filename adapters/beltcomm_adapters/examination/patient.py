@@ -14,8 +14,6 @@ from beltcomm_adapters.profiles import Profile
 from beltcomm_adapters.scaling import Scaling
 from beltcomm_adapters.sdo import Objects
 
-Values = dict[str, float | int | str | bool]
-
 
 @dataclass
 class Patient:

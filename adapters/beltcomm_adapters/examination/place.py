@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Final
 
-from beltcomm.finding import Finding
+from beltcomm.finding import Finding, Values
 from beltcomm_adapters.examination.patient import Check, Patient
 
 AREA: Final = "place"
@@ -15,7 +15,7 @@ _LOWER, _UPPER = 0x1, 0x2  # 60FDh
 def zero(patient: Patient) -> Iterator[Finding]:
     """Whether the drive knows its zero, and its position, rad at the motor shaft."""
     units = patient.objects.read_int(0x6064, 0, "int32")
-    values: dict[str, float | int | str | bool] = {"position_units": units}
+    values: Values = {"position_units": units}
     shown = f"position {units} units (6064h)"
     if patient.scaling is not None:
         values["position_rad"] = units * patient.scaling.position_rad
@@ -70,7 +70,7 @@ def software_limits(patient: Patient) -> Iterator[Finding]:
         text = "the software limits 607Dh are off; beltcomm sets them around the travel for each motion"
         yield Finding(AREA, "software limits", "ok", text)
         return
-    values: dict[str, float | int | str | bool] = {"low_units": low, "high_units": high}
+    values: Values = {"low_units": low, "high_units": high}
     if patient.scaling is not None:
         values |= {"low_rad": low * patient.scaling.position_rad, "high_rad": high * patient.scaling.position_rad}
     text = f"the axis stands at {here}, the software limits 607Dh are {low} to {high} units"

@@ -14,7 +14,7 @@ from typing import Any, Final
 import can
 from can.interfaces import BACKENDS
 
-from beltcomm.finding import Finding
+from beltcomm.finding import Finding, Values
 from beltcomm_adapters.examination.host import Host, Interface, Port, ports
 
 _AREA: Final = "this machine"
@@ -86,7 +86,7 @@ def _socketcan(host: Host) -> Iterator[Finding]:
 
 def _interface(one: Interface) -> Finding:
     rate = f" at {one.bitrate // 1000} kbit/s" if one.bitrate else ""
-    values: dict[str, float | int | str | bool] = {"up": one.up, "kind": one.kind, "controller": one.state}
+    values: Values = {"up": one.up, "kind": one.kind, "controller": one.state}
     if one.bitrate:
         values["bitrate"] = one.bitrate
     if not one.up:
@@ -117,7 +117,7 @@ def _ports(found: list[Port]) -> Iterator[Finding]:
         adapter = _SLCAN.get(port.usb) if port.usb else None
         usb = f", USB {port.usb[0]:04x}:{port.usb[1]:04x}" if port.usb else ""
         name = f"{port.device} ({adapter or port.description or 'serial port'}{usb})"
-        values: dict[str, float | int | str | bool] = {"device": port.device, "may_use": port.may_use, "slcan": adapter is not None}
+        values: Values = {"device": port.device, "may_use": port.may_use, "slcan": adapter is not None}
         if not port.may_use:
             yield Finding(_AREA, port.device, "wrong", f"{name}: you may not open it", permission(port.group), values)
         elif adapter:
@@ -142,7 +142,7 @@ def permission(group: str) -> str:
 
 def _python_can(reasons: dict[str, str], detect: Callable[[list[str]], list[dict[str, Any]] | None]) -> Iterator[Finding]:
     usable = sorted(name for name, reason in reasons.items() if not reason)
-    values: dict[str, float | int | str | bool] = {name: reason or "usable" for name, reason in sorted(reasons.items())}
+    values: Values = {name: reason or "usable" for name, reason in sorted(reasons.items())}
     text = f"python-can {can.__version__} can use {', '.join(usable) or 'nothing'}"
     if broken := sorted(set(reasons) - set(usable)):
         text += f"; {len(broken)} more need their maker's library or another system ({', '.join(broken)})"

@@ -11,7 +11,7 @@ import can
 
 from beltcomm.drive import Clock
 from beltcomm.errors import BusError, UsageError
-from beltcomm.finding import Finding
+from beltcomm.finding import Finding, Values
 from beltcomm_adapters.buses import Address
 from beltcomm_adapters.examination.errors import WORDS, Trouble, worst
 from beltcomm_adapters.examination.host import Host, Interface
@@ -120,7 +120,7 @@ def socketcan(host: Host, name: str, asked_bitrate: int | None) -> Iterator[Find
 
 
 def _up(one: Interface, asked_bitrate: int | None) -> Finding:
-    values: dict[str, float | int | str | bool] = {"controller": one.state}
+    values: Values = {"controller": one.state}
     rate = ""
     if one.bitrate:
         values["bitrate"] = one.bitrate
