@@ -207,7 +207,7 @@ class Adapter:
     open : ``open(address, options) -> Drive``; ``address`` is what follows the colon ("" when nothing does).
         ``options``: str -> value, e.g. ``seed``, ``profile``, ``node``, ``bitrate``, ``realtime``; unknown ones are a
         UsageError.
-    claims : whether this adapter understands an address without a scheme (``can0``, ``vcan1``).
+    claims : whether this adapter understands an address without a scheme of its own (``can0``, ``pcan:PCAN_USBBUS1``).
     examine : ``examine(address, options)`` looks at a drive step by step, moves nothing and leaves it as it was found; the options are
         those of ``open`` and ``try_bitrates``, ``sync_test`` (bool).  An unreachable drive is a finding, no exception.
     surroundings : what on this machine the adapter could be used with, or why nothing.

@@ -13,7 +13,7 @@ import can
 from beltcomm.drive import Adapter, Clock, Drive, ExchangeReport, Limits, Motion, Sink
 from beltcomm.errors import BeltcommError, BusError, DriveError, Refused, UsageError
 from beltcomm.finding import Finding
-from beltcomm_adapters.buses import DEFAULT_BITRATE, Address, MonotonicClock, is_socketcan, open_bus
+from beltcomm_adapters.buses import DEFAULT_BITRATE, Address, MonotonicClock, is_can_bus, open_bus
 from beltcomm_adapters.cia402 import StateMachine
 from beltcomm_adapters.examination.can import examine_can
 from beltcomm_adapters.examination.surroundings import surroundings
@@ -304,7 +304,7 @@ ADAPTER = Adapter(
     summary="CiA 402 drive over CANopen: can0 (SocketCAN), slcan:/dev/ttyACM0 (serial CAN adapter), can:INTERFACE:CHANNEL",
     schemes=("can", "slcan"),
     open=_open,
-    claims=is_socketcan,
+    claims=is_can_bus,
     examine=_examine,
     surroundings=surroundings,
 )

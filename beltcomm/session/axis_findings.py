@@ -7,7 +7,9 @@ from collections.abc import Iterator, Sequence
 from typing import Final
 
 from beltcomm.axis import Axis
+from beltcomm.errors import BeltcommError
 from beltcomm.finding import Finding
+from beltcomm.session.referencing import suitable
 
 AREA: Final = "axis.yaml"
 #: Ratings of drive and axis file may differ by this share: nameplates are rounded.
@@ -21,10 +23,21 @@ def compared(findings: Sequence[Finding], axis: Axis) -> list[Finding]:
     """One finding per entry that both know; entries that one of them lacks are left out."""
     said = {name: value for finding in findings for name, value in finding.values.items()}
     seen = {name: float(value) for name, value in said.items() if isinstance(value, (int, float))}
+    if not seen:  # nothing was read
+        return []
     gear = list(_gear(seen, axis))
     if any(finding.state == "wrong" for finding in gear):  # feed and position follow from it
-        return [*_ratings(seen, axis), *_encoder(seen, axis), *gear]
-    return [*_ratings(seen, axis), *_encoder(seen, axis), *gear, *_feed(seen, axis), *_position(seen, axis)]
+        return [*_entries(axis), *_ratings(seen, axis), *_encoder(seen, axis), *gear]
+    return [*_entries(axis), *_ratings(seen, axis), *_encoder(seen, axis), *gear, *_feed(seen, axis), *_position(seen, axis)]
+
+
+def _entries(axis: Axis) -> Iterator[Finding]:
+    """Whether the file has what commissioning needs; silent when it has."""
+    try:
+        suitable(axis)
+    except BeltcommError as error:
+        text, _, remedy = str(error).partition("; ")
+        yield Finding(AREA, "entries", "wrong", text, remedy)
 
 
 def _ratings(seen: dict[str, float], axis: Axis) -> Iterator[Finding]:

@@ -41,6 +41,8 @@ def doctor(
     options, talk = options or Options(), talk or Silence()
     found = find_adapters() if found is None else found
     if drive is None:
+        if axis is not None or try_bitrates or sync_test or options.for_drive():
+            raise UsageError("say which drive is to be examined: --drive; without it, `beltcomm doctor` takes no further option")
         talk.say("Looking for adapters and ports, a few seconds ...")
         findings = list(_machine(found))
         return _result(None, findings, _next_machine(findings))
@@ -116,7 +118,8 @@ def _next_drive(drive: str, file: str, findings: Sequence[Finding]) -> str:
     if rates:
         return f"next: `beltcomm doctor --drive {drive} --bitrate {rates[0]}`"
     if _exit_code(findings):
-        return f"next: put right what is wrong, then `beltcomm doctor --drive {drive}` again"
+        with_axis = f" --axis {file}" if file else ""
+        return f"next: put right what is wrong, then `beltcomm doctor --drive {drive}{with_axis}` again"
     if not file:
         return "next: `beltcomm init my-axis.yaml`, then doctor again with --axis my-axis.yaml, which compares the two"
     return f"next: `beltcomm commission --drive {drive} --axis {file} --dry-run` shows the plan and moves nothing"

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 
-from beltcomm.axis import load_axis
+from beltcomm.axis import Axis, load_axis
 from beltcomm.finding import Finding, Values
 from beltcomm.session.axis_findings import compared
 
@@ -70,3 +70,10 @@ def test_the_travel(position_m: float, state: str) -> None:
 def test_what_the_drive_did_not_tell_is_left_out() -> None:
     assert compared([Finding("bus", "interface", "wrong", "", "")], AXIS) == []
     assert compared([Finding("a", "b", "ok", "", "", {"rated_torque_nm": 0.0})], AXIS) == []
+
+
+def test_a_file_that_commissioning_would_refuse_is_told_at_once() -> None:
+    told = compared([Finding("a", "b", "ok", "", "", SOUND)], Axis(name="new"))
+    (entries,) = [finding for finding in told if finding.state == "wrong"]
+    assert (entries.name, entries.remedy) == ("entries", "add it from the data sheet")
+    assert "commission needs motor.inertia_kg_m2" in entries.text

@@ -193,3 +193,24 @@ def test_usage_errors_are_raised(drive: str, options: api.Options, words: str) -
 
 def test_every_adapter_of_this_package_examines() -> None:
     assert [item.entry_point for item in find_adapters() if item.adapter is None or item.adapter.examine is None] == []
+
+
+@pytest.mark.parametrize("given", [{"axis": "egc-70-600"}, {"try_bitrates": True}, {"sync_test": True}, {"options": api.Options(node=3)}])
+def test_options_of_a_drive_need_a_drive(given: dict[str, Any]) -> None:
+    with pytest.raises(UsageError, match="say which drive"):
+        api.doctor(None, **given, found=[])
+
+
+@pytest.mark.parametrize(
+    ("drive", "words"),
+    [
+        ("slcan:/dev/no_such_port", "there is no serial port /dev/no_such_port"),
+        ("kvaser:0", "the CAN interface 0 cannot be opened: "),
+        ("can:pcan:PCAN_USBBUS1", "the CAN interface PCAN_USBBUS1 cannot be opened: "),
+    ],
+)
+def test_adapters_that_are_not_there_are_sentences(drive: str, words: str) -> None:
+    """Their makers' libraries are not installed where these tests run; kvaser's then fails with a NameError."""
+    result = api.doctor(drive)
+    assert result.exit_code == 5
+    assert any(words in line for line in result.lines())

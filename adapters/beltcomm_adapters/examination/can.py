@@ -15,7 +15,8 @@ from beltcomm.finding import Finding
 from beltcomm_adapters.buses import DEFAULT_BITRATE, Address, MonotonicClock, open_bus
 from beltcomm_adapters.examination import condition, enabling, node, place, timing, units, watching, wire
 from beltcomm_adapters.examination.errors import WORDS
-from beltcomm_adapters.examination.host import Host
+from beltcomm_adapters.examination.host import Host, group_of
+from beltcomm_adapters.examination.line import not_opened
 from beltcomm_adapters.examination.patient import Patient, examine
 from beltcomm_adapters.identification import read_identity
 from beltcomm_adapters.link import HOST_NODE, Link, find_nodes
@@ -56,6 +57,9 @@ def examine_can(
     try:
         bus = opener(rate, False)
     except (BusError, UsageError) as error:
+        if address.interface == "slcan" and isinstance(error.__cause__, Exception):
+            yield not_opened(wire.AREA, address.channel, error.__cause__, group_of(address.channel))
+            return
         problem, _, remedy = str(error).partition("; ")
         yield wire.unreachable("interface", problem, remedy)
         return

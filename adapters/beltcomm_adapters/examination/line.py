@@ -94,7 +94,7 @@ def examine_line(
             try:
                 port = opener(device, baud, handshake)
             except (OSError, ValueError) as error:
-                yield _not_opened(device, error, group(device))
+                yield not_opened(AREA, device, error, group(device))
                 return
             try:
                 said = ask(port, clock, b"VERSION?")
@@ -168,7 +168,8 @@ def _talking(port: SerialPort, clock: Clock, device: str, baud: int, handshake: 
     )  # fmt: skip
 
 
-def _not_opened(device: str, error: Exception, group: str) -> Finding:
+def not_opened(area: str, device: str, error: Exception, group: str) -> Finding:
+    """Why a serial port does not open.   group : that owns it."""
     number = getattr(error, "errno", None)
     if number == errno.EACCES or "Permission denied" in str(error):
         text, remedy = f"you may not open {device}", permission(group)
@@ -178,7 +179,7 @@ def _not_opened(device: str, error: Exception, group: str) -> Finding:
         text, remedy = f"there is no serial port {device}", "plug the adapter in; `beltcomm doctor` without --drive lists the ports"
     else:
         text, remedy = f"{device} cannot be opened ({error})", "plug the adapter out and in"
-    return Finding(AREA, "port", "wrong", text, remedy, unreachable=True)
+    return Finding(area, "port", "wrong", text, remedy, unreachable=True)
 
 
 def _lost(device: str, error: Exception) -> Finding:
