@@ -214,3 +214,31 @@ def test_adapters_that_are_not_there_are_sentences(drive: str, words: str) -> No
     result = api.doctor(drive)
     assert result.exit_code == 5
     assert any(words in line for line in result.lines())
+
+
+class Deaf(LockstepBus):
+    """A SocketCAN interface with nobody on the bus, its driver without berr-reporting: one error-passive frame, then a full queue."""
+
+    room = 10
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        self.room -= 1
+        if self.room < 0:
+            raise can.CanOperationError("Failed to transmit: No buffer space available", 105)
+
+    def recv(self, timeout: float | None = None) -> can.Message | None:
+        if self.room == 9 and not getattr(self, "told", False):
+            self.told = True
+            return can.Message(arbitration_id=0x004, is_error_frame=True, data=b"\x00\x20" + bytes(6))
+        return super().recv(timeout)
+
+
+@pytest.mark.parametrize("told", [False, True])
+def test_missing_acknowledgement_without_error_frames_of_its_own(told: bool) -> None:
+    bus = Deaf()
+    bus.told = told  # True: not even that frame
+    last = examined(bus)[-1]
+    bus.shutdown()
+    assert last.unreachable
+    wanted = "no node answers on beltcomm virtual bus at 1000 kbit/s" if told else "what is sent is acknowledged by nobody (ACK error)"
+    assert last.text.startswith(wanted)

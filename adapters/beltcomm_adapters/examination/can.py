@@ -19,7 +19,7 @@ from beltcomm_adapters.examination.host import Host, group_of
 from beltcomm_adapters.examination.line import not_opened
 from beltcomm_adapters.examination.patient import Patient, examine
 from beltcomm_adapters.identification import read_identity
-from beltcomm_adapters.link import HOST_NODE, Link, find_nodes
+from beltcomm_adapters.link import HOST_NODE, Link
 from beltcomm_adapters.profiles import choose_profile
 from beltcomm_adapters.sdo import Objects
 
@@ -101,7 +101,7 @@ def examine_bus(
         if heard.commanded:  # its transfers and ours would break each other
             return
         trouble = wire.first_word(bus, clock, asked_node or 1)
-        nodes = [] if trouble in ("no_ack", "bus_off") else find_nodes(bus, clock)
+        nodes = [] if trouble in ("no_ack", "bus_off") else wire.answering(bus, clock)
         if trouble and not nodes:
             words, remedy = WORDS[trouble]
             yield wire.unreachable("errors", words, remedy)

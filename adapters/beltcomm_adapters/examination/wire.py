@@ -163,7 +163,19 @@ def first_word(bus: can.BusABC, clock: Clock, node: int) -> Trouble | None:
         if _full(error):
             return "no_ack"
         raise BusError(f"the CAN interface {bus.channel_info} does not send ({error})") from error
-    return listen(bus, clock, _TROUBLE_S).trouble
+    heard = listen(bus, clock, _TROUBLE_S)
+    # Without berr-reporting a SocketCAN driver shows missing acknowledgement only as error-passive.
+    return "no_ack" if heard.trouble == "passive" and not heard.frames else heard.trouble
+
+
+def answering(bus: can.BusABC, clock: Clock) -> list[int]:
+    """Numbers of the nodes that answer; none also when no frame leaves the send queue.  Raises BusError."""
+    try:
+        return find_nodes(bus, clock)
+    except BusError as error:
+        if _full(error.__cause__ or error):
+            return []
+        raise
 
 
 def _full(error: BaseException) -> bool:
