@@ -26,6 +26,7 @@ from beltcomm.session.backups import chosen
 from beltcomm.session.commission import Findings
 from beltcomm.session.convert import convert as convert
 from beltcomm.session.design_job import examined
+from beltcomm.session.doctor import doctor as doctor
 from beltcomm.session.experiment import run_experiment
 from beltcomm.session.export import export as export
 from beltcomm.session.fit_job import fit as fit
@@ -369,6 +370,7 @@ __all__ = [
     "check_imports",
     "commission",
     "design",
+    "doctor",
     "export",
     "fit",
     "follow",

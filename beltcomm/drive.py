@@ -8,7 +8,7 @@ An adapter is a guest: a package registers a value of type :class:`Adapter` unde
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import entry_points
 from typing import Literal, Protocol
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from beltcomm.control import CascadeStructure
 from beltcomm.errors import Refused, UsageError
+from beltcomm.finding import Finding
 from beltcomm.objects import ObjectValue, ParameterObject
 from beltcomm.recording_columns import MOTOR_COLUMNS
 
@@ -245,7 +246,10 @@ class Adapter:
     open : ``open(address, options) -> Drive``; ``address`` is what follows the colon ("" when nothing does).
         ``options``: str -> value, e.g. ``seed``, ``profile``, ``node``, ``bitrate``, ``realtime``; unknown ones are a
         UsageError.
-    claims : whether this adapter understands an address without a scheme (``can0``, ``vcan1``).
+    claims : whether this adapter understands an address without a scheme of its own (``can0``, ``pcan:PCAN_USBBUS1``).
+    examine : ``examine(address, options)`` looks at a drive step by step, moves nothing and leaves it as it was found; the options are
+        those of ``open`` and ``try_bitrates``, ``sync_test`` (bool).  An unreachable drive is a finding, no exception.
+    surroundings : what on this machine the adapter could be used with, or why nothing.
     """
 
     name: str
@@ -253,6 +257,8 @@ class Adapter:
     schemes: tuple[str, ...]
     open: Callable[[str, Mapping[str, object]], Drive]
     claims: Callable[[str], bool] = lambda _address: False
+    examine: Callable[[str, Mapping[str, object]], Iterable[Finding]] | None = None
+    surroundings: Callable[[], Iterable[Finding]] | None = None
 
 
 @dataclass(frozen=True)
@@ -290,16 +296,21 @@ def open_drive(name: str, options: Mapping[str, object] | None = None) -> Drive:
 
     Raises UsageError when no adapter understands the name (those found are listed), and what the adapter raises.
     """
+    adapter, address = adapter_for(name, find_adapters())
+    return adapter.open(address, options or {})
+
+
+def adapter_for(name: str, found: Sequence[FoundAdapter]) -> tuple[Adapter, str]:
+    """The adapter that understands the drive called ``name``, and the address it is to open.   Raises UsageError when none does."""
     scheme, _, address = name.partition(":")
-    found = find_adapters()
     if not found:
         raise UsageError("no drive adapters are installed; run `pip install -e .` in the beltcomm folder")
     for item in found:
         if item.adapter and scheme in item.adapter.schemes:
-            return item.adapter.open(address, options or {})
+            return item.adapter, address
     for item in found:
         if item.adapter and item.adapter.claims(name):
-            return item.adapter.open(name, options or {})
+            return item.adapter, name
     known = ", ".join(sorted(s for item in found if item.adapter for s in item.adapter.schemes))
     broken = "".join(f" ({item.entry_point} is broken: {item.reason})" for item in found if not item.adapter)
     raise UsageError(f"no adapter understands the drive {name!r}; known are {known} and CAN interfaces like can0{broken}")

@@ -30,8 +30,8 @@ GAIN: Final = "kp_nm_s_rad"
 
 
 def name_of(index: int, subindex: int = 0) -> str:
-    """An object as the standards write it: 6041h, 2100h:3."""
-    return f"{index:04X}h" if subindex == 0 else f"{index:04X}h:{subindex:X}"
+    """An object as the standards write it: 6041h, 2100h:3, 6510h:10h."""
+    return f"{index:04X}h" if subindex == 0 else f"{index:04X}h:{subindex:X}" + "h" * (subindex > 9)
 
 
 def kind_of(data_type: int) -> str | None:

@@ -9,6 +9,7 @@ motion           a motion from enabling to standstill: rows, watched limits, los
 exchange         the cyclic exchange: SYNC, setpoints out, samples in                      interrupts   Ctrl-C while stopping
 gains, scaling   named parameters, and SI units of a drive's raw numbers
 cia402           states, control words, faults           sdo          objects by number, values lent and given back
+examination      what `beltcomm doctor` looks at
 link             one node on one bus: frames, emergencies, signs of life
 virtual          the same drive on the virtual bus       virtual_serial   ... at its virtual RS-232 port
 """

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import logging
 import re
 import time
 from dataclasses import dataclass
@@ -11,6 +12,9 @@ from typing import Any, Final
 import can
 
 from beltcomm.errors import BusError, UsageError
+
+# What makers' libraries lack is said in sentences, where it matters.
+logging.getLogger("can").addHandler(logging.NullHandler())
 
 DEFAULT_BITRATE: Final = 1_000_000
 _SOCKETCAN: Final = re.compile(r"(v?can|slcan)\d+")
@@ -60,15 +64,24 @@ def is_socketcan(name: str) -> bool:
     return _SOCKETCAN.fullmatch(name) is not None
 
 
-def open_bus(address: Address, bitrate: int) -> can.BusABC:
-    """Open the interface.  Raises BusError, UsageError when python-can lacks what the interface needs."""
-    arguments: dict[str, Any] = {} if address.interface == "socketcan" else {"bitrate": bitrate}
+def is_can_bus(name: str) -> bool:
+    """Whether a drive's name is that of a SocketCAN interface, or begins with an interface of python-can (``pcan:PCAN_USBBUS1``)."""
+    return is_socketcan(name) or name.partition(":")[0] in can.VALID_INTERFACES
+
+
+def open_bus(address: Address, bitrate: int, **more: Any) -> can.BusABC:
+    """Open the interface; ``more`` goes to python-can.  Raises BusError, UsageError when python-can lacks what the interface needs."""
+    arguments: dict[str, Any] = {} if address.interface == "socketcan" else {"bitrate": bitrate, **more}
     try:
         return can.Bus(channel=address.channel, interface=address.interface, **arguments)
     except can.CanInterfaceNotImplementedError as error:
         raise UsageError(f"the CAN interface {address.interface!r} cannot be used here: {error}") from error
-    except (can.CanError, OSError, ValueError) as error:
+    except Exception as error:  # a maker's library may fail in any way, also by a name that it never defined
         remedy = f"plug it in and check the name; ports in use cannot be opened twice ({bitrate} bit/s)"
+        if address.interface not in ("socketcan", "slcan"):
+            remedy = (
+                f"plug it in, check the name and that its maker's library is installed (`beltcomm doctor` lists what is); {bitrate} bit/s"
+            )
         if address.interface == "socketcan":
             remedy = f"bring it up with `sudo ip link set {address.channel} up type can bitrate {bitrate}`, with the bit rate of the drive"
             if getattr(error, "errno", None) == errno.EAFNOSUPPORT:

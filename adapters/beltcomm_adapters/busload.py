@@ -83,3 +83,8 @@ def plan_exchange(bitrate: int | None, frames: tuple[int, ...], shortest_s: floa
     if period_s > asked_s + _SAME_S and busy_s / asked_s + life > LARGEST_LOAD:
         words += f"; {1e3 * asked_s:g} ms would load it with {100 * (busy_s / asked_s + life):.0f} %, a higher bit rate allows more"
     return BusPlan(period_s, load, words)
+
+
+def shortest_period_s(profile: Profile, modes: Iterable[int], bitrate: int | None) -> float:
+    """The shortest period of the fullest exchange, s, that a drive of this kind and its bus allow.   modes, bitrate : as above."""
+    return plan_exchange(bitrate, fullest(profile, modes), profile.shortest_sync_ms * 1e-3, profile.sync_step_ms * 1e-3).period_s

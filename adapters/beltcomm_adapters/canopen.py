@@ -12,7 +12,10 @@ import can
 
 from beltcomm.drive import Adapter, Clock, Drive, ExchangeReport, Limits, Motion, Sink
 from beltcomm.errors import BusError, DriveError, Refused, UsageError
-from beltcomm_adapters.buses import DEFAULT_BITRATE, Address, MonotonicClock, is_socketcan, open_bus
+from beltcomm.finding import Finding
+from beltcomm_adapters.buses import DEFAULT_BITRATE, Address, MonotonicClock, is_can_bus, open_bus
+from beltcomm_adapters.examination.can import examine_can
+from beltcomm_adapters.examination.surroundings import surroundings
 from beltcomm_adapters.exchange import Exchange
 from beltcomm_adapters.identification import HOMING_MODE, read_capabilities, read_identity, sync_period_s
 from beltcomm_adapters.interrupts import deferred_interrupt
@@ -26,6 +29,8 @@ from beltcomm_adapters.setpoints import Layout, Setpoints, layout_of
 
 _HOMING_PERIOD_S: Final = 0.010  # homing is watched, not sampled
 _OPTIONS: Final = ("node", "bitrate", "profile", "sample_period")
+#: Of an examination only, see :class:`beltcomm.drive.Adapter`.
+EXAMINATION_OPTIONS: Final = ("try_bitrates", "sync_test")
 
 
 class CanopenDrive(ObjectDrive):
@@ -187,14 +192,25 @@ def connect(
 
 
 def _open(address: str, options: Mapping[str, object]) -> Drive:
-    if unknown := sorted(set(options) - set(_OPTIONS)):
-        raise UsageError(f"a CAN drive has no option {', '.join(unknown)}; it has {', '.join(_OPTIONS)}")
+    _check_known(options, _OPTIONS)
     node = whole_number(options, "node", None, 1, 126)
     bitrate = whole_number(options, "bitrate", DEFAULT_BITRATE, 10_000, 1_000_000)
     assert bitrate is not None
     profile, period_s = profile_name(options), number(options, "sample_period", None)
     bus = open_bus(Address.parse(address), bitrate)
     return connect(bus, MonotonicClock(), node, profile, bitrate, bus.shutdown, period_s)
+
+
+def _check_known(options: Mapping[str, object], known: tuple[str, ...]) -> None:
+    if unknown := sorted(set(options) - set(known)):
+        raise UsageError(f"a CAN drive has no option {', '.join(unknown)}; it has {', '.join(known)}")
+
+
+def _examine(address: str, options: Mapping[str, object]) -> Iterator[Finding]:
+    _check_known(options, (*_OPTIONS, *EXAMINATION_OPTIONS))
+    node = whole_number(options, "node", None, 1, 126)
+    bitrate = whole_number(options, "bitrate", None, 10_000, 1_000_000)
+    return examine_can(address, node, bitrate, profile_name(options), options)
 
 
 def whole_number(options: Mapping[str, object], name: str, default: int | None, least: int, most: int) -> int | None:
@@ -233,5 +249,7 @@ ADAPTER = Adapter(
     summary="CiA 402 drive over CANopen: can0 (SocketCAN), slcan:/dev/ttyACM0 (serial CAN adapter), can:INTERFACE:CHANNEL",
     schemes=("can", "slcan"),
     open=_open,
-    claims=is_socketcan,
+    claims=is_can_bus,
+    examine=_examine,
+    surroundings=surroundings,
 )

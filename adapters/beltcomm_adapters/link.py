@@ -156,7 +156,7 @@ def find_nodes(bus: can.BusABC, clock: Clock, wait_s: float = 0.5) -> list[int]:
     for node in range(1, HOST_NODE):
         link.subscribe(0x580 + node, lambda message: found.add(message.arbitration_id - 0x580))
         link.send_data(0x600 + node, b"\x40\x00\x10\x00\x00\x00\x00\x00")
-        if node % 16 == 0:  # send queues of real interfaces are short
+        if node % 4 == 0:  # send queues of real interfaces are short
             link.pump(0.005)
     end_s = clock.now() + wait_s
     while (left_s := end_s - clock.now()) > 0:

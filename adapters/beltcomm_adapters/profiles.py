@@ -63,6 +63,7 @@ class Profile:
     loop_period : (index, subindex) of the velocity loop's period in us.    referenced : (index, subindex, bit).
     output_limit, dead_zone : (index, subindex) of the position controller's, in speed and position units, where it has them.
     emergency : text of an EMCY code, beside those of CiA 301.
+    signals : places that only this kind of drive has, read by ``beltcomm doctor``: ready_for_enable, enable_inputs, ...
     """
 
     name: str
@@ -93,6 +94,7 @@ class Profile:
     output_limit: tuple[int, int] | None = None
     dead_zone: tuple[int, int] | None = None
     emergency: Mapping[int, str] = field(default_factory=dict)
+    signals: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
 
 @cache

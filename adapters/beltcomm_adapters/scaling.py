@@ -34,11 +34,12 @@ class Scaling:
     rated_current_a: float
 
 
-def read_scaling(objects: Objects, profile: Profile, lending: Lending) -> Scaling:
+def read_scaling(objects: Objects, profile: Profile, lending: Lending | None) -> Scaling:
     """Ask the drive for its units.
 
     Factor group: internal = user * numerator / divisor; the speed factor is set to 1/1, 1/4096 min⁻¹, for the session, because
-    whole min⁻¹ are useless as feedback.   CiA 402: user units per motor revolution = feed constant / gear ratio.
+    whole min⁻¹ are useless as feedback; without ``lending`` nothing is written.
+    CiA 402: user units per motor revolution = feed constant / gear ratio.
     Raises DriveError when a divisor is zero or a unit is not known, ObjectRefused, BusError.
     """
     rated_torque_nm = objects.read_int(0x6076, 0, "uint32") * 1e-3
@@ -55,9 +56,10 @@ def read_scaling(objects: Objects, profile: Profile, lending: Lending) -> Scalin
     return Scaling(position, speed, acceleration, rated_torque_nm * 1e-3, counts, rated_torque_nm, rated_current_a)
 
 
-def _factor_group(objects: Objects, lending: Lending) -> tuple[float, float, float, int]:
-    for subindex in (1, 2):
-        lending.set(0x6094, subindex, "uint32", 1)
+def _factor_group(objects: Objects, lending: Lending | None) -> tuple[float, float, float, int]:
+    if lending is not None:
+        for subindex in (1, 2):
+            lending.set(0x6094, subindex, "uint32", 1)
     position = _ratio(objects, 0x6093) * 2.0 * math.pi / _INTERNAL_POSITION
     speed = _ratio(objects, 0x6094) * _RPM / _INTERNAL_SPEED
     acceleration = _ratio(objects, 0x6097) * _RPM / _INTERNAL_ACCELERATION

@@ -11,6 +11,7 @@ from beltcomm.drive import Adapter, Drive
 from beltcomm.errors import BusError, UsageError
 from beltcomm_adapters.buses import MonotonicClock
 from beltcomm_adapters.canopen import profile_name
+from beltcomm_adapters.examination.line import examine_line
 from beltcomm_adapters.serial_drive import SerialDrive
 from beltcomm_adapters.serial_line import BITRATES, DEFAULT_BITRATE
 
@@ -105,4 +106,5 @@ ADAPTER = Adapter(
     summary="drive on RS-232, for parameters, strokes and friction: serial:/dev/ttyUSB0 (append ,rtscts for handshake), serial:virtual",
     schemes=("serial",),
     open=_open,
+    examine=examine_line,
 )

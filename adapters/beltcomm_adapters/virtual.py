@@ -5,18 +5,20 @@ The only module of this package that knows :mod:`beltcomm.virtual`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import Any, Final
 
 from beltcomm.drive import Adapter, Drive
 from beltcomm.errors import UsageError
+from beltcomm.finding import Finding
 from beltcomm.model import load_plant
 from beltcomm.simulate.plant import SimulatedPlant
 from beltcomm.virtual.bus import LockstepBus
 from beltcomm.virtual.device import VirtualDrive
 from beltcomm_adapters.buses import MonotonicClock
-from beltcomm_adapters.canopen import connect, number, profile_name, whole_number
+from beltcomm_adapters.canopen import EXAMINATION_OPTIONS, connect, number, profile_name, whole_number
+from beltcomm_adapters.examination.can import examine_bus
 
 DEFAULT_PLANT: Final = "g_a"
 #: m; the middle of the rig's 0 to 0.5 m.
@@ -37,8 +39,8 @@ _OPTIONS: Final = (
 )
 
 
-def _open(address: str, options: Mapping[str, object]) -> Drive:
-    """``address``: a plant's name or path, "" for g_a.  Options:
+def _playing(address: str, options: Mapping[str, object]) -> tuple[LockstepBus, str]:
+    """The bus with the drive on it, and the machine's name.   ``address``: a plant's name or path, "" for g_a.  Options:
 
     seed : whole number, of the torque noise (0).     profile : "reference" or "cmmp-as".     realtime : run at the wall clock.
     start_position : m, where the carriage stands (0.25).     referenced : the encoder knows the carriage's zero (yes).
@@ -51,13 +53,18 @@ def _open(address: str, options: Mapping[str, object]) -> Drive:
     bus = LockstepBus(MonotonicClock() if options.get("realtime") else None)
     bus.on_frame = given.get("log")
     try:
-        _, plant = attached(bus, address, options)
+        _, machine = attached(bus, address, options)
     except BaseException:
         bus.shutdown()
         raise
+    return bus, machine
+
+
+def _open(address: str, options: Mapping[str, object]) -> Drive:
+    bus, machine = _playing(address, options)
     bitrate = whole_number(options, "bitrate", None, 10_000, 1_000_000)
     drive = connect(bus, bus.clock, _NODE, None, bitrate, bus.shutdown, number(options, "sample_period", None))
-    identity = {**drive.capabilities.identity, "plant": plant}  # the machine behind it is part of what a run was made on
+    identity = {**drive.capabilities.identity, "plant": machine}  # the machine behind it is part of what a run was made on
     drive.capabilities = replace(drive.capabilities, identity=identity)
     return drive
 
@@ -89,9 +96,19 @@ def attached(bus: LockstepBus, address: str, options: Mapping[str, object]) -> t
     return drive, file.model.name
 
 
+def _examine(address: str, options: Mapping[str, object]) -> Iterator[Finding]:
+    own = {name: value for name, value in options.items() if name not in EXAMINATION_OPTIONS}
+    bus, _ = _playing(address, own)
+    try:
+        yield from examine_bus(bus, bus.clock, _NODE, None, None, options)
+    finally:
+        bus.shutdown()
+
+
 ADAPTER = Adapter(
     name="virtual",
     summary="simulated drive and axis: virtual, virtual:PLANT (a shipped plant's name, or a path to a plant file)",
     schemes=("virtual",),
     open=_open,
+    examine=_examine,
 )

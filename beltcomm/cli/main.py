@@ -45,6 +45,7 @@ VERBS = {
     "demo": "Find a hidden fault of a virtual axis: measure, compare, diagnose, add.",
     "thesis": "What the design source compares, recomputed: tables and figures.",
     "convert": "Gains of a P-PI cascade as a PID controller, and back.",
+    "doctor": "What stands in the way: adapters, bus, drive, step by step; moves nothing.",
     "drives": "Drive adapters found, or why one is broken.",
     "effects": "The physical effects a model can have.",
 }

@@ -130,7 +130,7 @@ class VirtualDrive:
         if self._silent:
             return
         if remote:
-            if identifier == _NODE_CONTROL + self._node_id:
+            if identifier == _NODE_CONTROL + self._node_id and not self.faults.remote_frames_blocked:
                 self._nmt.guard_request()
             return
         receiver = self._pdos.receivers.get(identifier)

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+#: V: below, the stage of the virtual drive cannot be switched on.
+LOWEST_DC_LINK_V = 100.0
 
 
 @dataclass
@@ -18,6 +22,12 @@ class Faults:
     encoder_step_at_s, encoder_step_counts : the encoder jumps once.
     silent_from_s : cable pulled: nothing is received or sent; the drive itself runs on.
     refused_modes : modes of operation that 6060h takes but 6061h never shows.
+    dc_link_v : V, what 6079h reads; below :data:`LOWEST_DC_LINK_V` there is no power at the stage.
+    sto_open, enable_input_low : the safe torque off circuit, the controller enable input; the stage stays, or goes, off.
+    local_control : a panel or the maker's tool has the control: controlwords are not obeyed.
+    remote_frames_blocked : remote frames do not arrive, as behind an adapter that has none.
+    readings : what objects hold from power-on in place of their own value, by (index, subindex); the drive itself does not use it where
+        the object is read-only.
     """
 
     drop_tpdo: frozenset[int] = frozenset()
@@ -32,3 +42,19 @@ class Faults:
     encoder_step_counts: int = 0
     silent_from_s: float | None = None
     refused_modes: frozenset[int] = frozenset()
+    dc_link_v: float | None = None
+    sto_open: bool = False
+    enable_input_low: bool = False
+    local_control: bool = False
+    remote_frames_blocked: bool = False
+    readings: Mapping[tuple[int, int], int] = field(default_factory=dict)
+
+    @property
+    def has_power(self) -> bool:
+        """Whether the DC link could drive the motor."""
+        return self.dc_link_v is None or self.dc_link_v >= LOWEST_DC_LINK_V
+
+    @property
+    def stage_blocked(self) -> bool:
+        """Whether something other than a fault keeps the stage off."""
+        return self.sto_open or self.enable_input_low or not self.has_power

@@ -37,7 +37,7 @@ class Profile:
     type_254_is_cyclic : a transmit PDO of type 254 is sent every inhibit time.
     following_error_faults : 6065h leads to a fault; else only to bit 13, and 6510h:22h switches the stage off.
     i2t_faults : the motor's I²t leads to a fault; else the current falls to the rated one.
-    period_at_reset : 60C2h becomes active at the next reset; else at once.
+    period_at_reset : 60C2h becomes active at the next reset; else at once.   enable_inputs : their bits in 60FDh, stage and controller.
     """
 
     name: str
@@ -52,6 +52,7 @@ class Profile:
     i2t_faults: bool = True
     period_at_reset: bool = False
     vendor_bits: bool = False
+    enable_inputs: int = 0
 
 
 def _mode_bits(modes: frozenset[int]) -> int:
@@ -251,6 +252,7 @@ CMMP_AS = Profile(
     i2t_faults=False,
     period_at_reset=True,
     vendor_bits=True,
+    enable_inputs=1 << 20 | 1 << 21,
 )
 
 

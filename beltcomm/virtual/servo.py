@@ -48,6 +48,8 @@ _MODES: dict[int, type[Mode]] = {
     10: CyclicTorque,
 }
 _BUS_CONTROL = 2
+_DISABLE_VOLTAGE = 0x0000
+_CONTROLLER_ENABLE = 1 << 21  # DIN5 in 60FDh of the cmmp-as
 
 
 def _int16(value: float) -> int:
@@ -137,6 +139,10 @@ class Servo:
         self._loops.set_zero(0)
         if self._faults.rated_torque_nm is not None:
             self._dictionary.entry(0x6076).value = round(1000 * self._faults.rated_torque_nm)
+        if self._faults.dc_link_v is not None:
+            self._dictionary.entry(0x6079).value = round(1000 * self._faults.dc_link_v)
+        for place, value in self._faults.readings.items():
+            self._dictionary.entry(*place).value = value
         self._encoder.latch(self._now_s)
         self._loops.angle_rad, self._loops.speed_rad_s = self._encoder.angle_rad, 0.0
         self._loops.restart()
@@ -162,8 +168,11 @@ class Servo:
         if self._end_switches_rad is not None:
             angle = self._plant.position_rad
             self._switches = (angle <= self._end_switches_rad[0], angle >= self._end_switches_rad[1])
-            self._inputs.value = self._switches[0] | self._switches[1] << 1
         faults = self._faults
+        low = _CONTROLLER_ENABLE if faults.enable_input_low else 0
+        self._inputs.value = self._switches[0] | self._switches[1] << 1 | self._profile.enable_inputs & ~low
+        if faults.stage_blocked:
+            self.machine.control(_DISABLE_VOLTAGE)
         if faults.emergency_at_s is not None and now_s >= faults.emergency_at_s:
             faults.emergency_at_s = None
             self.fault(faults.emergency_code, True)
@@ -175,7 +184,7 @@ class Servo:
             self._on_i2t(stage.i2t_exceeded)
         if self._unsettled and self._remote:
             self._unsettled = False
-            self.machine.control(self._controlword.value)
+            self._lead(self._controlword.value)
         self._publish_status()
 
     def run(self) -> None:
@@ -207,7 +216,11 @@ class Servo:
 
     @property
     def _remote(self) -> bool:
-        return self._enable_logic is None or self._enable_logic.value == _BUS_CONTROL
+        return not self._faults.local_control and (self._enable_logic is None or self._enable_logic.value == _BUS_CONTROL)
+
+    def _lead(self, controlword: int) -> None:
+        """The state machine along the controlword, as far as the inputs let it."""
+        self.machine.control(_DISABLE_VOLTAGE if self._faults.stage_blocked else controlword)
 
     def _settle_anew(self) -> None:
         self._unsettled = True
@@ -222,7 +235,7 @@ class Servo:
             self._errors.clear()
             self.machine.reset_fault()
         self._mode.controlword = before
-        self.machine.control(now)
+        self._lead(now)
         if self.machine.state == State.OPERATION_ENABLED:
             self._mode.control(now)
         self._mode.controlword = now
@@ -277,7 +290,7 @@ class Servo:
 
     def _publish_status(self) -> None:
         machine, loops = self.machine, self._loops
-        word = machine.status_bits | _VOLTAGE_ENABLED
+        word = machine.status_bits | (_VOLTAGE_ENABLED if self._faults.has_power else 0)
         if self._remote:
             word |= _REMOTE
         if machine.state == State.OPERATION_ENABLED:
@@ -294,7 +307,8 @@ class Servo:
             word |= _MOVING
         self._statusword.value = word
         if self._vendor_status is not None:
-            ready = machine.state not in (State.FAULT, State.FAULT_REACTION_ACTIVE)
+            faulted = machine.state in (State.FAULT, State.FAULT_REACTION_ACTIVE)
+            ready = not faulted and self._faults.has_power and not self._faults.sto_open  # the enable input is not asked (F1 p164)
             self._vendor_status.value = self.referenced | 2 | ready << 2
 
     def _wired_switches(self) -> tuple[bool, bool] | None:

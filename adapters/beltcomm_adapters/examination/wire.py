@@ -1,0 +1,269 @@
+"""The bus before any drive is asked: does the interface open, is somebody there, and at which bit rate."""
+
+from __future__ import annotations
+
+import errno
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from typing import Final
+
+import can
+
+from beltcomm.drive import Clock
+from beltcomm.errors import BusError, UsageError
+from beltcomm.finding import Finding, Values
+from beltcomm_adapters.buses import Address
+from beltcomm_adapters.examination.errors import WORDS, Trouble, worst
+from beltcomm_adapters.examination.host import Host, Interface
+from beltcomm_adapters.examination.surroundings import bring_up, restart
+from beltcomm_adapters.link import HOST_NODE, INTERFACE_ERRORS, find_nodes
+
+AREA: Final = "bus"
+#: s: long enough for heartbeats and cyclic frames of whoever is at work on the bus.
+LISTEN_S: Final = 0.3
+_TROUBLE_S: Final = 0.2
+_BITRATES: Final = (1_000_000, 500_000, 250_000, 125_000, 800_000, 100_000, 50_000, 20_000)
+_STATES: Final = {0x00: "booting", 0x04: "stopped", 0x05: "operational", 0x7F: "pre-operational"}
+_READ_DEVICE_TYPE: Final = b"\x40\x00\x10\x00\x00\x00\x00\x00"
+
+#: Opens the bus: (bit rate, listen only) -> bus.   Raises BusError, UsageError.
+Opener = Callable[[int, bool], can.BusABC]
+
+
+@dataclass
+class Heard:
+    """What passed on the bus while nobody was asked.
+
+    frames : data frames by identifier.     nmt : state byte by node, from heartbeats.     errors : error frames.
+    """
+
+    frames: dict[int, int] = field(default_factory=dict)
+    nmt: dict[int, int] = field(default_factory=dict)
+    errors: list[can.Message] = field(default_factory=list)
+
+    @property
+    def trouble(self) -> Trouble | None:
+        """The worst that error frames told."""
+        return worst(self.errors)
+
+    @property
+    def commanded(self) -> bool:
+        """Whether somebody commands or asks nodes; a SYNC alone may come from a drive."""
+        return self.master not in ("", "SYNC")
+
+    @property
+    def master(self) -> str:
+        """In words, what only a master sends and this computer did not; "" when nothing."""
+        sent = [word for identifier, word in ((0x000, "NMT commands"), (0x080, "SYNC")) if self.frames.get(identifier)]
+        if any(0x601 <= identifier <= 0x67F for identifier in self.frames):
+            sent.append("SDO requests")
+        if any(0x200 <= identifier <= 0x57F and identifier & 0x80 == 0 for identifier in self.frames):
+            sent.append("setpoints (PDOs)")
+        return ", ".join(sent)
+
+
+def listen(bus: can.BusABC, clock: Clock, seconds: float) -> Heard:
+    """Everything that comes in for so long.  Raises BusError when the interface fails."""
+    heard, end_s = Heard(), clock.now() + seconds
+    while True:
+        left_s = end_s - clock.now()
+        try:
+            message = bus.recv(max(left_s, 0.0))
+        except INTERFACE_ERRORS as error:
+            raise BusError(f"the CAN interface {bus.channel_info} does not receive ({error})") from error
+        if message is None:
+            if left_s <= 0.0:
+                return heard
+            clock.sleep_until(end_s)  # an interface may give up early
+            continue
+        if message.is_error_frame:
+            heard.errors.append(message)
+        elif not message.is_extended_id and not message.is_remote_frame:
+            identifier = message.arbitration_id
+            heard.frames[identifier] = heard.frames.get(identifier, 0) + 1
+            if 0x700 < identifier < 0x780 and len(message.data) == 1:
+                heard.nmt[identifier - 0x700] = message.data[0] & 0x7F
+
+
+def state_name(state: int) -> str:
+    """An NMT state in words."""
+    return _STATES.get(state & 0x7F, f"unknown state {state:02X}h")
+
+
+def unreachable(name: str, text: str, remedy: str) -> Finding:
+    """A finding after which nothing more can be asked."""
+    return Finding(AREA, name, "wrong", text, remedy, unreachable=True)
+
+
+def socketcan(host: Host, name: str, asked_bitrate: int | None) -> Iterator[Finding]:
+    """A SocketCAN interface as the kernel shows it, before it is opened."""
+    interfaces = {one.name: one for one in host.interfaces()}
+    one = interfaces.get(name)
+    if one is None:
+        if not host.has_can() and not interfaces:
+            yield unreachable(
+                "interface", f"there is no CAN interface {name}, and the kernel of this machine opens no CAN sockets",
+                "on Linux: `sudo modprobe can can_raw`; containers mostly have none; a serial CAN adapter (slcan:) works without",
+            )  # fmt: skip
+            return
+        others = f"there are {', '.join(interfaces)}" if interfaces else "there is none at all"
+        yield unreachable(
+            "interface", f"there is no CAN interface {name} on this machine; {others}",
+            "plug the adapter in, or name another one; `beltcomm doctor` without --drive lists what is there",
+        )  # fmt: skip
+    elif not one.up:
+        yield unreachable("interface", f"the CAN interface {name} is down", f"`{bring_up(one)}`, with the bit rate of the drive")
+    elif one.state == "BUS-OFF":
+        yield unreachable("interface", f"the CAN interface {name} is bus-off: it saw too many errors and left the bus", restart(name))
+    else:
+        yield _up(one, asked_bitrate)
+
+
+def _up(one: Interface, asked_bitrate: int | None) -> Finding:
+    values: Values = {"controller": one.state}
+    rate = ""
+    if one.bitrate:
+        values["bitrate"] = one.bitrate
+        rate = f" at {one.bitrate // 1000} kbit/s"
+    if one.bitrate and asked_bitrate and one.bitrate != asked_bitrate:
+        return Finding(
+            AREA, "interface", "wrong", f"{one.name} runs{rate}, --bitrate says {asked_bitrate // 1000} kbit/s",
+            f"leave --bitrate out, or `sudo ip link set {one.name} down`, then "
+            f"`sudo ip link set {one.name} up type can bitrate {asked_bitrate} restart-ms 100`",
+            values,
+        )  # fmt: skip
+    if one.state in ("ERROR-PASSIVE", "ERROR-WARNING"):
+        return Finding(AREA, "interface", "warning", f"{one.name} is up{rate}, {one.state.lower()}", WORDS["passive"][1], values)
+    return Finding(AREA, "interface", "ok", f"{one.name} is up{rate}" + (f", {one.state.lower()}" if one.state else ""), "", values)
+
+
+def heard_finding(heard: Heard) -> Iterator[Finding]:
+    """What listening told: error frames, and another master at work."""
+    if heard.trouble:
+        text, remedy = WORDS[heard.trouble]
+        yield Finding(AREA, "errors", "wrong", f"{text} ({len(heard.errors)} error frames in {LISTEN_S:g} s)", remedy)
+    if heard.master:
+        yield Finding(
+            AREA, "other master", "wrong", f"somebody else works on this bus: {heard.master} were heard",
+            "stop the controller or tool that works here, then look again: two masters must not move one axis, nor be asked at once",
+        )  # fmt: skip
+    elif not heard.trouble:
+        count = sum(heard.frames.values())
+        yield Finding(
+            AREA, "traffic", "ok", f"no other master and no error frame in {LISTEN_S:g} s ({count} frame{'s' * (count != 1)} heard)"
+        )
+
+
+def first_word(bus: can.BusABC, clock: Clock, node: int) -> Trouble | None:
+    """Send one frame (a read of 1000h) and see whether it got out; None when it did.  Raises BusError."""
+    request = can.Message(arbitration_id=0x600 + node, data=_READ_DEVICE_TYPE, is_extended_id=False)
+    try:
+        bus.send(request)
+    except INTERFACE_ERRORS as error:
+        if _full(error):
+            return "no_ack"
+        raise BusError(f"the CAN interface {bus.channel_info} does not send ({error})") from error
+    heard = listen(bus, clock, _TROUBLE_S)
+    # Without berr-reporting a SocketCAN driver shows missing acknowledgement only as error-passive.
+    return "no_ack" if heard.trouble == "passive" and not heard.frames else heard.trouble
+
+
+def answering(bus: can.BusABC, clock: Clock) -> list[int]:
+    """Numbers of the nodes that answer; none also when no frame leaves the send queue.  Raises BusError."""
+    try:
+        return find_nodes(bus, clock)
+    except BusError as error:
+        if _full(error.__cause__ or error):
+            return []
+        raise
+
+
+def _full(error: BaseException) -> bool:
+    """The send queue is full: frames before this one never got out."""
+    number = getattr(error, "error_code", None) or getattr(error, "errno", None)
+    return number == errno.ENOBUFS or "buffer full" in str(error).lower()
+
+
+def silence(bus: can.BusABC, clock: Clock, heard: Heard, node: int | None, rate: str, rtr: bool) -> Finding:
+    """Why nobody answers: a node that is stopped, or nobody at this bit rate."""
+    seen = dict(heard.nmt)
+    if rtr and not seen:
+        seen = _guarded(bus, clock, [node] if node else list(range(1, HOST_NODE)))
+    stopped = sorted(number for number, state in seen.items() if state & 0x7F == 0x04 and node in (None, number))
+    if stopped:
+        number = stopped[0]
+        return unreachable(
+            "nodes", f"node {number} is there, but in the NMT state stopped: it answers no question (SDO)",
+            f"switch the drive off and on, or send it to pre-operational: on SocketCAN `cansend can0 000#80{number:02X}` (can-utils)",
+        )  # fmt: skip
+    where = f"node {node} does not answer" if node else "no node answers"
+    return unreachable(
+        "nodes", f"{where} on {bus.channel_info}{rate}",
+        "check that the drive is on, that CANopen (CiA 402) is selected in it, its node number and bit rate (`--try-bitrates` looks for "
+        "it), the cable and both terminators",
+    )  # fmt: skip
+
+
+def _guarded(bus: can.BusABC, clock: Clock, nodes: list[int]) -> dict[int, int]:
+    """NMT states by node guarding, which a stopped node answers too.  Only where nobody answers questions: it arms life guarding."""
+    try:
+        for node in nodes:
+            bus.send(can.Message(arbitration_id=0x700 + node, is_remote_frame=True, dlc=1, is_extended_id=False))
+            if node % 4 == 0:
+                clock.sleep_until(clock.now() + 0.005)
+        return listen(bus, clock, _TROUBLE_S).nmt
+    except (BusError, *INTERFACE_ERRORS):
+        return {}
+
+
+def several(nodes: list[int], channel: object) -> Finding:
+    """More than one node, and nobody said which is the drive."""
+    found = ", ".join(map(str, nodes))
+    return Finding(
+        AREA, "nodes", "wrong", f"{len(nodes)} nodes answer on {channel}: {found}", f"say which one is the drive: --node {nodes[0]}",
+        {"nodes": found},
+    )  # fmt: skip
+
+
+def bit_rates(address: Address, opener: Opener, clock: Clock) -> Iterator[Finding]:
+    """Look for the bus's bit rate: first listening only, then, where the bus is silent at every rate, by asking.
+
+    A rate at which frames come in undamaged is right.  Asking on a silent bus disturbs nobody.
+    """
+    if address.interface == "socketcan":
+        rates = " ".join(str(rate) for rate in _BITRATES)
+        yield Finding(
+            AREA, "bit rate", "unknown", f"the bit rate of {address.channel} is set by the administrator, so it cannot be tried from here",
+            f"for each of {rates}: `sudo ip link set {address.channel} down`, `sudo ip link set {address.channel} up type can bitrate RATE "
+            f"restart-ms 100`, `beltcomm doctor --drive {address.channel}`",
+        )  # fmt: skip
+        return
+    tried = []
+    for asking in (False, True):
+        for rate in _BITRATES:
+            try:
+                found = _answers(opener, clock, rate, asking)
+            except (BusError, UsageError):
+                continue  # not every interface has every rate, or a mode that only listens
+            tried.append(rate)
+            if found:
+                how = "a node answers" if asking else "frames are heard"
+                text = f"{how} at {rate // 1000} kbit/s"
+                yield Finding(AREA, "bit rate", "warning", text, f"add --bitrate {rate}", {"found_bitrate": rate})
+                return
+    names = ", ".join(f"{rate // 1000}" for rate in dict.fromkeys(tried))
+    yield Finding(
+        AREA, "bit rate", "unknown", f"nothing was heard and nobody answers at {names or 'any'} kbit/s",
+        "check that the drive is on, the cable and both terminators",
+    )  # fmt: skip
+
+
+def _answers(opener: Opener, clock: Clock, rate: int, asking: bool) -> bool:
+    bus = opener(rate, not asking)
+    try:
+        if asking:
+            return bool(find_nodes(bus, clock))
+        heard = listen(bus, clock, 2.0 * LISTEN_S)
+        return bool(heard.frames) and not heard.errors
+    finally:
+        bus.shutdown()

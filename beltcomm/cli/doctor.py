@@ -1,0 +1,31 @@
+"""``beltcomm doctor``: adapters, bus and drive examined; what is wrong, and what to do."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+import click
+
+from beltcomm.cli import options as shared
+from beltcomm.cli.frame import VIRTUAL_AXIS, Frame, api, options_of
+
+
+@click.command("doctor")
+@partial(shared.drive_options, needed=False)
+@shared.axis_option
+@click.option("--try-bitrates", is_flag=True, help="When nobody answers: try the usual bit rates, listening first.")
+@click.option("--sync-test", is_flag=True, help="Map two transmit PDOs for a second, stage off, and count the answers to SYNC.")
+@shared.output_options
+@click.pass_obj
+def command(frame: Frame, /, drive: str | None, axis: str | None, try_bitrates: bool, sync_test: bool, **given: Any) -> int:
+    """Find what stands in the way of commissioning; without --drive, what this machine has to reach one.
+
+    Nothing moves. Nothing is written to the drive but with --sync-test, which puts everything back. With --axis the drive's data are
+    compared with axis.yaml. Exit codes: 0 nothing is wrong, 1 something is, 5 the drive cannot be reached.
+    """
+    if axis is None and drive is not None and drive.partition(":")[0] == "virtual":
+        axis = VIRTUAL_AXIS
+    return frame.show(
+        api().doctor(drive, axis, try_bitrates=try_bitrates, sync_test=sync_test, options=options_of(**given), talk=frame.talk())
+    )
