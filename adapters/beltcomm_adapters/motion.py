@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final, Literal
 
-from beltcomm.drive import ExchangeReport, Limits, Sink
+from beltcomm.drive import ExchangeReport, Sink
 from beltcomm.errors import BusError, DriveError, DriveFault, SafetyStop
 from beltcomm_adapters.cia402 import (
     DISABLE_VOLTAGE,
@@ -25,101 +25,19 @@ from beltcomm_adapters.cia402 import (
 from beltcomm_adapters.exchange import Exchange, Sample
 from beltcomm_adapters.scaling import Scaling
 from beltcomm_adapters.setpoints import Frames, Layout, Setpoints
+from beltcomm_adapters.watch import STOP_TIME_S, Watch
 
 #: Cycles without an answer that a recording survives; each leaves a gap in ``t_s``.
 TOLERATED_LOSSES: Final = 3
 ENABLE_TIME_S: Final = 3.0  # brake release included; 0.1 to 1 s are typical (G1)
-STOP_TIME_S: Final = 3.0  # beyond the ramp of the quick stop
 #: A drive that is silent for so long while being stopped is left to its own guarding.
 SILENCE_S: Final = 0.2
 #: Standstill: less than this speed over this time, motor shaft.
 _STILL_RAD_S: Final = 0.1
 _STILL_TIME_S: Final = 0.02
-#: A reported torque may exceed the limit, at which the drive itself clamps, by its noise and its current ripple.
-_TORQUE_SHARE: Final = 1.1
-_TORQUE_NOISE_OF_RATED: Final = 0.02
-
 #: Operation Enabled, as one comparison for every cycle.
 _STATE_MASK: Final = 0x6F
 _ENABLED_PATTERN: Final = 0x27
-
-
-class Watch:
-    """The limits in the drive's units; every sample is held against them.
-
-    Speed is watched twice: as the drive reports it, and as the difference of positions.  A difference is divided by the
-    elapsed time, but never by less than a period: stamps jitter, the drive's sampling does not.  ``differences`` False: only
-    as reported, for homing, which moves the zero.
-    """
-
-    def __init__(self, limits: Limits, scaling: Scaling, period_s: float, differences: bool = True) -> None:
-        self._limits = limits
-        self._scaling = scaling
-        self._differences = differences
-        self._period_s = period_s
-        self._lowest = limits.position_min_rad / scaling.position_rad
-        self._highest = limits.position_max_rad / scaling.position_rad
-        self._fastest = limits.speed_rad_s / scaling.speed_rad_s
-        self._farthest = math.inf if limits.lag_rad is None else limits.lag_rad / scaling.position_rad
-        self._travel_per_s = limits.speed_rad_s / scaling.position_rad
-        self._strongest = (_TORQUE_SHARE * limits.torque_nm + _TORQUE_NOISE_OF_RATED * scaling.rated_torque_nm) / scaling.torque_nm
-        self._before: Sample | None = None
-
-    def check(self, sample: Sample) -> None:
-        """Raises SafetyStop when ``sample`` breaks a limit."""
-        before, self._before = self._before, sample
-        if not self._lowest <= sample.position <= self._highest:
-            self._stop("position", sample.position * self._scaling.position_rad, "shorten the motion; if it swings, look at the gains")
-        if abs(sample.velocity) > self._fastest:
-            self._stop("speed", sample.velocity * self._scaling.speed_rad_s, "reduce the amplitude; if the axis swings, look at the gains")
-        if abs(sample.torque) > self._strongest:
-            self._stop("torque", sample.torque * self._scaling.torque_nm, "reduce the amplitude or soften the gains")
-        if before is not None and self._differences:
-            travel = sample.position - before.position
-            elapsed_s = max(sample.stamp_s - before.stamp_s, self._period_s)
-            # one count of quantisation at either end is no speed
-            if abs(travel) - 1 > self._travel_per_s * elapsed_s:
-                speed = travel / elapsed_s * self._scaling.position_rad
-                self._stop("speed", speed, "reduce the amplitude, or look at the encoder if its position jumped")
-
-    @property
-    def longest_stop_s(self) -> float:
-        """How long a quick stop may take, s: its ramp from the highest speed, and what a drive needs beside it."""
-        return STOP_TIME_S + self._limits.speed_rad_s / self._limits.deceleration_rad_s2
-
-    def way(self, angle_rad: float) -> str:
-        """A way in words, of the carriage where its ratio is known."""
-        ratio = self._limits.ratio_m_rad
-        return f"{1e3 * ratio * angle_rad:.0f} mm" if ratio else f"{angle_rad:.4g} rad"
-
-    def follow(self, sample: Sample, reference: int) -> None:
-        """Raises SafetyStop when ``sample`` is too far off its reference position."""
-        if abs(reference - sample.position) > self._farthest:
-            off = (reference - sample.position) * self._scaling.position_rad
-            self._stop("lag", off, "the axis is not the one that was counted with, or its gains do not hold it: identify again")
-
-    def _stop(self, reason: str, value: float, remedy: str) -> None:
-        """Raise SafetyStop, in terms of the carriage where its ratio is known."""
-        limits = self._limits
-        ratio, lag = limits.ratio_m_rad, limits.lag_rad or 0.0
-        ends = (limits.position_min_rad, limits.position_max_rad)
-        if reason == "torque":
-            what = f"torque {value:.4g} N m at the motor is beyond the limit of {limits.torque_nm:.4g} N m"
-        elif not ratio:
-            limit = {
-                "position": f"outside the window {ends[0]:.4g} to {ends[1]:.4g} rad",
-                "speed": f"beyond the limit of {limits.speed_rad_s:.4g} rad/s",
-                "lag": f"beyond the limit of {lag:.4g} rad off the reference",
-            }[reason]
-            what = f"{reason} {value:.4g} {'rad/s' if reason == 'speed' else 'rad'} at the motor is {limit}"
-        elif reason == "position":
-            at, low, high = (1e3 * ratio * (angle - limits.zero_rad) for angle in (value, *ends))
-            what = f"the carriage at {at:.1f} mm is outside its window of {low:.1f} to {high:.1f} mm ({value:.4g} rad at the motor)"
-        elif reason == "speed":
-            what = f"the carriage's speed of {ratio * value:.3g} m/s is beyond the limit of {ratio * limits.speed_rad_s:.3g} m/s"
-        else:
-            what = f"the axis is {abs(1e3 * ratio * value):.3g} mm off its reference, {1e3 * ratio * lag:.3g} mm are allowed"
-        raise SafetyStop(f"{what}; the axis was stopped; {remedy}", reason)
 
 
 @dataclass(frozen=True)
@@ -206,6 +124,33 @@ class Run:
                 "need another sample period (60C2h)"
             )
         raise DriveError(f"the drive stays in {state.words} instead of Operation Enabled; check STO, the enable inputs and the DC link")
+
+    def outlive(self, now: Callable[[], float], silent_since_s: float, until_s: float) -> tuple[float, bool] | None:
+        """Go on without signs of life until the drive leaves Operation Enabled; its reaction time, s, and whether it was seen to brake.
+
+        None when it has not by ``until_s``.   A drive that shows another state between Operation Enabled and Fault brakes; one that
+        is in Fault at once, or whose fault cannot be told from its reaction (0Fh for both), counts as one that lets the axis coast.
+        """
+        reacted_s: float | None = None
+        braking = False
+        while reacted_s is not None or now() < until_s:
+            sample = self._exchange.cycle(self._frames.at_rest(self._layout.running, self._position))
+            if sample is None:
+                if self._exchange.lost_in_a_row > TOLERATED_LOSSES:
+                    raise BusError("the drive did not answer while its guarding was tried; check the cabling and the bus load")
+                continue
+            self._position = sample.position
+            self._watch.check(sample)
+            state = state_of(sample.statusword)
+            if state is State.OPERATION_ENABLED:
+                continue
+            reacted_s = now() if reacted_s is None else reacted_s
+            if state not in (State.FAULT_REACTION_ACTIVE, State.QUICK_STOP_ACTIVE):
+                return reacted_s - silent_since_s, braking
+            braking = True
+            if now() > reacted_s + self._watch.longest_stop_s:
+                return reacted_s - silent_since_s, False
+        return None
 
     def follow(self, setpoints: Setpoints, torque_is_of: Literal["over", "after"], sink: Sink) -> Report:
         """Run the motion and hand aligned rows to ``sink``: row n goes out when the sample of row n+1 has come.

@@ -11,7 +11,7 @@ from beltcomm.drive import Array, Capabilities, Limits, Motion
 from beltcomm.errors import DriveError, ObjectRefused, UsageError
 from beltcomm_adapters.cia402 import StateMachine
 from beltcomm_adapters.identification import sync_period_s
-from beltcomm_adapters.link import GUARD_TIME_MS, HOST_NODE
+from beltcomm_adapters.link import HOST_NODE
 from beltcomm_adapters.profiles import Profile
 from beltcomm_adapters.scaling import Scaling
 from beltcomm_adapters.sdo import Lending, Objects
@@ -191,20 +191,20 @@ def _tighten_window(objects: Objects, lending: Lending, scaling: Scaling, limits
         lending.set(0x607D, part, "int32", value)
 
 
-def guard(objects: Objects, lending: Lending, profile: Profile) -> Literal["heartbeat", "node_guarding"]:
-    """Have the drive watch its host, 50 ms; returns the sign of life it wants.
+def guard(objects: Objects, lending: Lending, profile: Profile, guard_s: float) -> Literal["heartbeat", "node_guarding"]:
+    """Have the drive watch its host; returns the sign of life it wants.   guard_s : s, after which it must notice that the host is gone.
 
     Raises DriveError when it can do neither: an axis with a torque setpoint must not outlive its host.
     """
-    wanted = profile.guarding
+    wanted, time_ms = profile.guarding, round(1e3 * guard_s)
     for kind in (wanted, "node_guarding" if wanted == "heartbeat" else "heartbeat"):
         try:
             if kind == "heartbeat":
-                lending.set(0x1016, 1, "uint32", HOST_NODE << 16 | GUARD_TIME_MS)
+                lending.set(0x1016, 1, "uint32", HOST_NODE << 16 | time_ms)
                 return "heartbeat"
             lending.set(0x1017, 0, "uint16", 0)  # a heartbeat of the drive would switch node guarding off
             lending.set(0x100D, 0, "uint8", 1)
-            lending.set(0x100C, 0, "uint16", GUARD_TIME_MS)
+            lending.set(0x100C, 0, "uint16", time_ms)
             return "node_guarding"
         except ObjectRefused:
             continue

@@ -18,6 +18,9 @@ class Faults:
     encoder_step_at_s, encoder_step_counts : the encoder jumps once.
     silent_from_s : cable pulled: nothing is received or sent; the drive itself runs on.
     refused_modes : modes of operation that 6060h takes but 6061h never shows.
+    guarding_ignored, guarding_coasts : a host that falls silent is not noticed, or its loss cuts the stage off instead of braking.
+    torque_stop_coasts : a quick stop out of torque mode only takes the torque away, no loop brakes.
+    gain_factor : the velocity gain is this many times what its object says, read anew with every write of a gain.
     """
 
     drop_tpdo: frozenset[int] = frozenset()
@@ -32,3 +35,7 @@ class Faults:
     encoder_step_counts: int = 0
     silent_from_s: float | None = None
     refused_modes: frozenset[int] = frozenset()
+    guarding_ignored: bool = False
+    guarding_coasts: bool = False
+    torque_stop_coasts: bool = False
+    gain_factor: float = 1.0

@@ -200,8 +200,10 @@ class Servo:
 
     def communication_lost(self, code: int) -> None:
         """The master is gone or has stopped the node: a fault while the motor carries torque, else only a message."""
+        if self._faults.guarding_ignored and code == Code.LIFE_GUARD:
+            return
         if self.machine.powered:
-            self.fault(code, False)
+            self.fault(code, self._faults.guarding_coasts)
         else:
             self._errors.report(code)
 

@@ -176,6 +176,22 @@ def test_a_host_that_hangs_is_noticed_by_the_drive_within_its_guard_time(profile
     assert abs(speeds[-1]) < 0.2 * max(speeds)
 
 
+def test_how_a_drive_takes_the_silence_is_seen(profile, opened):
+    """The reference ramps down before its fault; with the knobs it lets the axis coast, or does not mind, and gets no torque."""
+    for faults, brakes in ((Faults(), True), (Faults(guarding_coasts=True), False)):
+        machine = open_virtual(profile, faults=faults)
+        opened.append(machine)
+        found = machine.drive.prove_guarding(machine.limits)
+        assert found.brakes is brakes
+        assert found.reaction_s == pytest.approx(0.05, abs=1.5 * T)  # CiA 301: the guard time, to a tick of the drive
+    machine = open_virtual(profile, faults=Faults(guarding_ignored=True))
+    opened.append(machine)
+    with pytest.raises(DriveError, match="did not react within 100 ms"):
+        machine.drive.record(binary(50, 0.1), machine.limits, lambda row: None)
+    assert machine.plant is not None
+    assert machine.plant.position_rad == 0.0
+
+
 class FarPlant(RigidPlant):
     """Remembers how far it went in the positive direction."""
 
