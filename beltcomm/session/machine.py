@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
 from types import TracebackType
 from typing import Literal
 
@@ -18,13 +17,14 @@ from numpy.typing import NDArray
 
 from beltcomm.axis import Axis
 from beltcomm.control import Cascade
-from beltcomm.drive import COLUMNS, Capabilities, Drive, Limits, Motion, Row
+from beltcomm.drive import COLUMNS, Capabilities, Drive, Guarding, Limits, Motion, Row
 from beltcomm.errors import BeltcommError, DamagedRecord, DataError, Refused, UsageError
 from beltcomm.excitation import ExcitationKind
 from beltcomm.parameters import GAIN_NAMES, cascade_to_parameters, parameters_to_cascade
 from beltcomm.recording import Recording
 from beltcomm.runfolder import RunFolder
 from beltcomm.session.expectation import BeltWatch
+from beltcomm.session.room import Room as Room
 from beltcomm.sidecar import Sidecar
 from beltcomm.stopping import Braking, first_deceleration
 from beltcomm.talk import Talk
@@ -50,19 +50,6 @@ def unwatched(_row: Row) -> None:
     """A record that nobody but the drive's limits watches."""
 
 
-@dataclass(frozen=True)
-class Room:
-    """What the present phase may use.  window_m : (min, max) of the carriage.   speed_m_s, torque_nm (motor shaft).
-
-    lag_m : how far a position loop may be off its reference; None leaves it to the drive's own setting.
-    """
-
-    window_m: tuple[float, float]
-    speed_m_s: float
-    torque_nm: float
-    lag_m: float | None = None
-
-
 class Machine:
     """The connected axis.  Use as a context manager.
 
@@ -74,7 +61,7 @@ class Machine:
     keep_gains : set by the sequence when the user wants to keep the new gains in the drive (not saved).
     over_belt : the user lets the belt carry more than its feed force; virtual drives only.
     deceleration_m_s2 : of a quick stop, lent to the drive with every motion.   braking : what brakes the axis with the loop that is in
-    the drive; None as long as only friction can be counted with.
+    the drive; None as long as only friction can be counted with.   guarding : how the drive took the silence of its host, once seen.
     """
 
     def __init__(self, drive: Drive, axis: Axis, folder: RunFolder, talk: Talk) -> None:
@@ -90,6 +77,7 @@ class Machine:
         self.excitation: ExcitationKind = "prbs"
         self.deceleration_m_s2 = first_deceleration(axis, drive.capabilities.peak_torque_nm).value_m_s2
         self.braking: Braking | None = None
+        self.guarding: Guarding | None = None
         self.machine_seconds = 0.0
         self._started = drive.clock.now()
         self._backup = drive.backup()
@@ -243,10 +231,25 @@ class Machine:
         low, high = sorted(self.origin_rad + x / self.ratio for x in room.window_m)
         speed = min(room.speed_m_s / self.ratio, self.drive.capabilities.max_speed_rad_s)
         lag = None if room.lag_m is None else room.lag_m / self.ratio
-        motor = self.axis.motor
-        brake = (UNKNOWN_BRAKE_S if motor.brake_time_s is None else motor.brake_time_s) if motor.brake_torque_nm else 0.0
         deceleration = self.deceleration_m_s2 / self.ratio
-        return Limits(low, high, speed, room.torque_nm, deceleration, lag, self.ratio, self.origin_rad, brake_s=brake)
+        return Limits(
+            low,
+            high,
+            speed,
+            room.torque_nm,
+            deceleration,
+            lag,
+            self.ratio,
+            self.origin_rad,
+            brake_s=self.brake_s,
+            guard_s=room.guard_s,
+        )
+
+    @property
+    def brake_s(self) -> float:
+        """What a holding brake needs to open or to close, s; 0 where there is none."""
+        motor = self.axis.motor
+        return (UNKNOWN_BRAKE_S if motor.brake_time_s is None else motor.brake_time_s) if motor.brake_torque_nm else 0.0
 
     def brake_with(self, braking: Braking) -> None:
         """From now on a stop is counted with, and set in the drive to, what a loop can do."""

@@ -88,7 +88,7 @@ def test_a_torque_beyond_the_limit_is_refused_before_anything_is_written(opened)
     node = StubNode()
     drive = opened(node)
     node.written.clear()
-    with pytest.raises(UsageError, match="limit is 0.5"):
+    with pytest.raises(UsageError, match=r"limit is 0\.5"):
         drive.prove_guarding(LIMITS, 0.6)
     assert node.written == []
 
