@@ -7,7 +7,7 @@ stopped axis and the parameters found at the start, unless new gains were to be 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import TracebackType
 from typing import Literal
@@ -18,12 +18,14 @@ from numpy.typing import NDArray
 from beltcomm.axis import Axis
 from beltcomm.control import Cascade
 from beltcomm.drive import COLUMNS, Capabilities, Drive, Guarding, Limits, Motion, Row
-from beltcomm.errors import BeltcommError, DamagedRecord, DataError, Refused, UsageError
+from beltcomm.errors import DamagedRecord, DataError, Refused, UsageError
 from beltcomm.excitation import ExcitationKind
+from beltcomm.model import Model
 from beltcomm.parameters import GAIN_NAMES, cascade_to_parameters, parameters_to_cascade
 from beltcomm.recording import Recording
 from beltcomm.runfolder import RunFolder
-from beltcomm.session.expectation import BeltWatch
+from beltcomm.session.closed_loop_watch import closed_loop_watch, unwatched
+from beltcomm.session.leaving import leave
 from beltcomm.session.room import Room as Room
 from beltcomm.sidecar import Sidecar
 from beltcomm.stopping import Braking, first_deceleration
@@ -39,15 +41,9 @@ OFFSET = "ff_offset_nm"
 SETTLE_S = 1.0
 #: s, in which a brake opens whose time axis.yaml does not state: slow ones of this size.
 UNKNOWN_BRAKE_S = 0.1
-#: How many Ctrl-C the restoring of a drive survives.
-IMPATIENCE = 5
 
 #: Rated torque and current of the drive may differ by this share from axis.yaml: rounding of the data sheets.
 RATED_TOLERANCE = 0.02
-
-
-def unwatched(_row: Row) -> None:
-    """A record that nobody but the drive's limits watches."""
 
 
 class Machine:
@@ -62,6 +58,7 @@ class Machine:
     over_belt : the user lets the belt carry more than its feed force; virtual drives only.
     deceleration_m_s2 : of a quick stop, lent to the drive with every motion.   braking : what brakes the axis with the loop that is in
     the drive; None as long as only friction can be counted with.   guarding : how the drive took the silence of its host, once seen.
+    cascade : what was written last.   closed : model and delay, s, that loops are counted with.
     """
 
     def __init__(self, drive: Drive, axis: Axis, folder: RunFolder, talk: Talk) -> None:
@@ -78,6 +75,8 @@ class Machine:
         self.deceleration_m_s2 = first_deceleration(axis, drive.capabilities.peak_torque_nm).value_m_s2
         self.braking: Braking | None = None
         self.guarding: Guarding | None = None
+        self.closed: tuple[Model, float] | None = None
+        self.cascade: Cascade | None = None
         self.machine_seconds = 0.0
         self._started = drive.clock.now()
         self._backup = drive.backup()
@@ -92,26 +91,10 @@ class Machine:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         keep = self.keep_gains and kind is None
         wanted = {n: v for n, v in self._backup.items() if not (keep and n in GAIN_NAMES)}
-        interrupted: KeyboardInterrupt | None = None
-        for _ in range(IMPATIENCE):
-            try:
-                self.drive.stop()
-                self._restore(wanted, keep)
-                break
-            except KeyboardInterrupt as again:  # an impatient user must not leave a half-restored drive behind
-                interrupted = again
+        interrupted = leave(self.drive, self.folder, self.talk, wanted, keep, error)
         self._occupied.close()
         if interrupted is not None and kind is None:
             raise interrupted
-
-    def _restore(self, wanted: Mapping[str, float], keep: bool) -> None:
-        try:
-            self.drive.write(wanted)
-        except BeltcommError as problem:
-            self.folder.journal(f"restoring the drive failed: {problem}")
-            self.talk.say(f"The drive's parameters could not be restored ({problem}); `beltcomm rollback` writes the backup again.")
-        else:
-            self.folder.journal("limits restored, new gains kept" if keep else "all parameters restored")
 
     def begin(self, title: str) -> None:
         """Tell that a phase begins, numbered among those to come."""
@@ -317,7 +300,7 @@ class Machine:
         self._check_stops(motion, foreseen)
         self.let_settle()
         writer = self.folder.new_recording(name, sidecar, COLUMNS)
-        belt = self._belt_watch(motion)
+        closed = closed_loop_watch(self, motion)
         zero, begun, total = self.origin_rad, self.drive.clock.now(), len(motion.torque_nm)
         rows = 0
 
@@ -325,7 +308,7 @@ class Machine:
             nonlocal rows
             t, torque, setpoint, position, velocity, reference, *others = row
             writer.write((t, torque, setpoint, position - zero, velocity, reference - zero, *others))
-            belt(row)
+            closed(row)
             watch(row)
             rows += 1
             if rows % 200 == 0:
@@ -349,13 +332,6 @@ class Machine:
             self.folder.withdraw(name)  # what cannot be used is no finished record: --resume makes it again
             raise
 
-    def _belt_watch(self, motion: Motion) -> Watch:
-        """Of a closed loop, which may ring; what an excitation may do is watched by its own prediction, whatever axis.yaml says."""
-        if motion.kind == "torque":
-            return unwatched
-        inertia, limit = self.axis.motor_side_inertia_kg_m2, self.axis.belt_force_limit_n
-        return BeltWatch(self.ratio, inertia, limit, self.friction)
-
     @contextmanager
     def withdrawing(self) -> Iterator[None]:
         """A recording that an analysis calls damaged is no finished record: it is kept aside, and --resume makes it again."""
@@ -370,10 +346,10 @@ class Machine:
         """Run a motion that is only a means (positioning, creeping), watched row by row; nothing is kept."""
         self._check_stops(motion)
         self.let_settle()
-        belt, begun = self._belt_watch(motion), self.drive.clock.now()
+        closed, begun = closed_loop_watch(self, motion), self.drive.clock.now()
 
         def sink(row: Row) -> None:
-            belt(row)
+            closed(row)
             watch(row)
 
         try:
@@ -391,7 +367,8 @@ class Machine:
         values = {n: v for n, v in cascade_to_parameters(cascade).items() if n in offered}
         stored = self.drive.write(values)
         self.folder.journal("wrote " + ", ".join(f"{n}={v:.6g}" for n, v in stored.items()))
-        return parameters_to_cascade({**offered, **stored})
+        self.cascade = parameters_to_cascade({**offered, **stored})
+        return self.cascade
 
 
 def stroking(capabilities: Capabilities) -> Literal["position", "velocity"]:

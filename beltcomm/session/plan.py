@@ -201,16 +201,13 @@ def _stop_words(axis: Axis, capabilities: Capabilities) -> str:
         f"a light carriage that just breaks away runs on by {1e3 * crept_m:.0f} mm at most, less nearer to an end, and an excitation is no "
         "stronger than lets it stop before the end. "
     )
-    return (
-        held
-        + guarded
-        + (
-            "A stop at any moment ends within the way 'with stop' (in closed loop: within the travel). Until the carriage is weighed, "
-            f"friction and the velocity loop found in the drive stop it, with {first.value_m_s2:.2g} m/s² at most ({first.binds}, the belt's "
-            "swing counted twice); then a loop designed for it, with as much as loads the belt by its feed force, on top of what it carries "
-            "just then."
-        )
+    stopped = (
+        "A stop at any moment ends within the way 'with stop' (in closed loop: within the travel). Until the carriage is weighed, "
+        f"friction and the velocity loop found in the drive stop it, with {first.value_m_s2:.2g} m/s² at most ({first.binds}, the belt's "
+        "swing counted twice); then a loop designed for it, with as much as loads the belt by its feed force, on top of what it carries "
+        "just then."
     )
+    return held + guarded + stopped
 
 
 def _here(axis: Axis, capabilities: Capabilities, window_m: tuple[float, float] | None = None) -> tuple[Experiment, ...]:
