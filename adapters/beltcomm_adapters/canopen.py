@@ -28,6 +28,7 @@ from beltcomm_adapters.sdo import Objects
 from beltcomm_adapters.setpoints import Layout, Setpoints, layout_of
 from beltcomm_adapters.watch import Watch
 
+_PROFILE_VELOCITY: Final = 3
 _HOMING_PERIOD_S: Final = 0.010  # homing is watched, not sampled
 #: s beyond the guard time within which a drive must have reacted to the silence of its host.
 GUARD_TOLERANCE_S: Final = 0.05
@@ -201,6 +202,7 @@ class CanopenDrive:
                 exchange.start()
                 try:
                     run.enable(limits.brake_s)
+                    self._machine.confirm_mode(layout.mode)
                     yield run
                 except BaseException as error:
                     self._halt(run, exchange, error, limits.release)
@@ -214,6 +216,10 @@ class CanopenDrive:
         """Stop and disable; a failure to do so is raised, or noted on the ``error`` that is already under way."""
         try:
             with deferred_interrupt():
+                if run.torque_mode and self._profile.torque_exit == "velocity" and not release:
+                    with contextlib.suppress(DriveError):  # the quick stop comes all the same
+                        self._objects.write(0x6060, 0, "int8", _PROFILE_VELOCITY)
+                        run.stand_by_speed()
                 run.halt(release)
                 exchange.end()
         except BusError as failure:

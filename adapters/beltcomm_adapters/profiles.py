@@ -45,6 +45,8 @@ class Profile:
     shortest_sync_ms, sync_change : smallest 60C2h, and whether a new value acts at once or after save and reset.
     enable_logic : (index, subindex, type, value) that hands control to the bus, None when there is no such switch.
     torque_slope_permille_s : 6087h that makes mode 4 follow a setpoint at once.
+    torque_exit : what brakes an axis out of torque mode: its quick stop, or, where that only takes the torque away, profile velocity
+    (mode 3) at no speed before it.
     torque_limit_lowest_permille : smallest 6072h the drive takes.
     loop_period : (index, subindex) of the velocity loop's period in us.    referenced : (index, subindex, bit).
     output_limit, dead_zone : (index, subindex) of the position controller's, in speed and position units, where it has them.
@@ -67,6 +69,7 @@ class Profile:
     sources: Mapping[str, Mapping[str, str]]
     enable_logic: tuple[int, int, str, int] | None = None
     torque_slope_permille_s: int | None = None
+    torque_exit: Literal["quick_stop", "velocity"] = "quick_stop"
     torque_limit_lowest_permille: int = 0
     loop_period: tuple[int, int] | None = None
     referenced: tuple[int, int, int] | None = None
@@ -116,6 +119,8 @@ def _profile(raw: dict[str, Any]) -> Profile:
     sources = raw.pop("sources")
     if wrong := [key for key, entry in sources.items() if not entry["source"] or entry["confidence"] not in CONFIDENCES]:
         raise ValueError(f"no source or no confidence for {wrong}")
+    if raw.get("torque_exit", "quick_stop") not in ("quick_stop", "velocity"):
+        raise ValueError(f"torque_exit is {raw['torque_exit']!r}, not quick_stop or velocity")
     logic, referenced = raw.pop("enable_logic", None), raw.pop("referenced", None)
     return Profile(
         shortest_sync_ms=sync["shortest_ms"],

@@ -326,6 +326,9 @@ class Machine:
         self.folder.journal(
             f"{name}: {report.rows} samples, {report.lost_cycles} lost cycles, worst period error {1e6 * report.worst_jitter_s:.0f} us"
         )
+        for remark in report.remarks:
+            self.folder.journal(f"{name}: {remark}")
+            self.talk.say(f"{name}: {remark}.")
         try:
             return self.folder.recording(name)
         except DataError:

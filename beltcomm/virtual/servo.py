@@ -38,6 +38,7 @@ _FAULT_RESET = 1 << 7
 _VOLTAGE_ENABLED, _WARNING, _MOVING, _REMOTE = 1 << 4, 1 << 7, 1 << 8, 1 << 9
 _INTERNAL_LIMIT, _REFERENCED = 1 << 11, 1 << 15
 _WITH_POSITION_REFERENCE = frozenset({1, 7, 8})
+_TORQUE_MODES = (4, 10)
 _MODES: dict[int, type[Mode]] = {
     1: ProfilePosition,
     3: ProfileVelocity,
@@ -253,6 +254,7 @@ class Servo:
         elif state in (State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE):
             self.machine.quick_stop_holds = self._quick_stop_code.value == 6
             self._stop.start()
+            self._stop.coasts = self._faults.torque_stop_coasts and state == State.QUICK_STOP_ACTIVE and self._mode_number in _TORQUE_MODES
         else:
             self._stage.switch_off(held=self._stop.done)
             self._loops.open()
