@@ -81,9 +81,10 @@ class Tally:
         cut = word & INTERNAL_LIMIT and abs(sample.demand - self._setpoints.torque[k - 1]) > CUT_STEPS
         self._cut = self._cut + 1 if cut else 0
         if self._cut * self._period_s > CUT_S:
+            asked = self._setpoints.torque[k - 1]
             raise SafetyStop(
-                f"the drive cuts the torque (statusword bit 11): it takes {sample.demand} of its units where {self._setpoints.torque[k - 1]} "
-                f"were asked, for {1e3 * CUT_S:.0f} ms; the axis was stopped; look at its limits (6072h, 6073h, I2t) or reduce the amplitude",
+                f"the drive cuts the torque (statusword bit 11): it takes {sample.demand} of its units where {asked} were asked, for "
+                f"{1e3 * CUT_S:.0f} ms; the axis was stopped; look at its limits (6072h, 6073h, I2t) or reduce the amplitude",
                 "limit",
             )
 

@@ -24,7 +24,8 @@ from beltcomm.model import Model
 from beltcomm.parameters import GAIN_NAMES, cascade_to_parameters, parameters_to_cascade
 from beltcomm.recording import Recording
 from beltcomm.runfolder import RunFolder
-from beltcomm.session.closed_loop_watch import closed_loop_watch, unwatched
+from beltcomm.session.closed_loop_watch import foreseen as foreseen_of
+from beltcomm.session.closed_loop_watch import unwatched, within
 from beltcomm.session.leaving import leave
 from beltcomm.session.room import Room as Room
 from beltcomm.sidecar import Sidecar
@@ -300,7 +301,7 @@ class Machine:
         self._check_stops(motion, foreseen)
         self.let_settle()
         writer = self.folder.new_recording(name, sidecar, COLUMNS)
-        closed = closed_loop_watch(self, motion)
+        closed = foreseen_of(self, motion)
         zero, begun, total = self.origin_rad, self.drive.clock.now(), len(motion.torque_nm)
         rows = 0
 
@@ -308,14 +309,14 @@ class Machine:
             nonlocal rows
             t, torque, setpoint, position, velocity, reference, *others = row
             writer.write((t, torque, setpoint, position - zero, velocity, reference - zero, *others))
-            closed(row)
+            closed.watch(row)
             watch(row)
             rows += 1
             if rows % 200 == 0:
                 self.talk.progress(rows / total, (total - rows) * motion.period_s)
 
         try:
-            report = self.drive.record(motion, self.drive_limits(room), sink)
+            report = self.drive.record(motion, self.drive_limits(within(room, closed)), sink)
         except BaseException:
             writer.close(finished=False)
             self.folder.journal(f"{name}: interrupted after {rows} of {total} samples; what was recorded is kept")
@@ -349,14 +350,14 @@ class Machine:
         """Run a motion that is only a means (positioning, creeping), watched row by row; nothing is kept."""
         self._check_stops(motion)
         self.let_settle()
-        closed, begun = closed_loop_watch(self, motion), self.drive.clock.now()
+        closed, begun = foreseen_of(self, motion), self.drive.clock.now()
 
         def sink(row: Row) -> None:
-            closed(row)
+            closed.watch(row)
             watch(row)
 
         try:
-            self.drive.record(motion, self.drive_limits(room), sink)
+            self.drive.record(motion, self.drive_limits(within(room, closed)), sink)
         finally:
             self.machine_seconds += self.drive.clock.now() - begun
 

@@ -23,9 +23,9 @@ from beltcomm.verify import Loop, predict_move
 
 Array = NDArray[np.float64]
 
-#: The band, as shares of the lowest and of the highest first resonance along the travel; and of the sampling rate, which it must fit.
-BELOW, ABOVE = 0.5, 2.0
-LOWEST_OF_RATE, HIGHEST_OF_RATE = 0.2, 0.45
+#: The band: from this share of the lowest first resonance along the travel, but at most from that share of the sampling rate, up to what
+#: rows can show: a loop that is too stiff or too late swings above the resonance as well, where no motion has a part.
+BELOW, LOWEST_OF_RATE, HIGHEST_OF_RATE = 0.35, 0.2, 0.45
 #: Order of the band-pass (each edge), and s over which its output's power is a mean.
 ORDER, WINDOW_S = 2, 0.06
 #: What is allowed: so many times the predicted amplitude, and this share of the largest torque predicted, for what no model knows.
@@ -44,13 +44,12 @@ class Swing:
 
 
 def band_of(model: Model, window_m: tuple[float, float], period_s: float) -> tuple[float, float]:
-    """Around the first resonance at both ends of a window, Hz, as far as rows with this period can show it."""
-    found = []
+    """Around the first resonance at both ends of a window and above, Hz, as far as rows with this period can show it."""
+    lowest = math.inf
     for place in window_m:
         free = [m.freq_hz for m in modes(model, operating_point(model, place, 1.0)) if m.freq_hz > 0.5]
-        found.append(min(free, default=math.inf))
-    low, high = BELOW * min(found), ABOVE * max(found)
-    return min(low, LOWEST_OF_RATE / period_s), min(high, HIGHEST_OF_RATE / period_s)
+        lowest = min([lowest, *free])
+    return min(BELOW * lowest, LOWEST_OF_RATE / period_s), HIGHEST_OF_RATE / period_s
 
 
 def amplitude_nm(torque_nm: Array, period_s: float, band_hz: tuple[float, float]) -> Array:
@@ -121,11 +120,11 @@ class ResonanceWatch:
         swing, band = self.swing, np.array(self._band)
         turns = np.flatnonzero(np.diff(np.signbit(band)))
         hertz = 0.5 * (len(turns) - 1) / (self.period_s * (turns[-1] - turns[0])) if len(turns) > 2 else math.nan
+        amplitude = math.sqrt(2.0 * self._power / self._rows)
         raise SafetyStop(
-            f"the motor torque swings with {math.sqrt(2.0 * self._power / self._rows):.3g} N m at about {hertz:.0f} Hz, near the belt's "
-            f"resonance; predicted were {swing.predicted_nm:.2g} N m and {swing.allowed_nm:.2g} N m are allowed; the axis was stopped and "
-            "gets its old gains back: the loop does not fit this axis (another load, a later torque, a gain that is not what it says); "
-            "identify it again",
+            f"the motor torque swings with {amplitude:.3g} N m at about {hertz:.0f} Hz, in the band of the belt's resonance; predicted were "
+            f"{swing.predicted_nm:.2g} N m, {swing.allowed_nm:.2g} N m are allowed; the axis was stopped and gets its old gains back: the "
+            "loop does not fit this axis (another load, a later torque, a gain that is not what it says); identify it again",
             "resonance",
         )
 
