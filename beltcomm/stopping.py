@@ -92,11 +92,13 @@ class Braking:
 class HostLoss:
     """What becomes of an axis in torque mode when its host dies.
 
-    held_s : s, the last torque is held so long at worst.   braking : what brakes the axis then.
+    held_s : s, the last torque is held so long at worst.   braking : what brakes the axis then.   least_nm : what pulls at least, N m:
+    the weight of an axis that nothing holds.
     """
 
     held_s: float
     braking: Braking
+    least_nm: float = 0.0
 
 
 def run_on(speed_m_s: Array, torque_nm: float, friction_nm: float, inertia_kg_m2: float, ratio: float, loss: HostLoss) -> Array:
@@ -108,7 +110,7 @@ def run_on(speed_m_s: Array, torque_nm: float, friction_nm: float, inertia_kg_m2
     N m.   friction_nm, inertia_kg_m2 : of the whole axis at the motor.   ratio : i_t, m/rad.   Infinite when nothing brakes.
     """
     speed, held_s = np.maximum(speed_m_s, 0.0), loss.held_s
-    acceleration = max(ratio * (torque_nm - friction_nm) / inertia_kg_m2, 0.0)
+    acceleration = max(ratio * (max(torque_nm, loss.least_nm) - friction_nm) / inertia_kg_m2, 0.0)
     return speed * held_s + 0.5 * acceleration * held_s**2 + loss.braking.ways_m(speed + acceleration * held_s)
 
 

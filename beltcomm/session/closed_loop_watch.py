@@ -64,4 +64,4 @@ def foreseen(machine: Machine, motion: Motion) -> Foreseen:
         resonance(row)
         belt(row)
 
-    return Foreseen(watch, OVER_PLAN * planned_nm + swing.allowed_nm)
+    return Foreseen(watch, OVER_PLAN * planned_nm)

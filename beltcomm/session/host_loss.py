@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,8 +17,8 @@ from beltcomm.identify.amplitude import Prediction
 from beltcomm.model import Model
 from beltcomm.session.guard_times import guard_times_s
 from beltcomm.session.machine import Machine
-from beltcomm.session.stops import Found, braking_of
-from beltcomm.stopping import Braking, HostLoss, braked_by_friction, run_on, total_friction, total_inertia
+from beltcomm.session.stops import Designed, Found, braking_of
+from beltcomm.stopping import HostLoss, braked_by_friction, run_on, total_friction, total_inertia
 
 #: s, over which the measured speed is a mean: longer than a swing of a stiff belt, shorter than the carriage takes to get fast.
 SPEED_OVER_S = 0.012
@@ -58,32 +58,44 @@ def _withhold(machine: Machine, guard_s: float, holding_nm: float) -> Guarding:
         machine.machine_seconds += machine.drive.clock.now() - begun
 
 
-def losses_of(machine: Machine, sliding_nm: Callable[[float, float], float] | None = None) -> Callable[[Model], Sequence[HostLoss]]:
-    """What the death of the host means for a model, by guard time.   sliding_nm : as in :func:`braking_of`."""
-    guarding, times, counted = prove(machine), guard_times_s(machine.drive.capabilities), braking_of(machine, sliding_nm)
-    held = [guarding.held_s(time) + machine.drive.capabilities.sample_period_s for time in times]
+@dataclass(frozen=True)
+class Losses:
+    """What the death of the host means for a model, by guard time.
 
-    def losses(model: Model) -> Sequence[HostLoss]:
-        if guarding.brakes:
-            return [HostLoss(time, counted(model).by_the_drive) for time in held]
+    held_s : s, how long the last torque is held with each guard time.   counted : what a stop of the drive is counted with.
+    brakes : the drive brakes then; else it takes its stage off, and friction stops the axis, or its brake (torque, N m, and time to
+    close, s); holding_nm, which a tilted axis needs, pulls until then.
+    """
+
+    held_s: tuple[float, ...]
+    counted: Found | Designed
+    brakes: bool
+    brake_nm: float
+    brake_s: float
+    holding_nm: float
+
+    def __call__(self, model: Model) -> Sequence[HostLoss]:
+        """One entry for each guard time."""
+        if self.brakes:
+            return [HostLoss(time, self.counted(model).by_the_drive) for time in self.held_s]
         friction = total_friction(model)
-        if isinstance(counted, Found) and counted.sliding_nm is not None:
-            friction = counted.sliding_nm(total_inertia(model), model["transmission.ratio"])
-        braking = coasting(machine, model, friction)
-        return [HostLoss(time, braking) for time in held]
+        if isinstance(self.counted, Found) and self.counted.sliding_nm is not None:
+            friction = self.counted.sliding_nm(total_inertia(model), model["transmission.ratio"])
+        coasting = braked_by_friction(model, friction, 0.0)
+        closed = braked_by_friction(model, max(self.brake_nm - self.holding_nm, 0.0), 0.0)
+        if not self.holding_nm:
+            braking = replace(coasting, besides=replace(closed, lag_s=self.brake_s)) if self.brake_nm else coasting
+            return [HostLoss(time, braking) for time in self.held_s]
+        left = closed if self.brake_nm else braked_by_friction(model, max(friction - self.holding_nm, 0.0), 0.0)
+        return [HostLoss(time + self.brake_s, left, self.holding_nm) for time in self.held_s]
 
-    return losses
 
-
-def coasting(machine: Machine, model: Model, friction_nm: float) -> Braking:
-    """What stops an axis whose stage is off: friction, and a brake after the time that it needs to close."""
-    friction = braked_by_friction(model, friction_nm, 0.0)
-    motor = machine.axis.motor
-    if not motor.brake_torque_nm:
-        return friction
-    left_nm = max(motor.brake_torque_nm - abs(machine.holding_nm), 0.0)
-    brake = replace(braked_by_friction(model, left_nm, 0.0), lag_s=machine.brake_s)
-    return brake if machine.holding_nm else replace(friction, besides=brake)
+def losses_of(machine: Machine, sliding_nm: Callable[[float, float], float] | None = None) -> Losses:
+    """What the death of the host means on this machine now.   sliding_nm : as in :func:`braking_of`."""
+    guarding, own, motor = prove(machine), machine.drive.capabilities, machine.axis.motor
+    held = tuple(guarding.held_s(time) + own.sample_period_s for time in guard_times_s(own))
+    counted = braking_of(machine, sliding_nm)
+    return Losses(held, counted, guarding.brakes, motor.brake_torque_nm or 0.0, machine.brake_s, abs(machine.holding_nm))
 
 
 def chosen(machine: Machine, predicted: Prediction, ends_m: float) -> int:

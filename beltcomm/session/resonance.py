@@ -28,10 +28,12 @@ Array = NDArray[np.float64]
 BELOW, LOWEST_OF_RATE, HIGHEST_OF_RATE = 0.35, 0.2, 0.45
 #: Order of the band-pass (each edge), and s over which its output's power is a mean.
 ORDER, WINDOW_S = 2, 0.06
+#: How much finer than their spacing the lines of a spectrum are drawn to read a frequency.
+FINE = 8
 #: What is allowed: so many times the predicted amplitude, and this share of the largest torque predicted, for what no model knows.
-FACTOR, UNKNOWN_SHARE = 3.0, 0.1
+FACTOR, UNKNOWN_SHARE = 2.5, 0.05
 #: Torque noise as a share of the rated torque (6077h is computed from a current), and how many times its mean power it may show.
-NOISE_OF_RATED, NOISE_PEAK = 0.01, 2.0
+NOISE_OF_RATED, NOISE_PEAK = 0.006, 2.0
 
 
 @dataclass(frozen=True)
@@ -98,6 +100,7 @@ class ResonanceWatch:
         self._first: float | None = None
         self._states = [[0.0, 0.0] for _ in self._sections]
         self._band: deque[float] = deque([0.0] * self._rows, self._rows)
+        self._longer: deque[float] = deque(maxlen=3 * self._rows)  # to tell a frequency from
         self._power = 0.0
 
     def __call__(self, row: Row) -> None:
@@ -112,19 +115,20 @@ class ResonanceWatch:
             value = out
         oldest = self._band[0]
         self._band.append(value)
+        self._longer.append(value)
         self._power += value * value - oldest * oldest
         if self._power > self._limit:
             self._stop()
 
     def _stop(self) -> None:
-        swing, band = self.swing, np.array(self._band)
-        turns = np.flatnonzero(np.diff(np.signbit(band)))
-        hertz = 0.5 * (len(turns) - 1) / (self.period_s * (turns[-1] - turns[0])) if len(turns) > 2 else math.nan
-        amplitude = math.sqrt(2.0 * self._power / self._rows)
+        swing, band = self.swing, np.array(self._longer)
+        lines = np.abs(np.fft.rfft(band * np.hanning(len(band)), FINE * len(band)))
+        hertz = float(np.argmax(lines)) / (FINE * len(band) * self.period_s)
         raise SafetyStop(
-            f"the motor torque swings with {amplitude:.3g} N m at about {hertz:.0f} Hz, in the band of the belt's resonance; predicted were "
-            f"{swing.predicted_nm:.2g} N m, {swing.allowed_nm:.2g} N m are allowed; the axis was stopped and gets its old gains back: the "
-            "loop does not fit this axis (another load, a later torque, a gain that is not what it says); identify it again",
+            f"the motor torque swings with {math.sqrt(2.0 * self._power / self._rows):.3g} N m at about {hertz:.0f} Hz, in the band of the "
+            f"belt's resonance; predicted were {swing.predicted_nm:.2g} N m, {swing.allowed_nm:.2g} N m are allowed; the axis was stopped "
+            "and gets its old gains back: the loop does not fit this axis (another load, a later torque, a gain that is not what it "
+            "says); identify it again",
             "resonance",
         )
 
