@@ -30,6 +30,8 @@ COLUMNS = MOTOR_COLUMNS
 #: See :class:`Motion`; and those in which the drive closes a loop.
 MotionKind = Literal["torque", "position", "velocity", "profile"]
 LoopKind = Literal["position", "velocity", "profile"]
+#: s: a drive must notice within this time that its host is gone, where nothing asks for less.
+GUARD_S = 0.05
 
 Row = tuple[float, ...]
 Sink = Callable[[Row], None]
@@ -58,6 +60,7 @@ class Limits:
     release : what breaks a motion off takes the stage off at once, for the brake or friction to stop the axis: nobody knows yet whether
     the drive's own loop would.
     brake_s : s, which a holding brake needs to open after the stage is on: so long the axis is held before it is moved.
+    guard_s : s, within which the drive is to notice that its host is gone.
     ratio_m_rad, zero_rad : carriage = ratio (angle - zero), m, only for messages; 0 when there is no carriage to speak of.
     """
 
@@ -71,6 +74,7 @@ class Limits:
     zero_rad: float = 0.0
     release: bool = False
     brake_s: float = 0.0
+    guard_s: float = GUARD_S
 
     def where(self, angle_rad: float) -> str:
         """An angle of the motor in words: where the carriage is, in mm, when its ratio is known."""
@@ -108,6 +112,23 @@ class Motion:
 
 
 @dataclass(frozen=True)
+class Guarding:
+    """How a drive took the silence of its host, seen once at standstill (:meth:`Drive.prove_guarding`).
+
+    guard_s : what it was set to, s.   reaction_s : from the last sign of life to its reaction, s.
+    brakes : it was seen to brake before its stage went off; else only friction, or a brake, stops the axis.
+    """
+
+    guard_s: float
+    reaction_s: float
+    brakes: bool
+
+    def held_s(self, guard_s: float) -> float:
+        """How long the last torque is held at worst when it is set to ``guard_s``, s."""
+        return guard_s + max(self.reaction_s - self.guard_s, 0.0)
+
+
+@dataclass(frozen=True)
 class Capabilities:
     """What a connected drive can do, as read from it or from its profile (never assumed).
 
@@ -128,6 +149,7 @@ class Capabilities:
         :meth:`Drive.write` refuses to change them until :meth:`Drive.calibrate` has told.
     exchange, torque_scale : in words, the period of the exchange and what it costs the bus; why the unit of torque is in doubt, "" when
         it is not.
+    shortest_guard_s : s, shortest time in which it can be made to notice that its host is gone; None when nothing in it watches the host.
     """
 
     name: str
@@ -150,15 +172,22 @@ class Capabilities:
     uncalibrated: frozenset[str] = frozenset()
     exchange: str = ""
     torque_scale: str = ""
+    shortest_guard_s: float | None = None
 
 
 @dataclass(frozen=True)
 class ExchangeReport:
-    """How one recording went: rows delivered, cycles lost on the bus, and the largest deviation of a period, s."""
+    """How one recording went: rows delivered, cycles lost on the bus, and the largest deviation of a period, s.
+
+    irregular : rows whose period deviated by more than a quarter; their stamps say by how much.   remarks : what else the drive said of
+    itself, in words.
+    """
 
     rows: int
     lost_cycles: int
     worst_jitter_s: float
+    irregular: int = 0
+    remarks: tuple[str, ...] = ()
 
 
 class Drive(Protocol):
@@ -219,9 +248,18 @@ class Drive(Protocol):
     def record(self, motion: Motion, limits: Limits, sink: Sink) -> ExchangeReport:
         """Enable, run ``motion``, pass each row to ``sink`` while the axis moves, then bring it to rest and disable.
 
+        Before the first motion of kind "torque" :meth:`prove_guarding` is done.
         Rows follow :data:`COLUMNS`; ``t_s`` is the time stamp of the sample, not a grid.  Any exception out of this
         call (also one raised by ``sink``, also KeyboardInterrupt) leaves a stopped, disabled axis.
         Raises SafetyStop (limit, with the value), DriveFault, BusError (lost frames)."""
+        ...
+
+    def prove_guarding(self, limits: Limits, rest_nm: float = 0.0) -> Guarding:
+        """Once per connection: enable the axis at standstill, fall silent, see how the drive takes that, and acknowledge its fault.
+
+        rest_nm : N m, what holds the axis.   Later calls return what was seen.   Raises DriveError when the drive does not react
+        within ``limits.guard_s`` and a tolerance, or nothing in it watches its host: then it gets no motion of kind "torque".
+        """
         ...
 
     def stop(self) -> None:

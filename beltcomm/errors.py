@@ -20,6 +20,10 @@ A message says what, which value, which limit, and what to do next.
 from __future__ import annotations
 
 
+class LeaveNow(KeyboardInterrupt):
+    """A second Ctrl-C right after the first: the axis is still stopped, but nothing else is waited for or put back."""
+
+
 class BeltcommError(Exception):
     """Base of everything this package raises on purpose; ``str(error)`` is one or two plain sentences."""
 

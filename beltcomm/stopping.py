@@ -65,12 +65,53 @@ class Braking:
         way = speed * self.lag_s + speed**2 / (2.0 * self.deceleration_m_s2) if self.deceleration_m_s2 > 0.0 else math.inf
         return min(way, self.besides.way_m(speed_m_s, acceleration_m_s2)) if self.besides else way
 
+    def ways_m(self, speed_m_s: Array) -> Array:
+        """:meth:`way_m` of many speeds at once, without acceleration.   speed_m_s : (n,)."""
+        speed = np.abs(speed_m_s)
+        if self.deceleration_m_s2 > 0.0:
+            ways = speed * self.lag_s + speed**2 / (2.0 * self.deceleration_m_s2)
+        else:
+            ways = np.where(speed > 0.0, np.inf, 0.0)
+        return np.minimum(ways, self.besides.ways_m(speed)) if self.besides else ways
+
+    @property
+    def by_the_drive(self) -> Braking:
+        """The same when the drive itself begins the stop: nothing is lost for the host's reaction."""
+        besides = self.besides.by_the_drive if self.besides else None
+        return Braking(self.deceleration_m_s2, max(self.lag_s - self.reaction_s, 0.0), 0.0, besides)
+
     def span_m(self, position_m: Array, speed_m_s: Array, sample_s: float) -> tuple[float, float]:
         """Lowest and highest position, m, that a motion reaches with a stop at any moment.   position_m, speed_m_s : (n,)."""
         accelerations = np.gradient(speed_m_s, sample_s)
         ways = [self.way_m(float(v), float(a)) for v, a in zip(speed_m_s, accelerations, strict=True)]
         ends = position_m + np.sign(speed_m_s) * np.array(ways)
         return float(np.min([ends, position_m])), float(np.max([ends, position_m]))
+
+
+@dataclass(frozen=True)
+class HostLoss:
+    """What becomes of an axis in torque mode when its host dies.
+
+    held_s : s, the last torque is held so long at worst.   braking : what brakes the axis then.   least_nm : what pulls at least, N m:
+    the weight of an axis that nothing holds.
+    """
+
+    held_s: float
+    braking: Braking
+    least_nm: float = 0.0
+
+
+def run_on(speed_m_s: Array, torque_nm: float, friction_nm: float, inertia_kg_m2: float, ratio: float, loss: HostLoss) -> Array:
+    """How far a rigid axis runs on in one direction when its host dies under the worst torque in that direction, m, (n,):
+
+        a = i_t (τ - τ_C)/J,    s = v T + a T²/2 + way(v + a T)
+
+    speed_m_s : (n,), in that direction; one that moves away counts as one at rest, which it must first come to.   torque_nm : largest,
+    N m.   friction_nm, inertia_kg_m2 : of the whole axis at the motor.   ratio : i_t, m/rad.   Infinite when nothing brakes.
+    """
+    speed, held_s = np.maximum(speed_m_s, 0.0), loss.held_s
+    acceleration = max(ratio * (max(torque_nm, loss.least_nm) - friction_nm) / inertia_kg_m2, 0.0)
+    return speed * held_s + 0.5 * acceleration * held_s**2 + loss.braking.ways_m(speed + acceleration * held_s)
 
 
 @dataclass(frozen=True)

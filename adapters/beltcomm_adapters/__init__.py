@@ -5,7 +5,8 @@ serial           the drive at its RS-232 port (serial_drive): serial_line, seria
 object_drive     what both have in common: values, parameters, saving, giving back
 identification   who answers, what it can do             profiles     what a kind of drive is like: configs/drives/*.yaml
 preparation      before an axis may move: checks, mode, limits, watchdog
-motion           a motion from enabling to standstill: rows, watched limits, losses        setpoints    its frames
+motion           a motion from enabling to standstill: rows, losses, guarding            setpoints    its frames
+watch            its limits on the host
 exchange         the cyclic exchange: SYNC, setpoints out, samples in                      interrupts   Ctrl-C while stopping
 gains, scaling   named parameters, and SI units of a drive's raw numbers
 cia402           states, control words, faults           sdo          objects by number, values lent and given back

@@ -7,9 +7,10 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
 
+from beltcomm.drive import GUARD_S
 from beltcomm.errors import UsageError
 from beltcomm_adapters.exchange import TRANSMITTED
-from beltcomm_adapters.link import GUARD_PERIOD_S
+from beltcomm_adapters.link import SIGNS_PER_GUARD_TIME
 from beltcomm_adapters.profiles import Profile
 from beltcomm_adapters.setpoints import layout_of
 
@@ -67,7 +68,7 @@ def plan_exchange(bitrate: int | None, frames: tuple[int, ...], shortest_s: floa
     least = max(shortest_s, wanted_s or 0.0)
     busy_s = life = 0.0
     if bitrate is not None:
-        busy_s, life = cycle_s(bitrate, frames), _LIFE_BITS / bitrate / GUARD_PERIOD_S
+        busy_s, life = cycle_s(bitrate, frames), _LIFE_BITS / bitrate * SIGNS_PER_GUARD_TIME / GUARD_S
         if life >= LARGEST_LOAD:
             raise UsageError(f"{bitrate / 1000:g} kbit/s do not even carry the signs of life that guard the axis; set a higher bit rate")
         least = max(least, busy_s / (LARGEST_LOAD - life))

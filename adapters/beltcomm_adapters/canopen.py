@@ -9,8 +9,9 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Final
 
 import can
+import numpy as np
 
-from beltcomm.drive import Adapter, Clock, Drive, ExchangeReport, Limits, Motion, Sink
+from beltcomm.drive import Adapter, Clock, Drive, ExchangeReport, Guarding, Limits, Motion, Sink
 from beltcomm.errors import BusError, DriveError, Refused, UsageError
 from beltcomm.finding import Finding
 from beltcomm_adapters.buses import DEFAULT_BITRATE, Address, MonotonicClock, is_can_bus, open_bus
@@ -20,17 +21,22 @@ from beltcomm_adapters.exchange import Exchange
 from beltcomm_adapters.identification import HOMING_MODE, read_capabilities, read_identity, sync_period_s
 from beltcomm_adapters.interrupts import deferred_interrupt
 from beltcomm_adapters.link import Link, find_nodes
-from beltcomm_adapters.motion import Run, Watch
+from beltcomm_adapters.motion import Run
 from beltcomm_adapters.object_drive import ObjectDrive
 from beltcomm_adapters.preparation import check_motion, guard, homing_speeds_rad_s, prepare
 from beltcomm_adapters.profiles import choose_profile, load_profile
 from beltcomm_adapters.sdo import SdoObjects
 from beltcomm_adapters.setpoints import Layout, Setpoints, layout_of
+from beltcomm_adapters.watch import Watch
 
+_PROFILE_VELOCITY: Final = 3
 _HOMING_PERIOD_S: Final = 0.010  # homing is watched, not sampled
 _OPTIONS: Final = ("node", "bitrate", "profile", "sample_period")
 #: Of an examination only, see :class:`beltcomm.drive.Adapter`.
 EXAMINATION_OPTIONS: Final = ("try_bitrates", "sync_test")
+#: s beyond the guard time within which a drive must have reacted to the silence of its host.
+GUARD_TOLERANCE_S: Final = 0.05
+_COMMUNICATION_ERRORS: Final = 0x81  # first byte of the EMCY codes for life guarding, heartbeat and the bus
 
 
 class CanopenDrive(ObjectDrive):
@@ -55,6 +61,7 @@ class CanopenDrive(ObjectDrive):
         release: Callable[[], None],
         sample_period_s: float | None = None,
     ) -> None:
+        self._guarding: Guarding | None = None
         self._link = Link(bus, clock, node)
         super().__init__(clock, SdoObjects(self._link), release)
         where = f"{bus.channel_info}, node {node}" + (f", {bitrate // 1000} kbit/s" if bitrate else "")
@@ -78,14 +85,49 @@ class CanopenDrive(ObjectDrive):
 
     def record(self, motion: Motion, limits: Limits, sink: Sink) -> ExchangeReport:
         """See :meth:`beltcomm.drive.Drive.record`.  Returns a :class:`beltcomm_adapters.motion.Report`."""
-        here_rad = self._here_rad()
-        drive_torque_nm = self._objects.read_int(0x6072, 0, "uint16") * self._scaling.torque_nm
-        check_motion(motion, limits, self.capabilities, self._profile, here_rad, drive_torque_nm)
+        self._check(motion, limits)
+        if motion.kind == "torque":
+            self.prove_guarding(limits, motion.rest_nm)
         # a speed loop gets 60B2h only when something is to be added: not every drive lets it be mapped there
         offsets = self._profile.offsets and (motion.kind != "velocity" or bool(motion.torque_nm.any()))
         layout = layout_of(self._profile.modes[motion.kind], offsets)
         with self._enabled(layout, motion.kind, motion.period_s, limits, motion) as run:
             return run.follow(Setpoints.of(motion, self._scaling), self._profile.torque_sampling, sink)
+
+    def prove_guarding(self, limits: Limits, rest_nm: float = 0.0) -> Guarding:
+        """See :meth:`beltcomm.drive.Drive.prove_guarding`.
+
+        Only the sign of life is withheld: SYNC and setpoints go on, so that the statusword tells when and how the drive reacts.  A brake
+        is not waited for: it has hardly begun to open when the drive reacts.
+        """
+        if self._guarding is not None:
+            return self._guarding
+        zero = np.zeros(1)
+        motion = Motion("torque", self.capabilities.sample_period_s, zero, zero, zero + rest_nm, rest_nm)
+        self._check(motion, limits)
+        layout, now = layout_of(self._profile.modes["torque"], False), self.clock.now
+        limit_s = limits.guard_s + GUARD_TOLERANCE_S
+        with self._enabled(layout, "torque", motion.period_s, dataclasses.replace(limits, brake_s=0.0), motion) as run:
+            self._link.guard(None)
+            since_s = self._link.last_life_s
+            seen = run.outlive(now, since_s, since_s + limit_s)
+            code = self._link.emergency.code if self._link.emergency else 0
+            if seen is None:
+                raise DriveError(
+                    f"the drive did not react within {1e3 * limit_s:.0f} ms when the computer fell silent (guard time "
+                    f"{1e3 * limits.guard_s:.0f} ms): it would go on holding its torque if the computer died, so it gets none; "
+                    "set its reaction to a lost master (node guarding, heartbeat) to a stop with the maker's tool"
+                )
+            if code and code >> 8 != _COMMUNICATION_ERRORS:
+                raise self._machine.fault("its guarding was tried")
+        self.clock.sleep_until(self.clock.now() + limits.brake_s)
+        self._machine.reset_fault()
+        self._guarding = Guarding(limits.guard_s, *seen)
+        return self._guarding
+
+    def _check(self, motion: Motion, limits: Limits) -> None:
+        drive_torque_nm = self._objects.read_int(0x6072, 0, "uint16") * self._scaling.torque_nm
+        check_motion(motion, limits, self.capabilities, self._profile, self._here_rad(), drive_torque_nm)
 
     def home(self, limits: Limits) -> None:
         """See :meth:`beltcomm.drive.Drive.home`: mode 6 with the method the drive is set to (6098h).
@@ -130,10 +172,11 @@ class CanopenDrive(ObjectDrive):
                     objects.read_int(0x6064, 0, "int32"),
                     round(motion.rest_nm / scaling.torque_nm) if motion is not None else 0,
                 )
-                link.guard(guard(objects, lending, self._profile))
+                link.guard(guard(objects, lending, self._profile, limits.guard_s), limits.guard_s)
                 exchange.start()
                 try:
                     run.enable(limits.brake_s)
+                    self._machine.confirm_mode(layout.mode)
                     yield run
                 except BaseException as error:
                     self._halt(run, exchange, error, limits.release)
@@ -147,6 +190,10 @@ class CanopenDrive(ObjectDrive):
         """Stop and disable; a failure to do so is raised, or noted on the ``error`` that is already under way."""
         try:
             with deferred_interrupt():
+                if run.torque_mode and self._profile.torque_exit == "velocity" and not release:
+                    with contextlib.suppress(DriveError):  # the quick stop comes all the same
+                        self._objects.write(0x6060, 0, "int8", _PROFILE_VELOCITY)
+                        run.stand_by_speed()
                 run.halt(release)
                 exchange.end()
         except BusError as failure:

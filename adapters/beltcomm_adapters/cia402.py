@@ -45,11 +45,13 @@ FAULT_RESET: Final = 0x0080
 
 #: Statusword bits.
 FAULTED: Final = 1 << 3
+WARNING: Final = 1 << 7
 TARGET_REACHED: Final = 1 << 10
 INTERNAL_LIMIT: Final = 1 << 11
 FOLLOWS: Final = 1 << 12  # modes 8, 9, 10: the target is followed; mode 7: interpolation active; mode 6: homing attained
 SETPOINT_TAKEN: Final = 1 << 12  # mode 1
 HOMING_ERROR: Final = 1 << 13
+FOLLOWING_ERROR: Final = 1 << 13  # modes 1, 7, 8
 
 _PATTERNS: Final = (
     (0x4F, 0x00, State.NOT_READY),

@@ -18,6 +18,8 @@ from beltcomm_adapters.setpoints import OFFSET_MODES
 HOMING_MODE = 6
 _MODE_BITS = {1: 0, 2: 1, 3: 2, 4: 3, 6: 5, 7: 6, 8: 7, 9: 8, 10: 9}  # 6502h
 _RPM = 2.0 * math.pi / 60.0
+#: s and periods: a host that is no real-time system falls silent for some ms without being dead, and speaks once a period at most.
+SHORTEST_GUARD_S, GUARD_PERIODS = 0.02, 5
 
 
 def read_identity(objects: Objects, where: str) -> dict[str, str]:
@@ -107,6 +109,7 @@ def read_capabilities(
         torque_scale=""
         if profile.torque_scale.confidence in ("read", "simulated") and profile.torque_scale.of == "rated_torque"
         else _doubt(profile),
+        shortest_guard_s=max(SHORTEST_GUARD_S, GUARD_PERIODS * period_s),
     )
 
 

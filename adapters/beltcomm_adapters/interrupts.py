@@ -11,23 +11,29 @@ from types import FrameType
 
 @contextlib.contextmanager
 def deferred_interrupt() -> Iterator[None]:
-    """Hold back SIGINT inside the block and raise KeyboardInterrupt after it.
+    """Hold back SIGINT inside the block and raise after it what its handler would have raised at once: KeyboardInterrupt.
 
+    The handler is asked when the signal comes, because it may matter when that was; of several, the last one is raised.
     Outside the main thread nothing changes: Python delivers signals to the main thread only.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    came = False
+    came: KeyboardInterrupt | None = None
+    before = signal.getsignal(signal.SIGINT)
 
-    def remember(_number: int, _frame: FrameType | None) -> None:
+    def remember(number: int, frame: FrameType | None) -> None:
         nonlocal came
-        came = True
+        try:
+            if callable(before):
+                before(number, frame)
+        except KeyboardInterrupt as interrupt:
+            came = interrupt
 
-    before = signal.signal(signal.SIGINT, remember)
+    signal.signal(signal.SIGINT, remember)
     try:
         yield
     finally:
         signal.signal(signal.SIGINT, before)
-    if came:
-        raise KeyboardInterrupt
+    if came is not None:
+        raise came.with_traceback(None)

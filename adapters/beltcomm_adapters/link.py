@@ -13,16 +13,13 @@ from typing import Final, Literal
 
 import can
 
-from beltcomm.drive import Clock
+from beltcomm.drive import GUARD_S, Clock
 from beltcomm.errors import BusError
 
 #: Node number of the host, the largest one, so that it meets no drive.
 HOST_NODE: Final = 127
-#: A drive must notice within this time that its host is gone: a light carriage with 0.3 N m held then reaches 0.5 m/s
-#: and stops within 20 mm (2.1 m/s and 0.32 m with 200 ms).
-GUARD_TIME_MS: Final = 50
 #: The host speaks three times within the guard time, so that two lost frames are no fault.
-GUARD_PERIOD_S: Final = 0.015
+SIGNS_PER_GUARD_TIME: Final = 10 / 3
 
 #: What python-can and the interfaces below it raise.
 INTERFACE_ERRORS: Final = (can.CanError, OSError)
@@ -44,6 +41,7 @@ class Link:
     """The host's end of the wire to node ``node``.
 
     emergency : the last EMCY with an error in it, None since :meth:`forget_emergency` or since the node took it back.
+    last_life_s : when the last sign of life went out.
     """
 
     def __init__(self, bus: can.BusABC, clock: Clock, node: int) -> None:
@@ -53,7 +51,8 @@ class Link:
         self.emergency: Emergency | None = None
         self._handlers: dict[int, Callable[[can.Message], None]] = {0x80 + node: self._on_emergency}
         self._life: can.Message | None = None
-        self._next_life_s = 0.0
+        self._life_period_s = 0.0
+        self._next_life_s = self.last_life_s = 0.0
 
     def subscribe(self, cob_id: int, handler: Callable[[can.Message], None]) -> None:
         """Have ``handler`` called with every data frame of this identifier."""
@@ -120,8 +119,8 @@ class Link:
         """From here on :attr:`emergency` tells of new ones only."""
         self.emergency = None
 
-    def guard(self, kind: Literal["heartbeat", "node_guarding"] | None) -> None:
-        """Begin to show signs of life every 15 ms, or stop with None.
+    def guard(self, kind: Literal["heartbeat", "node_guarding"] | None, guard_s: float = GUARD_S) -> None:
+        """Begin to show signs of life, every 15 ms of 50 ms of guard time, or stop with None.
 
         heartbeat : the host's own heartbeat (700h + 127).    node_guarding : a remote frame to 700h + node.
         """
@@ -131,13 +130,15 @@ class Link:
             self._life = can.Message(arbitration_id=0x700 + self.node, is_remote_frame=True, dlc=1, is_extended_id=False)
         else:
             self._life = None
+        self._life_period_s = guard_s / SIGNS_PER_GUARD_TIME
         self._next_life_s = self.clock.now()
 
     def show_life(self, now_s: float) -> None:
         """Send the sign of life when it is due."""
         if self._life is not None and now_s >= self._next_life_s:
             self.send(self._life)
-            self._next_life_s = now_s + GUARD_PERIOD_S
+            self.last_life_s = now_s
+            self._next_life_s = now_s + self._life_period_s
 
     def _on_emergency(self, message: can.Message) -> None:
         if len(message.data) < 3:

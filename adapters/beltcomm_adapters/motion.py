@@ -3,123 +3,52 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final, Literal
 
-from beltcomm.drive import ExchangeReport, Limits, Sink
+from beltcomm.drive import ExchangeReport, Sink
 from beltcomm.errors import BusError, DriveError, DriveFault, SafetyStop
 from beltcomm_adapters.cia402 import (
     DISABLE_VOLTAGE,
+    ENABLE_OPERATION,
     FAULTED,
+    FOLLOWING_ERROR,
     FOLLOWS,
     HOMING_ERROR,
     INTERNAL_LIMIT,
     QUICK_STOP,
     START_HOMING,
     TARGET_REACHED,
+    WARNING,
     State,
     state_of,
     step_to_enabled,
 )
 from beltcomm_adapters.exchange import Exchange, Sample
 from beltcomm_adapters.scaling import Scaling
-from beltcomm_adapters.setpoints import Frames, Layout, Setpoints
+from beltcomm_adapters.setpoints import POSITION_MODES, TORQUE_MODES, Frames, Layout, Setpoints
+from beltcomm_adapters.watch import STOP_TIME_S, Watch
 
 #: Cycles without an answer that a recording survives; each leaves a gap in ``t_s``.
 TOLERATED_LOSSES: Final = 3
 ENABLE_TIME_S: Final = 3.0  # brake release included; 0.1 to 1 s are typical (G1)
-STOP_TIME_S: Final = 3.0  # beyond the ramp of the quick stop
+#: s beyond the time of its brake in which a drive that stands must have disabled itself after a quick stop.
+BRAKE_SLACK_S: Final = 0.1
 #: A drive that is silent for so long while being stopped is left to its own guarding.
 SILENCE_S: Final = 0.2
+#: Share of a period by which one is off that the report tells of (drive-protocols 3: such periods are flagged).
+IRREGULAR_SHARE: Final = 0.25
+#: s, for which a torque may be cut in torque mode, and from how many of the drive's steps on it counts as cut.
+CUT_S: Final = 0.05
+CUT_STEPS: Final = 2
 #: Standstill: less than this speed over this time, motor shaft.
 _STILL_RAD_S: Final = 0.1
 _STILL_TIME_S: Final = 0.02
-#: A reported torque may exceed the limit, at which the drive itself clamps, by its noise and its current ripple.
-_TORQUE_SHARE: Final = 1.1
-_TORQUE_NOISE_OF_RATED: Final = 0.02
-
 #: Operation Enabled, as one comparison for every cycle.
 _STATE_MASK: Final = 0x6F
 _ENABLED_PATTERN: Final = 0x27
-
-
-class Watch:
-    """The limits in the drive's units; every sample is held against them.
-
-    Speed is watched twice: as the drive reports it, and as the difference of positions.  A difference is divided by the
-    elapsed time, but never by less than a period: stamps jitter, the drive's sampling does not.  ``differences`` False: only
-    as reported, for homing, which moves the zero.
-    """
-
-    def __init__(self, limits: Limits, scaling: Scaling, period_s: float, differences: bool = True) -> None:
-        self._limits = limits
-        self._scaling = scaling
-        self._differences = differences
-        self._period_s = period_s
-        self._lowest = limits.position_min_rad / scaling.position_rad
-        self._highest = limits.position_max_rad / scaling.position_rad
-        self._fastest = limits.speed_rad_s / scaling.speed_rad_s
-        self._farthest = math.inf if limits.lag_rad is None else limits.lag_rad / scaling.position_rad
-        self._travel_per_s = limits.speed_rad_s / scaling.position_rad
-        self._strongest = (_TORQUE_SHARE * limits.torque_nm + _TORQUE_NOISE_OF_RATED * scaling.rated_torque_nm) / scaling.torque_nm
-        self._before: Sample | None = None
-
-    def check(self, sample: Sample) -> None:
-        """Raises SafetyStop when ``sample`` breaks a limit."""
-        before, self._before = self._before, sample
-        if not self._lowest <= sample.position <= self._highest:
-            self._stop("position", sample.position * self._scaling.position_rad, "shorten the motion; if it swings, look at the gains")
-        if abs(sample.velocity) > self._fastest:
-            self._stop("speed", sample.velocity * self._scaling.speed_rad_s, "reduce the amplitude; if the axis swings, look at the gains")
-        if abs(sample.torque) > self._strongest:
-            self._stop("torque", sample.torque * self._scaling.torque_nm, "reduce the amplitude or soften the gains")
-        if before is not None and self._differences:
-            travel = sample.position - before.position
-            elapsed_s = max(sample.stamp_s - before.stamp_s, self._period_s)
-            # one count of quantisation at either end is no speed
-            if abs(travel) - 1 > self._travel_per_s * elapsed_s:
-                speed = travel / elapsed_s * self._scaling.position_rad
-                self._stop("speed", speed, "reduce the amplitude, or look at the encoder if its position jumped")
-
-    @property
-    def longest_stop_s(self) -> float:
-        """How long a quick stop may take, s: its ramp from the highest speed, and what a drive needs beside it."""
-        return STOP_TIME_S + self._limits.speed_rad_s / self._limits.deceleration_rad_s2
-
-    def way(self, angle_rad: float) -> str:
-        """A way in words, of the carriage where its ratio is known."""
-        ratio = self._limits.ratio_m_rad
-        return f"{1e3 * ratio * angle_rad:.0f} mm" if ratio else f"{angle_rad:.4g} rad"
-
-    def follow(self, sample: Sample, reference: int) -> None:
-        """Raises SafetyStop when ``sample`` is too far off its reference position."""
-        if abs(reference - sample.position) > self._farthest:
-            off = (reference - sample.position) * self._scaling.position_rad
-            self._stop("lag", off, "the axis is not the one that was counted with, or its gains do not hold it: identify again")
-
-    def _stop(self, reason: str, value: float, remedy: str) -> None:
-        """Raise SafetyStop, in terms of the carriage where its ratio is known."""
-        limits = self._limits
-        ratio, lag = limits.ratio_m_rad, limits.lag_rad or 0.0
-        ends = (limits.position_min_rad, limits.position_max_rad)
-        if reason == "torque":
-            what = f"torque {value:.4g} N m at the motor is beyond the limit of {limits.torque_nm:.4g} N m"
-        elif not ratio:
-            limit = {
-                "position": f"outside the window {ends[0]:.4g} to {ends[1]:.4g} rad",
-                "speed": f"beyond the limit of {limits.speed_rad_s:.4g} rad/s",
-                "lag": f"beyond the limit of {lag:.4g} rad off the reference",
-            }[reason]
-            what = f"{reason} {value:.4g} {'rad/s' if reason == 'speed' else 'rad'} at the motor is {limit}"
-        elif reason == "position":
-            at, low, high = (1e3 * ratio * (angle - limits.zero_rad) for angle in (value, *ends))
-            what = f"the carriage at {at:.1f} mm is outside its window of {low:.1f} to {high:.1f} mm ({value:.4g} rad at the motor)"
-        elif reason == "speed":
-            what = f"the carriage's speed of {ratio * value:.3g} m/s is beyond the limit of {ratio * limits.speed_rad_s:.3g} m/s"
-        else:
-            what = f"the axis is {abs(1e3 * ratio * value):.3g} mm off its reference, {1e3 * ratio * lag:.3g} mm are allowed"
-        raise SafetyStop(f"{what}; the axis was stopped; {remedy}", reason)
 
 
 @dataclass(frozen=True)
@@ -127,6 +56,46 @@ class Report(ExchangeReport):
     """As :class:`beltcomm.drive.ExchangeReport`; ``limited_cycles`` counts samples in which the drive clipped (bit 11)."""
 
     limited_cycles: int = 0
+
+
+class Tally:
+    """What a drive says of itself beside its samples; what contradicts the motion ends it.   mode : of operation."""
+
+    def __init__(self, period_s: float, setpoints: Setpoints, mode: int) -> None:
+        self._period_s, self._setpoints, self._mode = period_s, setpoints, mode
+        self.limited = self.irregular = self._warned = self._cut = 0
+
+    def note(self, sample: Sample, k: int) -> None:
+        """Row k.   Raises SafetyStop for a following error (bit 13), and for torque that is cut (bit 11) for longer than ``CUT_S``."""
+        word = sample.statusword
+        self._warned += bool(word & WARNING)
+        self.limited += bool(word & INTERNAL_LIMIT)
+        if word & FOLLOWING_ERROR and self._mode in POSITION_MODES:
+            raise SafetyStop(
+                "the drive reports a following error (statusword bit 13); the axis was stopped; its gains do not hold it, or something "
+                "blocks it",
+                "lag",
+            )
+        if self._mode not in TORQUE_MODES or k == 0 or sample.demand is None:
+            return
+        cut = word & INTERNAL_LIMIT and abs(sample.demand - self._setpoints.torque[k - 1]) > CUT_STEPS
+        self._cut = self._cut + 1 if cut else 0
+        if self._cut * self._period_s > CUT_S:
+            asked = self._setpoints.torque[k - 1]
+            raise SafetyStop(
+                f"the drive cuts the torque (statusword bit 11): it takes {sample.demand} of its units where {asked} were asked, for "
+                f"{1e3 * CUT_S:.0f} ms; the axis was stopped; look at its limits (6072h, 6073h, I2t) or reduce the amplitude",
+                "limit",
+            )
+
+    def remarks(self) -> tuple[str, ...]:
+        """What should be known of a motion that went to its end."""
+        found = []
+        if self._warned:
+            found.append(f"the drive warns (statusword bit 7 in {self._warned} rows): look at its temperature, I2t and supply")
+        if self.irregular:
+            found.append(f"{self.irregular} periods were off by more than {100 * IRREGULAR_SHARE:.0f} %: their true times are recorded")
+        return tuple(found)
 
 
 class Run:
@@ -158,6 +127,12 @@ class Run:
         self._fault = fault
         self._emergency = emergency
         self._position = position
+        self._brake_s = 0.0
+
+    @property
+    def torque_mode(self) -> bool:
+        """Whether torque is commanded, with all loops open."""
+        return self._layout.mode in TORQUE_MODES
 
     def cycle(self, frames: Sequence[bytes], doing: str) -> Sample | None:
         """One period; None when its answer was lost.
@@ -184,6 +159,7 @@ class Run:
         brake_s : s, for which the axis is then held while its brake opens.
         Raises DriveError when a state does not come in time, DriveFault, SafetyStop, BusError.
         """
+        self._brake_s = brake_s
         controlword, target = DISABLE_VOLTAGE, self._position
         state = State.NOT_READY
         for _ in range(math.ceil(ENABLE_TIME_S / self._period_s)):
@@ -207,6 +183,33 @@ class Run:
             )
         raise DriveError(f"the drive stays in {state.words} instead of Operation Enabled; check STO, the enable inputs and the DC link")
 
+    def outlive(self, now: Callable[[], float], silent_since_s: float, until_s: float) -> tuple[float, bool] | None:
+        """Go on without signs of life until the drive leaves Operation Enabled; its reaction time, s, and whether it was seen to brake.
+
+        None when it has not by ``until_s``.   A drive that shows another state between Operation Enabled and Fault brakes; one that
+        is in Fault at once, or whose fault cannot be told from its reaction (0Fh for both), counts as one that lets the axis coast.
+        """
+        reacted_s: float | None = None
+        braking = False
+        while reacted_s is not None or now() < until_s:
+            sample = self._exchange.cycle(self._frames.at_rest(self._layout.running, self._position))
+            if sample is None:
+                if self._exchange.lost_in_a_row > TOLERATED_LOSSES:
+                    raise BusError("the drive did not answer while its guarding was tried; check the cabling and the bus load")
+                continue
+            self._position = sample.position
+            self._watch.check(sample)
+            state = state_of(sample.statusword)
+            if state is State.OPERATION_ENABLED:
+                continue
+            reacted_s = now() if reacted_s is None else reacted_s
+            if state not in (State.FAULT_REACTION_ACTIVE, State.QUICK_STOP_ACTIVE):
+                return reacted_s - silent_since_s, braking
+            braking = True
+            if now() > reacted_s + self._watch.longest_stop_s:
+                return reacted_s - silent_since_s, False
+        return None
+
     def follow(self, setpoints: Setpoints, torque_is_of: Literal["over", "after"], sink: Sink) -> Report:
         """Run the motion and hand aligned rows to ``sink``: row n goes out when the sample of row n+1 has come.
 
@@ -225,26 +228,29 @@ class Run:
         make_row = self._row_maker(setpoints, torque_is_of)
         required = _STATE_MASK | (FOLLOWS if self._layout.follows else 0)
         moving = _ENABLED_PATTERN | (required & FOLLOWS)
+        tally = Tally(self._period_s, setpoints, self._layout.mode)
         before: Sample | None = None
         start_s: float | None = None
-        rows = limited = 0
+        rows = 0
         jitter_s = 0.0
         for k in range(count + 1):
             sample = self.cycle(frames[k + 1], "moving")
             if sample is not None:
                 if sample.statusword & required != moving:
                     raise self._left(sample.statusword)
-                limited += bool(sample.statusword & INTERNAL_LIMIT)
+                tally.note(sample, k)
                 if start_s is None:
                     start_s = sample.stamp_s
                 if before is not None:
                     if setpoints.kind == "position":
                         self._watch.follow(before, setpoints.position[k - 1])
-                    jitter_s = max(jitter_s, abs(sample.stamp_s - before.stamp_s - self._period_s))
+                    off_s = abs(sample.stamp_s - before.stamp_s - self._period_s)
+                    tally.irregular += off_s > IRREGULAR_SHARE * self._period_s
+                    jitter_s = max(jitter_s, off_s)
                     sink(make_row(k - 1, start_s, before, sample))
                     rows += 1
             before = sample
-        return Report(rows, self._exchange.lost - lost_before, jitter_s, limited)
+        return Report(rows, self._exchange.lost - lost_before, jitter_s, tally.irregular, tally.remarks(), tally.limited)
 
     def home(self, width: float, time_s: float) -> None:
         """Start the drive's homing and watch it to its end: bit 12 attained, bit 13 failed.
@@ -321,23 +327,43 @@ class Run:
         Raises DriveError when the stage stays on.
         """
         live = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE)
-        still_cycles = max(2, math.ceil(_STILL_TIME_S / self._period_s))
-        still_counts = _STILL_RAD_S * still_cycles * self._period_s / self._scaling.position_rad
-        positions: list[int] = []
+        standing = self._standing()
+        # a drive whose quick stop ends disabled closes its brake before it takes the torque away: it is given the time
+        patience = math.ceil((self._brake_s + BRAKE_SLACK_S) / self._period_s) if self._brake_s else 0
         for _ in range(0 if release else math.ceil(self._watch.longest_stop_s / self._period_s)):
             sample = self._halting(QUICK_STOP)
-            if sample is None:
+            if sample is None or not standing(sample.position):
                 continue
-            positions = [*positions[-still_cycles:], sample.position]
-            still = len(positions) > still_cycles and max(positions) - min(positions) <= still_counts
+            state = state_of(sample.statusword)
             # some drives end a quick stop disabled, some hold the axis
-            if still and state_of(sample.statusword) is not State.OPERATION_ENABLED:
+            if state not in live or (state is State.QUICK_STOP_ACTIVE and patience <= 0):
                 break
+            patience -= 1
         for _ in range(math.ceil(STOP_TIME_S / self._period_s)):
             sample = self._halting(DISABLE_VOLTAGE)
             if sample is not None and state_of(sample.statusword) not in (*live, State.SWITCHED_ON):
                 return
         raise DriveError("the drive does not confirm that its stage is off; switch its power off before touching the axis")
+
+    def stand_by_speed(self) -> None:
+        """After a change to profile velocity: wait until the axis stands.  The stop that follows tells what is wrong."""
+        standing = self._standing()
+        for _ in range(math.ceil(self._watch.longest_stop_s / self._period_s)):
+            sample = self._halting(ENABLE_OPERATION)
+            if sample is not None and (standing(sample.position) or state_of(sample.statusword) is not State.OPERATION_ENABLED):
+                return
+
+    def _standing(self) -> Callable[[int], bool]:
+        """Whether the axis stands, asked with every position from now on."""
+        cycles = max(2, math.ceil(_STILL_TIME_S / self._period_s))
+        counts = _STILL_RAD_S * cycles * self._period_s / self._scaling.position_rad
+        positions: deque[int] = deque(maxlen=cycles + 1)
+
+        def standing(position: int) -> bool:
+            positions.append(position)
+            return len(positions) > cycles and max(positions) - min(positions) <= counts
+
+        return standing
 
     def _halting(self, controlword: int) -> Sample | None:
         sample = self._exchange.cycle(self._frames.at_rest(controlword, self._position))

@@ -11,11 +11,11 @@ from beltcomm.drive import Array, Capabilities, Limits, Motion
 from beltcomm.errors import DriveError, ObjectRefused, UsageError
 from beltcomm_adapters.cia402 import StateMachine
 from beltcomm_adapters.identification import sync_period_s
-from beltcomm_adapters.link import GUARD_TIME_MS, HOST_NODE
+from beltcomm_adapters.link import HOST_NODE
 from beltcomm_adapters.profiles import Profile
 from beltcomm_adapters.scaling import Scaling
 from beltcomm_adapters.sdo import Lending, Objects
-from beltcomm_adapters.setpoints import OFFSET_MODES, Layout
+from beltcomm_adapters.setpoints import OFFSET_MODES, POSITION_MODES, TORQUE_MODES, Layout
 
 #: The drive's own speed limit stands this far above the host's: the host brakes, the drive switches off and lets the axis
 #: coast.
@@ -25,8 +25,6 @@ _REACTION_CYCLES: Final = 5
 _LONGEST_SYNC_MS: Final = 20
 _QUICK_STOP_AND_DISABLE: Final = 2  # 605Ah
 _LINEAR_INTERPOLATION: Final = -2  # 60C0h
-#: Modes in which a position controller runs, so that 607Dh bounds its target.
-_POSITION_MODES: Final = (7, 8)
 _INT32: Final = 2**31 - 1
 _UINT32: Final = 2**32 - 1
 _RPM: Final = 2.0 * math.pi / 60.0
@@ -138,13 +136,16 @@ def prepare(
     machine.confirm_mode(mode)
     lending.set_if_there(0x605A, 0, "int16", _QUICK_STOP_AND_DISABLE)
     if math.isfinite(limits.deceleration_rad_s2):
-        steps = math.floor(limits.deceleration_rad_s2 / scaling.acceleration_rad_s2)
-        lending.set_if_there(0x6085, 0, "uint32", min(max(steps, 1), _UINT32))
+        lending.set_if_there(0x6085, 0, "uint32", _steps(limits.deceleration_rad_s2, scaling))
     if profile.sync_change == "at_once" and sync_period_s(objects) is not None:
         lending.set(0x60C2, 2, "int8", -3)
         lending.set(0x60C2, 1, "uint8", round(period_s * 1e3))
-    if mode in (4, 10):
+    if mode in TORQUE_MODES:
         objects.write(0x6071, 0, "int16", 0)
+        if profile.torque_exit == "velocity":
+            objects.write(0x60FF, 0, "int32", 0)
+            if math.isfinite(limits.deceleration_rad_s2):
+                lending.set(0x6084, 0, "uint32", _steps(limits.deceleration_rad_s2, scaling))
     if mode == 4 and profile.torque_slope_permille_s is not None:
         lending.set(0x6087, 0, "uint32", profile.torque_slope_permille_s)
     if mode == 7:
@@ -156,10 +157,15 @@ def prepare(
         for index in (0x6083, 0x6084):
             lending.set(index, 0, "uint32", ramp)
     tighten_torque_and_speed(objects, lending, profile, scaling, limits)
-    if mode in _POSITION_MODES:
+    if mode in POSITION_MODES:  # 607Dh bounds the target of a position controller
         tighten_window(objects, lending, scaling, limits, period_s)
         if limits.lag_rad is not None:
             lending.set_if_there(0x6065, 0, "uint32", min(math.ceil(limits.lag_rad / scaling.position_rad), _INT32))
+
+
+def _steps(acceleration_rad_s2: float, scaling: Scaling) -> int:
+    """An acceleration in the drive's unit, rather too little."""
+    return min(max(math.floor(acceleration_rad_s2 / scaling.acceleration_rad_s2), 1), _UINT32)
 
 
 def tighten_torque_and_speed(objects: Objects, lending: Lending, profile: Profile, scaling: Scaling, limits: Limits) -> None:
@@ -192,20 +198,20 @@ def tighten_window(objects: Objects, lending: Lending, scaling: Scaling, limits:
         lending.set(0x607D, part, "int32", value)
 
 
-def guard(objects: Objects, lending: Lending, profile: Profile) -> Literal["heartbeat", "node_guarding"]:
-    """Have the drive watch its host, 50 ms; returns the sign of life it wants.
+def guard(objects: Objects, lending: Lending, profile: Profile, guard_s: float) -> Literal["heartbeat", "node_guarding"]:
+    """Have the drive watch its host; returns the sign of life it wants.   guard_s : s, after which it must notice that the host is gone.
 
     Raises DriveError when it can do neither: an axis with a torque setpoint must not outlive its host.
     """
-    wanted = profile.guarding
+    wanted, time_ms = profile.guarding, round(1e3 * guard_s)
     for kind in (wanted, "node_guarding" if wanted == "heartbeat" else "heartbeat"):
         try:
             if kind == "heartbeat":
-                lending.set(0x1016, 1, "uint32", HOST_NODE << 16 | GUARD_TIME_MS)
+                lending.set(0x1016, 1, "uint32", HOST_NODE << 16 | time_ms)
                 return "heartbeat"
             lending.set(0x1017, 0, "uint16", 0)  # a heartbeat of the drive would switch node guarding off
             lending.set(0x100D, 0, "uint8", 1)
-            lending.set(0x100C, 0, "uint16", GUARD_TIME_MS)
+            lending.set(0x100C, 0, "uint16", time_ms)
             return "node_guarding"
         except ObjectRefused:
             continue

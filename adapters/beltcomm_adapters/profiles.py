@@ -59,6 +59,8 @@ class Profile:
     known_gains : what is said of gains that are not writable.     never_write : locked beside those of every drive.
     enable_logic : (index, subindex, type, value) that hands control to the bus, None when there is no such switch.
     torque_slope_permille_s : 6087h that makes mode 4 follow a setpoint at once.
+    torque_exit : what brakes an axis out of torque mode: its quick stop, or, where that only takes the torque away, profile velocity
+    (mode 3) at no speed before it.
     torque_limit_lowest_permille : smallest 6072h the drive takes.
     loop_period : (index, subindex) of the velocity loop's period in us.    referenced : (index, subindex, bit).
     output_limit, dead_zone : (index, subindex) of the position controller's, in speed and position units, where it has them.
@@ -88,6 +90,7 @@ class Profile:
     never_write: tuple[Lock, ...] = ()
     enable_logic: tuple[int, int, str, int] | None = None
     torque_slope_permille_s: int | None = None
+    torque_exit: Literal["quick_stop", "velocity"] = "quick_stop"
     torque_limit_lowest_permille: int = 0
     loop_period: tuple[int, int] | None = None
     referenced: tuple[int, int, int] | None = None
@@ -151,6 +154,8 @@ def _profile(raw: dict[str, Any]) -> Profile:
         raise ValueError(f"no source for {missing}")
     if bool(parameters) is (raw["gain_meaning"] == "none"):
         raise ValueError("gain_meaning is none exactly where no gain is writable")
+    if raw.get("torque_exit", "quick_stop") not in ("quick_stop", "velocity"):
+        raise ValueError(f"torque_exit is {raw['torque_exit']!r}, not quick_stop or velocity")
     logic, referenced = raw.pop("enable_logic", None), raw.pop("referenced", None)
     return Profile(
         shortest_sync_ms=float(sync["shortest_ms"]),

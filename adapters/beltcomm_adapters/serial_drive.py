@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from typing import Final
 
 from beltcomm.configfiles import config_names
-from beltcomm.drive import Clock, ExchangeReport, Limits, Motion, Sink
+from beltcomm.drive import Clock, ExchangeReport, Guarding, Limits, Motion, Sink
 from beltcomm.errors import BeltcommError, BusError, DriveError, Refused, UsageError
 from beltcomm_adapters.cia402 import DISABLE_VOLTAGE
 from beltcomm_adapters.identification import read_capabilities, read_identity, supported_modes
@@ -67,6 +67,7 @@ class SerialDrive(ObjectDrive):
                 can_home=False,
                 identity={**known.identity, **dict.fromkeys(_UNTOLD, "")},
                 refused=_refused(),
+                shortest_guard_s=None,
             )
         except BaseException:
             self._session.give_back()
@@ -87,6 +88,12 @@ class SerialDrive(ObjectDrive):
                 f"two readings of {differ} differ: the line is disturbed, and no backup is certain; check the cable and its shield"
             )
         return first
+
+    def prove_guarding(self, limits: Limits, rest_nm: float = 0.0) -> Guarding:
+        """See :meth:`beltcomm.drive.Drive.prove_guarding`; always a DriveError, for nothing on this line watches the computer."""
+        raise DriveError(
+            "nothing on RS-232 watches the computer: an axis under torque would outlive it, so it gets none; connect the drive's CAN port"
+        )
 
     def record(self, motion: Motion, limits: Limits, sink: Sink) -> ExchangeReport:
         """See :meth:`beltcomm.drive.Drive.record`; kind "profile" only."""

@@ -24,13 +24,14 @@ from beltcomm_adapters.cia402 import (
     state_of,
 )
 from beltcomm_adapters.exchange import Sample
-from beltcomm_adapters.motion import TOLERATED_LOSSES, Report, Watch
+from beltcomm_adapters.motion import TOLERATED_LOSSES, Report
 from beltcomm_adapters.preparation import tighten_torque_and_speed, tighten_window
 from beltcomm_adapters.profiles import Profile
 from beltcomm_adapters.scaling import Scaling
 from beltcomm_adapters.sdo import Lending
 from beltcomm_adapters.serial_objects import SerialObjects
 from beltcomm_adapters.serial_strokes import Stroke, Trapezoid
+from beltcomm_adapters.watch import Watch
 
 PROFILE_POSITION: Final = 1
 _QUICK_STOP_AND_DISABLE: Final = 2  # 605Ah

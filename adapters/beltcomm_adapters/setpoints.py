@@ -13,6 +13,10 @@ from beltcomm_adapters.exchange import MappedObject
 from beltcomm_adapters.scaling import Scaling
 
 _CONTROLWORD: Final[MappedObject] = (0x6040, 0, 16)
+#: Modes in which a torque is commanded: profile and cyclic synchronous torque.
+TORQUE_MODES: Final = (4, 10)
+#: Modes in which a position controller runs.
+POSITION_MODES: Final = (7, 8)
 #: Modes in which 60B2h is added to the controller's torque.
 OFFSET_MODES: Final = (8, 9)
 

@@ -1,12 +1,18 @@
-"""Signals that end a program, made to end it like Ctrl-C: with a stopped axis and restored parameters."""
+"""Signals that end a program: like Ctrl-C, with a stopped axis and restored parameters; a second Ctrl-C at once leaves without these."""
 
 from __future__ import annotations
 
 import signal
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
+
+from beltcomm.errors import LeaveNow
+
+#: s, within which a second Ctrl-C means: leave at once.
+TWICE_S = 2.0
 
 
 @contextmanager
@@ -36,3 +42,27 @@ def like_ctrl_c(noted: Callable[[], None]) -> Iterator[None]:
     finally:
         for number in mine:
             signal.signal(number, before[number] or signal.SIG_DFL)
+
+
+@contextmanager
+def twice_leaves(clock: Callable[[], float] = time.monotonic) -> Iterator[None]:
+    """Ctrl-C raises KeyboardInterrupt as ever; another one within ``TWICE_S`` raises LeaveNow.   clock : s, never going back.
+
+    Where SIGINT is ignored (a background job) or handled by somebody else, and outside the main thread, nothing changes.
+    """
+    ours = threading.current_thread() is threading.main_thread() and signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    heard: list[float] = []
+
+    def interrupt(_number: int, _frame: FrameType | None) -> None:
+        now = clock()
+        again = bool(heard) and now - heard[-1] <= TWICE_S
+        heard.append(now)
+        raise LeaveNow if again else KeyboardInterrupt
+
+    if ours:
+        signal.signal(signal.SIGINT, interrupt)
+    try:
+        yield
+    finally:
+        if ours:
+            signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -32,6 +32,8 @@ UNWRITABLE = (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOSPC, errno.EDQUOT
 #: Verbs that go on with ``--resume``, and all that record.
 RESUMABLE = ("commission", "identify")
 RECORDING = (*RESUMABLE, "friction", "verify", "simulate")
+#: How the last word of a journal begins when somebody could not wait.
+LEFT_AT_ONCE = "left at once"
 #: The shipped axis that a virtual drive is commissioned with when no other is given.
 VIRTUAL_AXIS = "egc-70-600"
 
@@ -108,6 +110,8 @@ class Frame:
             return "; the axis is stopped and the drive's own gains are restored"
         if last.startswith("restoring the drive failed"):
             return "; the drive's own gains are NOT restored: `beltcomm rollback` writes them again"
+        if last.startswith(LEFT_AT_ONCE):
+            return f"; {last}"
         return ""
 
     def _unexpected(self, error: Exception) -> int:

@@ -13,7 +13,7 @@ from typing import Any
 import click
 
 from beltcomm import __version__
-from beltcomm.cli.endings import like_ctrl_c
+from beltcomm.cli.endings import like_ctrl_c, twice_leaves
 from beltcomm.cli.frame import Frame
 
 # The matrices here are tall and narrow: more threads cost more than they bring, and results must not depend on the number of cores.
@@ -92,7 +92,7 @@ class Verbs(click.Group):
         """Run the command line and leave with its exit code, or return it when not ``standalone_mode``."""
         words = list(sys.argv[1:] if args is None else args)
         frame = Frame(words)
-        with like_ctrl_c(frame.note_end):
+        with like_ctrl_c(frame.note_end), twice_leaves():
             code = frame.guarded(
                 lambda: click.Group.main(
                     self,

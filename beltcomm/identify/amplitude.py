@@ -18,7 +18,7 @@ from beltcomm.errors import Refused
 from beltcomm.linear import fastest_rate, operating_point
 from beltcomm.model import Model
 from beltcomm.simulate.forward import simulate_torque
-from beltcomm.stopping import HEAVIEST_KG, Braking
+from beltcomm.stopping import HEAVIEST_KG, Braking, HostLoss, run_on, total_friction, total_inertia
 
 Array = NDArray[np.float64]
 
@@ -29,6 +29,10 @@ FIRST_ESTIMATE_SPREAD = 0.15
 #: A stop is counted from this share of the predicted carriage speed, and a record is stopped at this share of the predicted motor
 #: speed and what coarse encoders add, m/s.
 SPEED_RESERVE, ENCODER_SLACK_M_S = 1.5, 0.01
+#: A run-on is counted from this share of the predicted speed; a machine that is still faster is stopped by the watch of its run-on.
+DIED_RESERVE = 1.2
+#: The limit that a carriage reaches when its host dies, in words.
+DIES = "travel if the computer dies"
 #: Steps of the search: the amplitude is found to 1 part in 2^12.
 _BISECTIONS = 12
 
@@ -37,7 +41,8 @@ _BISECTIONS = 12
 class MotionLimits:
     """What a record may use.  travel_m : m either way from the start.   speed_m_s, torque_nm (motor shaft), belt_force_n.
 
-    window_m : m either way from the start, which a stop must not leave.
+    window_m : m either way from the start, which a stop must not leave.   ends_m : m to the nearest end, beyond which nothing may go even
+    when the host dies.
     """
 
     travel_m: float
@@ -45,6 +50,7 @@ class MotionLimits:
     torque_nm: float
     belt_force_n: float
     window_m: float = np.inf
+    ends_m: float = np.inf
 
 
 @dataclass(frozen=True)
@@ -52,6 +58,8 @@ class Prediction:
     """Largest travel from the start, carriage speed, motor torque and belt force of a record, over a family of models.
 
     stop_m : way of a stop from ``SPEED_RESERVE`` times the carriage's speed.   motor_m_s : motor speed times i_t; it rings more.
+    run_on_m, died_m : when the host dies at the worst instant, one entry for each way in which the drive may take that (least demanding
+    last): how far the carriage runs on, and how far from the start it comes.
     """
 
     travel_m: float
@@ -60,6 +68,8 @@ class Prediction:
     belt_force_n: float
     stop_m: float = 0.0
     motor_m_s: float = 0.0
+    run_on_m: tuple[float, ...] = ()
+    died_m: tuple[float, ...] = ()
 
     @property
     def watched_m_s(self) -> float:
@@ -74,6 +84,7 @@ class Prediction:
             "motor torque": self.torque_nm / limits.torque_nm,
             "belt force": self.belt_force_n / limits.belt_force_n,
             "travel with a stop": (self.travel_m + self.stop_m) / limits.window_m if np.isfinite(limits.window_m) else 0.0,
+            DIES: self.died_m[-1] / limits.ends_m if self.died_m and np.isfinite(limits.ends_m) else 0.0,
         }
 
 
@@ -89,6 +100,11 @@ class AmplitudeStep:
 def no_stop(_model: Model) -> Braking:
     """A stop that takes no way: where it is of no interest."""
     return Braking(np.inf, 0.0)
+
+
+def no_loss(_model: Model) -> tuple[HostLoss, ...]:
+    """A host that does not die: where it is of no interest."""
+    return ()
 
 
 def unknown_payload(
@@ -122,23 +138,45 @@ def around(model: Model, spread: float = FIRST_ESTIMATE_SPREAD) -> list[Model]:
 
 
 def predict(
-    family: Sequence[Model], torque: Array, sample_s: float, position_m: float, braking: Callable[[Model], Braking] = no_stop
+    family: Sequence[Model],
+    torque: Array,
+    sample_s: float,
+    position_m: float,
+    braking: Callable[[Model], Braking] = no_stop,
+    losses: Callable[[Model], Sequence[HostLoss]] = no_loss,
 ) -> Prediction:
     """Worst case of one record over a family of models, starting at rest at ``position_m``.
 
     torque : ndarray (n,), N m at the motor shaft, held for ``sample_s`` each.   braking : what stops each of the models.
+    losses : what the death of the host means for each of them, in the ways in which the drive may be made to take it.
     """
+    peak = float(np.max(np.abs(torque)))
+    ways: list[tuple[float, ...]] = []
+    places: list[tuple[float, ...]] = []
     travel = speed = force = stop = motor = 0.0
     for model in family:
         # eigenvalue times sub-step below 0.3: phase error of the fastest mode below 0.4 %
         substeps = max(5, int(np.ceil(sample_s * fastest_rate(model, operating_point(model, position_m)) / 0.3)))
         result = simulate_torque(model, torque, sample_s, position_m, substeps=substeps)
         travel = max(travel, float(np.max(np.abs(result.cart_position_m - result.cart_position_m[0]))))
-        fastest = float(np.max(np.abs(np.diff(result.cart_position_m)))) / sample_s
+        speeds = np.diff(result.cart_position_m) / sample_s
+        fastest = float(np.max(np.abs(speeds)))
+        died = [_died(model, result.cart_position_m, DIED_RESERVE * speeds, peak, loss) for loss in losses(model)]
+        ways.append(tuple(way for way, _ in died))
+        places.append(tuple(place for _, place in died))
         speed, stop = max(speed, fastest), max(stop, braking(model).way_m(SPEED_RESERVE * fastest))
         motor = max(motor, model["transmission.ratio"] * float(np.max(np.abs(result.velocity_rad_s))))
         force = max(force, float(np.max(result.belt_force_n)))
-    return Prediction(travel, speed, float(np.max(np.abs(torque))), force, stop, motor)
+    farthest = [tuple(max(one) for one in zip(*found, strict=True)) for found in (ways, places)]
+    return Prediction(travel, speed, peak, force, stop, motor, *farthest)
+
+
+def _died(model: Model, place_m: Array, speed_m_s: Array, torque_nm: float, loss: HostLoss) -> tuple[float, float]:
+    """Longest run-on at any instant of a record, m, and the farthest place from its start.   place_m : (n,).   speed_m_s : (n - 1,)."""
+    axis = (torque_nm, total_friction(model), total_inertia(model), model["transmission.ratio"], loss)
+    gone = place_m[1:] - place_m[0]
+    up, down = run_on(speed_m_s, *axis), run_on(-speed_m_s, *axis)
+    return float(np.max([up, down])), float(np.max([gone + up, down - gone]))
 
 
 def largest_amplitude(
@@ -149,25 +187,32 @@ def largest_amplitude(
     limits: MotionLimits,
     at_most_nm: float,
     braking: Callable[[Model], Braking] = no_stop,
+    losses: Callable[[Model], Sequence[HostLoss]] = no_loss,
 ) -> AmplitudeStep:
     """The largest amplitude, up to ``at_most_nm``, for which every member of the family stays inside all limits.
 
-    shape : ndarray (n,), the record with unit amplitude.   braking : what stops each of the models.
+    shape : ndarray (n,), the record with unit amplitude.   braking, losses : as :func:`predict`.
     Raises Refused when even a fiftieth of ``at_most_nm`` is too much.
     """
-    full = predict(family, at_most_nm * shape, sample_s, position_m, braking)
+    full = predict(family, at_most_nm * shape, sample_s, position_m, braking, losses)
     if max(full.use_of(limits).values()) <= 1.0:
         return AmplitudeStep(at_most_nm, full, "motor torque" if full.torque_nm >= 0.999 * limits.torque_nm else "step")
     low, high, binds = 0.0, at_most_nm, _first(full, limits)
     best: Prediction | None = None
     for _ in range(_BISECTIONS):
         middle = 0.5 * (low + high)
-        trial = predict(family, middle * shape, sample_s, position_m, braking)
+        trial = predict(family, middle * shape, sample_s, position_m, braking, losses)
         if max(trial.use_of(limits).values()) <= 1.0:
             low, best = middle, trial
         else:
             high, binds = middle, _first(trial, limits)
     if best is None or low < at_most_nm / 50.0:
+        if binds == DIES:
+            raise Refused(
+                f"no excitation fits: if the computer died in one of ±{high:.3g} N m, the carriage could run on by "
+                f"{1e3 * trial.run_on_m[-1]:.0f} mm before the drive has noticed and stopped it, and {1e3 * limits.ends_m:.0f} mm are left "
+                "to the nearest end; start nearer to the middle of the travel"
+            )
         raise Refused(
             f"no excitation fits the limits: already ±{high:.3g} N m would break the limit on {binds} "
             f"(travel {limits.travel_m:.3g} m, speed {limits.speed_m_s:.3g} m/s, belt force {limits.belt_force_n:.3g} N); "

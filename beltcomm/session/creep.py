@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from beltcomm.axis import Axis
 from beltcomm.drive import Drive, Limits, Motion, Row
 from beltcomm.errors import DriveError, Refused, SafetyStop
-from beltcomm.stopping import first_deceleration
+from beltcomm.identify.amplitude import UNKNOWN_MASSES_KG
+from beltcomm.session.guard_times import guard_times_s
+from beltcomm.stopping import Braking, HostLoss, first_deceleration, run_on
 
 #: m: what counts as moving; more than belt and coupling give way before friction breaks.
 MOVED_M = 5e-5
@@ -88,12 +91,24 @@ class Enough(SafetyStop):
         super().__init__("the motion has shown what it was for", "enough")
 
 
-def creep(drive: Drive, axis: Axis, limits: Limits, by_m: float, reach_m: float, about_nm: float = 0.0) -> Crept:
+def run_on_m(axis: Axis, torque_nm: float, held_s: float) -> float:
+    """How far the lightest carriage runs on when the computer dies just as it breaks away, m.   torque_nm : then, N m.
+
+    ``SLIDING_SHARE`` of that is left as friction, against the torque that is held for ``held_s`` and then alone.
+    """
+    ratio, friction = axis.transmission_m_rad, SLIDING_SHARE * torque_nm
+    inertia = axis.motor_side_inertia_kg_m2 + ratio**2 * max(UNKNOWN_MASSES_KG[0], axis.payload.mass_kg or 0.0)
+    loss = HostLoss(held_s, Braking(ratio * friction / inertia, 0.0))
+    return float(run_on(np.zeros(1), torque_nm, friction, inertia, ratio, loss)[0])
+
+
+def creep(drive: Drive, axis: Axis, limits: Limits, by_m: float, reach_m: float, about_nm: float = 0.0, left_m: float = math.inf) -> Crept:
     """Creep by about ``by_m`` (signed), or until it gets fast; check direction and stopping.   Nothing is recorded.
 
     reach_m : m, which the carriage must not leave with the way of the stop.  The work of the torque is used up by friction:  it ends
     within  moved τ/τ_friction,  so it is stopped while that is less.   about_nm : N m, what holds a tilted axis: the torque rises and
-    falls from there, it is held before and after, and τ and the onset count from it.
+    falls from there, it is held before and after, and τ and the onset count from it.   left_m : m to the end of the travel in that
+    direction, which the carriage must not pass if the computer dies: the torque rises no further than that allows.
     Raises Refused when nothing moves, DriveError when torque and motion have opposite signs or the axis does not stop, SafetyStop when
     it went further than ``reach_m``.
     """
@@ -102,12 +117,18 @@ def creep(drive: Drive, axis: Axis, limits: Limits, by_m: float, reach_m: float,
     allowed = min(limits.torque_nm, axis.torque_limit_nm)
     top = HELD_SHARE * allowed - abs(about_nm) if about_nm else BREAKAWAY_SHARE * allowed
     ramp = np.linspace(0.0, top, int(RAMP_S / period))
+    guarding, brake_s = drive.prove_guarding(limits, about_nm), limits.brake_s if about_nm else 0.0
+    held = {time: guarding.held_s(time) + period + brake_s for time in guard_times_s(drive.capabilities)}
+    guard_s = next((time for time, held_s in held.items() if run_on_m(axis, top, held_s) <= left_m), min(held))
+    limits = replace(limits, guard_s=guard_s)
     start = drive.read(["position_rad"])["position_rad"]
     onset: list[float] = []
     before = [0.0]
 
     def watch(row: Row) -> None:
         moved = sign * ratio * (row[3] - start)
+        if not onset and run_on_m(axis, abs(row[2] - about_nm), held[guard_s]) > left_m - moved:
+            raise Refused(_no_more(abs(row[2] - about_nm), run_on_m(axis, abs(row[2] - about_nm), held[guard_s]), guard_s, left_m))
         if moved > MOVED_M and not onset:
             onset.append(sign * (row[2] - about_nm))
         if moved < -4.0 * MOVED_M:
@@ -145,6 +166,15 @@ def creep(drive: Drive, axis: Axis, limits: Limits, by_m: float, reach_m: float,
     return Crept(onset[0] if onset else top, moved_m, top / RAMP_S)
 
 
+def _no_more(torque_nm: float, way_m: float, guard_s: float, left_m: float) -> str:
+    """What is said when more torque is too much so near to an end."""
+    return (
+        f"the axis does not move under {torque_nm:.3f} N m, and more is too much here: if the computer died as it breaks away, a light "
+        f"carriage would run on by {1e3 * way_m:.0f} mm before the drive has noticed ({1e3 * guard_s:.0f} ms) and friction has stopped it, "
+        f"{1e3 * left_m:.0f} mm are left to the end; move the carriage further in"
+    )
+
+
 def _not_held(sign: float, torque_nm: float) -> str:
     """What is said when the carriage goes against a torque that rises from the one that held it."""
     to = "negative" if sign > 0 else "positive"
@@ -180,11 +210,12 @@ def move_limits(drive: Drive, axis: Axis, by_m: float, position_m: float | None)
     here = drive.read(["position_rad"])["position_rad"]
     start = position_m if position_m is not None else ratio * here
     low, high = float(axis.travel.min_m or 0.0), float(axis.travel.max_m or 0.0)
-    if (position_m is not None or drive.capabilities.referenced) and not low <= start + by_m <= high:
+    known = position_m is not None or drive.capabilities.referenced
+    if known and not low <= start + by_m <= high:
         raise Refused(f"from {start:.4f} m a move by {1e3 * by_m:+.1f} mm would leave the travel {low:g}..{high:g} m")
     beyond = np.sign(by_m) * MARGIN_M
     ends = sorted((here - beyond / ratio, here + (by_m + beyond) / ratio))
-    if position_m is not None or drive.capabilities.referenced:  # going too far must not lead out of the travel
+    if known:  # going too far must not lead out of the travel
         ends = [max(ends[0], here + (low - start) / ratio), min(ends[1], here + (high - start) / ratio)]
     speed = (axis.limits.speed_m_s or 1.0) / ratio
     torque = min(axis.torque_limit_nm, drive.capabilities.peak_torque_nm)
@@ -200,10 +231,14 @@ def small_move(drive: Drive, axis: Axis, by_m: float, position_m: float | None) 
     Raises Refused when the move would leave the travel, and as :func:`creep`.
     """
     limits = move_limits(drive, axis, by_m, position_m)
+    known = position_m is not None or drive.capabilities.referenced
     moved = 0.0
     for _ in range(GOES):
         if abs(by_m - moved) < NEAR_M or (by_m - moved) * by_m < 0.0:
             break
         go = GO_SHARE * (by_m - moved)
-        moved += creep(drive, axis, limits, go, abs(go) + MARGIN_M).moved_m
+        at = limits.ratio_m_rad * (drive.read(["position_rad"])["position_rad"] - limits.zero_rad)
+        end = float((axis.travel.max_m if go > 0.0 else axis.travel.min_m) or 0.0)
+        left = abs(end - at) if known else math.inf
+        moved += creep(drive, axis, limits, go, abs(go) + MARGIN_M, left_m=left).moved_m
     return moved

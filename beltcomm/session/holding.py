@@ -22,7 +22,7 @@ from beltcomm.drive import Limits, Motion, Row
 from beltcomm.errors import DataError, Refused, UsageError
 from beltcomm.model import Model
 from beltcomm.recording import Recording
-from beltcomm.session import gravity, phases
+from beltcomm.session import gravity, host_loss, phases
 from beltcomm.session.creep import Breakaway, Enough, creep
 from beltcomm.session.machine import Machine
 from beltcomm.sidecar import Sidecar
@@ -125,6 +125,7 @@ def sign_and_scale(machine: Machine) -> tuple[Breakaway, Holding]:
     """
     guess = gravity.expected(machine.axis)
     phases.room_to_creep(machine)
+    host_loss.prove(machine, guess.torque_nm)
     begun = machine.drive.clock.now()
     torque, slipped = _feel(machine, guess)
     pairs: list[Breakaway] = []
@@ -165,8 +166,9 @@ def _break_away(machine: Machine, torque_nm: float, release: bool) -> Breakaway:
     for sign in (math.copysign(1.0, machine.axis.mounting.tilt_deg), -math.copysign(1.0, machine.axis.mounting.tilt_deg)):
         machine.let_settle()
         here = machine.position_m
-        reach = min(phases.SIGN_REACH_M, high - here if sign > 0.0 else here - low)
-        crept = creep(machine.drive, machine.axis, _limits(machine, release), sign * phases.SIGN_TRAVEL_M, reach, torque_nm)
+        left = high - here if sign > 0.0 else here - low
+        way, reach = sign * phases.SIGN_TRAVEL_M, min(phases.SIGN_REACH_M, left)
+        crept = creep(machine.drive, machine.axis, _limits(machine, release), way, reach, torque_nm, left)
         found[sign] = crept.onset_nm
     return Breakaway(torque_nm + found[1.0], found[-1.0] - torque_nm, crept.slope_nm_s)
 

@@ -7,9 +7,8 @@ stopped axis and the parameters found at the start, unless new gains were to be 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from types import TracebackType
 
 import numpy as np
@@ -17,15 +16,19 @@ from numpy.typing import NDArray
 
 from beltcomm.axis import Axis
 from beltcomm.control import Cascade
-from beltcomm.drive import COLUMNS, Capabilities, Drive, Limits, LoopKind, Motion, Row
-from beltcomm.errors import BeltcommError, DamagedRecord, DataError, Refused, UsageError
+from beltcomm.drive import COLUMNS, Capabilities, Drive, Guarding, Limits, LoopKind, Motion, Row
+from beltcomm.errors import DamagedRecord, DataError, Refused, UsageError
 from beltcomm.excitation import ExcitationKind
+from beltcomm.model import Model
 from beltcomm.parameters import GAIN_NAMES, cascade_to_parameters, parameters_to_cascade
 from beltcomm.recording import Recording
 from beltcomm.runfolder import RunFolder
 from beltcomm.session.backups import keep_first
 from beltcomm.session.calibration import recall
-from beltcomm.session.expectation import BeltWatch
+from beltcomm.session.closed_loop_watch import foreseen as foreseen_of
+from beltcomm.session.closed_loop_watch import unwatched, within
+from beltcomm.session.leaving import leave
+from beltcomm.session.room import Room as Room
 from beltcomm.sidecar import Sidecar
 from beltcomm.stopping import Braking, first_deceleration
 from beltcomm.talk import Talk
@@ -40,27 +43,8 @@ OFFSET = "ff_offset_nm"
 SETTLE_S = 1.0
 #: s, in which a brake opens whose time axis.yaml does not state: slow ones of this size.
 UNKNOWN_BRAKE_S = 0.1
-#: How many Ctrl-C the restoring of a drive survives.
-IMPATIENCE = 5
 #: Rated torque and current of the drive may differ by this share from axis.yaml: rounding of the data sheets.
 RATED_TOLERANCE = 0.02
-
-
-def unwatched(_row: Row) -> None:
-    """A record that nobody but the drive's limits watches."""
-
-
-@dataclass(frozen=True)
-class Room:
-    """What the present phase may use.  window_m : (min, max) of the carriage.   speed_m_s, torque_nm (motor shaft).
-
-    lag_m : how far a position loop may be off its reference; None leaves it to the drive's own setting.
-    """
-
-    window_m: tuple[float, float]
-    speed_m_s: float
-    torque_nm: float
-    lag_m: float | None = None
 
 
 class Machine:
@@ -74,7 +58,8 @@ class Machine:
     keep_gains : set by the sequence when the user wants to keep the new gains in the drive (not saved).
     over_belt : the user lets the belt carry more than its feed force; virtual drives only.
     deceleration_m_s2 : of a quick stop, lent to the drive with every motion.   braking : what brakes the axis with the loop that is in
-    the drive; None as long as only friction can be counted with.
+    the drive; None as long as only friction can be counted with.   guarding : how the drive took the silence of its host, once seen.
+    cascade : what was written last.   closed : model and delay, s, that loops are counted with.
     """
 
     def __init__(self, drive: Drive, axis: Axis, folder: RunFolder, talk: Talk) -> None:
@@ -90,6 +75,9 @@ class Machine:
         self.excitation: ExcitationKind = "prbs"
         self.deceleration_m_s2 = first_deceleration(axis, drive.capabilities.peak_torque_nm).value_m_s2
         self.braking: Braking | None = None
+        self.guarding: Guarding | None = None
+        self.closed: tuple[Model, float] | None = None
+        self.cascade: Cascade | None = None
         self.machine_seconds = 0.0
         self._started = drive.clock.now()
         recall(drive, folder)
@@ -104,26 +92,10 @@ class Machine:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         keep = self.keep_gains and kind is None
         wanted = {n: v for n, v in self._backup.items() if not (keep and n in GAIN_NAMES)}
-        interrupted: KeyboardInterrupt | None = None
-        for _ in range(IMPATIENCE):
-            try:
-                self.drive.stop()
-                self._restore(wanted, keep)
-                break
-            except KeyboardInterrupt as again:  # an impatient user must not leave a half-restored drive behind
-                interrupted = again
+        interrupted = leave(self.drive, self.folder, self.talk, wanted, keep, error)
         self._occupied.close()
         if interrupted is not None and kind is None:
             raise interrupted
-
-    def _restore(self, wanted: Mapping[str, float], keep: bool) -> None:
-        try:
-            self.drive.write(wanted)
-        except BeltcommError as problem:
-            self.folder.journal(f"restoring the drive failed: {problem}")
-            self.talk.say(f"The drive's parameters could not be restored ({problem}); `beltcomm rollback` writes the backup again.")
-        else:
-            self.folder.journal("limits restored, new gains kept" if keep else "all parameters restored")
 
     def meaning_changed(self) -> None:
         """What raw gains mean is known now: they stand in the drive under other values."""
@@ -245,10 +217,25 @@ class Machine:
         low, high = sorted(self.origin_rad + x / self.ratio for x in room.window_m)
         speed = min(room.speed_m_s / self.ratio, self.drive.capabilities.max_speed_rad_s)
         lag = None if room.lag_m is None else room.lag_m / self.ratio
-        motor = self.axis.motor
-        brake = (UNKNOWN_BRAKE_S if motor.brake_time_s is None else motor.brake_time_s) if motor.brake_torque_nm else 0.0
         deceleration = self.deceleration_m_s2 / self.ratio
-        return Limits(low, high, speed, room.torque_nm, deceleration, lag, self.ratio, self.origin_rad, brake_s=brake)
+        return Limits(
+            low,
+            high,
+            speed,
+            room.torque_nm,
+            deceleration,
+            lag,
+            self.ratio,
+            self.origin_rad,
+            brake_s=self.brake_s,
+            guard_s=room.guard_s,
+        )
+
+    @property
+    def brake_s(self) -> float:
+        """What a holding brake needs to open or to close, s; 0 where there is none."""
+        motor = self.axis.motor
+        return (UNKNOWN_BRAKE_S if motor.brake_time_s is None else motor.brake_time_s) if motor.brake_torque_nm else 0.0
 
     def brake_with(self, braking: Braking) -> None:
         """From now on a stop is counted with, and set in the drive to, what a loop can do."""
@@ -316,7 +303,7 @@ class Machine:
         self._check_stops(motion, foreseen)
         self.let_settle()
         writer = self.folder.new_recording(name, sidecar, COLUMNS)
-        belt = self._belt_watch(motion)
+        closed = foreseen_of(self, motion)
         zero, begun, total = self.origin_rad, self.drive.clock.now(), len(motion.torque_nm)
         rows = 0
 
@@ -324,14 +311,14 @@ class Machine:
             nonlocal rows
             t, torque, setpoint, position, velocity, reference, *others = row
             writer.write((t, torque, setpoint, position - zero, velocity, reference - zero, *others))
-            belt(row)
+            closed.watch(row)
             watch(row)
             rows += 1
             if rows % 200 == 0 and rows < total:  # a drive that makes its strokes by itself takes longer than planned
                 self.talk.progress(rows / total, (total - rows) * motion.period_s)
 
         try:
-            report = self.drive.record(motion, self.drive_limits(room), sink)
+            report = self.drive.record(motion, self.drive_limits(within(room, closed)), sink)
         except BaseException:
             writer.close(finished=False)
             self.folder.journal(f"{name}: interrupted after {rows} of {total} samples; what was recorded is kept")
@@ -342,18 +329,14 @@ class Machine:
         self.folder.journal(
             f"{name}: {report.rows} samples, {report.lost_cycles} lost cycles, worst period error {1e6 * report.worst_jitter_s:.0f} us"
         )
+        for remark in report.remarks:
+            self.folder.journal(f"{name}: {remark}")
+            self.talk.say(f"{name}: {remark}.")
         try:
             return self.folder.recording(name)
         except DataError:
             self.folder.withdraw(name)  # what cannot be used is no finished record: --resume makes it again
             raise
-
-    def _belt_watch(self, motion: Motion) -> Watch:
-        """Of a closed loop, which may ring; what an excitation may do is watched by its own prediction, whatever axis.yaml says."""
-        if motion.kind == "torque":
-            return unwatched
-        inertia, limit = self.axis.motor_side_inertia_kg_m2, self.axis.belt_force_limit_n
-        return BeltWatch(self.ratio, inertia, limit, self.friction)
 
     @contextmanager
     def withdrawing(self) -> Iterator[None]:
@@ -369,14 +352,14 @@ class Machine:
         """Run a motion that is only a means (positioning, creeping), watched row by row; nothing is kept."""
         self._check_stops(motion)
         self.let_settle()
-        belt, begun = self._belt_watch(motion), self.drive.clock.now()
+        closed, begun = foreseen_of(self, motion), self.drive.clock.now()
 
         def sink(row: Row) -> None:
-            belt(row)
+            closed.watch(row)
             watch(row)
 
         try:
-            self.drive.record(motion, self.drive_limits(room), sink)
+            self.drive.record(motion, self.drive_limits(within(room, closed)), sink)
         finally:
             self.machine_seconds += self.drive.clock.now() - begun
 
@@ -390,7 +373,8 @@ class Machine:
         values = {n: v for n, v in cascade_to_parameters(cascade).items() if n in offered}
         stored = self.drive.write(values)
         self.folder.journal("wrote " + ", ".join(f"{n}={v:.6g}" for n, v in stored.items()))
-        return parameters_to_cascade({**offered, **stored})
+        self.cascade = parameters_to_cascade({**offered, **stored})
+        return self.cascade
 
 
 def stroking(capabilities: Capabilities) -> LoopKind:

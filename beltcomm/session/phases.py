@@ -21,7 +21,6 @@ from beltcomm.identify.amplitude import (
     UNKNOWN_MASSES_KG,
     AmplitudeStep,
     MotionLimits,
-    Prediction,
     around,
     largest_amplitude,
     unknown_payload,
@@ -30,14 +29,12 @@ from beltcomm.identify.first_estimate import data_sheet_model, first_estimate, m
 from beltcomm.linear import modes, operating_point
 from beltcomm.model import Model
 from beltcomm.recording import Recording
-from beltcomm.session import gravity, own_strokes, stops
+from beltcomm.session import exciting, gravity, host_loss, own_strokes, stops
 from beltcomm.session.creep import CLEAR_SHARE as CLEAR_SHARE
 from beltcomm.session.creep import Breakaway, creep
-from beltcomm.session.expectation import Expectation
 from beltcomm.session.machine import Machine, Room, stroking
 from beltcomm.session.sequences import HARDLY, SHAPES, calmer_choice, held_choice
 from beltcomm.session.strokes import sweep_strokes
-from beltcomm.sidecar import ExcitationNote, Sidecar
 from beltcomm.stopping import total_friction
 from beltcomm.trajectory import Strokes, Trajectory, at_rest, join, plan_trajectory
 
@@ -115,12 +112,13 @@ def sign_and_scale(machine: Machine) -> Breakaway:
     at = room_to_creep(machine)
     limits = machine.drive_limits(room_around(machine, at, SIGN_REACH_M))
     limits = replace(limits, release=bool(machine.axis.motor.brake_torque_nm))  # should gravity pull after all, the brake stops it
+    host_loss.prove(machine)
     begun = machine.drive.clock.now()
     found = {}
     for sign in (1.0, -1.0):
         here = machine.position_m
-        reach = min(SIGN_REACH_M, high - here if sign > 0.0 else here - low)
-        crept = creep(machine.drive, machine.axis, limits, sign * SIGN_TRAVEL_M, reach)
+        left = high - here if sign > 0.0 else here - low
+        crept = creep(machine.drive, machine.axis, limits, sign * SIGN_TRAVEL_M, min(SIGN_REACH_M, left), left_m=left)
         found[sign] = crept.onset_nm
     machine.machine_seconds += machine.drive.clock.now() - begun
     machine.folder.journal(f"breakaway {found[1.0]:.3f} N m forward, {found[-1.0]:.3f} N m backward")
@@ -143,6 +141,7 @@ def motion_limits(machine: Machine, position_m: float) -> MotionLimits:
         full.torque_nm - abs(machine.holding_nm),
         BELT_SHARE * machine.axis.belt_force_limit_n - machine.weight_n,
         min(space, EXCITATION_TRAVEL_M) + END_MARGIN_M,
+        min(position_m - low, high - position_m),
     )
 
 
@@ -162,11 +161,11 @@ def raise_amplitude(machine: Machine, breakaway: Breakaway, masses_kg: Sequence[
     while True:
         at = machine.position_m  # every excitation leaves the carriage a little beside where it began
         limits = motion_limits(machine, at)
-        braking = stops.braking_of(machine, breakaway.sliding_nm)
+        braking, losses = stops.braking_of(machine, breakaway.sliding_nm), host_loss.losses_of(machine, breakaway.sliding_nm)
         for order, clock in SHAPES:
             shape = prbs(order, clock, 2.0, period, 1)
             unit = shape.torque / shape.amplitude_nm
-            step = largest_amplitude(family, unit, period, at, limits, min(at_most, limits.torque_nm), braking)
+            step = largest_amplitude(family, unit, period, at, limits, min(at_most, limits.torque_nm), braking, losses)
             if step.amplitude_nm >= OVER_BREAKAWAY * breakaway.coulomb_nm:
                 break
         else:
@@ -177,10 +176,11 @@ def raise_amplitude(machine: Machine, breakaway: Breakaway, masses_kg: Sequence[
         machine.talk.say(
             f"excitation ±{step.amplitude_nm:.3f} N m: up to {1e3 * step.prediction.travel_m:.1f} mm, "
             f"{step.prediction.belt_force_n:.0f} N in the belt (bound by {step.binds}); a stop takes up to "
-            f"{1e3 * step.prediction.stop_m:.1f} mm"
+            f"{1e3 * step.prediction.stop_m:.1f} mm; {exciting.run_on_words(machine, step.prediction, limits.ends_m)}"
         )
         excitation = prbs(order, clock, 2.0 * step.amplitude_nm, period, 1, torque_step_nm=machine.drive.capabilities.torque_step_nm)
-        recordings.append(_excite(machine, f"amplitude_{len(recordings) + 1}", excitation, at, step.prediction))
+        exposed, room = exciting.Exposed(step.prediction, family, losses), excitation_room(machine, at)
+        recordings.append(exciting.excite(machine, f"amplitude_{len(recordings) + 1}", excitation, at, room, exposed))
         if len(recordings) < MOST_STEPS and step.binds == "step" and not moved_enough(recordings[-1], sheet, counts):
             at_most = GROWTH * step.amplitude_nm  # an axis without Coulomb friction breaks away long before it moves visibly
             continue
@@ -193,7 +193,8 @@ def raise_amplitude(machine: Machine, breakaway: Breakaway, masses_kg: Sequence[
         stops.lend_brake(machine, model, at)
         family = around(balanced(model))
         at_most = GROWTH * step.amplitude_nm
-        following = largest_amplitude(family, unit, period, at, limits, min(at_most, limits.torque_nm), stops.braking_of(machine))
+        counted = stops.braking_of(machine), host_loss.losses_of(machine)
+        following = largest_amplitude(family, unit, period, at, limits, min(at_most, limits.torque_nm), *counted)
         if following.amplitude_nm < 1.1 * step.amplitude_nm or len(recordings) >= MOST_STEPS:
             return Excited(following, tuple(recordings), model)
 
@@ -244,9 +245,10 @@ def frequency_response(
     excitation = choice.excitation(step.amplitude_nm, period, torque_step_nm=machine.drive.capabilities.torque_step_nm)
     machine.folder.journal(
         f"{name}: {choice.reason}; ±{step.amplitude_nm:.3f} N m, bound by {step.binds}; a stop takes up to "
-        f"{1e3 * step.prediction.stop_m:.1f} mm"
+        f"{1e3 * step.prediction.stop_m:.1f} mm; {exciting.run_on_words(machine, step.prediction, limits.ends_m)}"
     )
-    return _excite(machine, name, excitation, at, step.prediction, held_out), excitation, step
+    exposed, room = exciting.Exposed(step.prediction, around(balanced(model)), host_loss.losses_of(machine)), excitation_room(machine, at)
+    return exciting.excite(machine, name, excitation, at, room, exposed, held_out), excitation, step
 
 
 def _loudest(machine: Machine, model: Model, choice: Choice, at_most_nm: float, at: float, limits: MotionLimits) -> AmplitudeStep:
@@ -254,7 +256,8 @@ def _loudest(machine: Machine, model: Model, choice: Choice, at_most_nm: float, 
     period = machine.drive.capabilities.sample_period_s
     shape = choice.excitation(1.0, period)
     unit = shape.torque / shape.amplitude_nm
-    return largest_amplitude(around(balanced(model)), unit, period, at, limits, at_most_nm, stops.braking_of(machine))
+    counted = stops.braking_of(machine), host_loss.losses_of(machine)
+    return largest_amplitude(around(balanced(model)), unit, period, at, limits, at_most_nm, *counted)
 
 
 def balanced(model: Model) -> Model:
@@ -265,22 +268,6 @@ def balanced(model: Model) -> Model:
 def excitation_room(machine: Machine, at: float) -> Room:
     """Where an excitation at a place may go at most."""
     return room_around(machine, at, EXCITATION_TRAVEL_M + END_MARGIN_M)
-
-
-def _excite(machine: Machine, name: str, excitation: Excitation, at: float, predicted: Prediction, held_out: bool = False) -> Recording:
-    """Record an excitation, watched so that a stop at any limit still ends in the window."""
-    around_it = excitation_room(machine, at)
-    low, high = around_it.window_m
-    room = replace(around_it, window_m=(low + predicted.stop_m, high - predicted.stop_m))
-    watch = Expectation(predicted, machine.ratio, machine.axis.motor_side_inertia_kg_m2)
-    note = ExcitationNote(
-        kind=excitation.kind,
-        amplitude_nm=excitation.amplitude_nm,
-        period_samples=excitation.period_samples,
-        first_sample=excitation.first_sample,
-    )
-    sidecar = Sidecar("frf", machine.place_m(at), machine.session_time_s, held_out=held_out, excitation=note)
-    return machine.record(name, machine.torque_motion(excitation.torque), room, sidecar, watch)
 
 
 def characteristic_hz(model: Model, position_m: float) -> tuple[float, float]:

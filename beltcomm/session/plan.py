@@ -15,6 +15,7 @@ from beltcomm.identify.amplitude import UNKNOWN_MASSES_KG
 from beltcomm.model import Model
 from beltcomm.session import claims, creep, gain_steps, gravity, holding, own_strokes, phases, programme
 from beltcomm.session.bounds import CREEP_SECONDS, Experiment, course_before, has_room, lines_of, masses_kg, top_speed_m_s
+from beltcomm.session.guard_times import guard_times_s
 from beltcomm.session.programme import Extent
 from beltcomm.session.strokes import fastest_stroke_m_s
 from beltcomm.session.verification import MOVE_M
@@ -196,12 +197,20 @@ def _stop_words(axis: Axis, capabilities: Capabilities) -> str:
             f"brake or friction stop it; all tries together stay within {1e3 * phases.SIGN_REACH_M:g} mm. "
             + ("" if axis.motor.brake_torque_nm else "No brake is stated: only friction holds it without torque. ")
         )
-    return held + (
+    top = (creep.HELD_SHARE if axis.mounting.tilted else creep.BREAKAWAY_SHARE) * min(axis.torque_limit_nm, capabilities.peak_torque_nm)
+    crept_m = creep.run_on_m(axis, top, guard_times_s(capabilities)[0] + capabilities.sample_period_s)
+    guarded = (
+        "Before any torque the computer once falls silent on purpose, at standstill, to see that the drive notices; if it dies in earnest, "
+        f"a light carriage that just breaks away runs on by {1e3 * crept_m:.0f} mm at most, less nearer to an end, and an excitation is no "
+        "stronger than lets it stop before the end. "
+    )
+    stopped = (
         "A stop at any moment ends within the way 'with stop' (in closed loop: within the travel). Until the carriage is weighed, "
         f"friction and the velocity loop found in the drive stop it, with {first.value_m_s2:.2g} m/s² at most ({first.binds}, the belt's "
         "swing counted twice); then a loop designed for it, with as much as loads the belt by its feed force, on top of what it carries "
         "just then."
     )
+    return held + guarded + stopped
 
 
 def _here(axis: Axis, capabilities: Capabilities, window_m: tuple[float, float] | None = None) -> tuple[Experiment, ...]:

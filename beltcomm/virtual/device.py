@@ -73,7 +73,7 @@ class VirtualDrive:
         self._dictionary = ObjectDictionary(kind.rows(node_id, motor, counts_per_rev))
         self._dictionary.load(self._stored)
         self._errors = ErrorRegister(self._dictionary, self._send_emcy)
-        loops = Loops(self._dictionary, kind, motor, counts_per_rev)
+        loops = Loops(self._dictionary, kind, motor, counts_per_rev, self.faults)
         stage = PowerStage(plant, motor, setpoint_delay_s, torque_noise_nm, seed, self.faults, brake)
         encoder = Encoder(plant, counts_per_rev, zero_rad, self.faults)
         self._servo = Servo(

@@ -28,6 +28,9 @@ class Faults:
     remote_frames_blocked : remote frames do not arrive, as behind an adapter that has none.
     readings : what objects hold from power-on in place of their own value, by (index, subindex); the drive itself does not use it where
         the object is read-only.
+    guarding_ignored, guarding_coasts : a host that falls silent is not noticed, or its loss cuts the stage off instead of braking.
+    torque_stop_coasts : a quick stop out of torque mode only takes the torque away, no loop brakes.
+    gain_factor : the velocity gain is this many times what its object says, read anew with every write of a gain.
     """
 
     drop_tpdo: frozenset[int] = frozenset()
@@ -48,6 +51,10 @@ class Faults:
     local_control: bool = False
     remote_frames_blocked: bool = False
     readings: Mapping[tuple[int, int], int] = field(default_factory=dict)
+    guarding_ignored: bool = False
+    guarding_coasts: bool = False
+    torque_stop_coasts: bool = False
+    gain_factor: float = 1.0
 
     @property
     def has_power(self) -> bool:

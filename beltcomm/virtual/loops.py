@@ -7,10 +7,12 @@ homing moves no reference.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from beltcomm.control import cascade_step, discrete_coefficients, new_state, reset_state, velocity_step
 from beltcomm.virtual.bus import TICK_S
 from beltcomm.virtual.dictionary import ObjectDictionary
+from beltcomm.virtual.faults import Faults
 from beltcomm.virtual.motor import Motor
 from beltcomm.virtual.profiles import Profile
 
@@ -29,8 +31,9 @@ class Loops:
     controller, and torque setpoint of the last loop.   limited : a setpoint was cut to a limit.
     """
 
-    def __init__(self, dictionary: ObjectDictionary, profile: Profile, motor: Motor, counts_per_rev: int) -> None:
+    def __init__(self, dictionary: ObjectDictionary, profile: Profile, motor: Motor, counts_per_rev: int, faults: Faults) -> None:
         self.dictionary = dictionary
+        self._faults = faults
         self.profile = profile
         self._motor = motor
         self._counts_per_rev = counts_per_rev
@@ -69,7 +72,9 @@ class Loops:
     def reload_gains(self) -> None:
         """Gains, filters and feedforward; the controller starts from rest with them."""
         self._gains_stale = False
-        self._cascade = self.profile.cascade(self.dictionary)
+        told = self.profile.cascade(self.dictionary)
+        factor = self._faults.gain_factor
+        self._cascade = replace(told, kp_nm_s_rad=factor * told.kp_nm_s_rad, ki_nm_rad=factor * told.ki_nm_rad)
         self._output_limit, self._dead_zone = self.profile.output_limit(self.dictionary, self.scaling)
         self._plain_position_error = math.isinf(self._output_limit) and self._dead_zone == 0.0
         self.filter_pole = self._cascade.velocity_filter_s / (self._cascade.velocity_filter_s + TICK_S)

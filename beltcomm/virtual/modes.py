@@ -334,7 +334,7 @@ class Stop(Mode):
 
     The ramp brings no acceleration feedforward: it begins and ends with a step of the acceleration, which a feedforward would hand
     on to the belt as a step of torque; the speed controller alone rounds it off.
-    done : at standstill for 10 ms after the ramp, or 1 s after it whatever the axis does.
+    done : at standstill for 10 ms after the ramp, or 1 s after it whatever the axis does.   coasts : no loop brakes, the torque is gone.
     """
 
     _STILL_TICKS, _PATIENCE_TICKS = 10, 1000
@@ -342,7 +342,7 @@ class Stop(Mode):
     def __init__(self, loops: Loops) -> None:
         super().__init__(loops)
         self._deceleration = self.object(0x6085)
-        self.done = False
+        self.done = self.coasts = False
 
     def start(self) -> None:
         """Ramp from the present speed."""
@@ -359,4 +359,4 @@ class Stop(Mode):
             self._ended_ticks += 1
             self._still_ticks = self._still_ticks + 1 if abs(self.loops.speed_rad_s) < STANDSTILL_RAD_S else 0
             self.done = self._still_ticks >= self._STILL_TICKS or self._ended_ticks >= self._PATIENCE_TICKS
-        return self.loops.velocity(self._ramp.value, 0.0)
+        return self.loops.torque(0.0) if self.coasts else self.loops.velocity(self._ramp.value, 0.0)

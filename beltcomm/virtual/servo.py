@@ -38,6 +38,7 @@ _FAULT_RESET = 1 << 7
 _VOLTAGE_ENABLED, _WARNING, _MOVING, _REMOTE = 1 << 4, 1 << 7, 1 << 8, 1 << 9
 _INTERNAL_LIMIT, _REFERENCED = 1 << 11, 1 << 15
 _WITH_POSITION_REFERENCE = frozenset({1, 7, 8})
+_TORQUE_MODES = (4, 10)
 _MODES: dict[int, type[Mode]] = {
     1: ProfilePosition,
     3: ProfileVelocity,
@@ -209,8 +210,10 @@ class Servo:
 
     def communication_lost(self, code: int) -> None:
         """The master is gone or has stopped the node: a fault while the motor carries torque, else only a message."""
+        if self._faults.guarding_ignored and code == Code.LIFE_GUARD:
+            return
         if self.machine.powered:
-            self.fault(code, False)
+            self.fault(code, self._faults.guarding_coasts)
         else:
             self._errors.report(code)
 
@@ -264,6 +267,7 @@ class Servo:
         elif state in (State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE):
             self.machine.quick_stop_holds = self._quick_stop_code.value == 6
             self._stop.start()
+            self._stop.coasts = self._faults.torque_stop_coasts and state == State.QUICK_STOP_ACTIVE and self._mode_number in _TORQUE_MODES
         else:
             self._stage.switch_off(held=self._stop.done)
             self._loops.open()

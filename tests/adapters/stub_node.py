@@ -75,6 +75,8 @@ class StubNode:
     ignores_target : bit 12 stays 0.     jammed : target positions are taken, and nothing moves.
     fault_at, emergency_at : SYNC at which bit 3 is set, or an EMCY 8611h is sent.
     silent_from : SYNC from which nothing is heard any more.     stuck_objects : writes are confirmed and forgotten.
+    unguarded : it does not mind that its host falls silent.
+    What it noted of its host, and its count of SYNCs, begin anew when the first fault, that of the proof of its guarding, is acknowledged.
     """
 
     objects: dict[tuple[int, int], tuple[str, float]] = field(default_factory=standard_objects)
@@ -87,13 +89,14 @@ class StubNode:
     emergency_at: int | None = None
     silent_from: int | None = None
     stuck_objects: set[tuple[int, int]] = field(default_factory=set)
+    unguarded: bool = False
 
     def __post_init__(self) -> None:
         self.out: deque[tuple[int, bytes]] = deque()
         self.written: list[tuple[int, int, float]] = []
         self.states: list[int] = []
         self.life_s: list[float] = []
-        self.operational = False
+        self.operational = self.proven = False
         self.state = 0x40
         self.syncs = 0
         self.position_rad = self.speed_rad_s = self.acting_nm = 0.0
@@ -107,7 +110,7 @@ class StubNode:
         self.objects[index, sub] = (self.objects[index, sub][0], value)
 
     def receive(self, frame: can.Message, now_s: float) -> None:
-        if self.silent_from is not None and self.syncs >= self.silent_from:
+        if self.silent_from is not None and self.syncs >= self.silent_from and (self.proven or not self.silent_from):
             return
         cob, data = frame.arbitration_id, bytes(frame.data)
         if cob == 0x601:
@@ -154,6 +157,10 @@ class StubNode:
         if self.state == self.fault_pattern:
             if word & 0x80:
                 self.state = 0x40
+                if self.life_s and not self.proven:
+                    self.proven, self.syncs = True, 0
+                    for noted in (self.written, self.states, self.life_s):
+                        noted.clear()
         elif word & 0x02 == 0:
             self.state = 0x40
         else:
@@ -176,7 +183,8 @@ class StubNode:
         self.speed_rad_s += self.acting_nm / INERTIA_KG_M2 * step_s
         self.position_rad += 0.5 * (before + self.speed_rad_s) * step_s
         mode, mean_nm = self.get(0x6060), self.acting_nm
-        if self.fault_at == self.syncs:
+        self._guard(now_s)
+        if self.proven and self.fault_at == self.syncs:
             self.state = self.fault_pattern
         for number, data in enumerate(self._pending):
             if data is not None:
@@ -190,11 +198,21 @@ class StubNode:
         self.put(0x6064, 0, position)
         first = struct.pack("<ihH", position, round(mean_nm / RATED_NM * 1000), self._status())
         second = struct.pack("<ih", round(self.speed_rad_s * COUNTS_PER_RAD), round(mean_nm / RATED_NM * 1000))
-        if self.emergency_at == self.syncs:
+        if self.proven and self.emergency_at == self.syncs:
             self.out.append((0x81, struct.pack("<HB5x", 0x8611, 0x20)))
-        if self.syncs not in self.drop:
+        if not self.proven or self.syncs not in self.drop:
             self.out.append((0x181, first))
         self.out.append((0x281, second))
+
+    def _guard(self, now_s: float) -> None:
+        """Heartbeat consumer, CiA 301, 7.5.2.13: an enabled axis whose host is silent for longer goes into fault."""
+        consumer = int(self.objects.get((0x1016, 1), ("", 0))[1])
+        if self.unguarded or self.state != _ENABLED or not consumer & 0xFFFF or not self.life_s:
+            return
+        if now_s - self.life_s[-1] > 1e-3 * (consumer & 0xFFFF):
+            self.state, self.speed_rad_s = self.fault_pattern, 0.0
+            self.put(0x6041, 0, self.state)
+            self.out.append((0x81, struct.pack("<HB5x", 0x8130, 0x10)))
 
     def _activate(self, number: int, data: bytes, mode: int) -> None:
         if number == 1:

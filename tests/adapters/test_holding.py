@@ -31,6 +31,7 @@ def test_the_torque_that_holds_is_there_before_the_drive_is_enabled_and_until_it
     """Every frame from the first with Enable Operation on carries it; `brake_s` more of them come before the motion."""
     rows: list[Row] = []
     drive = opened(StubNode())
+    drive.prove_guarding(LIMITS)
     sent = overheard(drive)
     unit = drive.capabilities.torque_step_nm
     rest, motion = 40 * unit, torque([45 * unit] * 5)
@@ -47,6 +48,7 @@ def test_the_torque_that_holds_is_there_before_the_drive_is_enabled_and_until_it
 
 def test_what_is_released_has_no_quick_stop(opened):
     drive = opened(StubNode())
+    drive.prove_guarding(LIMITS)
     sent = overheard(drive)
 
     def enough(_row: Row) -> None:

@@ -108,7 +108,7 @@ def test_torque_is_zero_before_the_drive_is_enabled(opened):
 
     node._control = watched  # type: ignore[method-assign]
     opened(node).record(torque([0.1] * 5), LIMITS, lambda row: None)
-    assert seen == [0]
+    assert seen == [0, 0]  # once for the proof of its guarding, once for the record
 
 
 def test_one_lost_answer_is_a_gap_and_nothing_else(opened):
@@ -252,9 +252,11 @@ def test_an_emergency_tells_code_and_meaning(opened):
 
 def test_a_fault_from_before_is_acknowledged_without_enabling(opened):
     node = StubNode()
+    drive = opened(node)
+    drive.prove_guarding(LIMITS)
     node.state = 0x08
     node.put(0x6041, 0, 0x08)
-    drive = opened(node)
+    node.states.clear()
     drive.record(torque([0.0] * 5), LIMITS, lambda row: None)
     assert node.states == [0x08, DISABLED, READY, ON, ENABLED, QUICK, DISABLED]
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from beltcomm.drive import COLUMNS, Limits, Motion, Row
-from beltcomm.errors import SafetyStop, UsageError
+from beltcomm.drive import COLUMNS, GUARD_S, Limits, Motion, Row
+from beltcomm.errors import DriveError, SafetyStop, UsageError
 
 STATE_DISABLED = (1, 2, 3)  # CiA 402: Switch On Disabled, Ready To Switch On, Switched On
 
@@ -211,6 +212,29 @@ def test_a_record_leaves_the_parameters_alone(machine):
     )
     machine.drive.record(shaken(machine, 0.1, 0.1, 0.05), tighter, lambda row: None)
     assert machine.drive.backup() == before
+
+
+def test_guarding_is_proven_once_at_standstill(machine):
+    """The host falls silent while the axis is enabled without torque: the drive reacts in time, and the axis can be enabled again."""
+    drive = machine.drive
+    if drive.capabilities.shortest_guard_s is None:
+        with pytest.raises(DriveError):
+            drive.prove_guarding(machine.limits)
+        return
+    here, begun = drive.read(["position_rad"])["position_rad"], drive.clock.now()
+    limits = replace(machine.limits, guard_s=max(GUARD_S, drive.capabilities.shortest_guard_s))
+    found = drive.prove_guarding(limits)
+    taken = drive.clock.now() - begun
+    assert found.guard_s == limits.guard_s
+    assert 0.5 * limits.guard_s < found.reaction_s <= limits.guard_s + 0.05
+    if machine.plant is not None:
+        assert taken < 0.5
+    assert state(machine) in STATE_DISABLED
+    assert drive.read(["position_rad"])["position_rad"] == pytest.approx(here, abs=1e-3)
+    again = drive.clock.now()
+    assert drive.prove_guarding(limits) == found
+    assert drive.clock.now() == again
+    drive.record(square_torque(machine, 0.1, 0.1, 0.05), limits, lambda row: None)
 
 
 def test_stop_and_close_can_be_called_at_any_time(machine):

@@ -176,6 +176,22 @@ def test_a_host_that_hangs_is_noticed_by_the_drive_within_its_guard_time(profile
     assert abs(speeds[-1]) < 0.2 * max(speeds)
 
 
+def test_how_a_drive_takes_the_silence_is_seen(profile, opened):
+    """The reference ramps down before its fault; with the knobs it lets the axis coast, or does not mind, and gets no torque."""
+    for faults, brakes in ((Faults(), True), (Faults(guarding_coasts=True), False)):
+        machine = open_virtual(profile, faults=faults)
+        opened.append(machine)
+        found = machine.drive.prove_guarding(machine.limits)
+        assert found.brakes is brakes
+        assert found.reaction_s == pytest.approx(0.05, abs=1.5 * T)  # CiA 301: the guard time, to a tick of the drive
+    machine = open_virtual(profile, faults=Faults(guarding_ignored=True))
+    opened.append(machine)
+    with pytest.raises(DriveError, match="did not react within 100 ms"):
+        machine.drive.record(binary(50, 0.1), machine.limits, lambda row: None)
+    assert machine.plant is not None
+    assert machine.plant.position_rad == 0.0
+
+
 class FarPlant(RigidPlant):
     """Remembers how far it went in the positive direction."""
 
@@ -221,6 +237,32 @@ def test_a_stop_brakes_with_the_deceleration_of_the_limits(profile, opened):
         ideal = speed**2 / 2.0 / min(deceleration, 400.0 * math.pi)
         assert ideal < way < ideal + speed * (0.02 + 0.005), (way, speed)
     assert ways[0] < ways[1] < ways[2]
+
+
+def test_torque_mode_is_left_through_a_loop_where_the_quick_stop_has_none(opened):
+    """A quick stop that only takes the torque away lets this axis coast for ω J/d; profile velocity at no speed brakes it like any."""
+    ways = {}
+    for how in ("quick_stop", "velocity"):
+        machine = open_virtual("cmmp-as", FarPlant(), faults=Faults(torque_stop_coasts=True))
+        opened.append(machine)
+        drive, plant, at = machine.drive, machine.plant, []
+        assert isinstance(plant, FarPlant)
+        drive._profile = replace(drive._profile, torque_exit=how)  # type: ignore[attr-defined]
+        drive.prove_guarding(machine.limits)
+
+        def sink(row: Row, plant: FarPlant = plant, at: list[float] = at) -> None:
+            if not at and plant.velocity_rad_s > 20.0:
+                at.append(plant.position_rad)
+                raise SafetyStop("enough", "enough")
+
+        motion = Motion("torque", T, np.zeros(400), np.zeros(400), np.full(400, 0.4))
+        with pytest.raises(SafetyStop, match="enough"):
+            drive.record(motion, replace(machine.limits, deceleration_rad_s2=400.0), sink)
+        assert drive.read(["state"])["state"] < 4
+        ways[how] = plant.furthest_rad - at[0]
+    assert ways["quick_stop"] > 0.8 * 20.0 * 0.4
+    ideal = 20.0**2 / 2.0 / 400.0
+    assert ideal < ways["velocity"] < 1.6 * ideal + 20.0 * 0.03
 
 
 def test_a_pulled_cable_is_a_bus_error_and_the_axis_comes_to_rest(profile, opened):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import signal
 from collections.abc import Callable
 from pathlib import Path
 
@@ -10,10 +11,13 @@ import pytest
 from click.testing import CliRunner, Result
 
 from beltcomm.cli import talk
+from beltcomm.cli.endings import twice_leaves
 from beltcomm.cli.main import cli
+from beltcomm.errors import LeaveNow
 from beltcomm.model import load_model
 from beltcomm.runfolder import RunFolder
 from beltcomm.virtual.bus import Frame
+from beltcomm_adapters.interrupts import deferred_interrupt
 from session.bench import Bench, Listener
 from session.conftest import Complete
 
@@ -194,3 +198,81 @@ def test_ctrl_c_while_a_question_is_asked(make_bench: MakeBench, monkeypatch: py
     assert outcome.exit_code == 4
     assert state_after(bench, tmp_path / "run") == {}
     assert bench.plant.cart_position_m == 0.0
+
+
+def quick_stop(frame: Frame) -> bool:
+    """Whether the host commands a quick stop in its setpoint frame."""
+    return frame[1] == 0x201 and frame[2][:2] == b"\x02\x00"
+
+
+@pytest.mark.usefixtures("fitted")
+def test_two_ctrl_c_within_two_seconds_leave_at_once_with_the_axis_stopped(
+    make_bench: MakeBench, copy_of_complete: Copy, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The second one comes in the quick stop of the first: nothing is restored, and the backup that is named works."""
+    run, bench = copy_of_complete("move_1"), make_bench(start_m=0.2)
+    fast = bench.faster_than(60.0)
+
+    def first(frame: Frame) -> bool:
+        if not fast(frame):
+            return False
+        bench.interrupt_when(quick_stop)  # re-armed for the second one
+        signal.raise_signal(signal.SIGINT)
+        return False
+
+    def arm(index: int) -> None:
+        if index == 8:
+            bench.interrupt_when(first)
+
+    outcome = commission(run, Listener(at_phase=arm), monkeypatch)
+    assert outcome.exit_code == 4
+    assert outcome.stderr.strip() == (
+        "beltcomm: interrupted; left at once, with the axis stopped: the drive's own gains are NOT restored, they are in "
+        f"{run / 'results' / 'backup.yaml'}; `beltcomm rollback` writes them again; what was recorded is kept in {run}, --resume goes on"
+    )
+    assert bench.signals == 1
+    assert bench.stands_disabled()
+    assert bench.parameters() != bench.initial
+    words = ["rollback", "--drive", "virtual:g_a", "--run", str(run), "--yes", "--seed", "1"]
+    assert CliRunner().invoke(cli, words).exit_code == 0
+    assert bench.parameters() == bench.initial
+
+
+def twice_while_stopping(now: list[float]) -> None:
+    """Two Ctrl-C one second apart, both heard while an axis is being stopped, and answered after it."""
+    with deferred_interrupt():
+        signal.raise_signal(signal.SIGINT)
+        now[0] += 1.0
+        signal.raise_signal(signal.SIGINT)
+
+
+def test_a_second_ctrl_c_counts_only_within_two_seconds() -> None:
+    now = [0.0]
+
+    def press(at_s: float) -> type[BaseException]:
+        now[0] = at_s
+        with pytest.raises(KeyboardInterrupt) as caught:
+            signal.raise_signal(signal.SIGINT)
+        return caught.type
+
+    before = signal.getsignal(signal.SIGINT)
+    with twice_leaves(lambda: now[0]):
+        assert [press(at_s) for at_s in (10.0, 12.1, 14.0, 15.9, 18.0)] == [
+            KeyboardInterrupt,
+            KeyboardInterrupt,
+            LeaveNow,
+            LeaveNow,
+            KeyboardInterrupt,
+        ]
+        now[0] = 30.0
+        with pytest.raises(LeaveNow):
+            twice_while_stopping(now)
+    assert signal.getsignal(signal.SIGINT) is before
+    with twice_leaves(lambda: 0.0), pytest.raises(KeyboardInterrupt):
+        signal.raise_signal(signal.SIGINT)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a job in the background of a shell
+    try:
+        with twice_leaves(lambda: 0.0):
+            signal.raise_signal(signal.SIGINT)
+    finally:
+        signal.signal(signal.SIGINT, before)

@@ -141,7 +141,7 @@ def test_without_a_window_the_operator_is_asked_for_one(make_bench: MakeBench, t
         ((-0.3, 0.3), UsageError, "the window of 600 mm is longer than the travel of 580 mm"),
         ((-0.003, 0.03), UsageError, "within 4 mm of an end of its window; give a wider --window"),
         ((-0.0065, 0.03), Refused, "mm of window are left beside the 5 mm kept to the end; give a wider --window"),
-        ((-0.012, 0.012), Refused, "the limit on travel with a stop allows only .* give a wider --window"),
+        ((-0.012, 0.012), Refused, "the limit on travel if the computer dies allows only .* give a wider --window"),
     ],
 )
 def test_a_window_that_cannot_be(

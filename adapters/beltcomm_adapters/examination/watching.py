@@ -5,11 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Final
 
+from beltcomm.drive import GUARD_S
 from beltcomm.finding import Finding
 from beltcomm.objects import name_of
 from beltcomm_adapters.examination.patient import Check, Patient
-from beltcomm_adapters.link import GUARD_TIME_MS, HOST_NODE
+from beltcomm_adapters.link import HOST_NODE
 
+#: ms, of a host that is gone, as beltcomm sets it.
+_GUARD_MS: Final = round(1e3 * GUARD_S)
 AREA: Final = "watching"
 _WINDOW_OFF: Final = 0xFFFFFFFF
 _INVALID: Final = 1 << 31
@@ -89,9 +92,9 @@ def leftovers(patient: Patient) -> Iterator[Finding]:
     """Settings that beltcomm makes for a record and takes back: found now, a run was cut off."""
     objects = patient.objects
     left = []
-    if objects.read_if_there(0x1016, 1, "uint32") == HOST_NODE << 16 | GUARD_TIME_MS:
+    if objects.read_if_there(0x1016, 1, "uint32") == HOST_NODE << 16 | _GUARD_MS:
         left.append("heartbeat watch 1016h")
-    if objects.read_if_there(0x100C, 0, "uint16") == GUARD_TIME_MS and objects.read_if_there(0x100D, 0, "uint8") == 1:
+    if objects.read_if_there(0x100C, 0, "uint16") == _GUARD_MS and objects.read_if_there(0x100D, 0, "uint8") == 1:
         left.append("node guarding 100Ch")
     first = objects.read_if_there(0x1A00, 1, "uint32")
     cob_id = objects.read_if_there(0x1800, 1, "uint32")

@@ -1,0 +1,94 @@
+"""The limits of a motion, held against every sample of it on the host."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from beltcomm.drive import Limits
+from beltcomm.errors import SafetyStop
+from beltcomm_adapters.exchange import Sample
+from beltcomm_adapters.scaling import Scaling
+
+STOP_TIME_S: Final = 3.0  # beyond the ramp of the quick stop
+#: A reported torque may exceed the limit, at which the drive itself clamps, by its noise and its current ripple.
+_TORQUE_SHARE: Final = 1.1
+_TORQUE_NOISE_OF_RATED: Final = 0.02
+
+
+class Watch:
+    """The limits in the drive's units; every sample is held against them.
+
+    Speed is watched twice: as the drive reports it, and as the difference of positions.  A difference is divided by the
+    elapsed time, but never by less than a period: stamps jitter, the drive's sampling does not.  ``differences`` False: only
+    as reported, for homing, which moves the zero.
+    """
+
+    def __init__(self, limits: Limits, scaling: Scaling, period_s: float, differences: bool = True) -> None:
+        self._limits = limits
+        self._scaling = scaling
+        self._differences = differences
+        self._period_s = period_s
+        self._lowest = limits.position_min_rad / scaling.position_rad
+        self._highest = limits.position_max_rad / scaling.position_rad
+        self._fastest = limits.speed_rad_s / scaling.speed_rad_s
+        self._farthest = math.inf if limits.lag_rad is None else limits.lag_rad / scaling.position_rad
+        self._travel_per_s = limits.speed_rad_s / scaling.position_rad
+        self._strongest = (_TORQUE_SHARE * limits.torque_nm + _TORQUE_NOISE_OF_RATED * scaling.rated_torque_nm) / scaling.torque_nm
+        self._before: Sample | None = None
+
+    def check(self, sample: Sample) -> None:
+        """Raises SafetyStop when ``sample`` breaks a limit."""
+        before, self._before = self._before, sample
+        if not self._lowest <= sample.position <= self._highest:
+            self._stop("position", sample.position * self._scaling.position_rad, "shorten the motion; if it swings, look at the gains")
+        if abs(sample.velocity) > self._fastest:
+            self._stop("speed", sample.velocity * self._scaling.speed_rad_s, "reduce the amplitude; if the axis swings, look at the gains")
+        if abs(sample.torque) > self._strongest:
+            self._stop("torque", sample.torque * self._scaling.torque_nm, "reduce the amplitude or soften the gains")
+        if before is not None and self._differences:
+            travel = sample.position - before.position
+            elapsed_s = max(sample.stamp_s - before.stamp_s, self._period_s)
+            # one count of quantisation at either end is no speed
+            if abs(travel) - 1 > self._travel_per_s * elapsed_s:
+                speed = travel / elapsed_s * self._scaling.position_rad
+                self._stop("speed", speed, "reduce the amplitude, or look at the encoder if its position jumped")
+
+    @property
+    def longest_stop_s(self) -> float:
+        """How long a quick stop may take, s: its ramp from the highest speed, and what a drive needs beside it."""
+        return STOP_TIME_S + self._limits.speed_rad_s / self._limits.deceleration_rad_s2
+
+    def way(self, angle_rad: float) -> str:
+        """A way in words, of the carriage where its ratio is known."""
+        ratio = self._limits.ratio_m_rad
+        return f"{1e3 * ratio * angle_rad:.0f} mm" if ratio else f"{angle_rad:.4g} rad"
+
+    def follow(self, sample: Sample, reference: int) -> None:
+        """Raises SafetyStop when ``sample`` is too far off its reference position."""
+        if abs(reference - sample.position) > self._farthest:
+            off = (reference - sample.position) * self._scaling.position_rad
+            self._stop("lag", off, "the axis is not the one that was counted with, or its gains do not hold it: identify again")
+
+    def _stop(self, reason: str, value: float, remedy: str) -> None:
+        """Raise SafetyStop, in terms of the carriage where its ratio is known."""
+        limits = self._limits
+        ratio, lag = limits.ratio_m_rad, limits.lag_rad or 0.0
+        ends = (limits.position_min_rad, limits.position_max_rad)
+        if reason == "torque":
+            what = f"torque {value:.4g} N m at the motor is beyond the limit of {limits.torque_nm:.4g} N m"
+        elif not ratio:
+            limit = {
+                "position": f"outside the window {ends[0]:.4g} to {ends[1]:.4g} rad",
+                "speed": f"beyond the limit of {limits.speed_rad_s:.4g} rad/s",
+                "lag": f"beyond the limit of {lag:.4g} rad off the reference",
+            }[reason]
+            what = f"{reason} {value:.4g} {'rad/s' if reason == 'speed' else 'rad'} at the motor is {limit}"
+        elif reason == "position":
+            at, low, high = (1e3 * ratio * (angle - limits.zero_rad) for angle in (value, *ends))
+            what = f"the carriage at {at:.1f} mm is outside its window of {low:.1f} to {high:.1f} mm ({value:.4g} rad at the motor)"
+        elif reason == "speed":
+            what = f"the carriage's speed of {ratio * value:.3g} m/s is beyond the limit of {ratio * limits.speed_rad_s:.3g} m/s"
+        else:
+            what = f"the axis is {abs(1e3 * ratio * value):.3g} mm off its reference, {1e3 * ratio * lag:.3g} mm are allowed"
+        raise SafetyStop(f"{what}; the axis was stopped; {remedy}", reason)

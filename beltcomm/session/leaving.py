@@ -1,0 +1,48 @@
+"""How a session leaves its drive: stopped, and with the parameters that it is to have, whatever made it end."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from beltcomm.drive import Drive
+from beltcomm.errors import BeltcommError, LeaveNow
+from beltcomm.runfolder import RunFolder
+from beltcomm.talk import Talk
+
+#: How many Ctrl-C the restoring of a drive survives.
+IMPATIENCE = 5
+
+
+def leave(
+    drive: Drive, folder: RunFolder, talk: Talk, wanted: Mapping[str, float], keep: bool, error: BaseException | None
+) -> KeyboardInterrupt | None:
+    """Stop the axis and write the ``wanted`` parameters; returns the last Ctrl-C heard meanwhile.
+
+    keep : new gains stay.   error : what ends the session.   After :class:`LeaveNow` nothing is written, and the journal names the backup.
+    """
+    interrupted: KeyboardInterrupt | None = None
+    at_once = isinstance(error, LeaveNow)
+    for _ in range(IMPATIENCE):
+        try:
+            drive.stop()
+            if at_once:
+                folder.journal(
+                    f"left at once, with the axis stopped: the drive's own gains are NOT restored, they are in "
+                    f"{folder.file('results', 'backup')}; `beltcomm rollback` writes them again"
+                )
+            else:
+                _restore(drive, folder, talk, wanted, keep)
+            break
+        except KeyboardInterrupt as again:  # an impatient user must not leave a half-restored drive behind
+            interrupted, at_once = again, at_once or isinstance(again, LeaveNow)
+    return interrupted
+
+
+def _restore(drive: Drive, folder: RunFolder, talk: Talk, wanted: Mapping[str, float], keep: bool) -> None:
+    try:
+        drive.write(wanted)
+    except BeltcommError as problem:
+        folder.journal(f"restoring the drive failed: {problem}")
+        talk.say(f"The drive's parameters could not be restored ({problem}); `beltcomm rollback` writes the backup again.")
+    else:
+        folder.journal("limits restored, new gains kept" if keep else "all parameters restored")

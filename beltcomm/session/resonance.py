@@ -1,0 +1,141 @@
+"""In closed loop the motor torque must not swing around the belt's resonance by more than the motion is predicted to make it.
+
+A loop whose gains do not fit its axis begins to oscillate there, long before position, speed or torque leave their limits.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import butter, sosfilt
+
+from beltcomm.control import Cascade
+from beltcomm.drive import Motion, Row
+from beltcomm.errors import SafetyStop
+from beltcomm.linear import modes, operating_point
+from beltcomm.model import Model
+from beltcomm.trajectory import Trajectory
+from beltcomm.verify import Loop, predict_move
+
+Array = NDArray[np.float64]
+
+#: The band: from this share of the lowest first resonance along the travel, but at most from that share of the sampling rate, up to what
+#: rows can show: a loop that is too stiff or too late swings above the resonance as well, where no motion has a part.
+BELOW, LOWEST_OF_RATE, HIGHEST_OF_RATE = 0.35, 0.2, 0.45
+#: Order of the band-pass (each edge), and s over which its output's power is a mean.
+ORDER, WINDOW_S = 2, 0.06
+#: How much finer than their spacing the lines of a spectrum are drawn to read a frequency.
+FINE = 8
+#: What is allowed: so many times the predicted amplitude, and this share of the largest torque predicted, for what no model knows.
+FACTOR, UNKNOWN_SHARE = 2.5, 0.05
+#: Torque noise as a share of the rated torque (6077h is computed from a current), and how many times its mean power it may show.
+NOISE_OF_RATED, NOISE_PEAK = 0.006, 2.0
+
+
+@dataclass(frozen=True)
+class Swing:
+    """The band that is watched, Hz, and the amplitude of torque in it that is allowed, N m at the motor.   predicted_nm : of the motion."""
+
+    band_hz: tuple[float, float]
+    allowed_nm: float
+    predicted_nm: float
+
+
+def band_of(model: Model, window_m: tuple[float, float], period_s: float) -> tuple[float, float]:
+    """Around the first resonance at both ends of a window and above, Hz, as far as rows with this period can show it."""
+    lowest = math.inf
+    for place in window_m:
+        free = [m.freq_hz for m in modes(model, operating_point(model, place, 1.0)) if m.freq_hz > 0.5]
+        lowest = min([lowest, *free])
+    return min(BELOW * lowest, LOWEST_OF_RATE / period_s), HIGHEST_OF_RATE / period_s
+
+
+def amplitude_nm(torque_nm: Array, period_s: float, band_hz: tuple[float, float]) -> Array:
+    """Amplitude of a torque in a band over the last ``WINDOW_S``:  √(2 mean(τ_b²)),  (n,).   The first value counts as one held before."""
+    filtered = sosfilt(_filter(period_s, band_hz), torque_nm - torque_nm[0])
+    rows = _rows(period_s)
+    power = np.cumsum(np.concatenate([np.zeros(rows), filtered**2]))
+    return np.asarray(np.sqrt(2.0 * np.maximum(power[rows:] - power[:-rows], 0.0) / rows))
+
+
+def predicted_torque(model: Model, cascade: Cascade, motion: Motion, drive: Loop, ratio: float, origin_rad: float) -> Array:
+    """Torque setpoint of the drive's loop along a motion, N m, one entry per row of it.   drive : what the drive adds."""
+    period_s, loop_s = motion.period_s, drive.structure.period_s
+    rows = np.arange(len(motion.torque_nm))
+    if motion.kind == "velocity":  # the same cascade without its position loop
+        cascade = replace(cascade, kpp_1_s=0.0, feedforward=replace(cascade.feedforward, velocity=1.0))
+        drive = replace(drive, structure=replace(drive.structure, output_limit_rad_s=math.inf, dead_zone_rad=0.0))
+    times: Array = loop_s * np.arange(math.ceil(len(rows) * period_s / loop_s), dtype=np.float64)
+
+    def held(values: Array) -> Array:
+        return np.asarray(np.interp(times, rows * period_s, values))
+
+    position, speed = held(ratio * (motion.position_rad - origin_rad)), held(ratio * motion.velocity_rad_s)
+    path = Trajectory(times, position, speed, np.zeros(len(times)))
+    along = held(motion.torque_nm) if motion.torque_nm.any() else None
+    found = predict_move(model, cascade, path, drive, extra_torque_nm=along).torque_nm
+    return np.asarray(found[np.minimum(np.round(rows * period_s / loop_s).astype(int), len(found) - 1)])
+
+
+def allowed(torque_nm: Array, period_s: float, band_hz: tuple[float, float], rated_nm: float) -> Swing:
+    """What of a predicted torque lies in a band, and what is allowed there.   rated_nm : of the drive."""
+    within = float(np.max(amplitude_nm(torque_nm, period_s, band_hz)))
+    share = 2.0 * period_s * (band_hz[1] - band_hz[0])
+    noise = NOISE_PEAK * math.sqrt(2.0 * share) * NOISE_OF_RATED * rated_nm
+    return Swing(band_hz, FACTOR * within + UNKNOWN_SHARE * float(np.max(np.abs(torque_nm))) + noise, within)
+
+
+class ResonanceWatch:
+    """Call it with every row of a closed loop; some 3 us each.   Raises SafetyStop with amplitude and frequency."""
+
+    def __init__(self, swing: Swing, period_s: float) -> None:
+        self.swing, self.period_s = swing, period_s
+        self._sections = [tuple(float(x) for x in (b0, b1, b2, a1, a2)) for b0, b1, b2, _, a1, a2 in _filter(period_s, swing.band_hz)]
+        self._rows = _rows(period_s)
+        self._limit = 0.5 * swing.allowed_nm**2 * self._rows
+        self._first: float | None = None
+        self._states = [[0.0, 0.0] for _ in self._sections]
+        self._band: deque[float] = deque([0.0] * self._rows, self._rows)
+        self._longer: deque[float] = deque(maxlen=3 * self._rows)  # to tell a frequency from
+        self._power = 0.0
+
+    def __call__(self, row: Row) -> None:
+        """One row as the drive gives it."""
+        if self._first is None:
+            self._first = row[1]
+        value = row[1] - self._first
+        for (b0, b1, b2, a1, a2), state in zip(self._sections, self._states, strict=True):
+            out = b0 * value + state[0]
+            state[0] = b1 * value - a1 * out + state[1]
+            state[1] = b2 * value - a2 * out
+            value = out
+        oldest = self._band[0]
+        self._band.append(value)
+        self._longer.append(value)
+        self._power += value * value - oldest * oldest
+        if self._power > self._limit:
+            self._stop()
+
+    def _stop(self) -> None:
+        swing, band = self.swing, np.array(self._longer)
+        lines = np.abs(np.fft.rfft(band * np.hanning(len(band)), FINE * len(band)))
+        hertz = float(np.argmax(lines)) / (FINE * len(band) * self.period_s)
+        raise SafetyStop(
+            f"the motor torque swings with {math.sqrt(2.0 * self._power / self._rows):.3g} N m at about {hertz:.0f} Hz, in the band of the "
+            f"belt's resonance; predicted were {swing.predicted_nm:.2g} N m, {swing.allowed_nm:.2g} N m are allowed; the axis was stopped "
+            "and gets its old gains back: the loop does not fit this axis (another load, a later torque, a gain that is not what it "
+            "says); identify it again",
+            "resonance",
+        )
+
+
+def _filter(period_s: float, band_hz: tuple[float, float]) -> Array:
+    return np.asarray(butter(ORDER, band_hz, "bandpass", fs=1.0 / period_s, output="sos"))
+
+
+def _rows(period_s: float) -> int:
+    return max(4, round(WINDOW_S / period_s))

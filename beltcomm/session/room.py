@@ -1,0 +1,22 @@
+"""What a phase of a session may use of the axis."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from beltcomm.drive import GUARD_S
+
+
+@dataclass(frozen=True)
+class Room:
+    """What the present phase may use.  window_m : (min, max) of the carriage.   speed_m_s, torque_nm (motor shaft).
+
+    lag_m : how far a position loop may be off its reference; None leaves it to the drive's own setting.
+    guard_s : within which the drive is to notice that its host is gone.
+    """
+
+    window_m: tuple[float, float]
+    speed_m_s: float
+    torque_nm: float
+    lag_m: float | None = None
+    guard_s: float = GUARD_S
