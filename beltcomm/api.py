@@ -15,7 +15,7 @@ from beltcomm.control import Cascade
 from beltcomm.design.compensation import compensated
 from beltcomm.design.specification import Specification
 from beltcomm.drive import Drive, open_drive
-from beltcomm.errors import BeltcommError, Refused, UsageError
+from beltcomm.errors import BeltcommError, UsageError
 from beltcomm.foreign.convert import Reading
 from beltcomm.foreign.job import check_imports, import_recordings
 from beltcomm.model import load_plant
@@ -24,6 +24,7 @@ from beltcomm.result import Result, plain
 from beltcomm.runfolder import RunFolder
 from beltcomm.session import analyse, friction_job, gains, gravity, offline, outcome, referencing, words
 from beltcomm.session import commission as sequence
+from beltcomm.session.agreement import agree, planned
 from beltcomm.session.commission import Findings
 from beltcomm.session.convert import convert as convert
 from beltcomm.session.creep import BREAKAWAY_SHARE, CREEP_SPEED_M_S, MARGIN_M, NEAR_M, RAMP_S, small_move
@@ -38,11 +39,12 @@ from beltcomm.session.laboratory import add_to_run, compare_run, diagnose_run, l
 from beltcomm.session.loop_job import identify_in_loop
 from beltcomm.session.machine import Machine
 from beltcomm.session.move_file import trajectory as trajectory
-from beltcomm.session.options import Options, settings_of
+from beltcomm.session.options import Options, claim, settings_of
 from beltcomm.session.orders import wanted as wanted_sweeps
-from beltcomm.session.plan import Plan, commission_plan, identify_plan, move_plan, with_homing
+from beltcomm.session.plan import Plan, commission_plan, identify_plan, move_plan
 from beltcomm.session.proof import admit, doubts, thin_margins
 from beltcomm.session.store import cascade_from_dict, drive_to_dict
+from beltcomm.session.supervised import supervised
 from beltcomm.session.thesis import thesis as thesis
 from beltcomm.session.verify_job import verify_with
 from beltcomm.talk import Silence, Talk
@@ -50,8 +52,6 @@ from beltcomm.talk import Silence, Talk
 #: The laboratory's commands on a run folder; see :mod:`beltcomm.session.laboratory`.
 compare, diagnose, add, remove, ladder = compare_run, diagnose_run, add_to_run, remove_from_run, ladder_of_run
 
-#: Before the plan of a resumed run.
-KEPT = "Finished records are kept; what stands below is the most that is driven again, after a check that this is still the machine. "
 #: m: the longest way of ``beltcomm move``.
 LONGEST_MOVE_M = 0.1
 
@@ -63,7 +63,7 @@ def commission(drive: str, axis: Axis | str, run: Path, *, options: Options | No
     """
     options, talk, axis = options or Options(), talk or Silence(), _axis(axis)
     referencing.suitable(axis)
-    with open_drive(drive, options.for_drive()) as connected:
+    with open_drive(drive, options.for_drive()) as opened, supervised(opened, drive, run, options, talk) as connected:
         analyse.offered(connected.capabilities.structure, options.prefilter, options.feedforward)
         if options.window_m is not None:
             referencing.only_here(connected.capabilities, options.position_m, home=options.home)
@@ -72,14 +72,13 @@ def commission(drive: str, axis: Axis | str, run: Path, *, options: Options | No
         if options.dry_run and options.resume:
             RunFolder.create(run, axis, resume=True)  # says whether it could go on
         if options.dry_run:
-            return _planned(plan, connected, options, axis)
+            return planned(plan, connected.capabilities, options, axis)
         folder = _new_folder(run, axis, connected, options)
         findings = Findings()
         with Machine(connected, axis, folder, talk) as machine:
             settings = settings_of(options)
-            machine.check_scaling()
             referencing.reference(machine, settings)
-            _agree(plan, options, talk, machine)
+            agree(plan, options, talk, connected, axis, machine)
             try:
                 sequence.commission(machine, settings, findings)
             finally:  # an interrupted run keeps what it found
@@ -97,22 +96,22 @@ def identify(drive: str, axis: Axis | str, run: Path, *, options: Options | None
     options, talk, axis = options or Options(), talk or Silence(), _axis(axis)
     referencing.suitable(axis)
     closed = options.in_loop
-    with open_drive(drive, options.for_drive()) as connected:
+    with open_drive(drive, options.for_drive()) as opened, supervised(opened, drive, run, options, talk) as connected:
         if closed:
-            return identify_in_loop(connected, axis, run, options, lambda plan, m: _agree(plan, options, talk, m), talk)
+            agreed = partial(_agreed, options, talk, connected, axis)
+            return identify_in_loop(connected, axis, run, options, agreed, talk)
         return _identify(connected, drive, axis, run, options, talk)
 
 
 def _identify(connected: Drive, drive: str, axis: Axis, run: Path, options: Options, talk: Talk, *, whole: bool = False) -> Result:
     """What :func:`identify` does on a connected drive.   whole : the whole job was asked for, so that this is not success."""
     if options.dry_run:
-        return _planned(identify_plan(axis, connected.capabilities, options.window_m), connected, options, axis)
+        return planned(identify_plan(axis, connected.capabilities, options.window_m), connected.capabilities, options, axis)
     folder = _new_folder(run, axis, connected, options)
     findings = Findings()
     with Machine(connected, axis, folder, talk) as machine:
-        machine.check_scaling()
         window = referencing.reference(machine, settings_of(options), needed=False)
-        _agree(identify_plan(axis, connected.capabilities, window), options, talk, machine)
+        agree(identify_plan(axis, connected.capabilities, window), options, talk, connected, axis, machine)
         machine.titles, machine.excitation = sequence.TITLES[1:4], options.excitation
         try:
             sequence.identify_here(machine, findings)
@@ -131,8 +130,8 @@ def _identify(connected: Drive, drive: str, axis: Axis, run: Path, options: Opti
 def follow(drive: str, run: Path, plan: Path, *, options: Options | None = None, talk: Talk | None = None) -> Result:
     """The records of a plan that ``diagnose`` wrote, into the run that it was written for."""
     options, talk = options or Options(), talk or Silence()
-    with open_drive(drive, options.for_drive()) as connected:
-        return follow_plan(connected, run, plan, settings_of(options), partial(_agree, options=options, talk=talk), talk, options.dry_run)
+    with open_drive(drive, options.for_drive()) as opened, supervised(opened, drive, run, options, talk) as connected:
+        return follow_plan(connected, run, plan, options, partial(_agreed, options, talk, connected, RunFolder.open(run).axis), talk)
 
 
 def friction(
@@ -144,15 +143,15 @@ def friction(
     folder = RunFolder.open(run)
     model = offline.saved_model(folder)
     friction_job.check_payload(folder, model, asked)
-    with open_drive(drive, options.for_drive()) as connected:
+    with open_drive(drive, options.for_drive()) as opened, supervised(opened, drive, run, options, talk) as connected:
         plan = friction_job.plan_of(folder.axis, connected.capabilities, model, asked)
         if options.dry_run:
-            return _planned(plan, connected, options, folder.axis)
-        folder.claim_drive(connected.capabilities.identity)
+            return planned(plan, connected.capabilities, options, folder.axis)
+        claim(folder, connected.capabilities, options.wall_clock)
         findings = offline.fitted(folder, "lm", Silence(), model)
         with Machine(connected, folder.axis, folder, talk) as machine:
             referencing.reference(machine, settings_of(options))
-            _agree(plan, options, talk, machine)
+            agree(plan, options, talk, connected, folder.axis, machine)
             machine.titles = (sequence.TITLES[4], sequence.TITLES[5])
             sequence.close_first_loop(machine, findings, model, ask=not options.yes)
             made = friction_job.record(machine, model, asked)
@@ -222,20 +221,19 @@ def verify(
     over_belt : on a virtual drive, the belt may carry more than its feed force.
     """
     options, talk = options or Options(), talk or Silence()
-    with open_drive(drive, options.for_drive()) as connected:
+    with open_drive(drive, options.for_drive()) as opened, supervised(opened, drive, run, options, talk) as connected:
         return verify_with(
             connected,
             drive,
             run,
-            settings_of(replace(options, feedforward=None)),
-            lambda plan, machine: _agree(plan, options, talk, machine),
+            options,
+            lambda plan, machine: agree(plan, options, talk, connected, machine.axis, machine),
             talk,
             move=move,
             trajectory=trajectory,
-            feedforward=options.feedforward,
             rungs=rungs,
             over_belt=over_belt,
-            planned=(lambda plan, axis: _planned(plan, connected, options, axis)) if options.dry_run else None,
+            planned=(lambda plan, axis: planned(plan, connected.capabilities, options, axis)) if options.dry_run else None,
         )
 
 
@@ -283,9 +281,9 @@ def move(drive: str, axis: Axis | str, by_m: float, *, options: Options | None =
         f"creep {1e3 * by_m:+.1f} mm under slowly rising torque, in several goes",
     )
     if options.dry_run:
-        return _planned(plan)
-    with open_drive(drive, options.for_drive()) as connected:
-        _agree(plan, options, talk)
+        return planned(plan)
+    with open_drive(drive, options.for_drive()) as opened, supervised(opened, drive, None, options, talk) as connected:
+        agree(plan, options, talk, connected, axis)
         moved = small_move(connected, axis, by_m, options.position_m)
     reached = abs(moved - by_m) < max(0.2 * abs(by_m), 2e-3)
     text = [f"The carriage crept {1e3 * moved:+.2f} mm, asked were {1e3 * by_m:+.2f} mm; no loop was closed."]
@@ -322,44 +320,31 @@ def simulate(
     )
 
 
+def _agreed(options: Options, talk: Talk, drive: Drive, axis: Axis, plan: Plan, machine: Machine) -> None:
+    """:func:`agree` with the plan and the machine last."""
+    agree(plan, options, talk, drive, axis, machine)
+
+
 def _axis(axis: Axis | str) -> Axis:
     return axis if isinstance(axis, Axis) else load_axis(axis)
 
 
 def _new_folder(run: Path, axis: Axis, drive: Drive, options: Options) -> RunFolder:
     folder = RunFolder.create(run, axis, resume=options.resume)
-    folder.claim_drive(drive.capabilities.identity)
+    claim(folder, drive.capabilities, options.wall_clock)
     folder.save_result("drive", drive_to_dict(drive.capabilities))
     return folder
-
-
-def _agree(plan: Plan, options: Options, talk: Talk, machine: Machine | None = None) -> None:
-    """Say what will happen and ask, unless told not to; then let the drive home if it shall.   Raises Refused for a no."""
-    if machine is not None and options.home:
-        plan = with_homing(plan, machine.axis, machine.drive.capabilities)
-    plan = replace(plan, text=KEPT + plan.text) if options.resume else plan
-    talk.say("\n".join(plan.lines()))
-    if not options.yes and not talk.confirm("May the axis move like this?"):
-        raise Refused("nothing was moved, as you said; --dry-run shows the plan without asking")
-    if machine is not None and options.home:
-        referencing.home(machine)
-
-
-def _planned(plan: Plan, drive: Drive | None = None, options: Options | None = None, axis: Axis | None = None) -> Result:
-    if drive and axis and options:
-        plan = replace(plan, text=KEPT + plan.text) if options.resume else plan
-        referencing.inside(axis, options.position_m)
-        plan = with_homing(plan, axis, drive.capabilities) if options.home else plan
-    return Result(
-        {"plan": plain(plan), "seconds": plan.seconds, "visible": plan.visible}, [*plan.lines(), "Nothing was moved (--dry-run)."]
-    )
 
 
 def _written(drive: str, folder: RunFolder, wanted: Mapping[str, float], options: Options, talk: Talk, verb: str) -> Result:
     """Parameters into the drive of a run, or with ``dry_run`` only their differences."""
     save = options.apply == "save"
-    with open_drive(drive, options.for_drive()) as connected:
-        folder.claim_drive(connected.capabilities.identity)
+    settles = verb == "applied"  # a rollback is what an unfinished session needs
+    with (
+        open_drive(drive, options.for_drive()) as opened,
+        supervised(opened, drive, folder.path, options, talk, settles=settles) as connected,
+    ):
+        claim(folder, connected.capabilities, options.wall_clock)
         write = partial(gains.write, connected, folder, wanted, talk, yes=options.yes, save=save, verb=verb)
         done = gains.differences(connected, wanted) if options.dry_run else write()
     data = {"run": str(folder.path), **plain(done), "written": not options.dry_run, "saved": save and not options.dry_run}

@@ -113,6 +113,7 @@ class Capabilities:
     rated_torque_nm, peak_torque_nm : N m.    rated_current_a : A rms.    max_speed_rad_s : rad/s.
     referenced : the drive knows its zero.
     torque_along : the kinds of closed-loop motion to whose torque it adds the motion's.
+    overload_time_s : s, for which the drive lets the motor have its peak torque from cold; None when it does not tell.
     identity : name, maker, serial number, firmware ... as text, to recognise the same drive on ``--resume``.
     """
 
@@ -131,15 +132,20 @@ class Capabilities:
     referenced: bool
     identity: Mapping[str, str] = field(default_factory=dict)
     torque_along: frozenset[str] = frozenset()
+    overload_time_s: float | None = None
 
 
 @dataclass(frozen=True)
 class ExchangeReport:
-    """How one recording went: rows delivered, cycles lost on the bus, and the largest deviation of a period, s."""
+    """How one recording went: rows delivered, cycles lost on the bus, and the largest deviation of a period, s.
+
+    limited_cycles : samples in which the drive said that a limit of its own was active (statusword bit 11).
+    """
 
     rows: int
     lost_cycles: int
     worst_jitter_s: float
+    limited_cycles: int = 0
 
 
 class Drive(Protocol):

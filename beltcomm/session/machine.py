@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from types import TracebackType
 from typing import Literal
@@ -19,12 +19,13 @@ from numpy.typing import NDArray
 from beltcomm.axis import Axis
 from beltcomm.control import Cascade
 from beltcomm.drive import COLUMNS, Capabilities, Drive, Limits, Motion, Row
-from beltcomm.errors import BeltcommError, DamagedRecord, DataError, Refused, UsageError
+from beltcomm.errors import BeltcommError, DamagedRecord, DataError, Refused, SafetyStop, UsageError
 from beltcomm.excitation import ExcitationKind
 from beltcomm.parameters import GAIN_NAMES, cascade_to_parameters, parameters_to_cascade
 from beltcomm.recording import Recording
 from beltcomm.runfolder import RunFolder
 from beltcomm.session.expectation import BeltWatch
+from beltcomm.session.ratings import check_ratings
 from beltcomm.sidecar import Sidecar
 from beltcomm.stopping import Braking, first_deceleration
 from beltcomm.talk import Talk
@@ -39,11 +40,10 @@ OFFSET = "ff_offset_nm"
 SETTLE_S = 1.0
 #: s, in which a brake opens whose time axis.yaml does not state: slow ones of this size.
 UNKNOWN_BRAKE_S = 0.1
+#: s: a run that goes on later than this may have cooled down.
+LONG_AGO_S = 300.0
 #: How many Ctrl-C the restoring of a drive survives.
 IMPATIENCE = 5
-
-#: Rated torque and current of the drive may differ by this share from axis.yaml: rounding of the data sheets.
-RATED_TOLERANCE = 0.02
 
 
 def unwatched(_row: Row) -> None:
@@ -97,11 +97,19 @@ class Machine:
         if folder.load_result("backup") is None:  # a resumed run keeps what was there before the first one
             folder.save_result("backup", {"drive": dict(drive.capabilities.identity), "parameters": dict(self._backup)})
         folder.journal(f"connected to {drive.capabilities.name}; parameters saved as backup")
+        if folder.elapsed_s > LONG_AGO_S:
+            talk.say(
+                f"This run began {folder.elapsed_s / 60.0:.0f} min ago, its clock goes on. Whether the axis stayed warm since then nobody "
+                "knows: where friction falls with warmth, records of today and of then may differ."
+            )
 
     def __enter__(self) -> Machine:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        if isinstance(error, SafetyStop):
+            with suppress(BeltcommError):  # what cannot be written must not keep the drive from being restored
+                self.folder.journal(f"safety stop ({error.reason}): {error}")
         keep = self.keep_gains and kind is None
         wanted = {n: v for n, v in self._backup.items() if not (keep and n in GAIN_NAMES)}
         interrupted: KeyboardInterrupt | None = None
@@ -163,27 +171,13 @@ class Machine:
 
     @property
     def session_time_s(self) -> float:
-        """Seconds since the session began, drive's clock."""
-        return self.drive.clock.now() - self._started
+        """Seconds since the run began, s: by the drive's clock, and between the sessions of a run by date and time."""
+        return self.folder.elapsed_s + self.drive.clock.now() - self._started
 
     def check_scaling(self) -> None:
-        """Compare the drive's rated torque and current with axis.yaml: identified masses inherit their error.
-
-        Raises UsageError with both values.
-        """
-        seen, motor = self.drive.capabilities, self.axis.motor
-        pairs = [("rated torque", seen.rated_torque_nm, motor.rated_torque_nm, "N m")]
-        for what, drive_value, file_value, unit in pairs:
-            if file_value and abs(drive_value / file_value - 1.0) > RATED_TOLERANCE:
-                raise UsageError(
-                    f"the drive's {what} is {drive_value:.3g} {unit}, axis.yaml says {file_value:.3g} {unit}: every torque would be "
-                    f"scaled by {drive_value / file_value:.2f}; correct motor.rated_torque_nm or the drive's motor data"
-                )
-        if seen.counts_per_rev != motor.encoder_counts_per_rev and motor.encoder_counts_per_rev:
-            self.talk.say(
-                f"The drive counts {seen.counts_per_rev} per revolution, axis.yaml says {motor.encoder_counts_per_rev}; "
-                "the drive's number is used."
-            )
+        """Compare what the drive says of its motor with axis.yaml, see :mod:`beltcomm.session.ratings`.   Raises UsageError."""
+        for line in check_ratings(self.axis, self.drive.capabilities):
+            self.talk.say(line)
 
     def reference_at(self, position_m: float) -> None:
         """The carriage stands at ``position_m`` now, as the operator says.  Raises UsageError outside the travel."""
