@@ -22,7 +22,7 @@ from beltcomm.model import load_plant
 from beltcomm.parameters import cascade_to_parameters
 from beltcomm.result import Result, plain
 from beltcomm.runfolder import RunFolder
-from beltcomm.session import analyse, friction_job, gains, gravity, offline, outcome, referencing, words
+from beltcomm.session import analyse, friction_job, gains, gravity, offline, outcome, referencing, scale, words
 from beltcomm.session import commission as sequence
 from beltcomm.session.agreement import agree, planned
 from beltcomm.session.commission import Findings
@@ -43,6 +43,7 @@ from beltcomm.session.options import Options, claim, settings_of
 from beltcomm.session.orders import wanted as wanted_sweeps
 from beltcomm.session.plan import Plan, commission_plan, identify_plan, move_plan
 from beltcomm.session.proof import admit, doubts, thin_margins
+from beltcomm.session.scale import ruler as ruler
 from beltcomm.session.store import cascade_from_dict, drive_to_dict
 from beltcomm.session.supervised import supervised
 from beltcomm.session.thesis import thesis as thesis
@@ -82,6 +83,7 @@ def commission(drive: str, axis: Axis | str, run: Path, *, options: Options | No
             try:
                 sequence.commission(machine, settings, findings)
             finally:  # an interrupted run keeps what it found
+                findings.remarks += machine.remarks
                 outcome.save(folder, findings)
     text = outcome.commission_text(folder, findings, drive)
     outcome.keep_text(folder, text)
@@ -118,6 +120,7 @@ def _identify(connected: Drive, drive: str, axis: Axis, run: Path, options: Opti
             known = machine.place_known
         finally:
             findings.machine_seconds = machine.machine_seconds
+            findings.remarks += machine.remarks
             outcome.save(folder, findings)
     split = analyse.nonlinearities(folder.recordings())
     text = outcome.identify_text(folder, findings, drive, known)
@@ -287,6 +290,7 @@ def move(drive: str, axis: Axis | str, by_m: float, *, options: Options | None =
         moved = small_move(connected, axis, by_m, options.position_m)
     reached = abs(moved - by_m) < max(0.2 * abs(by_m), 2e-3)
     text = [f"The carriage crept {1e3 * moved:+.2f} mm, asked were {1e3 * by_m:+.2f} mm; no loop was closed."]
+    text += [scale.ruler_line(drive, axis, moved)] if abs(moved) >= scale.SHORTEST_M else []
     return Result({"moved_m": moved, "asked_m": by_m}, text, 0 if reached else 1)
 
 
@@ -373,6 +377,7 @@ __all__ = [
     "import_recordings",
     "move",
     "rollback",
+    "ruler",
     "simulate",
     "trajectory",
     "verify",

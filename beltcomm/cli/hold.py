@@ -36,7 +36,9 @@ class HeldKey:
         """See :class:`beltcomm.talk.Hold`; what was typed before does not count."""
         self._without_lines()
         if not self._told:
-            self._say("Hold the space bar as long as the axis may move; letting go stops it." if self._key else "Waiting for signs of life.")
+            self._say(
+                "Hold the space bar as long as the axis may move; letting go stops it." if self._key else "Waiting for signs of life."
+            )
             self._told = True
         signs, last = 0, self._clock()
         while signs < REPEATS:

@@ -117,7 +117,7 @@ def machine_options(function: Function, *, needed: bool = True) -> Function:
                 "--first-motion-confirmed",
                 "first_motion",
                 metavar="SERIAL",
-                help="Serial number of a drive that beltcomm never moved before, whose first motion somebody has made sure of; --yes does not.",
+                help="Serial number of a drive that beltcomm never moved: somebody has made sure of its first motion. --yes does not.",
             ),
             click.option(
                 "--hold-to-run",

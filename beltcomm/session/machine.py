@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from types import TracebackType
 from typing import Literal
 
@@ -18,7 +17,7 @@ from numpy.typing import NDArray
 
 from beltcomm.axis import Axis
 from beltcomm.control import Cascade
-from beltcomm.drive import COLUMNS, Capabilities, Drive, Limits, Motion, Row
+from beltcomm.drive import COLUMNS, Drive, Limits, Motion, Row
 from beltcomm.errors import BeltcommError, DamagedRecord, DataError, Refused, SafetyStop, UsageError
 from beltcomm.excitation import ExcitationKind
 from beltcomm.parameters import GAIN_NAMES, cascade_to_parameters, parameters_to_cascade
@@ -26,6 +25,8 @@ from beltcomm.recording import Recording
 from beltcomm.runfolder import RunFolder
 from beltcomm.session.expectation import BeltWatch
 from beltcomm.session.ratings import check_ratings
+from beltcomm.session.room import Room as Room
+from beltcomm.session.room import stroking as stroking
 from beltcomm.sidecar import Sidecar
 from beltcomm.stopping import Braking, first_deceleration
 from beltcomm.talk import Talk
@@ -50,19 +51,6 @@ def unwatched(_row: Row) -> None:
     """A record that nobody but the drive's limits watches."""
 
 
-@dataclass(frozen=True)
-class Room:
-    """What the present phase may use.  window_m : (min, max) of the carriage.   speed_m_s, torque_nm (motor shaft).
-
-    lag_m : how far a position loop may be off its reference; None leaves it to the drive's own setting.
-    """
-
-    window_m: tuple[float, float]
-    speed_m_s: float
-    torque_nm: float
-    lag_m: float | None = None
-
-
 class Machine:
     """The connected axis.  Use as a context manager.
 
@@ -70,6 +58,7 @@ class Machine:
     (``place_known`` False) positions count from where the carriage stood in :meth:`stand_anywhere`.
     friction : Coulomb, N m, and viscous, N m s/rad, of the whole axis at the motor, as far as it is known.
     holding_nm : what keeps the axis where it is beside friction, N m; every open-loop record holds it, or the carriage would drift.
+    remarks : sentences for the result.
     titles : of the phases to come, so that :meth:`begin` can number them.
     keep_gains : set by the sequence when the user wants to keep the new gains in the drive (not saved).
     over_belt : the user lets the belt carry more than its feed force; virtual drives only.
@@ -91,6 +80,7 @@ class Machine:
         self.deceleration_m_s2 = first_deceleration(axis, drive.capabilities.peak_torque_nm).value_m_s2
         self.braking: Braking | None = None
         self.machine_seconds = 0.0
+        self.remarks: list[str] = []
         self._started = drive.clock.now()
         self._backup = drive.backup()
         self._occupied = folder.occupy()
@@ -132,6 +122,12 @@ class Machine:
             self.talk.say(f"The drive's parameters could not be restored ({problem}); `beltcomm rollback` writes the backup again.")
         else:
             self.folder.journal("limits restored, new gains kept" if keep else "all parameters restored")
+
+    def remark(self, sentence: str) -> None:
+        """Say something of a record that belongs into the result too."""
+        self.talk.say(sentence)
+        self.folder.journal(sentence)
+        self.remarks.append(sentence)
 
     def begin(self, title: str) -> None:
         """Tell that a phase begins, numbered among those to come."""
@@ -333,6 +329,7 @@ class Machine:
         writer.close(finished=True)
         self.folder.journal(
             f"{name}: {report.rows} samples, {report.lost_cycles} lost cycles, worst period error {1e6 * report.worst_jitter_s:.0f} us"
+            + (f", a limit of the drive was active in {report.limited_cycles} of them" if report.limited_cycles else "")
         )
         try:
             return self.folder.recording(name)
@@ -383,8 +380,3 @@ class Machine:
         stored = self.drive.write(values)
         self.folder.journal("wrote " + ", ".join(f"{n}={v:.6g}" for n, v in stored.items()))
         return parameters_to_cascade({**offered, **stored})
-
-
-def stroking(capabilities: Capabilities) -> Literal["position", "velocity"]:
-    """The loop that follows strokes without lag: the position loop where it has a velocity feedforward, else the velocity loop."""
-    return "position" if capabilities.structure.velocity_feedforward and "position" in capabilities.kinds else "velocity"

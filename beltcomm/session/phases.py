@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from beltcomm.axis import Axis
 from beltcomm.axis_entries import TrajectoryLimits
 from beltcomm.drive import Capabilities
-from beltcomm.errors import Refused, SafetyStop, UsageError
+from beltcomm.errors import DriveError, Refused, SafetyStop, UsageError
 from beltcomm.excitation import Choice, Excitation, PrbsChoice, choose, choose_prbs, prbs
 from beltcomm.identify.amplitude import (
     UNKNOWN_MASSES_KG,
@@ -32,7 +32,7 @@ from beltcomm.identify.first_estimate import data_sheet_model, first_estimate, m
 from beltcomm.linear import modes, operating_point
 from beltcomm.model import Model
 from beltcomm.recording import Recording
-from beltcomm.session import gravity, stops
+from beltcomm.session import delivered, gravity, scale, stops
 from beltcomm.session.creep import CLEAR_SHARE as CLEAR_SHARE
 from beltcomm.session.creep import Breakaway, creep
 from beltcomm.session.expectation import Expectation
@@ -199,6 +199,7 @@ def raise_amplitude(machine: Machine, breakaway: Breakaway, masses_kg: Sequence[
             f"amplitude {step.amplitude_nm:.3f} N m ({step.binds}): mass {model['cart.mass']:.2f} kg, "
             f"stiffness {model['belt_stiffness.stiffness']:.4g} N/m"
         )
+        scale.check_scale(machine, model, scale.FIRST_FACTOR)
         stops.lend_brake(machine, model, at)
         family = around(balanced(model))
         at_most = GROWTH * step.amplitude_nm
@@ -289,7 +290,15 @@ def _excite(machine: Machine, name: str, excitation: Excitation, at: float, pred
         first_sample=excitation.first_sample,
     )
     sidecar = Sidecar("frf", machine.place_m(at), machine.session_time_s, held_out=held_out, excitation=note)
-    return machine.record(name, machine.torque_motion(excitation.torque), room, sidecar, watch)
+    recording = machine.record(name, machine.torque_motion(excitation.torque), room, sidecar, watch)
+    try:
+        said = delivered.check(recording)
+    except (DriveError, Refused):
+        machine.folder.withdraw(name)
+        raise
+    if said:
+        machine.remark(said)
+    return recording
 
 
 def characteristic_hz(model: Model, position_m: float) -> tuple[float, float]:

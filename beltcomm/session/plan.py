@@ -80,9 +80,9 @@ class Plan:
             return []
         pauses = sum(heat.pauses_s)
         lines = [
-            f"thermal share {100.0 * heat.continuous:.0f} % of continuous, up to {100.0 * heat.hottest:.0f} % in one experiment: (rms torque "
-            f"/ rated torque of {thermal.rated_nm:.3g} N m)², by the upper bounds of this table; overload of {thermal.peak_nm:.3g} N m for "
-            f"{thermal.overload_s:g} s ({thermal.source}), up to {100.0 * heat.fullest:.0f} % of it used"
+            f"thermal share {100.0 * heat.continuous:.0f} % of continuous, up to {100.0 * heat.hottest:.0f} % in one experiment: "
+            f"(rms torque / rated torque of {thermal.rated_nm:.3g} N m)², by the upper bounds of this table; overload of "
+            f"{thermal.peak_nm:.3g} N m for {thermal.overload_s:g} s ({thermal.source}), up to {100.0 * heat.fullest:.0f} % of it used"
         ]
         return lines + (
             [f"the motor rests for up to {pauses:.0f} s in all between the experiments, so that it cools"] if pauses >= 1.0 else []
