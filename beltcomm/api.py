@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from beltcomm.axis import Axis, load_axis
 from beltcomm.control import Cascade
@@ -24,7 +25,7 @@ from beltcomm.result import Result, plain
 from beltcomm.runfolder import RunFolder
 from beltcomm.session import analyse, friction_job, gains, gravity, offline, outcome, referencing, scale, words
 from beltcomm.session import commission as sequence
-from beltcomm.session.agreement import agree, planned
+from beltcomm.session.agreement import Agreement, agree, planned
 from beltcomm.session.commission import Findings
 from beltcomm.session.convert import convert as convert
 from beltcomm.session.creep import BREAKAWAY_SHARE, CREEP_SPEED_M_S, MARGIN_M, NEAR_M, RAMP_S, small_move
@@ -41,7 +42,7 @@ from beltcomm.session.machine import Machine
 from beltcomm.session.move_file import trajectory as trajectory
 from beltcomm.session.options import Options, claim, settings_of
 from beltcomm.session.orders import wanted as wanted_sweeps
-from beltcomm.session.plan import Plan, commission_plan, identify_plan, move_plan
+from beltcomm.session.plan import commission_plan, identify_plan, move_plan
 from beltcomm.session.proof import admit, doubts, thin_margins
 from beltcomm.session.scale import ruler as ruler
 from beltcomm.session.store import cascade_from_dict, drive_to_dict
@@ -64,6 +65,7 @@ def commission(drive: str, axis: Axis | str, run: Path, *, options: Options | No
     """
     options, talk, axis = options or Options(), talk or Silence(), _axis(axis)
     referencing.suitable(axis)
+    agreed = Agreement(options, talk, lambda name, at, given: commission(name, axis, at, options=given), goes_on=False)
     with open_drive(drive, options.for_drive()) as opened, supervised(opened, drive, run, options, talk) as connected:
         analyse.offered(connected.capabilities.structure, options.prefilter, options.feedforward)
         if options.window_m is not None:
@@ -79,7 +81,7 @@ def commission(drive: str, axis: Axis | str, run: Path, *, options: Options | No
         with Machine(connected, axis, folder, talk) as machine:
             settings = settings_of(options)
             referencing.reference(machine, settings)
-            agree(plan, options, talk, connected, axis, machine)
+            agreed(plan, machine)
             try:
                 sequence.commission(machine, settings, findings)
             finally:  # an interrupted run keeps what it found
@@ -100,8 +102,8 @@ def identify(drive: str, axis: Axis | str, run: Path, *, options: Options | None
     closed = options.in_loop
     with open_drive(drive, options.for_drive()) as opened, supervised(opened, drive, run, options, talk) as connected:
         if closed:
-            agreed = partial(_agreed, options, talk, connected, axis)
-            return identify_in_loop(connected, axis, run, options, agreed, talk)
+            again = Agreement(options, talk, lambda name, at, given: identify(name, axis, at, options=given))
+            return identify_in_loop(connected, axis, run, options, again, talk)
         return _identify(connected, drive, axis, run, options, talk)
 
 
@@ -113,7 +115,8 @@ def _identify(connected: Drive, drive: str, axis: Axis, run: Path, options: Opti
     findings = Findings()
     with Machine(connected, axis, folder, talk) as machine:
         window = referencing.reference(machine, settings_of(options), needed=False)
-        agree(identify_plan(axis, connected.capabilities, window), options, talk, connected, axis, machine)
+        agreed = Agreement(options, talk, lambda name, at, given: identify(name, axis, at, options=given), goes_on=False)
+        agreed(identify_plan(axis, connected.capabilities, window), machine)
         machine.titles, machine.excitation = sequence.TITLES[1:4], options.excitation
         try:
             sequence.identify_here(machine, findings)
@@ -134,7 +137,8 @@ def follow(drive: str, run: Path, plan: Path, *, options: Options | None = None,
     """The records of a plan that ``diagnose`` wrote, into the run that it was written for."""
     options, talk = options or Options(), talk or Silence()
     with open_drive(drive, options.for_drive()) as opened, supervised(opened, drive, run, options, talk) as connected:
-        return follow_plan(connected, run, plan, options, partial(_agreed, options, talk, connected, RunFolder.open(run).axis), talk)
+        agreed = Agreement(options, talk, lambda name, at, given: follow(name, at, plan, options=given))
+        return follow_plan(connected, run, plan, options, agreed, talk)
 
 
 def friction(
@@ -154,7 +158,7 @@ def friction(
         findings = offline.fitted(folder, "lm", Silence(), model)
         with Machine(connected, folder.axis, folder, talk) as machine:
             referencing.reference(machine, settings_of(options))
-            agree(plan, options, talk, connected, folder.axis, machine)
+            Agreement(options, talk, lambda name, at, given: friction(name, at, options=given))(plan, machine)
             machine.titles = (sequence.TITLES[4], sequence.TITLES[5])
             sequence.close_first_loop(machine, findings, model, ask=not options.yes)
             made = friction_job.record(machine, model, asked)
@@ -224,18 +228,16 @@ def verify(
     over_belt : on a virtual drive, the belt may carry more than its feed force.
     """
     options, talk = options or Options(), talk or Silence()
+    how: dict[str, Any] = {"move": move, "trajectory": trajectory, "rungs": rungs, "over_belt": over_belt}
     with open_drive(drive, options.for_drive()) as opened, supervised(opened, drive, run, options, talk) as connected:
         return verify_with(
             connected,
             drive,
             run,
             options,
-            lambda plan, machine: agree(plan, options, talk, connected, machine.axis, machine),
+            Agreement(options, talk, lambda name, at, given: verify(name, at, **how, options=given)),
             talk,
-            move=move,
-            trajectory=trajectory,
-            rungs=rungs,
-            over_belt=over_belt,
+            **how,
             planned=(lambda plan, axis: planned(plan, connected.capabilities, options, axis)) if options.dry_run else None,
         )
 
@@ -273,6 +275,10 @@ def move(drive: str, axis: Axis | str, by_m: float, *, options: Options | None =
         axis, "it is not crept without a loop, for a torque from zero would let it fall; `beltcomm verify --move FILE` moves it"
     )
     axis.require("move", "pulley.effective_radius_m", "travel.min_m", "travel.max_m")
+    if options.simulate_first:
+        raise UsageError(
+            "a creep without a loop is not played on a twin: only the axis itself shows where it breaks away; leave --simulate-first out"
+        )
     plan = move_plan(
         axis,
         abs(by_m),
@@ -322,11 +328,6 @@ def simulate(
             f"Next: beltcomm fit {run}" if experiment == "frf" else f"A fit needs an excited record too: beltcomm simulate {plant}",
         ],
     )
-
-
-def _agreed(options: Options, talk: Talk, drive: Drive, axis: Axis, plan: Plan, machine: Machine) -> None:
-    """:func:`agree` with the plan and the machine last."""
-    agree(plan, options, talk, drive, axis, machine)
 
 
 def _axis(axis: Axis | str) -> Axis:

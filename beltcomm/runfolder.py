@@ -32,7 +32,7 @@ _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 #: How an unfinished record is called after a second attempt was begun.
 _MOVED_ASIDE = re.compile(r"\.unfinished\d+$")
 #: What the journal of a run says that was left before anything moved.
-_HARMLESS = ("connected to ", "all parameters restored")
+_HARMLESS = ("connected to ", "all parameters restored", "played on a twin")
 _KINDS = {"models": "model", "designs": "design", "results": "result"}
 
 
@@ -291,7 +291,7 @@ class RunFolder:
 
 def _untouched(path: Path) -> bool:
     """Whether a run in this folder ended before anything was recorded or written to a drive, as after a no; its few files are removed."""
-    results = [path / "results" / f"{name}.yaml" for name in ("backup", "drive")]
+    results = [path / "results" / f"{name}.yaml" for name in ("backup", "drive", "rehearsal")]
     own = {path / "axis.yaml", path / "run.yaml", path / "journal.txt", *results}
     found = {item for item in path.rglob("*") if not item.is_dir()} if path.is_dir() else {path}
     journal = (path / "journal.txt").read_text(encoding="utf-8").splitlines() if path / "journal.txt" in found else []

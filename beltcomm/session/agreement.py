@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from beltcomm.axis import Axis
 from beltcomm.drive import Capabilities, Drive
@@ -14,6 +14,7 @@ from beltcomm.session.heat import Thermal
 from beltcomm.session.machine import Machine
 from beltcomm.session.options import Options
 from beltcomm.session.plan import Plan, with_homing
+from beltcomm.session.rehearsal import Job, rehearse
 from beltcomm.session.supervised import Supervised
 from beltcomm.talk import Talk
 
@@ -23,9 +24,35 @@ KEPT = "Finished records are kept; what stands below is the most that is driven 
 SAVED = "plan"
 
 
-def agree(plan: Plan, options: Options, talk: Talk, drive: Drive, axis: Axis, machine: Machine | None = None) -> None:
+@dataclass(frozen=True)
+class Agreement:
+    """How a command asks before anything moves: call it with the plan and the machine.
+
+    job : the command once more on another drive, for ``--simulate-first``.   goes_on : it needs what is in its run folder.
+    """
+
+    options: Options
+    talk: Talk
+    job: Job
+    goes_on: bool = True
+
+    def __call__(self, plan: Plan, machine: Machine) -> None:
+        """See :func:`agree`."""
+        agree(plan, self.options, self.talk, machine.drive, machine.axis, machine, self)
+
+
+def agree(
+    plan: Plan,
+    options: Options,
+    talk: Talk,
+    drive: Drive,
+    axis: Axis,
+    machine: Machine | None = None,
+    agreement: Agreement | None = None,
+) -> None:
     """Say what will happen and ask, unless told not to; then let the drive home if it shall.   Raises Refused for a no.
 
+    machine, agreement : of a command with records, which can be played on a twin first.
     The first motion of a drive that this computer has not moved yet is a question of its own, which ``yes`` does not answer.
     """
     if machine is not None and options.home:
@@ -34,6 +61,8 @@ def agree(plan: Plan, options: Options, talk: Talk, drive: Drive, axis: Axis, ma
     talk.say("\n".join(plan.lines()))
     if fault := plan.heat_fault():
         raise Refused(f"{fault}; nothing was moved")
+    if options.simulate_first and machine is not None and agreement is not None:
+        rehearse(machine, options, talk, agreement.job, agreement.goes_on)
     if isinstance(drive, Supervised):
         confirm_first_motion(drive.hardware, axis, options, talk)
     if not options.yes and not talk.confirm("May the axis move like this?"):
