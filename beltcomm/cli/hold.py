@@ -47,8 +47,11 @@ class HeldKey:
                 self.end()
                 return False
             now = self._clock()
-            signs = signs + 1 if ready and (signs == 0 or now - last <= RELEASED_S) else int(ready)
-            last = now if ready else last
+            in_time = now - last <= RELEASED_S
+            if ready:
+                signs, last = signs + 1 if in_time else 1, now
+            elif not in_time:
+                signs = 0
         self._last_s = last
         return True
 
