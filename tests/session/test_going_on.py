@@ -31,10 +31,12 @@ YES = api.Options(yes=True, seed=1, resume=True)
 def drifting(*names: str, reason: str = "position") -> tuple[Listener, Callable[[Path], None]]:
     """A listener that stops these records by a limit, as a watch in the sink would."""
     where: list[Path] = []
+    stopped: list[str] = []
 
     def stop(_phase: int, _fraction: float) -> None:
         for name in names:
-            if (where[0] / "recordings" / f"{name}.csv.part").exists():
+            if (where[0] / "recordings" / f"{name}.csv.part").exists() and name not in stopped:
+                stopped.append(name)
                 raise SafetyStop(f"the carriage left its window in {name}", reason)
 
     return Listener(at_progress=stop), where.append
