@@ -140,7 +140,11 @@ def with_motor(**entries: Any) -> Axis:
 @pytest.mark.parametrize(
     ("axis", "told", "words"),
     [
-        (RIG, {"rated_torque_nm": 1.43 * 1.06}, r"rated torque is 1\.52 N m, axis\.yaml says 1\.43 N m: every torque would be scaled by 1\.06"),
+        (
+            RIG,
+            {"rated_torque_nm": 1.43 * 1.06},
+            r"rated torque is 1\.52 N m, axis\.yaml says 1\.43 N m: every torque would be scaled by 1\.06",
+        ),
         (RIG, {"rated_current_a": 4.4}, r"rated current is 4\.4 A rms, axis\.yaml says 2\.2 A rms.*6075h"),
         (RIG, {"peak_torque_nm": 6.2}, r"largest torque is 6\.2 N m, axis\.yaml says 3\.1 N m.*6072h or 6073h"),
         (RIG, {"counts_per_rev": 131072}, r"encoder resolution is 1\.31e\+05 counts/rev, axis\.yaml says 6\.55e\+04"),

@@ -161,10 +161,14 @@ def test_a_state_folder_that_cannot_be_written_stops_before_the_drive_is_changed
 
 def test_a_command_that_fails_but_restores_leaves_no_note(connect: Connect, tmp_path: Path, state: Path) -> None:
     bench = connect(HardwareBench())
-    with bench.open(bench.name) as drive, pytest.raises(ZeroDivisionError):  # noqa: SIM117
-        with supervised(drive, bench.name, tmp_path / "run", YES, Listener()) as session:
+
+    def fails() -> None:
+        with bench.open(bench.name) as drive, supervised(drive, bench.name, tmp_path / "run", YES, Listener()) as session:
             session.write(LEFT)
             assert len(notes(state)) == 1
             session.write({name: bench.initial[name] for name in LEFT})
             raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        fails()
     assert notes(state) == []
