@@ -8,20 +8,22 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from beltcomm.axis import Axis, load_axis
 from beltcomm.control import Cascade
 from beltcomm.design.compensation import compensated
 from beltcomm.design.specification import Specification
 from beltcomm.drive import Drive, able, open_drive
-from beltcomm.errors import BeltcommError, Refused, UsageError
+from beltcomm.errors import BeltcommError, UsageError
 from beltcomm.foreign.convert import Reading
 from beltcomm.foreign.job import check_imports, import_recordings
 from beltcomm.model import load_plant
 from beltcomm.result import Result, plain
 from beltcomm.runfolder import RunFolder
-from beltcomm.session import analyse, calibrate_job, friction_job, offline, outcome, referencing, short_move, words
+from beltcomm.session import analyse, calibrate_job, friction_job, offline, outcome, referencing, scale, short_move, words
 from beltcomm.session import commission as sequence
+from beltcomm.session.agreement import Agreement, agree, planned
 from beltcomm.session.backups import chosen
 from beltcomm.session.commission import Findings
 from beltcomm.session.convert import convert as convert
@@ -37,12 +39,14 @@ from beltcomm.session.laboratory import add_to_run, compare_run, diagnose_run, l
 from beltcomm.session.loop_job import identify_in_loop
 from beltcomm.session.machine import Machine
 from beltcomm.session.move_file import trajectory as trajectory
-from beltcomm.session.options import Options, settings_of
+from beltcomm.session.options import Options, claim, settings_of
 from beltcomm.session.orders import wanted as wanted_sweeps
-from beltcomm.session.plan import Plan, commission_plan, identify_plan, with_homing
+from beltcomm.session.plan import commission_plan, identify_plan
 from beltcomm.session.proof import doubts, thin_margins
 from beltcomm.session.reporting.job import report as report
+from beltcomm.session.scale import ruler as ruler
 from beltcomm.session.store import drive_to_dict
+from beltcomm.session.supervised import supervised
 from beltcomm.session.thesis import thesis as thesis
 from beltcomm.session.verify_job import verify_with
 from beltcomm.session.write_job import admitted, apply_to, backup_list, roll_back
@@ -50,9 +54,6 @@ from beltcomm.talk import Silence, Talk
 
 #: The laboratory's commands on a run folder; see :mod:`beltcomm.session.laboratory`.
 compare, diagnose, add, remove, ladder = compare_run, diagnose_run, add_to_run, remove_from_run, ladder_of_run
-
-#: Before the plan of a resumed run.
-KEPT = "Finished records are kept; what stands below is the most that is driven again, after a check that this is still the machine. "
 
 
 def commission(drive: str, axis: Axis | str, run: Path, *, options: Options | None = None, talk: Talk | None = None) -> Result:
@@ -62,7 +63,8 @@ def commission(drive: str, axis: Axis | str, run: Path, *, options: Options | No
     """
     options, talk, axis = options or Options(), talk or Silence(), _axis(axis)
     referencing.suitable(axis)
-    with able(open_drive(drive, options.for_drive()), "torque") as connected:
+    agreed = Agreement(options, talk, lambda name, at, given: commission(name, axis, at, options=given), goes_on=False)
+    with able(open_drive(drive, options.for_drive()), "torque") as opened, supervised(opened, drive, run, options, talk) as connected:
         analyse.offered(connected.capabilities.structure, options.prefilter, options.feedforward)
         if options.window_m is not None:
             referencing.only_here(connected.capabilities, options.position_m, home=options.home)
@@ -71,17 +73,17 @@ def commission(drive: str, axis: Axis | str, run: Path, *, options: Options | No
         if options.dry_run and options.resume:
             RunFolder.create(run, axis, resume=True)  # says whether it could go on
         if options.dry_run:
-            return _planned(plan, connected, options, axis)
+            return planned(plan, connected.capabilities, options, axis)
         folder = _new_folder(run, axis, connected, options)
         findings = Findings()
         with Machine(connected, axis, folder, talk) as machine:
             settings = settings_of(options)
-            machine.check_scaling()
             referencing.reference(machine, settings)
-            _agree(plan, options, talk, machine)
+            agreed(plan, machine)
             try:
                 sequence.commission(machine, settings, findings)
             finally:  # an interrupted run keeps what it found
+                findings.remarks += machine.remarks
                 outcome.save(folder, findings)
     text = outcome.commission_text(folder, findings, drive)
     outcome.keep_text(folder, text)
@@ -96,28 +98,30 @@ def identify(drive: str, axis: Axis | str, run: Path, *, options: Options | None
     options, talk, axis = options or Options(), talk or Silence(), _axis(axis)
     referencing.suitable(axis)
     closed = options.in_loop
-    with able(open_drive(drive, options.for_drive()), "torque") as connected:
+    with able(open_drive(drive, options.for_drive()), "torque") as opened, supervised(opened, drive, run, options, talk) as connected:
         if closed:
-            return identify_in_loop(connected, axis, run, options, lambda plan, m: _agree(plan, options, talk, m), talk)
+            again = Agreement(options, talk, lambda name, at, given: identify(name, axis, at, options=given))
+            return identify_in_loop(connected, axis, run, options, again, talk)
         return _identify(connected, drive, axis, run, options, talk)
 
 
 def _identify(connected: Drive, drive: str, axis: Axis, run: Path, options: Options, talk: Talk, *, whole: bool = False) -> Result:
     """What :func:`identify` does on a connected drive.   whole : the whole job was asked for, so that this is not success."""
     if options.dry_run:
-        return _planned(identify_plan(axis, connected.capabilities, options.window_m), connected, options, axis)
+        return planned(identify_plan(axis, connected.capabilities, options.window_m), connected.capabilities, options, axis)
     folder = _new_folder(run, axis, connected, options)
     findings = Findings()
     with Machine(connected, axis, folder, talk) as machine:
-        machine.check_scaling()
         window = referencing.reference(machine, settings_of(options), needed=False)
-        _agree(identify_plan(axis, connected.capabilities, window), options, talk, machine)
+        agreed = Agreement(options, talk, lambda name, at, given: identify(name, axis, at, options=given), goes_on=False)
+        agreed(identify_plan(axis, connected.capabilities, window), machine)
         machine.titles, machine.excitation = sequence.TITLES[1:4], options.excitation
         try:
             sequence.identify_here(machine, findings)
             known = machine.place_known
         finally:
             findings.machine_seconds = machine.machine_seconds
+            findings.remarks += machine.remarks
             outcome.save(folder, findings)
     split = analyse.nonlinearities(folder.recordings())
     text = outcome.identify_text(folder, findings, drive, known)
@@ -130,8 +134,9 @@ def _identify(connected: Drive, drive: str, axis: Axis, run: Path, options: Opti
 def follow(drive: str, run: Path, plan: Path, *, options: Options | None = None, talk: Talk | None = None) -> Result:
     """The records of a plan that ``diagnose`` wrote, into the run that it was written for."""
     options, talk = options or Options(), talk or Silence()
-    with able(open_drive(drive, options.for_drive()), "torque") as connected:
-        return follow_plan(connected, run, plan, settings_of(options), partial(_agree, options=options, talk=talk), talk, options.dry_run)
+    with able(open_drive(drive, options.for_drive()), "torque") as opened, supervised(opened, drive, run, options, talk) as connected:
+        agreed = Agreement(options, talk, lambda name, at, given: follow(name, at, plan, options=given))
+        return follow_plan(connected, run, plan, options, agreed, talk)
 
 
 def friction(
@@ -143,15 +148,15 @@ def friction(
     folder = RunFolder.open(run)
     model = offline.saved_model(folder)
     friction_job.check_payload(folder, model, asked)
-    with open_drive(drive, options.for_drive()) as connected:
+    with open_drive(drive, options.for_drive()) as opened, supervised(opened, drive, run, options, talk) as connected:
         plan = friction_job.plan_of(folder.axis, connected.capabilities, model, asked)
         if options.dry_run:
-            return _planned(plan, connected, options, folder.axis)
-        folder.claim_drive(connected.capabilities.identity)
+            return planned(plan, connected.capabilities, options, folder.axis)
+        claim(folder, connected.capabilities, options.wall_clock)
         findings = offline.fitted(folder, "lm", Silence(), model)
         with Machine(connected, folder.axis, folder, talk) as machine:
             referencing.reference(machine, settings_of(options))
-            _agree(plan, options, talk, machine)
+            Agreement(options, talk, lambda name, at, given: friction(name, at, options=given))(plan, machine)
             machine.titles = (sequence.TITLES[4], sequence.TITLES[5])
             sequence.close_first_loop(machine, findings, model, ask=not options.yes)
             made = friction_job.record(machine, model, asked)
@@ -221,20 +226,17 @@ def verify(
     over_belt : on a virtual drive, the belt may carry more than its feed force.
     """
     options, talk = options or Options(), talk or Silence()
-    with able(open_drive(drive, options.for_drive()), "position") as connected:
+    how: dict[str, Any] = {"move": move, "trajectory": trajectory, "rungs": rungs, "over_belt": over_belt}
+    with able(open_drive(drive, options.for_drive()), "position") as opened, supervised(opened, drive, run, options, talk) as connected:
         return verify_with(
             connected,
             drive,
             run,
-            settings_of(replace(options, feedforward=None)),
-            lambda plan, machine: _agree(plan, options, talk, machine),
+            options,
+            Agreement(options, talk, lambda name, at, given: verify(name, at, **how, options=given)),
             talk,
-            move=move,
-            trajectory=trajectory,
-            feedforward=options.feedforward,
-            rungs=rungs,
-            over_belt=over_belt,
-            planned=(lambda plan, axis: _planned(plan, connected, options, axis)) if options.dry_run else None,
+            **how,
+            planned=(lambda plan, axis: planned(plan, connected.capabilities, options, axis)) if options.dry_run else None,
         )
 
 
@@ -249,8 +251,9 @@ def apply(
     options, talk = options or Options(), talk or Silence()
     folder = RunFolder.open(run)
     admitted(folder, options, talk, dcf, shown)
-    with open_drive(drive, options.for_drive()) as connected:
-        return apply_to(connected, drive, folder, options, talk, lambda plan, m: _agree(plan, options, talk, m), dcf=dcf, shown=shown)
+    agreed = Agreement(options, talk, lambda name, at, given: apply(name, at, dcf=dcf, shown=shown, options=given))
+    with open_drive(drive, options.for_drive()) as opened, supervised(opened, drive, run, options, talk) as connected:
+        return apply_to(connected, drive, folder, options, talk, agreed, dcf=dcf, shown=shown)
 
 
 def backups(run: Path) -> Result:
@@ -263,35 +266,42 @@ def rollback(drive: str, run: Path, *, backup: str | None = None, options: Optio
     options, talk = options or Options(), talk or Silence()
     folder = RunFolder.open(run)
     chosen(folder, backup)  # before anything is connected
-    with open_drive(drive, options.for_drive()) as connected:
+    # a rollback is what an unfinished session needs: it is not offered one
+    with open_drive(drive, options.for_drive()) as opened, supervised(opened, drive, run, options, talk, settles=False) as connected:
         return roll_back(connected, drive, folder, backup, options, talk)
 
 
 def calibrate(drive: str, axis: Axis | str | None, run: Path, *, options: Options | None = None, talk: Talk | None = None) -> Result:
     """What the drive's gains mean, by small steps of its setpoints, into a run: a new one for ``axis``, or an existing one without it."""
     options, talk = options or Options(), talk or Silence()
-    with open_drive(drive, options.for_drive()) as connected:
+    agreed = Agreement(options, talk, lambda name, at, given: calibrate(name, axis, at, options=given), goes_on=axis is None)
+    with open_drive(drive, options.for_drive()) as opened, supervised(opened, drive, run, options, talk) as connected:
         of_axis = RunFolder.open(run).axis if axis is None else _axis(axis)
         plan = calibrate_job.plan_of(of_axis, connected.capabilities)
         if options.dry_run:
-            return _planned(plan, connected, options, of_axis)
+            return planned(plan, connected.capabilities, options, of_axis)
         folder = RunFolder.open(run) if axis is None else _new_folder(run, of_axis, connected, options)
-        return calibrate_job.calibrate_on(connected, drive, folder, settings_of(options), partial(_agree, plan, options, talk), talk)
+        return calibrate_job.calibrate_on(connected, drive, folder, settings_of(options), partial(agreed, plan), talk)
 
 
 def move(drive: str, axis: Axis | str, by_m: float, *, options: Options | None = None, talk: Talk | None = None) -> Result:
     """Move the carriage slowly by a small distance with the gains that are in the drive.   Raises UsageError beyond 100 mm."""
     options, talk, axis = options or Options(), talk or Silence(), _axis(axis)
     short_move.admit(axis, by_m)
-    with open_drive(drive, options.for_drive()) as connected:
+    if options.simulate_first:
+        raise UsageError(
+            "a creep without a loop is not played on a twin: only the axis itself shows where it breaks away; leave --simulate-first out"
+        )
+    with open_drive(drive, options.for_drive()) as opened, supervised(opened, drive, None, options, talk) as connected:
         plan = short_move.plan_of(axis, connected.capabilities, by_m)
         if options.dry_run:
-            return _planned(plan)
-        _agree(plan, options, talk)
+            return planned(plan)
+        agree(plan, options, talk, connected, axis)
         moved, closed = short_move.make(connected, axis, by_m, options.position_m), short_move.by_drive(connected.capabilities)
     reached = abs(moved - by_m) < max(0.2 * abs(by_m), 2e-3)
     how = "the drive closed its loop with the gains that are in it" if closed else "no loop was closed"
     text = [f"The carriage went {1e3 * moved:+.2f} mm, asked were {1e3 * by_m:+.2f} mm; {how}."]
+    text += [scale.ruler_line(drive, axis, moved)] if abs(moved) >= scale.SHORTEST_M else []
     return Result({"moved_m": moved, "asked_m": by_m}, text, 0 if reached else 1)
 
 
@@ -331,31 +341,9 @@ def _axis(axis: Axis | str) -> Axis:
 
 def _new_folder(run: Path, axis: Axis, drive: Drive, options: Options) -> RunFolder:
     folder = RunFolder.create(run, axis, resume=options.resume)
-    folder.claim_drive(drive.capabilities.identity)
+    claim(folder, drive.capabilities, options.wall_clock)
     folder.save_result("drive", drive_to_dict(drive.capabilities))
     return folder
-
-
-def _agree(plan: Plan, options: Options, talk: Talk, machine: Machine | None = None) -> None:
-    """Say what will happen and ask, unless told not to; then let the drive home if it shall.   Raises Refused for a no."""
-    if machine is not None and options.home:
-        plan = with_homing(plan, machine.axis, machine.drive.capabilities)
-    plan = replace(plan, text=KEPT + plan.text) if options.resume else plan
-    talk.say("\n".join(plan.lines()))
-    if not options.yes and not talk.confirm("May the axis move like this?"):
-        raise Refused("nothing was moved, as you said; --dry-run shows the plan without asking")
-    if machine is not None and options.home:
-        referencing.home(machine)
-
-
-def _planned(plan: Plan, drive: Drive | None = None, options: Options | None = None, axis: Axis | None = None) -> Result:
-    if drive and axis and options:
-        plan = replace(plan, text=KEPT + plan.text) if options.resume else plan
-        referencing.inside(axis, options.position_m)
-        plan = with_homing(plan, axis, drive.capabilities) if options.home else plan
-    return Result(
-        {"plan": plain(plan), "seconds": plan.seconds, "visible": plan.visible}, [*plan.lines(), "Nothing was moved (--dry-run)."]
-    )
 
 
 __all__ = [
@@ -379,6 +367,7 @@ __all__ = [
     "import_recordings",
     "move",
     "rollback",
+    "ruler",
     "simulate",
     "trajectory",
     "verify",

@@ -58,6 +58,8 @@ class Motor:
         "torque of the holding brake that the drive opens and closes; none without", above=0.0, at_most=1e4
     )
     brake_time_s: float | None = _known("time in which the holding brake opens or closes", at_least=0.0, at_most=1.0)
+    max_speed_rad_s: float | None = _known("largest speed of the motor", above=0.0, at_most=1e4)
+    overload_time_s: float | None = _known("time for which the motor bears its peak torque from cold (I²t)", above=0.0, at_most=60.0)
 
 
 @dataclass(frozen=True)

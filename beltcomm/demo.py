@@ -50,7 +50,7 @@ class _Progress:
     """Phases and progress of a talk; what a command says in between would bury the steps."""
 
     def __init__(self, talk: Talk) -> None:
-        self.phase, self.progress, self.confirm = talk.phase, talk.progress, talk.confirm
+        self.phase, self.progress, self.confirm, self.attended = talk.phase, talk.progress, talk.confirm, talk.attended
 
     def say(self, text: str) -> None:
         """Left out."""

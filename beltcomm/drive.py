@@ -150,6 +150,7 @@ class Capabilities:
     exchange, torque_scale : in words, the period of the exchange and what it costs the bus; why the unit of torque is in doubt, "" when
         it is not.
     shortest_guard_s : s, shortest time in which it can be made to notice that its host is gone; None when nothing in it watches the host.
+    overload_time_s : s, for which the drive lets the motor have its peak torque from cold; None when it does not tell.
     """
 
     name: str
@@ -173,6 +174,7 @@ class Capabilities:
     exchange: str = ""
     torque_scale: str = ""
     shortest_guard_s: float | None = None
+    overload_time_s: float | None = None
 
 
 @dataclass(frozen=True)
@@ -181,6 +183,7 @@ class ExchangeReport:
 
     irregular : rows whose period deviated by more than a quarter; their stamps say by how much.   remarks : what else the drive said of
     itself, in words.
+    limited_cycles : samples in which the drive said that a limit of its own was active (statusword bit 11).
     """
 
     rows: int
@@ -188,6 +191,7 @@ class ExchangeReport:
     worst_jitter_s: float
     irregular: int = 0
     remarks: tuple[str, ...] = ()
+    limited_cycles: int = 0
 
 
 class Drive(Protocol):

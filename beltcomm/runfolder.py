@@ -32,7 +32,7 @@ _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 #: How an unfinished record is called after a second attempt was begun.
 _MOVED_ASIDE = re.compile(r"\.unfinished\d+$")
 #: What the journal of a run says that was left before anything moved.
-_HARMLESS = ("connected to ", "all parameters restored")
+_HARMLESS = ("connected to ", "all parameters restored", "played on a twin")
 _KINDS = {"models": "model", "designs": "design", "results": "result"}
 
 
@@ -40,11 +40,13 @@ class RunFolder:
     """One run folder.  Make one with :meth:`create`, use an existing one with :meth:`open`.
 
     path : the folder.     axis : as read from its ``axis.yaml``; None when the folder has none.
+    elapsed_s : s of date and time since the run began on its drive, as far as :meth:`claim_drive` knows it.
     """
 
     def __init__(self, path: Path, axis: Axis | None) -> None:
         self.path = path
         self._axis = axis
+        self.elapsed_s = 0.0
 
     @classmethod
     def create(cls, path: Path, axis: Axis, *, resume: bool = False) -> RunFolder:
@@ -111,15 +113,19 @@ class RunFolder:
         """Identity of the drive that the run was made on; empty when there was none."""
         return dict(self._about().get("drive") or {})
 
-    def claim_drive(self, identity: Mapping[str, str]) -> None:
-        """Note which drive this run is made on; on a later call, that it still is.
+    def claim_drive(self, identity: Mapping[str, str], wall_s: float | None = None) -> None:
+        """Note which drive this run is made on, and when; on a later call, that it still is, and how much later.
 
         identity : :attr:`beltcomm.drive.Capabilities.identity`; what one of the two ports does not tell ("") is not compared.
+        wall_s : date and time now, s; None where nobody knows it, or where the drive begins anew with every session.
         Raises UsageError when the run was made on another drive, with what differs.
         """
-        known = self._about().get("drive", {})
+        about = self._about()
+        known, began_s = about.get("drive", {}), about.get("began_s")
+        if wall_s is not None and isinstance(began_s, (int, float)):
+            self.elapsed_s = max(wall_s - float(began_s), 0.0)  # a clock that was set back tells nothing
         if not known:
-            self._write_about(identity)
+            self._write_about(identity, wall_s)
             return
         changed = [
             f"{key} {known.get(key, 'not known')} -> {identity.get(key, 'not known')}"
@@ -278,14 +284,14 @@ class RunFolder:
         path = self.path / "run.yaml"
         return read_yaml(path, DataError) if path.is_file() else {}
 
-    def _write_about(self, drive: Mapping[str, str]) -> None:
+    def _write_about(self, drive: Mapping[str, str], began_s: float | None = None) -> None:
         about = {"beltcomm": __version__, "axis_fingerprint": self.axis.fingerprint(), "drive": dict(drive)}
-        write_text(self.path / "run.yaml", to_yaml(about))
+        write_text(self.path / "run.yaml", to_yaml(about if began_s is None else {**about, "began_s": began_s}))
 
 
 def _untouched(path: Path) -> bool:
     """Whether a run in this folder ended before anything was recorded or written to a drive, as after a no; its few files are removed."""
-    results = [path / "results" / f"{name}.yaml" for name in ("backup", "drive")]
+    results = [path / "results" / f"{name}.yaml" for name in ("backup", "drive", "rehearsal")]
     own = {path / "axis.yaml", path / "run.yaml", path / "journal.txt", *results}
     found = {item for item in path.rglob("*") if not item.is_dir()} if path.is_dir() else {path}
     journal = (path / "journal.txt").read_text(encoding="utf-8").splitlines() if path / "journal.txt" in found else []

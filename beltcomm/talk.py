@@ -26,6 +26,26 @@ class Talk(Protocol):
         Raises UsageError when nobody can answer."""
         ...
 
+    def attended(self) -> bool:
+        """Whether a person sits at the other end who sees the machine: a terminal, not a pipe."""
+        ...
+
+
+class Hold(Protocol):
+    """A key that is held as long as the axis may move; letting go stops it."""
+
+    def begin(self) -> bool:
+        """Before a motion: wait until it is held.  False when it never will be."""
+        ...
+
+    def held(self) -> bool:
+        """Whether it is held now; asked every few rows of a motion, so it must answer at once."""
+        ...
+
+    def end(self) -> None:
+        """The motion is over."""
+        ...
+
 
 class Silence:
     """A Talk that says nothing and agrees to nothing: the default of the public functions."""
@@ -40,5 +60,9 @@ class Silence:
         """Ignored."""
 
     def confirm(self, text: str) -> bool:
+        """No."""
+        return False
+
+    def attended(self) -> bool:
         """No."""
         return False

@@ -102,6 +102,7 @@ def read_capabilities(
         max_speed_rad_s=fastest,
         can_home=HOMING_MODE in modes,
         referenced=referenced,
+        overload_time_s=_overload_time_s(objects, profile),
         identity=dict(identity),
         parameters=dict(parameters),
         uncalibrated=uncalibrated,
@@ -136,3 +137,9 @@ def _loop_period_s(objects: Objects, profile: Profile, otherwise_s: float) -> fl
     if profile.loop_period is None:
         return otherwise_s
     return int.from_bytes(objects.read_bytes(*profile.loop_period), "little") * 1e-6
+
+
+def _overload_time_s(objects: Objects, profile: Profile) -> float | None:
+    """For how long the drive lets the motor have its peak torque, told in ms; None where it does not tell."""
+    value = objects.read_if_there(*profile.overload_time, "uint16") if profile.overload_time else None
+    return value * 1e-3 if value else None

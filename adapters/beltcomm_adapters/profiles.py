@@ -63,6 +63,7 @@ class Profile:
     (mode 3) at no speed before it.
     torque_limit_lowest_permille : smallest 6072h the drive takes.
     loop_period : (index, subindex) of the velocity loop's period in us.    referenced : (index, subindex, bit).
+    overload_time : (index, subindex) of the motor's I²t time in ms.
     output_limit, dead_zone : (index, subindex) of the position controller's, in speed and position units, where it has them.
     emergency : text of an EMCY code, beside those of CiA 301.
     signals : places that only this kind of drive has, read by ``beltcomm doctor``: ready_for_enable, enable_inputs, ...
@@ -94,6 +95,7 @@ class Profile:
     torque_limit_lowest_permille: int = 0
     loop_period: tuple[int, int] | None = None
     referenced: tuple[int, int, int] | None = None
+    overload_time: tuple[int, int] | None = None
     output_limit: tuple[int, int] | None = None
     dead_zone: tuple[int, int] | None = None
     emergency: Mapping[int, str] = field(default_factory=dict)
@@ -170,6 +172,7 @@ def _profile(raw: dict[str, Any]) -> Profile:
         enable_logic=(logic["index"], logic["subindex"], logic["type"], logic["value"]) if logic else None,
         referenced=(referenced["index"], referenced["subindex"], referenced["bit"]) if referenced else None,
         loop_period=_place(raw.pop("loop_period", None)),
+        overload_time=_place(raw.pop("overload_time", None)),
         output_limit=_place(raw.pop("output_limit", None)),
         dead_zone=_place(raw.pop("dead_zone", None)),
         **raw,

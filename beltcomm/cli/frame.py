@@ -245,8 +245,10 @@ def run_folder(run: Path | None, name: str) -> Path:
 
 
 def options_of(**values: Any) -> Any:
-    """``api.Options`` from what was given on the command line; its defaults hold for the rest."""
-    return api().Options(**{name: value for name, value in values.items() if value is not None})
+    """``api.Options`` from what was given on the command line, and the clock on the wall; its defaults hold for the rest."""
+    import time
+
+    return api().Options(wall_clock=time.time, **{name: value for name, value in values.items() if value is not None})
 
 
 def today() -> str:

@@ -1,4 +1,4 @@
-"""``beltcomm move``: a small, safe move."""
+"""``beltcomm move``: a small, safe move, and what a ruler says of it."""
 
 from __future__ import annotations
 
@@ -14,9 +14,17 @@ from beltcomm.cli.frame import Frame, api, axis_for, options_of
 @shared.machine_options
 @shared.axis_option
 @click.option("--by", "by_m", required=True, type=shared.Quantity("by_m"), help="How far, signed: 5mm, -0.005.")
+@click.option(
+    "--measured-travel",
+    "measured_m",
+    type=shared.Quantity("measured_m"),
+    help="Nothing moves: what a ruler says of a creep by --by before, negative for the other way; is the feed constant right?",
+)
 @shared.output_options
 @click.pass_obj
-def command(frame: Frame, /, drive: str, axis: str | None, by_m: float, **given: Any) -> int:
+def command(frame: Frame, /, drive: str, axis: str | None, by_m: float, measured_m: float | None, **given: Any) -> int:
     """Move the carriage slowly by a small distance."""
     known = axis_for(axis, drive, None, False)
+    if measured_m is not None:
+        return frame.show(api().ruler(known, by_m, measured_m))
     return frame.show(api().move(drive, known, by_m, options=options_of(**given), talk=frame.talk()))

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
+from beltcomm.cli.hold import option as held_key
 from beltcomm.errors import UsageError
 from beltcomm.quantities import parse_quantity, unit_of
 
@@ -119,6 +120,22 @@ def machine_options(function: Function, *, needed: bool = True) -> Function:
             click.option(
                 "--position", "position_m", type=Quantity("position_m"), help="Where the carriage is now, when the drive has no zero."
             ),
+            click.option(
+                "--first-motion-confirmed",
+                "first_motion",
+                metavar="SERIAL",
+                help="Serial number of a drive that beltcomm never moved: somebody has made sure of its first motion. --yes does not.",
+            ),
+            click.option(
+                "--hold-to-run",
+                "hold",
+                is_flag=False,
+                flag_value="key",
+                metavar="[=FD]",
+                callback=held_key,
+                help="The axis moves only while the space bar is held, or while a script writes to the file descriptor FD.",
+            ),
+            click.option("--simulate-first", is_flag=True, help="Play the plan on a twin of the axis first; beyond a limit nothing moves."),
         )
     ):
         function = decorate(function)

@@ -73,6 +73,10 @@ class PlainTalk:
         """Ask and read a line from stdin.   Raises UsageError when stdin is closed."""
         return _ask(text, self._stream)
 
+    def attended(self) -> bool:
+        """Whether stdin is a terminal."""
+        return sys.stdin.isatty()
+
     def close(self, done: bool = False) -> None:
         """Nothing to put back."""
 
@@ -115,6 +119,10 @@ class RichTalk:
         """Ask below everything.   Raises UsageError when stdin is closed."""
         self.close(done=True)
         return _ask(text, sys.stderr)
+
+    def attended(self) -> bool:
+        """Whether stdin is a terminal."""
+        return sys.stdin.isatty()
 
     def close(self, done: bool = False) -> None:
         """End the progress line and give the terminal its cursor back.   done : the phase came to its end.   Idempotent."""

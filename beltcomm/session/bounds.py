@@ -14,10 +14,12 @@ from beltcomm.drive import Capabilities
 from beltcomm.errors import BeltcommError, Refused
 from beltcomm.identify.amplitude import UNKNOWN_MASSES_KG
 from beltcomm.model import Model
-from beltcomm.session import creep, phases
+from beltcomm.session import creep, gravity, phases
+from beltcomm.session.heat import path_rms_nm
 from beltcomm.session.making import RESPONSE_S
 from beltcomm.session.paths import Course, path_of, start_of
 from beltcomm.session.steps import Step
+from beltcomm.stopping import total_friction
 
 #: s: ramps both ways, at most; and the rest after bringing the carriage somewhere, with a second try.
 CREEP_SECONDS = 2.0 * (creep.RAMP_S + 0.5)
@@ -34,7 +36,7 @@ SLOWEST_HZ = 10.0
 class Experiment:
     """One line of the plan; every number is an upper bound.   travel_m : either way.   torque_nm : motor shaft.
 
-    reach_m : travel either way with the way of a stop at any moment.
+    reach_m : travel either way with the way of a stop at any moment.   rms_nm : torque that heats, None for ``torque_nm`` all the time.
     """
 
     title: str
@@ -44,6 +46,30 @@ class Experiment:
     torque_nm: float
     belt_force_n: float
     seconds: float
+    rms_nm: float | None = None
+
+    @property
+    def heating_nm(self) -> float:
+        """Torque that heats the motor as much, if it acts all the time, N m."""
+        return self.torque_nm if self.rms_nm is None else min(self.rms_nm, self.torque_nm)
+
+
+def friction_before_nm(axis: Axis) -> float:
+    """Friction thought of before it is measured, N m at the motor."""
+    return gravity.FRICTION_SHARE * axis.torque_limit_nm
+
+
+def held_before_nm(axis: Axis) -> float:
+    """What a tilted axis holds all the time, N m, as axis.yaml has it."""
+    return abs(gravity.expected(axis).torque_nm) if axis.mounting.tilted else 0.0
+
+
+def stroking_nm(axis: Axis, share: float = 1.0 / 3.0) -> float:
+    """Torque with which a share of the belt's force is used to accelerate the lightest carriage, beside friction and gravity, N m."""
+    ratio = axis.transmission_m_rad
+    force = share * axis.belt_force_limit_n
+    acceleration = min(axis.limits.acceleration_m_s2 or math.inf, force / masses_kg(axis)[0])
+    return ratio * force + axis.motor_side_inertia_kg_m2 / ratio * acceleration + friction_before_nm(axis) + held_before_nm(axis)
 
 
 def course_before(axis: Axis, capabilities: Capabilities, mass_kg: float) -> Course:
@@ -103,14 +129,19 @@ def bounds_of(axis: Axis, capabilities: Capabilities, step: Step, model: Model |
     top = top_speed_m_s(axis, capabilities)
     share = {"response": phases.BELT_SHARE, "moves": step.share}.get(step.kind, 1.0 / 3.0)
     paths = []
-    for course in (light, heavy):
+    friction, held = (total_friction(model) if model is not None else friction_before_nm(axis)), held_before_nm(axis)
+    heating = phases.excitation_torque_nm(axis, capabilities, held) if step.kind == "response" else 0.0
+    for course, mass in zip((light, heavy), masses_kg(axis, model), strict=True):
         if step.kind != "response":
-            paths.append(path_of(step, course, start_of(step, course)))
+            path = path_of(step, course, start_of(step, course))
+            paths.append(path)
+            own = path_rms_nm(path, axis.motor_side_inertia_kg_m2, axis.transmission_m_rad, mass, friction, held)
+            heating = max(heating, own)
     fastest = max([float(np.max(np.abs(p.velocity_m_s))) for p in paths], default=phases.EXCITATION_SPEED_M_S)
     speed = min(max(fastest, phases.POSITIONING_SPEED_M_S), top)
     travel = max([float(np.ptp(p.position_m)) for p in paths], default=phases.EXCITATION_TRAVEL_M)
     seconds = max(seconds_of(step, course) for course in (light, heavy)) + BRING_REST_S
-    return Experiment(step.title(heavy.place_m(step)), travel, whole, speed, torque, share * force, seconds)
+    return Experiment(step.title(heavy.place_m(step)), travel, whole, speed, torque, share * force, seconds, heating)
 
 
 def lines_of(axis: Axis, capabilities: Capabilities, steps: Sequence[Step], model: Model | None = None) -> list[Experiment]:

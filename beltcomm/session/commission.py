@@ -13,7 +13,7 @@ from beltcomm.control import Cascade, CascadeStructure, PrefilterKind
 from beltcomm.design.cascade import DesignResult
 from beltcomm.design.feedforward import FeedforwardKind
 from beltcomm.design.specification import Specification
-from beltcomm.errors import DataError, Refused
+from beltcomm.errors import DataError, Refused, SafetyStop
 from beltcomm.identify.amplitude import UNKNOWN_MASSES_KG, around
 from beltcomm.identify.dead_time import DeadTime
 from beltcomm.identify.final import FinalModel, evidence, final_model
@@ -33,10 +33,12 @@ from beltcomm.session import (
     phases,
     programme,
     sameness,
+    scale,
     stops,
     verification,
 )
 from beltcomm.session.creep import Breakaway
+from beltcomm.session.left_out import LeftOut
 from beltcomm.session.machine import Machine
 from beltcomm.session.programme import Extent
 from beltcomm.session.proof import SURE_MARGIN_DEG, move_name, proof, thin_margins
@@ -153,7 +155,9 @@ def identify_here(machine: Machine, findings: Findings) -> Model:
     machine.begin(TITLES[3])
     excited = findings.excited
     phases.frequency_response(machine, "frf_1", excited.model, excited.step.amplitude_nm, making.RESPONSE_S)
-    return first_model(machine, findings)
+    model = first_model(machine, findings)
+    scale.check_fitted(machine, model)
+    return model
 
 
 def first_model(machine: Machine, findings: Findings) -> Model:
@@ -275,12 +279,12 @@ def record_steps(machine: Machine, findings: Findings, model: Model, cascade: Ca
         names = "; ".join(step.title(course.place_m(step)) for step in without)
         findings.remarks.append(f"not recorded, for {programme.BUDGET_S[extent]:.0f} s of machine time are not enough: {names}")
     loudest = findings.excited.step.amplitude_nm if findings.excited else machine.axis.torque_limit_nm
-    needed = [item.step for item in items if item.rank == 0]
+    needed, left_out = [item.step for item in items if item.rank == 0], LeftOut(machine, model)
     for name, step in programme.named(steps, ("frf_1",)):
         try:
             making.make(machine, loop, step, name, loudest)
-        except (DataError, Refused) as problem:  # the axis stands; the result does not rest on this record
-            if step in needed:
+        except (DataError, Refused, SafetyStop) as problem:  # the axis stands; the result does not rest on this record
+            if step in needed or not left_out.admits(step, problem):
                 raise
             findings.remarks.append(f"{name} ({step.title(course.place_m(step))}) was left out: {problem}")
 

@@ -6,11 +6,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from beltcomm.drive import Row
+from beltcomm.errors import DriveError, Refused
 from beltcomm.excitation import Excitation
 from beltcomm.identify.amplitude import Prediction
 from beltcomm.model import Model
 from beltcomm.recording import Recording
-from beltcomm.session import host_loss
+from beltcomm.session import delivered, host_loss
 from beltcomm.session.expectation import Expectation
 from beltcomm.session.guard_times import guard_times_s
 from beltcomm.session.machine import Machine, Room
@@ -64,4 +65,12 @@ def excite(
         first_sample=excitation.first_sample,
     )
     sidecar = Sidecar("frf", machine.place_m(at), machine.session_time_s, held_out=held_out, excitation=note)
-    return machine.record(name, machine.torque_motion(excitation.torque), room, sidecar, watch)
+    recording = machine.record(name, machine.torque_motion(excitation.torque), room, sidecar, watch)
+    try:
+        said = delivered.check(recording)
+    except (DriveError, Refused):
+        machine.folder.withdraw(name)
+        raise
+    if said:
+        machine.remark(said)
+    return recording

@@ -9,31 +9,27 @@ from beltcomm.drive import Drive
 from beltcomm.result import Result, plain
 from beltcomm.runfolder import RunFolder
 from beltcomm.session import offline, referencing
-from beltcomm.session.commission import Settings
 from beltcomm.session.following import follow, motion_plan
 from beltcomm.session.machine import Machine
 from beltcomm.session.next_plan import load_plan
+from beltcomm.session.options import Options, claim, settings_of
 from beltcomm.session.plan import Plan
 from beltcomm.talk import Silence, Talk
 
 
-def follow_plan(
-    drive: Drive, run: Path, file: Path, settings: Settings, agree: Callable[[Plan], None], talk: Talk, dry_run: bool = False
-) -> Result:
-    """Run the records of a plan file into an existing run.   agree : shows what will move and raises Refused for a no."""
+def follow_plan(drive: Drive, run: Path, file: Path, options: Options, agree: Callable[[Plan, Machine], None], talk: Talk) -> Result:
+    """Run the records of a plan file into an existing run.   agree : shows what will move, raises Refused for a no, and homes if asked."""
     wanted = load_plan(file)
     folder = RunFolder.open(run)
     model = offline.trusted(folder)[0]
-    folder.claim_drive(drive.capabilities.identity)
+    claim(folder, drive.capabilities, options.wall_clock)
     findings = offline.fitted(folder, "lm", Silence(), model)
     with Machine(drive, folder.axis, folder, talk) as machine:
-        referencing.reference(machine, settings)
+        referencing.reference(machine, settings_of(options))
         shown = motion_plan(machine, model, wanted)
-        if dry_run:
+        if options.dry_run:
             return Result({"plan": plain(shown), "seconds": shown.seconds}, [*shown.lines(), "Nothing was moved (--dry-run)."])
-        agree(shown)
-        if settings.home:
-            referencing.home(machine)
+        agree(shown, machine)
         made = follow(machine, model, findings, wanted)
     text = [f"Recorded {', '.join(made)} in {folder.recordings_folder}.", f"Next: beltcomm diagnose {run}"]
     return Result({"run": str(run), "recordings": made, "reasons": dict(wanted.reasons)}, text)

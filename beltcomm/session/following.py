@@ -10,6 +10,7 @@ from beltcomm.session import commission as sequence
 from beltcomm.session import making
 from beltcomm.session.bounds import lines_of
 from beltcomm.session.commission import Findings
+from beltcomm.session.heat import Thermal
 from beltcomm.session.machine import Machine
 from beltcomm.session.next_plan import NextPlan
 from beltcomm.session.plan import Plan
@@ -23,7 +24,8 @@ def motion_plan(machine: Machine, model: Model, wanted: NextPlan) -> Plan:
         f"The carriage of {axis.name or 'the axis'} will travel between {low:g} m and {high:g} m in closed loop, with a loop designed from "
         "the run's model, and shake where it stands. Keep people and tools out of its travel; Ctrl-C stops it at any time."
     )
-    return Plan(text, tuple(lines_of(axis, machine.drive.capabilities, wanted.steps, model)))
+    own = machine.drive.capabilities
+    return Plan(text, tuple(lines_of(axis, own, wanted.steps, model)), thermal=Thermal.of(axis, own))
 
 
 def follow(machine: Machine, model: Model, findings: Findings, wanted: NextPlan) -> list[str]:

@@ -17,7 +17,7 @@ from beltcomm.model import Model
 from beltcomm.result import Result, plain
 from beltcomm.runfolder import RunFolder
 from beltcomm.session import friction_study, friction_words, orders, phases, pictures, words
-from beltcomm.session.bounds import Experiment, course_before
+from beltcomm.session.bounds import Experiment, course_before, stroking_nm
 from beltcomm.session.commission import measure_friction
 from beltcomm.session.machine import Machine, stroking
 from beltcomm.session.orders import DEFAULT, Stroke, Wanted
@@ -90,7 +90,7 @@ def plan_of(axis: Axis, capabilities: Capabilities, model: Model, asked: Wanted)
         records = orders.records_of(strokes, course.gentle, record_s(capabilities))
         top, way = max(s.speed_m_s for s in strokes), max(s.length_m for s in strokes)
         seconds = sum(orders.seconds_of(s, course.gentle) for s in strokes) + BRING_SECONDS * len(records)
-        lines.append(Experiment(title, way, whole, top, torque, gentle_force_n(axis), seconds))
+        lines.append(Experiment(title, way, whole, top, torque, gentle_force_n(axis), seconds, stroking_nm(axis)))
     if any(order != DEFAULT for order, _ in asked.sweeps):
         strokes, left_out = orders.strokes_for(orders.speeds_of("I", 1), room, course.gentle, axis)
         notes += friction_words.stroke_lines(strokes, left_out)

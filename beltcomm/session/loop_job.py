@@ -15,7 +15,7 @@ from beltcomm.runfolder import RunFolder
 from beltcomm.session import loop_plan, loop_record, loop_ways, offline, pictures, referencing
 from beltcomm.session.loop_ways import Shown
 from beltcomm.session.machine import Machine
-from beltcomm.session.options import Options, settings_of
+from beltcomm.session.options import Options, claim, settings_of
 from beltcomm.session.plan import Plan, with_homing
 from beltcomm.signalfile import write_columns
 from beltcomm.talk import Silence, Talk
@@ -35,11 +35,10 @@ def identify_in_loop(drive: Drive, axis: Axis, run: Path, options: Options, agre
     folder = RunFolder.create(run, axis, resume=True)
     model = offline.trusted(folder)[0]
     loop_plan.offered(drive.capabilities, options.loop, frozenset(drive.backup()))
-    folder.claim_drive(drive.capabilities.identity)
+    claim(folder, drive.capabilities, options.wall_clock)
     findings = offline.fitted(folder, "lm", Silence(), model)
     findings.remarks.clear()  # of other records
     with Machine(drive, axis, folder, talk) as machine:
-        machine.check_scaling()
         machine.excitation = options.excitation
         referencing.reference(machine, settings_of(options))
         job = loop_plan.plan_job(machine, findings, model, options.loop, options.base_speed_m_s)

@@ -28,8 +28,9 @@ from beltcomm.model import Model
 from beltcomm.parameters import GAIN_NAMES
 from beltcomm.session import commission as sequence
 from beltcomm.session import phases
-from beltcomm.session.bounds import Experiment
+from beltcomm.session.bounds import Experiment, stroking_nm
 from beltcomm.session.commission import Findings
+from beltcomm.session.heat import Thermal
 from beltcomm.session.machine import Machine
 from beltcomm.session.making import RESPONSE_S
 from beltcomm.session.plan import MOVE_SECONDS, Plan, gentle_force_n
@@ -189,12 +190,14 @@ def plan_of(machine: Machine, job: Job) -> Plan:
         torque,
         gentle_force_n(axis),
         (1 + RISES) * MOVE_SECONDS,
+        stroking_nm(axis),
     )
     lines = [
         Experiment(title, travel, high - low, told.speed_m_s, told.torque_nm, told.belt_force_n, seconds)
         for title, seconds in ((TITLES[1], RISES * short), (TITLES[2], long))
     ]
-    return Plan(text, (*((positioning,) if job.speed_m_s else ()), *lines))
+    thermal = Thermal.of(axis, machine.drive.capabilities)
+    return Plan(text, (*((positioning,) if job.speed_m_s else ()), *lines), thermal=thermal)
 
 
 def is_moved(job: Job, amplitude: float, at_m: float) -> bool:

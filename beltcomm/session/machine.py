@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from types import TracebackType
 
 import numpy as np
@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from beltcomm.axis import Axis
 from beltcomm.control import Cascade
-from beltcomm.drive import COLUMNS, Capabilities, Drive, Guarding, Limits, LoopKind, Motion, Row
-from beltcomm.errors import DamagedRecord, DataError, Refused, UsageError
+from beltcomm.drive import COLUMNS, Drive, Guarding, Limits, LoopKind, Motion, Row
+from beltcomm.errors import BeltcommError, DamagedRecord, DataError, Refused, SafetyStop, UsageError
 from beltcomm.excitation import ExcitationKind
 from beltcomm.model import Model
 from beltcomm.parameters import GAIN_NAMES, cascade_to_parameters, parameters_to_cascade
@@ -28,7 +28,9 @@ from beltcomm.session.calibration import recall
 from beltcomm.session.closed_loop_watch import foreseen as foreseen_of
 from beltcomm.session.closed_loop_watch import unwatched, within
 from beltcomm.session.leaving import leave
+from beltcomm.session.ratings import check_ratings
 from beltcomm.session.room import Room as Room
+from beltcomm.session.room import stroking as stroking
 from beltcomm.sidecar import Sidecar
 from beltcomm.stopping import Braking, first_deceleration
 from beltcomm.talk import Talk
@@ -43,8 +45,8 @@ OFFSET = "ff_offset_nm"
 SETTLE_S = 1.0
 #: s, in which a brake opens whose time axis.yaml does not state: slow ones of this size.
 UNKNOWN_BRAKE_S = 0.1
-#: Rated torque and current of the drive may differ by this share from axis.yaml: rounding of the data sheets.
-RATED_TOLERANCE = 0.02
+#: s: a run that goes on later than this may have cooled down.
+LONG_AGO_S = 300.0
 
 
 class Machine:
@@ -54,6 +56,7 @@ class Machine:
     (``place_known`` False) positions count from where the carriage stood in :meth:`stand_anywhere`.
     friction : Coulomb, N m, and viscous, N m s/rad, of the whole axis at the motor, as far as it is known.
     holding_nm : what keeps the axis where it is beside friction, N m; every open-loop record holds it, or the carriage would drift.
+    remarks : sentences for the result.
     titles : of the phases to come, so that :meth:`begin` can number them.
     keep_gains : set by the sequence when the user wants to keep the new gains in the drive (not saved).
     over_belt : the user lets the belt carry more than its feed force; virtual drives only.
@@ -79,17 +82,26 @@ class Machine:
         self.closed: tuple[Model, float] | None = None
         self.cascade: Cascade | None = None
         self.machine_seconds = 0.0
+        self.remarks: list[str] = []
         self._started = drive.clock.now()
         recall(drive, folder)
         self._backup = drive.backup()
         self._occupied = folder.occupy()
         keep_first(folder, drive)
         folder.journal(f"connected to {drive.capabilities.name}; parameters saved as backup")
+        if folder.elapsed_s > LONG_AGO_S:
+            talk.say(
+                f"This run began {folder.elapsed_s / 60.0:.0f} min ago, its clock goes on. Whether the axis stayed warm since then nobody "
+                "knows: where friction falls with warmth, records of today and of then may differ."
+            )
 
     def __enter__(self) -> Machine:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        if isinstance(error, SafetyStop):
+            with suppress(BeltcommError):  # what cannot be written must not keep the drive from being restored
+                self.folder.journal(f"safety stop ({error.reason}): {error}")
         keep = self.keep_gains and kind is None
         wanted = {n: v for n, v in self._backup.items() if not (keep and n in GAIN_NAMES)}
         interrupted = leave(self.drive, self.folder, self.talk, wanted, keep, error)
@@ -100,6 +112,12 @@ class Machine:
     def meaning_changed(self) -> None:
         """What raw gains mean is known now: they stand in the drive under other values."""
         self._backup = self.drive.backup()
+
+    def remark(self, sentence: str) -> None:
+        """Say something of a record that belongs into the result too."""
+        self.talk.say(sentence)
+        self.folder.journal(sentence)
+        self.remarks.append(sentence)
 
     def begin(self, title: str) -> None:
         """Tell that a phase begins, numbered among those to come."""
@@ -139,26 +157,13 @@ class Machine:
 
     @property
     def session_time_s(self) -> float:
-        """Seconds since the session began, drive's clock."""
-        return self.drive.clock.now() - self._started
+        """Seconds since the run began, s: by the drive's clock, and between the sessions of a run by date and time."""
+        return self.folder.elapsed_s + self.drive.clock.now() - self._started
 
     def check_scaling(self) -> None:
-        """Compare the drive's rated torque and current with axis.yaml: identified masses inherit their error.
-
-        Raises UsageError with both values.
-        """
-        seen, motor = self.drive.capabilities, self.axis.motor
-        pairs = [("rated torque", seen.rated_torque_nm, motor.rated_torque_nm, "N m")]
-        for what, drive_value, file_value, unit in pairs:
-            if file_value and abs(drive_value / file_value - 1.0) > RATED_TOLERANCE:
-                raise UsageError(
-                    f"the drive's {what} is {drive_value:.3g} {unit}, axis.yaml says {file_value:.3g} {unit}: every torque would be "
-                    f"scaled by {drive_value / file_value:.2f}; correct motor.rated_torque_nm or the drive's motor data"
-                )
-        if seen.counts_per_rev != motor.encoder_counts_per_rev and motor.encoder_counts_per_rev:
-            self.talk.say(
-                f"The drive counts {seen.counts_per_rev} per revolution, axis.yaml {motor.encoder_counts_per_rev}; the drive's is used."
-            )
+        """Compare what the drive says of its motor with axis.yaml, see :mod:`beltcomm.session.ratings`.   Raises UsageError."""
+        for line in check_ratings(self.axis, self.drive.capabilities):
+            self.talk.say(line)
 
     def reference_at(self, position_m: float) -> None:
         """The carriage stands at ``position_m`` now, as the operator says.  Raises UsageError outside the travel."""
@@ -328,6 +333,7 @@ class Machine:
         writer.close(finished=True)
         self.folder.journal(
             f"{name}: {report.rows} samples, {report.lost_cycles} lost cycles, worst period error {1e6 * report.worst_jitter_s:.0f} us"
+            + (f", a limit of the drive was active in {report.limited_cycles} of them" if report.limited_cycles else "")
         )
         for remark in report.remarks:
             self.folder.journal(f"{name}: {remark}")
@@ -375,10 +381,3 @@ class Machine:
         self.folder.journal("wrote " + ", ".join(f"{n}={v:.6g}" for n, v in stored.items()))
         self.cascade = parameters_to_cascade({**offered, **stored})
         return self.cascade
-
-
-def stroking(capabilities: Capabilities) -> LoopKind:
-    """The loop that follows strokes with the least lag, or the drive's own strokes where it offers nothing else."""
-    if capabilities.kinds == {"profile"}:
-        return "profile"
-    return "position" if capabilities.structure.velocity_feedforward and "position" in capabilities.kinds else "velocity"

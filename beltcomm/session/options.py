@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 from beltcomm.control import PrefilterKind
 from beltcomm.design.feedforward import SentFeedforward
+from beltcomm.drive import Capabilities
 from beltcomm.errors import UsageError
 from beltcomm.excitation import ExcitationKind
 from beltcomm.identify.loop_response import CLOSED_WAYS, Way
+from beltcomm.runfolder import RunFolder
 from beltcomm.session.commission import Apply, Settings
+from beltcomm.session.hardware import Hardware
 from beltcomm.session.orders import Order
 from beltcomm.session.programme import Extent
+from beltcomm.talk import Hold
 
 
 @dataclass(frozen=True)
@@ -27,6 +31,9 @@ class Options:
     prefilter, feedforward : None is the best one; "compliant" is for ``verify``.   profile, node, bitrate, realtime : of the drive.
     order, repeat, mounted_kg : of friction sweeps (thesis 3.6), how often, and the payload that is mounted while they are driven.
     loop : way of identification.   base_speed_m_s : of the carriage in a closed one; None chooses it, 0 stands.   pictures : made of it.
+    first_motion : serial number (or what it has instead) of a drive whose first motion is confirmed beforehand; ``yes`` does not do that.
+    hold : a key that must stay held while the axis moves.   simulate_first : the plan is played on a twin before anything moves.
+    wall_clock : date and time in s, to know how much later a run goes on; the core has no clock of its own.
     sample_period_s : of records; None is the shortest that drive and bus allow.   drive : further options for the adapter, by name.
     """
 
@@ -57,6 +64,10 @@ class Options:
     bitrate: int | None = None
     realtime: bool = False
     sample_period_s: float | None = None
+    first_motion: str | None = None
+    hold: Hold | None = field(default=None, compare=False)
+    simulate_first: bool = False
+    wall_clock: Callable[[], float] | None = field(default=None, compare=False)
     drive: Mapping[str, object] = field(default_factory=dict)
 
     @property
@@ -115,3 +126,12 @@ def settings_of(options: Options) -> Settings:
         prefilter=options.prefilter,
         feedforward=feedforward,
     )
+
+
+def claim(folder: RunFolder, capabilities: Capabilities, wall_clock: Callable[[], float] | None) -> None:
+    """Note which drive a run is made on and when; one that begins anew with every command is as cold as at the first.
+
+    Raises UsageError when the run was made on another drive.
+    """
+    forgets = Hardware.of("", capabilities).forgetful
+    folder.claim_drive(capabilities.identity, wall_clock() if wall_clock is not None and not forgets else None)

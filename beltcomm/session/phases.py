@@ -5,6 +5,7 @@ Every phase predicts what its motion will do before it asks the machine to move,
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -13,6 +14,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from beltcomm.axis import Axis
 from beltcomm.axis_entries import TrajectoryLimits
 from beltcomm.drive import Capabilities
 from beltcomm.errors import Refused, SafetyStop, UsageError
@@ -29,9 +31,10 @@ from beltcomm.identify.first_estimate import data_sheet_model, first_estimate, m
 from beltcomm.linear import modes, operating_point
 from beltcomm.model import Model
 from beltcomm.recording import Recording
-from beltcomm.session import exciting, gravity, host_loss, own_strokes, stops
+from beltcomm.session import exciting, gravity, host_loss, own_strokes, scale, stops
 from beltcomm.session.creep import CLEAR_SHARE as CLEAR_SHARE
 from beltcomm.session.creep import Breakaway, creep
+from beltcomm.session.heat import Thermal
 from beltcomm.session.machine import Machine, Room, stroking
 from beltcomm.session.sequences import HARDLY, SHAPES, calmer_choice, held_choice
 from beltcomm.session.strokes import sweep_strokes
@@ -138,11 +141,17 @@ def motion_limits(machine: Machine, position_m: float) -> MotionLimits:
     return MotionLimits(
         min(space, EXCITATION_TRAVEL_M),
         min(full.speed_m_s, EXCITATION_SPEED_M_S),
-        full.torque_nm - abs(machine.holding_nm),
+        min(full.torque_nm - abs(machine.holding_nm), excitation_torque_nm(machine.axis, machine.drive.capabilities, machine.holding_nm)),
         BELT_SHARE * machine.axis.belt_force_limit_n - machine.weight_n,
         min(space, EXCITATION_TRAVEL_M) + END_MARGIN_M,
         min(position_m - low, high - position_m),
     )
+
+
+def excitation_torque_nm(axis: Axis, capabilities: Capabilities, held_nm: float) -> float:
+    """Largest amplitude of a binary excitation that a motor bears for ever beside what it holds, N m:  a² + τ_g² ≤ τ_rated²."""
+    rated = Thermal.of(axis, capabilities).rated_nm
+    return min(axis.torque_limit_nm, math.sqrt(max(rated**2 - held_nm**2, 0.0)))
 
 
 def raise_amplitude(machine: Machine, breakaway: Breakaway, masses_kg: Sequence[float] = UNKNOWN_MASSES_KG) -> Excited:
@@ -190,6 +199,7 @@ def raise_amplitude(machine: Machine, breakaway: Breakaway, masses_kg: Sequence[
             f"amplitude {step.amplitude_nm:.3f} N m ({step.binds}): mass {model['cart.mass']:.2f} kg, "
             f"stiffness {model['belt_stiffness.stiffness']:.4g} N/m"
         )
+        scale.check_scale(machine, model, scale.FIRST_FACTOR)
         stops.lend_brake(machine, model, at)
         family = around(balanced(model))
         at_most = GROWTH * step.amplitude_nm

@@ -13,13 +13,26 @@ from beltcomm.axis import Axis
 from beltcomm.drive import Capabilities
 from beltcomm.identify.amplitude import UNKNOWN_MASSES_KG
 from beltcomm.model import Model
+from beltcomm.result import plain
 from beltcomm.session import claims, creep, gain_steps, gravity, holding, own_strokes, phases, programme
-from beltcomm.session.bounds import CREEP_SECONDS, Experiment, course_before, has_room, lines_of, masses_kg, top_speed_m_s
+from beltcomm.session.bounds import (
+    CREEP_SECONDS,
+    Experiment,
+    course_before,
+    friction_before_nm,
+    has_room,
+    held_before_nm,
+    lines_of,
+    masses_kg,
+    stroking_nm,
+    top_speed_m_s,
+)
 from beltcomm.session.guard_times import guard_times_s
+from beltcomm.session.heat import HeatPlan, Thermal, heat_plan, path_rms_nm
 from beltcomm.session.programme import Extent
 from beltcomm.session.strokes import fastest_stroke_m_s
 from beltcomm.session.verification import MOVE_M
-from beltcomm.stopping import Braking, first_deceleration
+from beltcomm.stopping import Braking, first_deceleration, total_friction
 from beltcomm.trajectory import Trajectory, plan_trajectory
 from beltcomm.verify import demand
 
@@ -30,6 +43,7 @@ class Plan:
 
     budget_s : machine time that is kept, whatever the single experiments may take; what does not fit is left out.
     notes : lines after the table.   visible : what the records could show, where that was worked out.
+    thermal : of motor and drive, for the heat of the plan.
     """
 
     text: str
@@ -37,21 +51,67 @@ class Plan:
     budget_s: float = math.inf
     notes: tuple[str, ...] = ()
     visible: Mapping[str, Any] | None = None
+    thermal: Thermal | None = None
 
     @property
     def seconds(self) -> float:
         """Machine time, s."""
         return min(sum(item.seconds for item in self.experiments), self.budget_s)
 
+    @property
+    def heat(self) -> HeatPlan | None:
+        """Heat of the whole plan by its upper bounds; None where motor and drive are not known yet."""
+        return heat_plan(self.thermal, ((e.heating_nm, e.seconds) for e in self.experiments)) if self.thermal else None
+
+    def heat_fault(self) -> str:
+        """Why the motor would not bear the plan, in words; "" when it does."""
+        if self.heat is None or self.thermal is None or self.heat.fullest <= 1.0:
+            return ""
+        hottest = max(self.experiments, key=lambda e: e.heating_nm**2 * e.seconds)
+        return (
+            f"the motor would be overloaded: {hottest.title} takes up to {hottest.heating_nm:.3g} N m (rms) for {hottest.seconds:.0f} s, "
+            f"rated are {self.thermal.rated_nm:.3g} N m, and {self.thermal.peak_nm:.3g} N m for {self.thermal.overload_s:g} s "
+            f"({self.thermal.source}); check torque and feed force in axis.yaml, or choose slower motions"
+        )
+
+    def heat_lines(self) -> list[str]:
+        """The thermal share of the plan, with what it assumes."""
+        heat, thermal = self.heat, self.thermal
+        if heat is None or thermal is None:
+            return []
+        pauses = sum(heat.pauses_s)
+        lines = [
+            f"thermal share {100.0 * heat.continuous:.0f} % of continuous, up to {100.0 * heat.hottest:.0f} % in one experiment: "
+            f"(rms torque / rated torque of {thermal.rated_nm:.3g} N m)², by the upper bounds of this table; overload of "
+            f"{thermal.peak_nm:.3g} N m for {thermal.overload_s:g} s ({thermal.source}), up to {100.0 * heat.fullest:.0f} % of it used"
+        ]
+        return lines + (
+            [f"the motor rests for up to {pauses:.0f} s in all between the experiments, so that it cools"] if pauses >= 1.0 else []
+        )
+
+    def heat_dict(self) -> dict[str, Any]:
+        """For ``--json``; empty where it is not known."""
+        return {"heat": plain(self.heat), "thermal": plain(self.thermal)} if self.heat else {}
+
+    def summary(self) -> str:
+        """The plan in one line, for the journal."""
+        most = {name: max(getattr(e, name) for e in self.experiments) for name in ("reach_m", "speed_m_s", "torque_nm", "belt_force_n")}
+        share = f", thermal share {100.0 * self.heat.continuous:.0f} % of continuous" if self.heat else ""
+        return (
+            f"{len(self.experiments)} experiments in up to {self.seconds:.0f} s, with stops up to {1e3 * most['reach_m']:.0f} mm, "
+            f"{most['speed_m_s']:.3g} m/s, {most['torque_nm']:.3g} N m, {most['belt_force_n']:.0f} N{share}"
+        )
+
     def lines(self) -> list[str]:
         """The plan as a table in plain text."""
         head = f"{'experiment':40} {'travel':>9} {'with stop':>9} {'speed':>10} {'torque':>9} {'belt':>7} {'time':>6}"
         rows = [
             f"{e.title:40} {1e3 * e.travel_m:6.0f} mm {1e3 * e.reach_m:6.0f} mm {e.speed_m_s:6.2f} m/s {e.torque_nm:5.2f} N m "
-            f"{e.belt_force_n:5.0f} N {e.seconds:4.0f} s"
+            f"{e.belt_force_n:5.0f} N {e.seconds:4.0f} s" + (f" {100.0 * self.thermal.share(e.heating_nm):5.0f} %" if self.thermal else "")
             for e in self.experiments
         ]
-        return [self.text, "", head, *rows, f"{'on the machine, at most':40} {self.seconds:57.0f} s", *self.notes]
+        head += f" {'heat':>7}" if self.thermal else ""
+        return [self.text, "", head, *rows, f"{'on the machine, at most':40} {self.seconds:57.0f} s", *self.heat_lines(), *self.notes]
 
 
 def identify_plan(axis: Axis, capabilities: Capabilities, window_m: tuple[float, float] | None = None) -> Plan:
@@ -84,7 +144,9 @@ def commission_plan(axis: Axis, capabilities: Capabilities, extent: Extent = "st
         possible = [i.step for i in programme.BY_EXTENT[extent] if i.rank == 0 or has_room(i.step, course)]
         steps = lines_of(axis, capabilities, possible)
     force = axis.belt_force_limit_n
-    move = Experiment("move that verifies the result", min(whole, MOVE_M), whole, moved, torque, force, 3.0 + MOVE_SECONDS)
+    moving = _move_seconds(axis, capabilities) / (3.0 + MOVE_SECONDS)
+    heating = math.sqrt(moving * stroking_nm(axis, 1.0) ** 2 + stroking_nm(axis, 0.0) ** 2)  # at rest friction may stay wound up
+    move = Experiment("move that verifies the result", min(whole, MOVE_M), whole, moved, torque, force, 3.0 + MOVE_SECONDS, heating)
     budget = programme.BUDGET_S[extent] + (HOLDING_SECONDS if axis.mounting.tilted else 0.0)
     fits = f"What does not fit into {budget:.0f} s when the carriage is weighed is left out and named. " if extent != "quick" else ""
     return Plan(
@@ -103,7 +165,8 @@ def with_homing(plan: Plan, axis: Axis, capabilities: Capabilities) -> Plan:
     whole = float(axis.travel.max_m or 0.0) - float(axis.travel.min_m or 0.0)
     torque = min(axis.motor.peak_torque_nm or math.inf, capabilities.peak_torque_nm)
     speed = top_speed_m_s(axis, capabilities)
-    first = Experiment("homing, until the zero is found", whole, whole, speed, torque, axis.belt_force_limit_n, HOMING_SECONDS)
+    rms = stroking_nm(axis)
+    first = Experiment("homing, until the zero is found", whole, whole, speed, torque, axis.belt_force_limit_n, HOMING_SECONDS, rms)
     text = "First the drive searches its zero, along the whole axis if need be, and the carriage creeps off the end where it was found. "
     return replace(plan, text=text + plan.text, experiments=(first, *plan.experiments), budget_s=plan.budget_s + HOMING_SECONDS)
 
@@ -122,7 +185,7 @@ def _sweep(axis: Axis, capabilities: Capabilities, seconds: float) -> Experiment
     whole = float(axis.travel.max_m or 0.0) - float(axis.travel.min_m or 0.0)
     torque = min(axis.motor.peak_torque_nm or math.inf, capabilities.peak_torque_nm)
     travel, speed = (1.0 - 2.0 * phases.stroke_share(capabilities)) * whole, _sweep_speed_m_s(axis, capabilities)
-    return Experiment("constant-speed sweep", travel, whole, speed, torque, gentle_force_n(axis), seconds)
+    return Experiment("constant-speed sweep", travel, whole, speed, torque, gentle_force_n(axis), seconds, stroking_nm(axis))
 
 
 def gentle_force_n(axis: Axis) -> float:
@@ -132,12 +195,20 @@ def gentle_force_n(axis: Axis) -> float:
 
 
 def move_plan(
-    axis: Axis, travel_m: float, reach_m: float, speed_m_s: float, torque_nm: float, force_n: float, seconds: float, what: str
+    axis: Axis,
+    travel_m: float,
+    reach_m: float,
+    speed_m_s: float,
+    torque_nm: float,
+    force_n: float,
+    seconds: float,
+    what: str,
+    rms_nm: float | None = None,
 ) -> Plan:
     """One move."""
     return Plan(
         f"The carriage of {axis.name or 'the axis'} will {what}. Ctrl-C stops it at any time.",
-        (Experiment("move", travel_m, reach_m, speed_m_s, torque_nm, force_n, seconds),),
+        (Experiment("move", travel_m, reach_m, speed_m_s, torque_nm, force_n, seconds, rms_nm),),
     )
 
 
@@ -152,7 +223,12 @@ def verification_plan(axis: Axis, model: Model, path: Trajectory, braking: Braki
         f"{f', {times} times' if times > 1 else ''}; "
         f"a stop at its top speed takes {1e3 * braking.way_m(asked.speed_m_s):.0f} mm with {braking.deceleration_m_s2:.3g} m/s²"
     )
-    return move_plan(axis, travel, highest - lowest, asked.speed_m_s, asked.torque_nm, asked.feed_force_n, seconds, what)
+    held = held_before_nm(axis)
+    ratio, friction = axis.transmission_m_rad, max(total_friction(model), friction_before_nm(axis))
+    rms = path_rms_nm(path, model["motor.inertia"], ratio, model["cart.mass"], friction, held)
+    at_rest = 1.0 - times * path.duration_s / seconds
+    rms = math.sqrt((1.0 - at_rest) * rms**2 + at_rest * (friction + held) ** 2)
+    return move_plan(axis, travel, highest - lowest, asked.speed_m_s, asked.torque_nm, asked.feed_force_n, seconds, what, rms)
 
 
 def _sweep_speed_m_s(axis: Axis, capabilities: Capabilities) -> float:
@@ -161,6 +237,15 @@ def _sweep_speed_m_s(axis: Axis, capabilities: Capabilities) -> float:
     lightest = axis.belt_force_limit_n / 3.0 / max(UNKNOWN_MASSES_KG[0], axis.payload.mass_kg or 0.0)
     acceleration = min(axis.limits.acceleration_m_s2 or math.inf, lightest)
     return fastest_stroke_m_s(phases.SPEED_SHARE * top_speed_m_s(axis, capabilities), acceleration, whole)
+
+
+def _move_seconds(axis: Axis, capabilities: Capabilities) -> float:
+    """How long the standard move takes at least, s: a longer one takes less torque by more than it takes longer."""
+    limits = axis.trajectories.get("T_A")
+    whole = float(axis.travel.max_m or 0.0) - float(axis.travel.min_m or 0.0)
+    if limits is None or whole <= 0.0:
+        return MOVE_SECONDS
+    return min(MOVE_SECONDS, plan_trajectory(0.0, min(whole, MOVE_M), limits, capabilities.sample_period_s).duration_s)
 
 
 def _move_speed_m_s(axis: Axis, capabilities: Capabilities) -> float:
@@ -225,6 +310,8 @@ def _here(axis: Axis, capabilities: Capabilities, window_m: tuple[float, float] 
     shaken = min(phases.EXCITATION_SPEED_M_S, top)
     travel = min(phases.EXCITATION_TRAVEL_M, widest)
     reach = min(phases.EXCITATION_TRAVEL_M + phases.END_MARGIN_M, widest)
+    held, slow = held_before_nm(axis), stroking_nm(axis, 0.0)
+    binary = math.hypot(phases.excitation_torque_nm(axis, capabilities, held), held)
     return (
         Experiment(
             "sign and breakaway",
@@ -234,9 +321,10 @@ def _here(axis: Axis, capabilities: Capabilities, window_m: tuple[float, float] 
             rising,
             min(rising / ratio, force),
             HOLDING_CREEP_SECONDS if tilted else CREEP_SECONDS,
+            rising / math.sqrt(3.0) + held,  # rms of a ramp
         ),
         *gain_steps.line(axis, capabilities),
-        Experiment("excitation, rising in steps", travel, reach, shaken, torque, shaking, 3 * STEP_SECONDS),
-        *([Experiment("holding torque, in slow creep", 5e-3, reach, 0.02, torque, force, HOLDING_STROKES_SECONDS)] if tilted else []),
-        Experiment("frequency response here", travel, reach, shaken, torque, shaking, RESPONSE_SECONDS),
+        Experiment("excitation, rising in steps", travel, reach, shaken, torque, shaking, 3 * STEP_SECONDS, binary),
+        *([Experiment("holding torque, in slow creep", 5e-3, reach, 0.02, torque, force, HOLDING_STROKES_SECONDS, slow)] if tilted else []),
+        Experiment("frequency response here", travel, reach, shaken, torque, shaking, RESPONSE_SECONDS, binary),
     )

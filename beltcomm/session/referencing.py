@@ -25,8 +25,9 @@ def reference(machine: Machine, settings: Settings, *, needed: bool = True) -> t
 
     Nothing moves.
     needed : False when a record at the present place will do, inside a window that the operator states or confirms.
-    Raises Refused without any, UsageError for a window that cannot be.
+    Raises Refused without any, UsageError for a window that cannot be, or for a drive that contradicts axis.yaml.
     """
+    machine.check_scaling()
     window = settings.window_m
     if settings.home:
         gravity.not_on_tilted(

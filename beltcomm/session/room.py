@@ -1,10 +1,10 @@
-"""What a phase of a session may use of the axis."""
+"""What a phase may use of the axis, and which loop of the drive follows strokes."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from beltcomm.drive import GUARD_S
+from beltcomm.drive import GUARD_S, Capabilities, LoopKind
 
 
 @dataclass(frozen=True)
@@ -20,3 +20,10 @@ class Room:
     torque_nm: float
     lag_m: float | None = None
     guard_s: float = GUARD_S
+
+
+def stroking(capabilities: Capabilities) -> LoopKind:
+    """The loop that follows strokes with the least lag, or the drive's own strokes where it offers nothing else."""
+    if capabilities.kinds == {"profile"}:
+        return "profile"
+    return "position" if capabilities.structure.velocity_feedforward and "position" in capabilities.kinds else "velocity"

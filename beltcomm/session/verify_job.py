@@ -8,14 +8,14 @@ from pathlib import Path
 
 from beltcomm.axis import Axis
 from beltcomm.control import Cascade
-from beltcomm.design.feedforward import FeedforwardKind, SentFeedforward
+from beltcomm.design.feedforward import FeedforwardKind
 from beltcomm.drive import Drive, simulated
 from beltcomm.errors import Refused
 from beltcomm.result import Result
 from beltcomm.runfolder import RunFolder
 from beltcomm.session import analyse, offline, referencing, stops, verification, words
-from beltcomm.session.commission import Settings
 from beltcomm.session.machine import Machine
+from beltcomm.session.options import Options, claim, settings_of
 from beltcomm.session.plan import Plan, verification_plan
 from beltcomm.session.proof import next_step, proof
 from beltcomm.session.proving import Sending, verify_move
@@ -59,13 +59,12 @@ def verify_with(
     drive: Drive,
     name: str,
     run: Path,
-    settings: Settings,
+    options: Options,
     agree: Callable[[Plan, Machine], None],
     talk: Talk,
     *,
     move: Path | None = None,
     trajectory: str | None = None,
-    feedforward: SentFeedforward | None = None,
     rungs: bool = False,
     over_belt: bool = False,
     planned: Callable[[Plan, Axis], Result] | None = None,
@@ -73,16 +72,17 @@ def verify_with(
     """Drive a move with the run's design and compare its error with the prediction.   Exit code 1 when a target is missed.
 
     name : of the drive, for what to do next.   agree : shows what will move and raises Refused for a no.   move, trajectory : a file, or
-    limits named in axis.yaml.   feedforward : in place of the design's, for this move only.   rungs : the move once for each of ``RUNGS``.
+    limits named in axis.yaml.   ``options.feedforward`` replaces the design's for this move only.   rungs : the move once for each of
+    ``RUNGS``.
     over_belt : a virtual belt may carry more than its feed force, as T_B of the design source asks for.
     planned : makes the result of a plan that is only shown.
     """
     if over_belt and not simulated(name):
         raise Refused("more than the feed force is for virtual belts only; slow the move down, or state another belt in axis.yaml")
-    folder = RunFolder.open(run)
+    folder, feedforward = RunFolder.open(run), options.feedforward
     saved = folder.load("designs", "final")
     model = offline.trusted(folder, str(saved.get("revision") or ""))[0]
-    folder.claim_drive(drive.capabilities.identity)
+    claim(folder, drive.capabilities, options.wall_clock)
     structure = drive.capabilities.structure
     leads = rungs or feedforward == "compliant"
     if leads and not (structure.torque_feedforward and structure.velocity_feedforward):
@@ -98,7 +98,7 @@ def verify_with(
     driven: list[tuple[str, Verdict, Demand]] = []
     with Machine(drive, folder.axis, folder, talk) as machine:
         machine.over_belt = over_belt
-        referencing.reference(machine, settings)
+        referencing.reference(machine, settings_of(replace(options, feedforward=None)))
         braking = stops.count_on_loop(machine, [model], cascade, delay_s)
         path, remark = verification.move_asked_for(machine, model, move, trajectory)
         verification.refuse_broken(machine, model, path)

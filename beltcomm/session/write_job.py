@@ -19,7 +19,7 @@ from beltcomm.runfolder import RunFolder
 from beltcomm.session import backups, gains, offline, phases, referencing, stops, verification, words
 from beltcomm.session.calibration import recall
 from beltcomm.session.machine import Machine
-from beltcomm.session.options import Options, settings_of
+from beltcomm.session.options import Options, claim, settings_of
 from beltcomm.session.plan import Plan, verification_plan
 from beltcomm.session.proof import admit
 from beltcomm.session.proving import verify_move
@@ -52,7 +52,7 @@ def apply_to(
 
     Raises Refused, UsageError, DataError, ObjectLocked, DriveError; a drive whose move fails has its values from before again.
     """
-    folder.claim_drive(drive.capabilities.identity)
+    claim(folder, drive.capabilities, options.wall_clock)
     recall(drive, folder)
     remarks: list[str] = []
     if dcf is None:
@@ -74,7 +74,7 @@ def apply_to(
 def roll_back(drive: Drive, name: str, folder: RunFolder, which: str | None, options: Options, talk: Talk) -> Result:
     """A backup into its drive.   which : its name or path; None is the one from before the run.   Nothing moves."""
     backup = backups.chosen(folder, which)
-    folder.claim_drive(drive.capabilities.identity)
+    claim(folder, drive.capabilities, options.wall_clock)
     backups.same_drive(backup, drive)
     recall(drive, folder)
     found = gains.differences(drive, backups.wanted_of(backup, drive))

@@ -9,7 +9,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -67,6 +67,10 @@ class Options:
     bitrate: int | None = None
     realtime: bool = False
     sample_period_s: float | None = None
+    first_motion: str | None = None
+    hold: object = field(default=None, compare=False)
+    simulate_first: bool = False
+    wall_clock: object = field(default=None, compare=False)
 
 
 class StandIn(ModuleType):

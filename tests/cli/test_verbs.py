@@ -46,7 +46,7 @@ def test_init_without_questions_understands_data_sheet_units(tmp_path: Path) -> 
 def test_init_by_questions_asks_again_after_a_wrong_answer(tmp_path: Path) -> None:
     path = tmp_path / "axis.yaml"
     # name, no belt, motor: type, inertia (wrong unit, impossible, right), constant ..., then nothing more is known
-    answers = ["spindle", "no", "EMMS", "3 mm", "-1", "0.449 kg cm2", "0.65", *[""] * 5, "0", "600 mm", *[""] * 10]
+    answers = ["spindle", "no", "EMMS", "3 mm", "-1", "0.449 kg cm2", "0.65", *[""] * 7, "0", "600 mm", *[""] * 10]
     outcome = call("init", str(path), answer="\n".join(answers) + "\n")
     assert outcome.exit_code == 0, outcome.stderr
     axis = load_axis(path)

@@ -1,0 +1,111 @@
+"""``--hold-to-run``: the axis moves only while the space bar is held, or while a script goes on writing to a file descriptor."""
+
+from __future__ import annotations
+
+import os
+import select
+import sys
+import time
+from collections.abc import Callable
+from typing import Any
+
+import click
+
+from beltcomm.errors import UsageError
+
+#: s: without a sign of the key for so long it counts as released.
+RELEASED_S = 0.5
+#: Signs in a row, none later than that after the one before, from which on it counts as held: a key that repeats, not one that was hit.
+REPEATS = 3
+KEY = b" "
+
+
+class HeldKey:
+    """A key that repeats while it is held, or any byte from a script.
+
+    fd : where its signs come from.   key : the byte that counts, None for any.   clock : s.   say : tells the person what to do.
+    """
+
+    def __init__(self, fd: int, key: bytes | None, say: Callable[[str], None], clock: Callable[[], float] = time.monotonic) -> None:
+        self._fd, self._key, self._say, self._clock = fd, key, say, clock
+        self._last_s = -1.0
+        self._settings: list[Any] | None = None
+        self._told = False
+
+    def begin(self) -> bool:
+        """See :class:`beltcomm.talk.Hold`; what was typed before does not count."""
+        self._without_lines()
+        if not self._told:
+            self._say(
+                "Hold the space bar as long as the axis may move; letting go stops it." if self._key else "Waiting for signs of life."
+            )
+            self._told = True
+        signs, last = 0, self._clock()
+        while signs < REPEATS:
+            ready = self._look(RELEASED_S)
+            if ready is None:
+                self.end()
+                return False
+            now = self._clock()
+            in_time = now - last <= RELEASED_S
+            if ready:
+                signs, last = signs + 1 if in_time else 1, now
+            elif not in_time:
+                signs = 0
+        self._last_s = last
+        return True
+
+    def held(self) -> bool:
+        """See :class:`beltcomm.talk.Hold`."""
+        now = self._clock()
+        if self._look(0.0):
+            self._last_s = now
+        return now - self._last_s <= RELEASED_S
+
+    def end(self) -> None:
+        """Give the terminal its lines back; what was typed meanwhile answers no question."""
+        if self._settings is not None:
+            import termios
+
+            termios.tcsetattr(self._fd, termios.TCSAFLUSH, self._settings)
+            self._settings = None
+
+    def _without_lines(self) -> None:
+        """Keys one by one and unseen; Ctrl-C stays what it is."""
+        if self._key is None or not os.isatty(self._fd) or self._settings is not None:
+            return
+        import termios
+
+        self._settings = termios.tcgetattr(self._fd)
+        changed = termios.tcgetattr(self._fd)
+        changed[3] &= ~(termios.ICANON | termios.ECHO)
+        termios.tcsetattr(self._fd, termios.TCSAFLUSH, changed)
+
+    def _look(self, wait_s: float) -> bool | None:
+        """Whether the key gave a sign within this time; None when nothing will ever come."""
+        if not select.select([self._fd], [], [], wait_s)[0]:
+            return False
+        found = os.read(self._fd, 4096)
+        if not found:
+            return None
+        return self._key is None or self._key in found
+
+
+def option(_ctx: click.Context, _param: click.Parameter, value: str | None) -> HeldKey | None:
+    """The key behind ``--hold-to-run``: the terminal's, or a file descriptor.   Raises UsageError where there is neither."""
+    if value is None:
+        return None
+
+    def say(text: str) -> None:
+        click.echo(text, err=True)
+
+    if value == "key":
+        if not sys.stdin.isatty():
+            raise UsageError("--hold-to-run needs a terminal whose space bar is held; a script writes to a pipe: --hold-to-run=FD")
+        return HeldKey(sys.stdin.fileno(), KEY, say)
+    try:
+        fd = int(value)
+        os.fstat(fd)
+    except (ValueError, OSError):
+        raise UsageError(f"--hold-to-run={value}: that is no open file descriptor; give its number, or nothing for the space bar") from None
+    return HeldKey(fd, None, say)

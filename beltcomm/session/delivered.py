@@ -1,0 +1,140 @@
+"""The excitation that the drive delivered against the one it was asked for: clipped, slowed down, inverted, scaled, or with gaps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltcomm.errors import DriveError, Refused
+from beltcomm.recording import Recording
+
+Array = NDArray[np.float64]
+
+#: Samples by which a drive's torque may lag its setpoint.
+MOST_LAG = 8
+#: A delivered share outside these is said; outside the wider ones the record shows something else than was asked for.
+SOUND, USABLE = (0.9, 1.1), (0.5, 2.0)
+#: Correlation below which torque has nothing to do with its setpoint.
+RELATED = 0.5
+#: Share of a setpoint's step that a sound torque goes within one sample (half of it where the delay is no whole sample).
+AT_ONCE = 0.4
+#: Share of lost samples that is said.
+LOST = 0.02
+#: Share of the largest setpoint from where on it counts as large; switches without which no step is looked at.
+LARGE, FEWEST_SWITCHES = 0.9, 8
+
+
+@dataclass(frozen=True)
+class Delivered:
+    """share : of the torque asked for, least squares at the best lag.   correlation : there, with sign.   lag : samples.
+
+    largest_asked_nm, largest_nm : mean torque where the setpoint is largest.   step_share : largest part of a switch that one sample
+    brings, NaN where nothing switches.   slope_nm_s : the rate that this is.   lost : share of samples.
+    """
+
+    share: float
+    correlation: float
+    lag: int
+    largest_asked_nm: float
+    largest_nm: float
+    step_share: float
+    slope_nm_s: float
+    lost: float
+
+    @property
+    def sound(self) -> bool:
+        """Whether nothing is to be said."""
+        return SOUND[0] <= self.share <= SOUND[1] and self.correlation >= RELATED and self.lost <= LOST
+
+    def words(self) -> str:
+        """What was delivered and what probably limits it."""
+        parts = []
+        if self.correlation <= -RELATED:
+            parts.append(
+                f"the drive delivered {100.0 * self.share:.0f} % of the torque asked for: with the wrong sign; look at its polarity (607Eh)"
+            )
+        elif self.correlation < RELATED:
+            parts.append(
+                f"the torque has little to do with what was asked for (correlation {self.correlation:.2f}): is another mode or another "
+                "master at work in the drive?"
+            )
+        elif not SOUND[0] <= self.share <= SOUND[1]:
+            parts.append(f"the drive delivered {100.0 * self.share:.0f} % of the torque asked for: {self._limit()}")
+        if self.lost > LOST:
+            parts.append(f"{100.0 * self.lost:.1f} % of its samples are missing: look at cabling and bus load")
+        return "; ".join(parts)
+
+    def _limit(self) -> str:
+        """What probably makes the difference."""
+        if self.step_share < AT_ONCE:
+            return (
+                f"limited by its rate, {self.slope_nm_s:.3g} N m/s; a switch takes {1.0 / self.step_share:.0f} samples. Raise the torque "
+                "slope (6087h) or look for a filter of the torque setpoint"
+            )
+        reached = f"{self.largest_nm:.3g} of {self.largest_asked_nm:.3g} N m where it was largest"
+        if self.share > 1.0:
+            return f"{reached}; the scale of its torque is in doubt (6076h, or thousandths of another value than the rated torque)"
+        return (
+            f"{reached}; limited by a bound in the drive (6072h, 6073h, I²t), or scaled (6076h, or thousandths of another value than the "
+            "rated torque)"
+        )
+
+
+def delivered(recording: Recording) -> Delivered | None:
+    """What of an open-loop record's setpoint its torque shows; None for a record without one, or with a constant one."""
+    asked = recording.torque_setpoint
+    if asked is None or not np.all(np.isfinite(asked)) or np.ptp(asked) <= 0.0:
+        return None
+    torque = recording.torque
+    _, lag = max((abs(_related(asked, torque, lag)[0]), -lag) for lag in range(MOST_LAG + 1))
+    lag = -lag
+    correlation, share = _related(asked, torque, lag)
+    before, after = asked[: len(asked) - lag] - np.mean(asked), torque[lag:] - np.mean(torque)
+    large = np.abs(before) >= LARGE * np.max(np.abs(before))
+    level = float(np.mean(np.abs(before[large])))
+    reached = float(abs(np.mean(after[large] * np.sign(before[large]))))
+    step, slope = _steps(recording, asked, torque)
+    period = recording.sample_period_s
+    samples = 1 + round(float(recording.t_s[-1] - recording.t_s[0]) / period)
+    return Delivered(share, correlation, lag, level, reached, step, slope, max(0.0, 1.0 - len(recording.t_s) / samples))
+
+
+def _related(asked: Array, torque: Array, lag: int) -> tuple[float, float]:
+    """Correlation and slope of the torque on the setpoint so many samples before."""
+    u, y = asked[: len(asked) - lag], torque[lag:]
+    u, y = u - u.mean(), y - y.mean()
+    power = float(u @ u), float(y @ y)
+    if min(power) <= 0.0:
+        return 0.0, 0.0
+    return float(u @ y) / float(np.sqrt(power[0] * power[1])), float(u @ y) / power[0]
+
+
+def _steps(recording: Recording, asked: Array, torque: Array) -> tuple[float, float]:
+    """Largest share of a switch that one sample brings, by the mean over all switches, and the rate that this is, N m/s."""
+    jumps = np.diff(asked)
+    size = 0.5 * float(np.ptp(asked))
+    at = [int(k) for k in np.flatnonzero(np.abs(jumps) >= size) if k + 1 + 2 * MOST_LAG < len(torque)]
+    if len(at) < FEWEST_SWITCHES:
+        return float("nan"), float("nan")
+    ways = np.array([np.sign(jumps[k]) * np.diff(torque[k : k + 2 * MOST_LAG]) for k in at])
+    mean = float(np.mean([abs(jumps[k]) for k in at]))
+    fastest = float(np.max(np.mean(ways, axis=0)))
+    return max(fastest / mean, 1e-3), fastest / recording.sample_period_s
+
+
+def check(recording: Recording) -> str:
+    """What is to be said of an excitation that was delivered otherwise than asked for; "" when nothing is.
+
+    Raises DriveError for a torque with the wrong sign, Refused for one that shows something else than was asked for.
+    """
+    found = delivered(recording)
+    if found is None or found.sound:
+        return ""
+    words = f"{recording.name}: {found.words()}"
+    if found.correlation <= -RELATED:
+        raise DriveError(words)
+    if found.correlation < RELATED or not USABLE[0] <= found.share <= USABLE[1]:
+        raise Refused(f"{words}; the record is not used")
+    return words

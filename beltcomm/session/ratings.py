@@ -1,0 +1,100 @@
+"""What the drive says of its motor against axis.yaml, before anything moves: identified masses and every limit rest on it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from beltcomm.axis import Axis
+from beltcomm.drive import Capabilities
+from beltcomm.errors import UsageError
+
+#: Rated values of the drive may differ by this share from axis.yaml: rounding of data sheets.
+RATED_TOLERANCE = 0.05
+
+
+@dataclass(frozen=True)
+class Rating:
+    """One value that drive and axis.yaml both tell.   what : in words.   remedy : what to do.   most : only more is wrong in the drive."""
+
+    what: str
+    drive: float
+    file: float | None
+    unit: str
+    remedy: str
+    most: bool = False
+
+    @property
+    def share(self) -> float:
+        """Drive over file; 1 where the file does not tell."""
+        return self.drive / self.file if self.file else 1.0
+
+    @property
+    def wrong(self) -> bool:
+        """Whether they differ by more than rounding."""
+        return self.share > 1.0 + RATED_TOLERANCE or (not self.most and self.share < 1.0 - RATED_TOLERANCE)
+
+    def words(self) -> str:
+        """Both values, and what to do."""
+        told = f"the drive's {self.what} is {self.drive:.3g} {self.unit}, axis.yaml says {self.file or math.nan:.3g} {self.unit}"
+        return f"{told}: {self.remedy}"
+
+
+def ratings(axis: Axis, capabilities: Capabilities) -> tuple[Rating, ...]:
+    """What can be compared; a limit may be set lower in a drive than the motor bears, not higher."""
+    motor = axis.motor
+    share = capabilities.rated_torque_nm / motor.rated_torque_nm if motor.rated_torque_nm else 1.0
+    current = motor.rated_torque_nm / motor.torque_constant_nm_a if motor.rated_torque_nm and motor.torque_constant_nm_a else None
+    counts = motor.encoder_counts_per_rev
+    return (
+        Rating(
+            "rated torque",
+            capabilities.rated_torque_nm,
+            motor.rated_torque_nm,
+            "N m",
+            f"every torque would be scaled by {share:.2f}; correct motor.rated_torque_nm or the drive's motor data (6076h)",
+        ),
+        Rating(
+            "rated current",
+            capabilities.rated_current_a,
+            current,
+            "A rms",
+            "by motor.rated_torque_nm over motor.torque_constant_nm_a; every current, torque and I²t limit would be scaled by that. "
+            "Correct the motor data of the drive (6075h) or of axis.yaml",
+        ),
+        Rating(
+            "largest torque",
+            capabilities.peak_torque_nm,
+            motor.peak_torque_nm,
+            "N m",
+            "a loop that rings would give the motor more than it bears; lower 6072h or 6073h in the drive, or correct motor.peak_torque_nm",
+            most=True,
+        ),
+        Rating(
+            "largest speed",
+            capabilities.max_speed_rad_s,
+            motor.max_speed_rad_s,
+            "rad/s",
+            "a motor that runs away would be stopped too late; lower 6080h in the drive, or correct motor.max_speed_rad_s",
+            most=True,
+        ),
+        Rating(
+            "encoder resolution",
+            capabilities.counts_per_rev,
+            counts,
+            "counts/rev",
+            "every way would be scaled by that; correct motor.encoder_counts_per_rev, to what the drive counts in, or the drive's encoder",
+        ),
+    )
+
+
+def check_ratings(axis: Axis, capabilities: Capabilities) -> list[str]:
+    """Raise UsageError for values that differ by more than ``RATED_TOLERANCE``, with all of them; returns smaller differences in words."""
+    found = ratings(axis, capabilities)
+    wrong = [rating.words() for rating in found if rating.wrong]
+    if wrong:
+        raise UsageError("; ".join(wrong))
+    counts = axis.motor.encoder_counts_per_rev
+    if counts and counts != capabilities.counts_per_rev:
+        return [f"The drive counts {capabilities.counts_per_rev} per revolution, axis.yaml says {counts}; the drive's number is used."]
+    return []

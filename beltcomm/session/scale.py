@@ -1,0 +1,108 @@
+"""Are ways and torques what the drive and axis.yaml say?  What the first second of excitation tells of it, and a ruler tells the rest.
+
+Torque over acceleration of the motor is its inertia, which data sheets know well.  Wrong by a factor k it shows that torques (6076h) or
+angles (608Fh, 6092h, 6093h) are wrong by k; which of the two it does not show.  A feed constant that is wrong in axis.yaml by k leaves
+torques and angles as they are: mass and belt stiffness are then wrong by 1/k², and only the stiffness has a data sheet.  Which way is
+plus, and how far one turn leads, no sensor of the motor knows: that takes a ruler.
+"""
+
+from __future__ import annotations
+
+import math
+
+from beltcomm.axis import Axis
+from beltcomm.errors import Refused, UsageError
+from beltcomm.model import Model
+from beltcomm.result import Result
+from beltcomm.session.machine import Machine
+
+#: The inertia may differ from the data sheets' by this factor in a first estimate from a second of excitation, and in a fit.
+FIRST_FACTOR, FITTED_FACTOR = 1.6, 1.35
+#: The belt's stiffness as a share of its data sheet's, between which the feed constant is not suspected: real ones show 0.5 to 1.
+SOFTEST, STIFFEST = 0.3, 2.0
+#: m: a ruler is read to this; share of a way that may be missing beside that; the shortest way that is worth it.
+RULER_M, RULER_SHARE, SHORTEST_M = 1e-3, 0.01, 0.02
+STIFFNESS = "belt_stiffness.stiffness"
+
+
+def check_scale(machine: Machine, model: Model, factor: float) -> None:
+    """Compare the inertia that torque and acceleration show with the data sheets, before anything faster.
+
+    factor : by which they may differ.   Raises Refused with both values and what to look at.
+    """
+    stated, found = machine.axis.motor_side_inertia_kg_m2, model["motor.inertia"]
+    share = found / stated
+    machine.folder.journal(
+        f"scale: torque over acceleration shows {found:.3g} kg m² at the motor, axis.yaml {stated:.3g}, {share:.2f} times that"
+    )
+    if 1.0 / factor <= share <= factor:
+        return
+    times = f"{max(share, 1.0 / share):.2g} times {'more' if share > 1.0 else 'less'}"
+    raise Refused(
+        f"torque over acceleration of the motor shows an inertia of {found:.3g} kg m², by axis.yaml it is {stated:.3g} kg m²: {times}, and "
+        "nothing faster is tried. Either the drive's torque is scaled wrongly (6076h; thousandths of something else than rated torque), "
+        "or its angle (encoder resolution 608Fh, gear 6091h, feed 6092h, position factor 6093h), or motor, coupling and pulley inertia in "
+        "axis.yaml are wrong. Turn the motor once by hand and watch its position, or measure a creep with a ruler: beltcomm move --by 50mm"
+    )
+
+
+def check_fitted(machine: Machine, model: Model) -> None:
+    """The same with the model of a frequency response, before a loop is closed; a feed constant in doubt is a remark.   Raises Refused."""
+    check_scale(machine, model, FITTED_FACTOR)
+    doubt = feed_constant_in_doubt(machine.axis, model, machine.place_m(machine.position_m))
+    if doubt:
+        machine.remark(doubt)
+
+
+def feed_constant_in_doubt(axis: Axis, model: Model, position_m: float | None) -> str:
+    """In words, that the belt is so much softer or stiffer than its data sheet that the feed constant may be wrong; "" when it is not.
+
+    position_m : of the carriage; None where nobody knows it, and then nothing is said.
+    """
+    if position_m is None or STIFFNESS not in model.parameters:
+        return ""
+    share = model[STIFFNESS] / axis.belt_stiffness_n_m(position_m)
+    if SOFTEST <= share <= STIFFEST:
+        return ""
+    now = axis.transmission_m_rad
+    times = f"{max(share, 1.0 / share):.2g} times {'stiffer' if share > 1.0 else 'softer'}"
+    return (
+        f"the belt is {times} than its data sheet says. A feed constant that is wrong in axis.yaml looks like this: with "
+        f"{1e3 * math.tau * now * math.sqrt(share):.3g} mm per turn of the motor instead of {1e3 * math.tau * now:.3g} mm it would fit. "
+        "A loose belt does too: measure a creep with a ruler, beltcomm move --by 50mm"
+    )
+
+
+def ruler(axis: Axis, crept_m: float, measured_m: float) -> Result:
+    """What a ruler says of the feed constant.   crept_m : by the encoder, signed.   measured_m : by the ruler, negative for the other way.
+
+    Exit code 1 when they differ by more than the ruler's reading.   Raises UsageError for a way too short to tell.
+    """
+    axis.require("the feed constant", "pulley.effective_radius_m")
+    if abs(crept_m) < SHORTEST_M:
+        raise UsageError(f"{1e3 * crept_m:g} mm are too short for a ruler; creep {1e3 * SHORTEST_M:.0f} mm or more")
+    share = measured_m / crept_m
+    error = RULER_M / abs(crept_m)
+    radius = float(axis.get("pulley.effective_radius_m"))
+    data = {"crept_m": crept_m, "measured_m": measured_m, "share": share, "error": error, "effective_radius_m": radius * abs(share)}
+    told = f"By the encoder the carriage crept {1e3 * crept_m:+.2f} mm, by the ruler {1e3 * measured_m:+.2f} ± {1e3 * RULER_M:g} mm"
+    if share < 0.0:
+        text = [f"{told}: the other way. Plus of the drive is not plus of axis.yaml: turn the drive's polarity (607Eh), both bits."]
+    elif abs(share - 1.0) <= error + RULER_SHARE:
+        return Result(data, [f"{told}: the feed constant of axis.yaml is right, within {100.0 * (error + RULER_SHARE):.1f} %."])
+    else:
+        text = [
+            f"{told}: a factor of {share:.3f} ± {error:.3f}. If the drive counts rightly (one turn of the motor by hand shows it), "
+            f"pulley.effective_radius_m is {1e3 * radius * share:.4g} mm instead of {1e3 * radius:.4g} mm, or gearbox.ratio "
+            f"{axis.gearbox.ratio / share:.4g} instead of {axis.gearbox.ratio:g}. Correct axis.yaml before anything moves by it."
+        ]
+    return Result(data, text, 1)
+
+
+def ruler_line(drive: str, axis: Axis, crept_m: float) -> str:
+    """After a creep: how to check it with a ruler."""
+    turn = 1e3 * math.tau * axis.transmission_m_rad
+    return (
+        f"That is by the encoder and {turn:.4g} mm per turn of the motor, as axis.yaml says. With a ruler: "
+        f"beltcomm move --drive {drive} --by {1e3 * crept_m:.2f}mm --measured-travel WHAT_YOU_READ (nothing moves)"
+    )

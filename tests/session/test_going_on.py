@@ -1,0 +1,144 @@
+"""A drift in a further record is survived once; a run that goes on later knows how much later; what a stop leaves in the journal."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from beltcomm import api
+from beltcomm.axis import load_axis
+from beltcomm.errors import DataError, Refused, SafetyStop
+from beltcomm.runfolder import RunFolder
+from beltcomm.session import left_out
+from beltcomm.session.machine import Machine
+from beltcomm.session.options import claim
+from beltcomm.session.steps import Step
+from beltcomm.talk import Silence
+from session.bench import Bench, Listener
+from session.hardware import HardwareBench
+
+MakeBench = Callable[..., Bench]
+Copy = Callable[..., Path]
+AXIS = "egc-70-600"
+YES = api.Options(yes=True, seed=1, resume=True)
+
+
+def drifting(*names: str, reason: str = "position") -> tuple[Listener, Callable[[Path], None]]:
+    """A listener that stops these records by a limit, as a watch in the sink would."""
+    where: list[Path] = []
+    stopped: list[str] = []
+
+    def stop(_phase: int, _fraction: float) -> None:
+        for name in names:
+            if (where[0] / "recordings" / f"{name}.csv.part").exists() and name not in stopped:
+                stopped.append(name)
+                raise SafetyStop(f"the carriage left its window in {name}", reason)
+
+    return Listener(at_progress=stop), where.append
+
+
+@pytest.mark.usefixtures("fitted")
+def test_one_drift_in_a_further_record_is_a_remark(make_bench: MakeBench, copy_of_complete: Copy) -> None:
+    run, bench = copy_of_complete("frf_3", "move_1"), make_bench(start_m=0.2)
+    listener, at = drifting("frf_3")
+    at(run)
+    result = api.commission(bench.name, AXIS, run, options=YES, talk=listener)
+    assert any("frf_3" in remark and "was left out: the carriage left its window" in remark for remark in result.data["remarks"])
+    assert "move_1" in RunFolder.open(run).finished_names()
+    journal = (run / "journal.txt").read_text(encoding="utf-8")
+    assert "safety stop (position): the carriage left its window in frf_3; the carriage stands at" in journal
+    assert "is brought back" in journal
+    assert bench.stands_disabled()
+    assert bench.parameters() == bench.initial
+
+
+@pytest.mark.parametrize("reason", ["torque", "released"])
+@pytest.mark.usefixtures("fitted")
+def test_other_stops_end_the_session(make_bench: MakeBench, copy_of_complete: Copy, reason: str) -> None:
+    run, bench = copy_of_complete("frf_3"), make_bench(start_m=0.2)
+    listener, at = drifting("frf_3", reason=reason)
+    at(run)
+    with pytest.raises(SafetyStop, match="left its window in frf_3"):
+        api.commission(bench.name, AXIS, run, options=YES, talk=listener)
+    assert bench.stands_disabled()
+    assert bench.parameters() == bench.initial
+    assert f"safety stop ({reason}): the carriage left its window in frf_3" in (run / "journal.txt").read_text(encoding="utf-8")
+
+
+class Standing:
+    """What of a machine :class:`left_out.LeftOut` looks at."""
+
+    def __init__(self, *places_m: float) -> None:
+        self.places, self.lines = list(places_m), list[str]()
+        self.drive = SimpleNamespace(clock=SimpleNamespace(now=lambda: 0.0, sleep_until=lambda _t: None))
+        self.folder = SimpleNamespace(journal=self.lines.append)
+
+    @property
+    def position_m(self) -> float:
+        return self.places.pop(0)
+
+    def full_room(self) -> Any:
+        return SimpleNamespace(window_m=(0.0, 0.5))
+
+
+def test_what_may_be_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    moved: list[tuple[float, float]] = []
+    monkeypatch.setattr(left_out.phases, "move_to", lambda _machine, target, _model, speed: moved.append((target, speed)))
+    monkeypatch.setattr(left_out.phases, "stroke_ends", lambda _machine: (0.03, 0.47))
+    response, strokes = Step("response", place=0.5), Step("strokes", place=0.5)
+    drift = SafetyStop("too far", "position")
+
+    def admits(step: Step, problem: Any, *places_m: float, again: bool = False) -> bool:
+        tolerance = left_out.LeftOut(Standing(*places_m, *places_m), object())  # type: ignore[arg-type]
+        return tolerance.admits(step, problem) and (not again or tolerance.admits(step, problem))
+
+    assert admits(strokes, DataError("clipped"))
+    assert admits(response, Refused("no room"))
+    assert moved == []
+    assert admits(response, drift, 0.27, 0.27)
+    assert moved == [(0.25, left_out.BACK_M_S)]
+    assert not admits(response, drift, 0.27, 0.27, again=True)  # the second one is no accident
+    assert not admits(response, drift, 0.27, 0.28)  # it does not stand
+    assert not admits(response, drift, 0.51, 0.51)  # outside the travel
+    assert not admits(strokes, drift, 0.27, 0.27)  # in closed loop
+
+
+def test_a_run_that_goes_on_later_knows_how_much_later(connect: Callable[[Bench], Bench], tmp_path: Path) -> None:
+    bench, now = connect(HardwareBench()), [1_000_000.0]
+    axis = load_axis(AXIS)
+    with bench.open(bench.name) as drive:
+        folder = RunFolder.create(tmp_path / "run", axis)
+        claim(folder, drive.capabilities, lambda: now[0])
+        with Machine(drive, axis, folder, Silence()) as machine:
+            assert machine.session_time_s == pytest.approx(0.0, abs=0.1)
+        now[0] += 3600.0
+        later, talk = RunFolder.open(tmp_path / "run"), Listener()
+        claim(later, drive.capabilities, lambda: now[0])
+        with Machine(drive, axis, later, talk) as machine:
+            assert machine.session_time_s == pytest.approx(3600.0, abs=0.1)
+        assert any("This run began 60 min ago" in line and "nobody knows" in line for line in talk.said)
+        now[0] -= 10_000.0  # set back
+        claim(again := RunFolder.open(tmp_path / "run"), drive.capabilities, lambda: now[0])
+        assert again.elapsed_s == 0.0
+
+
+def test_a_virtual_drive_is_cold_at_every_command(make_bench: MakeBench, tmp_path: Path) -> None:
+    bench, axis = make_bench(), load_axis(AXIS)
+    with bench.open(bench.name) as drive:
+        claim(RunFolder.create(tmp_path / "run", axis), drive.capabilities, lambda: 5.0)
+        claim(folder := RunFolder.open(tmp_path / "run"), drive.capabilities, lambda: 5000.0)
+    assert folder.elapsed_s == 0.0
+    assert "began_s" not in (tmp_path / "run" / "run.yaml").read_text(encoding="utf-8")
+
+
+def test_without_a_clock_nothing_is_claimed(connect: Callable[[Bench], Bench], tmp_path: Path) -> None:
+    bench = connect(HardwareBench())
+    with bench.open(bench.name) as drive:
+        folder = RunFolder.create(tmp_path / "run", load_axis(AXIS))
+        claim(folder, replace(drive.capabilities), None)
+    assert folder.elapsed_s == 0.0

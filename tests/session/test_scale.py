@@ -1,0 +1,167 @@
+"""Wrong scales of angle, torque and way: what is caught before anything faster, and what only a ruler tells."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from beltcomm import api
+from beltcomm.axis import Axis, load_axis
+from beltcomm.cli.main import cli
+from beltcomm.drive import Capabilities, Drive, Limits, Motion, open_drive
+from beltcomm.errors import Refused, UsageError
+from beltcomm.session.foresight import sheet_model
+from beltcomm.session.ratings import check_ratings
+from beltcomm.session.scale import STIFFNESS, feed_constant_in_doubt, ruler
+from session.bench import Bench
+from truth.rigs import nominal
+
+Connect = Callable[[Bench], Bench]
+AXIS = "egc-70-600"
+RIG = load_axis(AXIS)
+YES = api.Options(yes=True, seed=1)
+
+
+class OtherUnits:
+    """A machine whose shaft is shown to turn ``angle`` times as far and whose motor has ``torque`` times the torque that it should."""
+
+    def __init__(self, angle: float = 1.0, torque: float = 1.0) -> None:
+        self.plant, self.angle, self.torque = nominal("g_a"), angle, torque
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.plant, name)
+
+    @property
+    def position_rad(self) -> float:
+        return self.angle * float(self.plant.position_rad)
+
+    @property
+    def velocity_rad_s(self) -> float:
+        return self.angle * float(self.plant.velocity_rad_s)
+
+    def step(self, torque_nm: float, duration_s: float) -> None:
+        self.plant.step(self.torque * torque_nm, duration_s)
+
+
+@pytest.mark.parametrize(("angle", "torque", "words"), [(0.5, 1.0, "2 times more"), (1.0, 2.0, "2 times less")])
+def test_a_halved_angle_or_a_doubled_torque_ends_before_anything_faster(
+    connect: Connect, tmp_path: Path, angle: float, torque: float, words: str
+) -> None:
+    """Either shows as another inertia, by the same factor: the sentence says that it cannot be told apart."""
+    bench = connect(Bench(plant=OtherUnits(angle, torque)))
+    with pytest.raises(Refused, match="torque over acceleration of the motor shows an inertia") as refused:
+        api.identify(bench.name, AXIS, tmp_path / "run", options=YES)
+    assert words in str(refused.value)
+    assert "6076h" in str(refused.value)
+    assert "608Fh" in str(refused.value)
+    assert bench.stands_disabled()
+    assert bench.parameters() == bench.initial
+    made = sorted(path.stem for path in (tmp_path / "run" / "recordings").glob("*.csv"))
+    assert made == ["amplitude_1"]  # the quietest record, and nothing after it
+    assert np.abs(bench.plant.cart_m(0, len(bench.plant.torque_nm))).max() < 0.03
+
+
+class Weakened(Bench):
+    """A drive whose reported torque is a share of the torque that it was asked for, and that acts."""
+
+    def __init__(self, share: float) -> None:
+        super().__init__("g_a")
+        self.share = share
+
+    def open(self, name: str, options: Mapping[str, object] | None = None) -> Drive:
+        drive = super().open(name, options)
+        record = drive.record
+
+        def weakened(motion: Motion, limits: Limits, sink: Any) -> Any:
+            return record(motion, limits, lambda row: sink((row[0], self.share * row[1], *row[2:])))
+
+        drive.record = weakened  # type: ignore[method-assign]
+        return drive
+
+
+@pytest.mark.usefixtures("fitted")
+def test_less_excitation_than_asked_for_is_said_in_the_result(connect: Connect, tmp_path: Path) -> None:
+    bench = connect(Weakened(0.8))
+    result = api.identify(bench.name, AXIS, tmp_path / "run", options=YES)
+    said = [remark for remark in result.data["remarks"] if "the drive delivered 80 % of the torque asked for" in remark]
+    assert {remark.split(":")[0] for remark in said} >= {"amplitude_1", "frf_1"}
+    assert "delivered 80 %" in "\n".join(result.text)
+    assert "delivered 80 %" in (tmp_path / "run" / "journal.txt").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(("share", "turn_mm"), [(4.0, "156"), (0.25, "39")])
+def test_a_feed_constant_that_is_wrong_by_two_shows_in_the_stiffness(share: float, turn_mm: str) -> None:
+    """c ~ 1/k² of the feed constant; the sheet's belt at 0.25 m, seen four times as stiff, or as soft."""
+    model = sheet_model(RIG)
+    true = RIG.belt_stiffness_n_m(0.25)
+    words = feed_constant_in_doubt(RIG, model.with_values({STIFFNESS: share * true}), 0.25)
+    assert f"with {turn_mm} mm per turn of the motor instead of 78 mm it would fit" in words
+    assert feed_constant_in_doubt(RIG, model.with_values({STIFFNESS: 0.65 * true}), 0.25) == ""  # the thesis's own belt
+    assert feed_constant_in_doubt(RIG, model.with_values({STIFFNESS: share * true}), None) == ""
+
+
+def test_a_ruler_tells_the_feed_constant() -> None:
+    right = ruler(RIG, 0.05, 0.0505)
+    assert right.exit_code == 0
+    wrong = ruler(RIG, 0.05, 0.1)
+    assert wrong.exit_code == 1
+    assert "pulley.effective_radius_m is 24.84 mm instead of 12.42 mm, or gearbox.ratio 0.5 instead of 1" in wrong.text[0]
+    assert wrong.data["effective_radius_m"] == pytest.approx(0.02484)
+    other_way = ruler(RIG, 0.05, -0.05)
+    assert other_way.exit_code == 1
+    assert "the other way" in other_way.text[0]
+    with pytest.raises(UsageError, match="too short for a ruler"):
+        ruler(RIG, 0.005, 0.005)
+
+
+def test_the_ruler_on_the_command_line_moves_nothing() -> None:
+    outcome = CliRunner().invoke(cli, ["move", "--drive", "virtual", "--by", "50mm", "--measured-travel", "49.2mm"])
+    assert outcome.exit_code == 0
+    assert "the feed constant of axis.yaml is right, within 3.0 %" in outcome.stdout
+
+
+@pytest.fixture(scope="module")
+def drive() -> Capabilities:
+    with open_drive("virtual:g_a", {"seed": 1}) as opened:
+        return opened.capabilities
+
+
+def with_motor(**entries: Any) -> Axis:
+    return replace(RIG, motor=replace(RIG.motor, **entries))
+
+
+@pytest.mark.parametrize(
+    ("axis", "told", "words"),
+    [
+        (
+            RIG,
+            {"rated_torque_nm": 1.43 * 1.06},
+            r"rated torque is 1\.52 N m, axis\.yaml says 1\.43 N m: every torque would be scaled by 1\.06",
+        ),
+        (RIG, {"rated_current_a": 4.4}, r"rated current is 4\.4 A rms, axis\.yaml says 2\.2 A rms.*6075h"),
+        (RIG, {"peak_torque_nm": 6.2}, r"largest torque is 6\.2 N m, axis\.yaml says 3\.1 N m.*6072h or 6073h"),
+        (RIG, {"counts_per_rev": 131072}, r"encoder resolution is 1\.31e\+05 counts/rev, axis\.yaml says 6\.55e\+04"),
+        (with_motor(max_speed_rad_s=600.0), {}, r"largest speed is 660 rad/s, axis\.yaml says 600 rad/s.*6080h"),
+    ],
+)
+def test_rated_values_that_differ_by_more_than_five_percent_are_refused(
+    drive: Capabilities, axis: Axis, told: dict[str, Any], words: str
+) -> None:
+    with pytest.raises(UsageError, match=words):
+        check_ratings(axis, replace(drive, **told))
+
+
+def test_what_is_smaller_than_that_or_only_lower_is_not(drive: Capabilities) -> None:
+    assert check_ratings(RIG, replace(drive, rated_torque_nm=1.43 * 1.04, peak_torque_nm=2.0)) == []
+    assert check_ratings(with_motor(max_speed_rad_s=2.0 * drive.max_speed_rad_s), drive) == []
+    (said,) = check_ratings(RIG, replace(drive, counts_per_rev=65000))
+    assert "the drive's number is used" in said
+    assert check_ratings(Axis(), drive) == []
+    assert math.isclose(drive.rated_current_a, 1.43 / 0.65)
