@@ -2,24 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any, Literal
+from collections.abc import Sequence
 
 import numpy as np
 
 from beltcomm.axis import Axis
-from beltcomm.control import Cascade, CascadeStructure, PrefilterKind
+from beltcomm.control import Cascade, CascadeStructure
 from beltcomm.design.cascade import DesignResult
-from beltcomm.design.feedforward import FeedforwardKind
-from beltcomm.design.specification import Specification
 from beltcomm.errors import DataError, Refused, SafetyStop
 from beltcomm.identify.amplitude import UNKNOWN_MASSES_KG, around
-from beltcomm.identify.dead_time import DeadTime
 from beltcomm.identify.final import FinalModel, evidence, final_model
-from beltcomm.identify.friction import FrictionFit
-from beltcomm.identify.magnitude_fit import MagnitudeFit, Solver
-from beltcomm.identify.standstill import Standstill, largest
+from beltcomm.identify.magnitude_fit import Solver
+from beltcomm.identify.standstill import largest
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 from beltcomm.session import (
@@ -37,17 +31,15 @@ from beltcomm.session import (
     stops,
     verification,
 )
-from beltcomm.session.creep import Breakaway
+from beltcomm.session.findings import Apply as Apply
+from beltcomm.session.findings import Findings as Findings
+from beltcomm.session.findings import Settings as Settings
 from beltcomm.session.left_out import LeftOut
 from beltcomm.session.machine import Machine
 from beltcomm.session.programme import Extent
 from beltcomm.session.proof import SURE_MARGIN_DEG, move_name, proof, thin_margins
 from beltcomm.session.proving import verify_move
 from beltcomm.sidecar import Sidecar
-from beltcomm.trajectory import Trajectory
-from beltcomm.verify import Demand, Verdict
-
-Apply = Literal["keep", "restore", "save"]
 
 #: Periods of the drive's loop that an unmeasured delay is counted with: one to pass the setpoint on, one for the current loop.
 ASSUMED_DELAY_PERIODS = 2
@@ -72,67 +64,6 @@ TITLES = (
     "fit and design",
     "verification moves",
 )
-
-
-@dataclass(frozen=True)
-class Settings:
-    """What the user decides.  payloads_kg : further carriage loads the loop must hold for, added to what is mounted now.
-
-    position_m : where the carriage stands, when the drive does not know.   home : run the drive's homing first.
-    window_m : how far the carriage may move from where it stands, (low < 0, high > 0).   ask : somebody can be asked.
-    apply : what becomes of the new gains; None asks when somebody can be asked.
-    extent : quick is one place and one sweep, thorough holds what every effect needs.
-    prefilter : None is the best one that the drive has.
-    move : the user's own reference motion instead of the standard move.
-    """
-
-    apply: Apply | None = "restore"
-    position_m: float | None = None
-    home: bool = False
-    window_m: tuple[float, float] | None = None
-    ask: bool = False
-    payloads_kg: tuple[float, ...] = ()
-    prefilter: PrefilterKind | None = None
-    feedforward: FeedforwardKind = "nonlinear"
-    specification: Specification | None = None
-    extent: Extent = "standard"
-    move: Trajectory | None = None
-
-
-@dataclass
-class Findings:
-    """What is known so far; every phase adds to it, and an interrupted run keeps what it has.
-
-    reservations : in words, why it is no success although the move that was driven met its targets.
-    """
-
-    breakaway: Breakaway | None = None
-    holding: holding.Holding | None = None
-    excited: phases.Excited | None = None
-    thesis: dict[str, MagnitudeFit] = field(default_factory=dict)
-    dead_time: DeadTime | None = None
-    assumed_delay_s: float = 0.0
-    final: FinalModel | None = None
-    characteristics: Mapping[str, analyse.Characteristic] = field(default_factory=dict)
-    friction: FrictionFit | None = None
-    standstill: Standstill | None = None
-    design: DesignResult | None = None
-    cascade: Cascade | None = None
-    demand: Demand | None = None
-    verdict: Verdict | None = None
-    move_name: str = ""
-    proof: Mapping[str, Any] = field(default_factory=dict)
-    remarks: list[str] = field(default_factory=list)
-    reservations: list[str] = field(default_factory=list)
-    applied: Apply = "restore"
-    machine_seconds: float = 0.0
-    calibrating_s: float = 0.0
-
-    @property
-    def succeeded(self) -> bool:
-        """Whether the axis meets its targets, by a model that explains it and with nothing that speaks against it."""
-        trusted = self.final is not None and not self.final.fit.suspect
-        return trusted and self.verdict is not None and self.verdict.passed and not self.reservations
 
 
 def identify_here(machine: Machine, findings: Findings) -> Model:
