@@ -42,6 +42,7 @@ from beltcomm.session.options import Options, settings_of
 from beltcomm.session.orders import wanted as wanted_sweeps
 from beltcomm.session.plan import Plan, commission_plan, identify_plan, move_plan, with_homing
 from beltcomm.session.proof import admit, doubts, thin_margins
+from beltcomm.session.serve import serve as serve
 from beltcomm.session.store import cascade_from_dict, drive_to_dict
 from beltcomm.session.thesis import thesis as thesis
 from beltcomm.session.verify_job import verify_with

@@ -197,6 +197,22 @@ class Drive(Protocol):
     def __exit__(self, *exc: object) -> None: ...
 
 
+class Service(Protocol):
+    """A simulated drive that other processes find on a CAN interface.   Use as a context manager."""
+
+    #: What another process gives as ``--drive``, and in words what is served there.
+    reached_as: str
+    title: str
+
+    def run(self) -> Mapping[str, int]:
+        """Serve until KeyboardInterrupt, which is the ordinary end; returns what was counted.  Raises BusError."""
+        ...
+
+    def __enter__(self) -> Service: ...
+
+    def __exit__(self, *exc: object) -> None: ...
+
+
 @dataclass(frozen=True)
 class Adapter:
     """What an adapter package registers.
@@ -207,6 +223,7 @@ class Adapter:
         ``options``: str -> value, e.g. ``seed``, ``profile``, ``node``, ``bitrate``, ``realtime``; unknown ones are a
         UsageError.
     claims : whether this adapter understands an address without a scheme (``can0``, ``vcan1``).
+    serve : ``serve(address, on, options) -> Service``, of a drive that is simulated: for other processes, on the interface ``on``.
     """
 
     name: str
@@ -214,6 +231,7 @@ class Adapter:
     schemes: tuple[str, ...]
     open: Callable[[str, Mapping[str, object]], Drive]
     claims: Callable[[str], bool] = lambda _address: False
+    serve: Callable[[str, str, Mapping[str, object]], Service] | None = None
 
 
 @dataclass(frozen=True)
@@ -259,3 +277,15 @@ def open_drive(name: str, options: Mapping[str, object] | None = None) -> Drive:
     known = ", ".join(sorted(s for item in found if item.adapter for s in item.adapter.schemes))
     broken = "".join(f" ({item.entry_point} is broken: {item.reason})" for item in found if not item.adapter)
     raise UsageError(f"no adapter understands the drive {name!r}; known are {known} and CAN interfaces like can0{broken}")
+
+
+def serve_drive(name: str, on: str, options: Mapping[str, object] | None = None) -> Service:
+    """The simulated drive called ``name`` (``virtual:g_a``) on the interface ``on``.
+
+    Raises UsageError when no adapter serves a drive of this name, and what the adapter raises.
+    """
+    scheme, _, address = name.partition(":")
+    for item in find_adapters():
+        if item.adapter and item.adapter.serve and scheme in item.adapter.schemes:
+            return item.adapter.serve(address, on, options or {})
+    raise UsageError(f"{name!r} is no simulated drive, so it cannot be served; give virtual or virtual:PLANT")

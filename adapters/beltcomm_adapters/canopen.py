@@ -25,6 +25,7 @@ from beltcomm_adapters.profiles import choose_profile, load_profile
 from beltcomm_adapters.scaling import read_scaling
 from beltcomm_adapters.sdo import Objects
 from beltcomm_adapters.setpoints import Layout, Setpoints, layout_of
+from beltcomm_adapters.synctime import SyncTimeBus, keeps_time_by_sync
 
 _HOMING_PERIOD_S: Final = 0.010  # homing is watched, not sampled
 _OPTIONS: Final = ("node", "bitrate", "profile")
@@ -247,6 +248,9 @@ def connect(
                 found = ", ".join(map(str, nodes))
                 raise UsageError(f"several nodes answer on {bus.channel_info}: {found}; say which one is the drive with --node")
             node = nodes[0]
+        if bitrate is not None and keeps_time_by_sync(bus, clock, node):
+            timed = SyncTimeBus(bus, node, release)
+            return CanopenDrive(timed, timed.clock, node, profile, None, timed.shutdown)  # where time stands, a bus carries any load
         return CanopenDrive(bus, clock, node, profile, bitrate, release)
     except BaseException:
         release()
