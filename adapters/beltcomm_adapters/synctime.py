@@ -22,11 +22,13 @@ from beltcomm_adapters.sdo import Objects
 TIME_BY_SYNC: Final = "time by SYNC"
 
 #: s of the drive that one SYNC stands for while no PDOs are exchanged; while they are, it is the period of the exchange.
-_TICK_S: Final = 1e-3
+_TICKS_PER_SECOND: Final = 1000
+_TICK_S: Final = 1.0 / _TICKS_PER_SECOND
 #: SYNCs after which the drive is asked whether it has come so far: queues of interfaces are short.
 _TICKS_AHEAD: Final = 10
-#: s of the wall clock, for what must come.
+#: s of the wall clock, for what must come: at first, and from a drive that has just not answered.
 _PATIENCE_S: Final = 2.0
+_LITTLE_PATIENCE_S: Final = 0.05
 _ROUNDING_S: Final = 1e-9
 _SYNC: Final = 0x80
 #: Upload of 1018h:0, which nobody else reads; its answer tells that everything before it has been dealt with.
@@ -73,6 +75,7 @@ class SyncTimeBus(can.BusABC):
         self._drive_s = 0.0
         self._exchanging = False
         self._owed = False
+        self._patience_s = _PATIENCE_S
         self._received: deque[can.Message] = deque()
         self._sync = can.Message(arbitration_id=_SYNC, is_extended_id=False)
         self._answer_id = 0x580 + node
@@ -96,14 +99,17 @@ class SyncTimeBus(can.BusABC):
         An answer that is owed is waited for by the wall clock; with nothing owed, the drive runs for ``timeout`` of its own seconds.
         """
         until_s = self.clock.now() + (math.inf if timeout is None else timeout)
-        if (message := self._next(0.0)) is not None or until_s <= self.clock.now():
-            return message
+        if timeout == 0.0:
+            return self._next(0.0)
         if self._owed or self._exchanging:
-            message = self._next(_PATIENCE_S)
+            message = self._next(self._patience_s)
+            self._heard(message)
             if message is None or (message.arbitration_id == self._answer_id and not self._exchanging):
                 self._owed = False
-            if message is None:
+            if message is None and timeout is not None:
                 self.clock.sleep_until(until_s)
+            return message
+        if (message := self._next(0.0)) is not None:
             return message
         while self._drive_s < until_s - _ROUNDING_S:
             self._catch_up(min(self._drive_s + _TICKS_AHEAD * _TICK_S, until_s))
@@ -123,7 +129,7 @@ class SyncTimeBus(can.BusABC):
         while message is not None and self._is_ours(message):  # of a wait that was interrupted
             message = self._bus.recv(wait_s)
         if message is not None:
-            message.timestamp = self.clock.now()
+            message.timestamp = round(self.clock.now() / _TICK_S) / _TICKS_PER_SECOND  # the drive samples on whole ticks
         return message
 
     def _catch_up(self, t_s: float) -> None:
@@ -136,8 +142,12 @@ class SyncTimeBus(can.BusABC):
             if ahead == _TICKS_AHEAD or self._drive_s >= t_s - _ROUNDING_S:
                 ahead = 0
                 self._bus.send(self._question)
-                while (message := self._bus.recv(_PATIENCE_S)) is not None and not self._is_ours(message):
+                while (message := self._bus.recv(self._patience_s)) is not None and not self._is_ours(message):
                     self._received.append(message)
+                self._heard(message)
+
+    def _heard(self, message: can.Message | None) -> None:
+        self._patience_s = _PATIENCE_S if message is not None else _LITTLE_PATIENCE_S
 
     def _is_ours(self, message: can.Message) -> bool:
         return message.arbitration_id == self._answer_id and bytes(message.data[1:4]) == _OBJECT
