@@ -8,7 +8,6 @@ Times are long because the machine that runs this may be busy; what is asked is 
 from __future__ import annotations
 
 import itertools
-import threading
 import time
 from collections.abc import Callable, Iterator
 
@@ -19,12 +18,8 @@ from canopen.objectdictionary import ODArray, ODRecord, ODVariable, datatypes
 from canopen.profiles.p402 import BaseNode402
 from canopen.sdo.exceptions import SdoAbortedError
 
-from beltcomm.virtual.bus import LockstepBus
-from beltcomm.virtual.device import VirtualDrive
-from beltcomm.virtual.serving import Pump
-from beltcomm_adapters.buses import MonotonicClock
-from virtual.host import RigidPlant
 from wire.decoder import lockstep
+from wire.rig import ServedDrive
 from wire.rules import Judge
 
 WAIT_S = 10.0
@@ -85,35 +80,11 @@ def dictionary() -> canopen.ObjectDictionary:
     return made
 
 
-class Stopped(Exception):
-    """The test is over."""
-
-
-class Wire:
-    """A bus of python-can that can be told to end."""
-
-    def __init__(self, channel: str) -> None:
-        self.bus = can.Bus(interface="virtual", channel=channel)
-        self.over = False
-
-    def recv(self, timeout: float) -> can.Message | None:
-        if self.over:
-            raise Stopped
-        return self.bus.recv(timeout)
-
-    def send(self, message: can.Message) -> None:
-        self.bus.send(message)
-
-
-class Rig:
+class Rig(ServedDrive):
     """The served drive and the other's master."""
 
     def __init__(self, channel: str) -> None:
-        self.seen: list[tuple[float, int, bytes, str]] = []
-        inner = LockstepBus()
-        inner.on_frame = self.seen.append
-        self.plant = RigidPlant(2e-3, 1e-3)
-        self.wire = Wire(channel)
+        super().__init__(channel, by_sync=False)
         self.network = canopen.Network(can.Bus(interface="virtual", channel=channel))
         self.node = Node(1, dictionary())
         self.node.sdo.RESPONSE_TIMEOUT = WAIT_S
@@ -121,13 +92,6 @@ class Rig:
         self.node.nmt.add_heartbeat_callback(self._on_state)
         self.network.add_node(self.node)
         self.network.connect()
-        self.drive = VirtualDrive(inner, self.plant, referenced=True, torque_noise_nm=0.0)
-        self._inner = inner
-        self._pump = Pump(self.wire, inner, self.drive, MonotonicClock())
-        self._thread = threading.Thread(target=self._run)
-
-    def start(self) -> None:
-        self._thread.start()
 
     def _on_state(self, state: int) -> None:
         self.boots += state == 0
@@ -138,19 +102,11 @@ class Rig:
         self.node.nmt.state = how
         self.await_(lambda: self.boots > boots)
 
-    def _run(self) -> None:
-        with pytest.raises(Stopped):
-            self._pump.by_wall_clock()
-
     def close(self) -> None:
         self.network.sync.stop()
         self.node.nmt.stop_node_guarding()
-        self.wire.over = True
-        if self._thread.ident is not None:
-            self._thread.join()
+        super().close()
         self.network.disconnect()
-        self.wire.bus.shutdown()
-        self._inner.shutdown()
 
     def await_(self, done: Callable[[], bool]) -> None:
         """Raises AssertionError when it does not come true in time."""
@@ -316,7 +272,7 @@ def test_a_master_that_falls_silent_is_found_out(running, kind):
     running.await_(lambda: running.plant.velocity_rad_s > 1.0)
     stop()
     running.await_(lambda: [error.code for error in node.emcy.active] == [0x8130])
-    running.await_(lambda: node.state == "FAULT" and abs(running.plant.velocity_rad_s) < 0.1)
+    running.await_(lambda: node.state == "FAULT" and abs(running.plant.velocity_rad_s) < 0.5)
 
 
 def test_moves_in_three_modes_then_a_fault_and_its_reset(running):
@@ -366,4 +322,4 @@ def test_moves_in_three_modes_then_a_fault_and_its_reset(running):
     node.state = "QUICK STOP ACTIVE"
     running.await_(lambda: node.state == "SWITCH ON DISABLED")  # 605Ah = 2: brakes, then takes the stage off by itself
     report = Judge(faults=True).of(lockstep(running.seen))
-    assert {rule for rule in report.rules if rule not in ("restored", "guarding", "frame")} == set()
+    assert report.rules == {"restored"}  # this test leaves its settings behind
