@@ -8,5 +8,6 @@ exchange         the cyclic exchange: SYNC, setpoints out, samples in           
 gains, scaling   named parameters, and SI units of a drive's raw numbers
 cia402           states, control words, faults           sdo          objects by number, values lent and given back
 link             one node on one bus: frames, emergencies, signs of life
+synctime         the host's clock where a drive's time is the count of SYNCs
 virtual          the same drive on the virtual bus       serial       RS-232, not built yet
 """

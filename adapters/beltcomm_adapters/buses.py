@@ -71,10 +71,11 @@ def open_bus(address: Address, bitrate: int) -> can.BusABC:
     """Open the interface.  Raises BusError, UsageError when python-can lacks what the interface needs."""
     arguments: dict[str, Any] = {} if address.interface == "socketcan" else {"bitrate": bitrate}
     try:
-        bus = can.Bus(channel=address.channel, interface=address.interface, **arguments)
+        bus: Any = can.Bus(channel=address.channel, interface=address.interface, **arguments)
         if address.channel.startswith("socket://"):  # else each frame waits for the acknowledgement of the one before, up to 40 ms
             bus.serialPortOrig._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        return bus
+        opened: can.BusABC = bus
+        return opened
     except can.CanInterfaceNotImplementedError as error:
         raise UsageError(f"the CAN interface {address.interface!r} cannot be used here: {error}") from error
     except (can.CanError, OSError, ValueError) as error:

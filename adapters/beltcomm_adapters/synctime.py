@@ -26,8 +26,9 @@ _TICKS_PER_SECOND: Final = 1000
 _TICK_S: Final = 1.0 / _TICKS_PER_SECOND
 #: SYNCs after which the drive is asked whether it has come so far: queues of interfaces are short.
 _TICKS_AHEAD: Final = 10
-#: s of the wall clock, for what must come: at first, and from a drive that has just not answered.
-_PATIENCE_S: Final = 2.0
+#: s of the wall clock, for what must come: at first, for the process that serves may be compiling just then; and from one that has
+#: just not answered.
+_PATIENCE_S: Final = 20.0
 _LITTLE_PATIENCE_S: Final = 0.05
 _ROUNDING_S: Final = 1e-9
 _SYNC: Final = 0x80

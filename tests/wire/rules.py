@@ -352,9 +352,13 @@ def main() -> int:
     parser.add_argument("log", type=Path)
     parser.add_argument("--node", type=int, default=1)
     parser.add_argument("--sync", action="store_true", help="time is the count of SYNCs")
+    parser.add_argument("--complete", type=int, metavar="SYNCS", help="how many there were: a recorder that was too slow has lost some")
     given = parser.parse_args()
     with open(given.log, encoding="ascii") as lines:
         report = Judge(given.node, given.sync).of(candump(lines))
+    if given.complete is not None and report.counts["sync"] != given.complete:
+        text = f"{report.counts['sync']} of {given.complete} SYNCs are in the log: it is not complete, and nothing is proven by it"
+        report.findings.insert(0, ("complete", 0, text))
     sys.stdout.write("".join(f"{line}\n" for line in report.lines()))
     return 1 if report.findings or not report.counts["sync"] else 0
 
