@@ -30,6 +30,8 @@ _TICKS_AHEAD: Final = 10
 #: just not answered.
 _PATIENCE_S: Final = 20.0
 _LITTLE_PATIENCE_S: Final = 0.05
+#: The same for whether the drive has come so far, which a node that is booting does not tell.
+_CAUGHT_UP_S: Final = 2.0
 _ROUNDING_S: Final = 1e-9
 _SYNC: Final = 0x80
 #: Upload of 1018h:0, which nobody else reads; its answer tells that everything before it has been dealt with.
@@ -143,7 +145,8 @@ class SyncTimeBus(can.BusABC):
             if ahead == _TICKS_AHEAD or self._drive_s >= t_s - _ROUNDING_S:
                 ahead = 0
                 self._bus.send(self._question)
-                while (message := self._bus.recv(self._patience_s)) is not None and not self._is_ours(message):
+                wait_s = min(self._patience_s, _CAUGHT_UP_S)
+                while (message := self._bus.recv(wait_s)) is not None and not self._is_ours(message):
                     self._received.append(message)
                 self._heard(message)
 
