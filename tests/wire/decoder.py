@@ -74,7 +74,7 @@ class Decoder:
     """Frames to and from node ``node``; :meth:`events` yields what they say:
 
     sync · nmt (value: command) · boot · heartbeat (index: whose; value: state) · guard (asked) · guarded (value: state and toggle)
-    · emergency (value: code) · read, written (object, data) · refused (object, value: abort code) · received, sent (a PDO, values)
+    · emergency (value: code) · read, written (object, data; text: what was known before, as hex) · refused (object, value: abort code) · received, sent (a PDO, values)
     · broken (text: what is wrong with the frame, or with its place; data: the rule).
 
     known : object -> its bytes as last read or written.   state : of network management, as commanded.
@@ -233,10 +233,10 @@ class Decoder:
             if key != transfer["key"]:
                 yield _broken("sdo", f"an answer about {key[0]:04X}h:{key[1]:X}, asked was another object")
             elif asked == 1 and pending[0] & 2:
-                yield self._written(transfer)
+                yield self._done("written", transfer)
             elif asked == 2 and data[0] & 2:
                 transfer["data"] = data[4 : 8 - (data[0] >> 2 & 3 if data[0] & 1 else 0)]
-                yield self._read(transfer)
+                yield self._done("read", transfer)
             elif asked == 2 and data[0] & 1:
                 transfer["announced"] = struct.unpack_from("<I", data, 4)[0]
             return
@@ -248,14 +248,7 @@ class Decoder:
         if (pending[0] if asked == 0 else data[0]) & 1:  # the last segment
             if transfer.get("announced", len(transfer["data"])) != len(transfer["data"]):  # type: ignore[arg-type]
                 yield _broken("sdo", "a segmented transfer of another length than announced")
-            yield self._written(transfer) if asked == 0 else self._read(transfer)
-
-    def _written(self, transfer: dict[str, object]) -> tuple[str, dict[str, object]]:
-        # what this write meets is what was known before it: the caller sees the old value in `known` until the next frame
-        return self._done("written", transfer)
-
-    def _read(self, transfer: dict[str, object]) -> tuple[str, dict[str, object]]:
-        return self._done("read", transfer)
+            yield self._done("written", transfer) if asked == 0 else self._done("read", transfer)
 
     def _done(self, what: str, transfer: dict[str, object]) -> tuple[str, dict[str, object]]:
         index, subindex = transfer["key"]  # type: ignore[misc]
