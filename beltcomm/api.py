@@ -45,6 +45,7 @@ from beltcomm.session.plan import commission_plan, identify_plan
 from beltcomm.session.proof import doubts, thin_margins
 from beltcomm.session.reporting.job import report as report
 from beltcomm.session.scale import ruler as ruler
+from beltcomm.session.serve import serve as serve
 from beltcomm.session.store import drive_to_dict
 from beltcomm.session.supervised import supervised
 from beltcomm.session.thesis import thesis as thesis

@@ -279,6 +279,22 @@ class Drive(Protocol):
     def __exit__(self, *exc: object) -> None: ...
 
 
+class Service(Protocol):
+    """A simulated drive that other processes find on a CAN interface.   Use as a context manager."""
+
+    #: What another process gives as ``--drive``, and in words what is served there.
+    reached_as: str
+    title: str
+
+    def run(self) -> Mapping[str, int]:
+        """Serve until KeyboardInterrupt, which is the ordinary end; returns what was counted.  Raises BusError."""
+        ...
+
+    def __enter__(self) -> Service: ...
+
+    def __exit__(self, *exc: object) -> None: ...
+
+
 @dataclass(frozen=True)
 class Adapter:
     """What an adapter package registers.
@@ -292,6 +308,7 @@ class Adapter:
     examine : ``examine(address, options)`` looks at a drive step by step, moves nothing and leaves it as it was found; the options are
         those of ``open`` and ``try_bitrates``, ``sync_test`` (bool).  An unreachable drive is a finding, no exception.
     surroundings : what on this machine the adapter could be used with, or why nothing.
+    serve : ``serve(address, on, options) -> Service``, of a drive that is simulated: for other processes, on the interface ``on``.
     """
 
     name: str
@@ -301,6 +318,7 @@ class Adapter:
     claims: Callable[[str], bool] = lambda _address: False
     examine: Callable[[str, Mapping[str, object]], Iterable[Finding]] | None = None
     surroundings: Callable[[], Iterable[Finding]] | None = None
+    serve: Callable[[str, str, Mapping[str, object]], Service] | None = None
 
 
 @dataclass(frozen=True)
@@ -366,3 +384,15 @@ def able(drive: Drive, kind: MotionKind) -> Drive:
     drive.close()
     why = has.refused.get(kind) or f"it offers motions of kind {', '.join(sorted(has.kinds)) or 'none'}, not {kind}"
     raise Refused(f"{has.name} cannot do this: {why}; nothing was moved")
+
+
+def serve_drive(name: str, on: str, options: Mapping[str, object] | None = None) -> Service:
+    """The simulated drive called ``name`` (``virtual:g_a``) on the interface ``on``.
+
+    Raises UsageError when no adapter serves a drive of this name, and what the adapter raises.
+    """
+    scheme, _, address = name.partition(":")
+    for item in find_adapters():
+        if item.adapter and item.adapter.serve and scheme in item.adapter.schemes:
+            return item.adapter.serve(address, on, options or {})
+    raise UsageError(f"{name!r} is no simulated drive, so it cannot be served; give virtual or virtual:PLANT")

@@ -13,4 +13,6 @@ cia402           states, control words, faults           sdo          objects by
 examination      what `beltcomm doctor` looks at
 link             one node on one bus: frames, emergencies, signs of life
 virtual          the same drive on the virtual bus       virtual_serial   ... at its virtual RS-232 port
+synctime         the host's clock where a drive's time is the count of SYNCs
+virtual_service  the virtual drive for other processes
 """

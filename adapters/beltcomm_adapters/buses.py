@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import logging
 import re
+import socket
 import time
 from dataclasses import dataclass
 from typing import Any, Final
@@ -73,7 +74,11 @@ def open_bus(address: Address, bitrate: int, **more: Any) -> can.BusABC:
     """Open the interface; ``more`` goes to python-can.  Raises BusError, UsageError when python-can lacks what the interface needs."""
     arguments: dict[str, Any] = {} if address.interface == "socketcan" else {"bitrate": bitrate, **more}
     try:
-        return can.Bus(channel=address.channel, interface=address.interface, **arguments)
+        bus: Any = can.Bus(channel=address.channel, interface=address.interface, **arguments)
+        if address.channel.startswith("socket://"):  # else each frame waits for the acknowledgement of the one before, up to 40 ms
+            bus.serialPortOrig._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        opened: can.BusABC = bus
+        return opened
     except can.CanInterfaceNotImplementedError as error:
         raise UsageError(f"the CAN interface {address.interface!r} cannot be used here: {error}") from error
     except Exception as error:  # a maker's library may fail in any way, also by a name that it never defined

@@ -27,6 +27,7 @@ from beltcomm_adapters.preparation import check_motion, guard, homing_speeds_rad
 from beltcomm_adapters.profiles import choose_profile, load_profile
 from beltcomm_adapters.sdo import SdoObjects
 from beltcomm_adapters.setpoints import Layout, Setpoints, layout_of
+from beltcomm_adapters.synctime import SyncTimeBus, keeps_time_by_sync
 from beltcomm_adapters.watch import Watch
 
 _PROFILE_VELOCITY: Final = 3
@@ -232,6 +233,10 @@ def connect(
                 found = ", ".join(map(str, nodes))
                 raise UsageError(f"several nodes answer on {bus.channel_info}: {found}; say which one is the drive with --node")
             node = nodes[0]
+        if bitrate is not None and keeps_time_by_sync(bus, clock, node):
+            timed = SyncTimeBus(bus, node, release)
+            # where time stands, a bus carries any load
+            return CanopenDrive(timed, timed.clock, node, profile, None, timed.shutdown, sample_period_s)
         return CanopenDrive(bus, clock, node, profile, bitrate, release, sample_period_s)
     except BaseException:
         release()

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import Any, Final
 
-from beltcomm.drive import Adapter, Drive
+from beltcomm.drive import Adapter, Drive, Service
 from beltcomm.errors import UsageError
 from beltcomm.finding import Finding
 from beltcomm.model import load_plant
@@ -23,8 +23,8 @@ from beltcomm_adapters.examination.can import examine_bus
 DEFAULT_PLANT: Final = "g_a"
 #: m; the middle of the rig's 0 to 0.5 m.
 DEFAULT_START_M: Final = 0.25
-_NODE: Final = 1
-_OPTIONS: Final = (
+NODE: Final = 1
+OPTIONS: Final = (
     "seed",
     "profile",
     "realtime",
@@ -63,15 +63,20 @@ def _playing(address: str, options: Mapping[str, object]) -> tuple[LockstepBus, 
 def _open(address: str, options: Mapping[str, object]) -> Drive:
     bus, machine = _playing(address, options)
     bitrate = whole_number(options, "bitrate", None, 10_000, 1_000_000)
-    drive = connect(bus, bus.clock, _NODE, None, bitrate, bus.shutdown, number(options, "sample_period", None))
+    drive = connect(bus, bus.clock, NODE, None, bitrate, bus.shutdown, number(options, "sample_period", None))
     identity = {**drive.capabilities.identity, "plant": machine}  # the machine behind it is part of what a run was made on
     drive.capabilities = replace(drive.capabilities, identity=identity)
     return drive
 
 
-def attached(bus: LockstepBus, address: str, options: Mapping[str, object]) -> tuple[VirtualDrive, str]:
-    """The drive of these options (see :func:`_open`) on ``bus``, and its plant's name.  Raises UsageError."""
-    if unknown := sorted(set(options) - set(_OPTIONS)):
+def attached(
+    bus: LockstepBus, address: str, options: Mapping[str, object], node: int = NODE, hardware: str = "virtual"
+) -> tuple[VirtualDrive, str]:
+    """The drive of these options (see :func:`_playing`) on ``bus``, and its plant's name.   node, hardware : its number, its 1009h.
+
+    Raises UsageError.
+    """
+    if unknown := sorted(set(options) - set(OPTIONS)):
         raise UsageError(f"the virtual drive has no option {', '.join(unknown)}; leave it out")
     file = load_plant(address or DEFAULT_PLANT)
     start_m = number(options, "start_position", DEFAULT_START_M)
@@ -82,7 +87,7 @@ def attached(bus: LockstepBus, address: str, options: Mapping[str, object]) -> t
         bus,
         given.get("plant") or SimulatedPlant(file.model, position_m=start_m),
         profile_name(options) or "reference",
-        node_id=_NODE,
+        node_id=node,
         seed=whole_number(options, "seed", 0, 0, 2**63 - 1) or 0,
         counts_per_rev=file.counts_per_rev,
         setpoint_delay_s=file.setpoint_delay_s,
@@ -92,6 +97,7 @@ def attached(bus: LockstepBus, address: str, options: Mapping[str, object]) -> t
         faults=given.get("faults"),
         gain_units=given.get("gain_units") or (1.0, 1.0, 1.0),
         brake=(file.brake_torque_nm, file.brake_time_s),
+        hardware=hardware,
     )
     return drive, file.model.name
 
@@ -100,9 +106,15 @@ def _examine(address: str, options: Mapping[str, object]) -> Iterator[Finding]:
     own = {name: value for name, value in options.items() if name not in EXAMINATION_OPTIONS}
     bus, _ = _playing(address, own)
     try:
-        yield from examine_bus(bus, bus.clock, _NODE, None, None, options)
+        yield from examine_bus(bus, bus.clock, NODE, None, None, options)
     finally:
         bus.shutdown()
+
+
+def _serve(address: str, on: str, options: Mapping[str, object]) -> Service:
+    from beltcomm_adapters.virtual_service import Served
+
+    return Served(address, on, options)
 
 
 ADAPTER = Adapter(
@@ -111,4 +123,5 @@ ADAPTER = Adapter(
     schemes=("virtual",),
     open=_open,
     examine=_examine,
+    serve=_serve,
 )

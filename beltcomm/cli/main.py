@@ -46,6 +46,7 @@ VERBS = {
     "thesis": "What the design source compares, recomputed: tables and figures.",
     "convert": "Gains of a P-PI cascade as a PID controller, and back.",
     "doctor": "What stands in the way: adapters, bus, drive, step by step; moves nothing.",
+    "serve": "The virtual drive for other processes, on a CAN interface.",
     "drives": "Drive adapters found, or why one is broken.",
     "effects": "The physical effects a model can have.",
 }

@@ -110,6 +110,21 @@ def drive_options(function: Function, *, needed: bool = True) -> Function:
     return function
 
 
+def serving_options(function: Function) -> Function:
+    """Which virtual drive is served, and how its time passes."""
+    for decorate in reversed(
+        (
+            click.option("--drive", default="virtual", metavar="DRIVE", help="virtual (when left out) or virtual:PLANT."),
+            click.option("--profile", metavar="NAME", help="reference (when left out) or cmmp-as."),
+            click.option("--node", type=click.IntRange(1, 126), help="Its CANopen node number; 1 when left out."),
+            click.option("--seed", type=click.IntRange(0), help="Seed of its torque noise."),
+            click.option("--realtime", is_flag=True, help="Run at 1 kHz of the wall clock; else each SYNC is one period."),
+        )
+    ):
+        function = decorate(function)
+    return function
+
+
 def machine_options(function: Function, *, needed: bool = True) -> Function:
     """What every verb that moves an axis has.   needed : as in :func:`drive_options`."""
     for decorate in reversed(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from beltcomm.errors import UsageError
 from beltcomm.plant import Plant
 from beltcomm.virtual.bus import TICKS_PER_SECOND, LockstepBus
@@ -35,6 +37,7 @@ class VirtualDrive:
     fault_bits : bits 3-0 of the statusword in the state Fault: 08h (CiA 402) or 0Fh.
     faults : what goes wrong.   brake : torque of a holding brake, N m, 0 for none, and s in which it opens or closes.
     gain_units : as :func:`beltcomm.virtual.profiles.with_gain_units` takes them: what the host must find out.
+    hardware : what 1009h says.
     Raises UsageError for an unknown profile, a node ID or a delay out of range.
     """
 
@@ -58,6 +61,7 @@ class VirtualDrive:
         faults: Faults | None = None,
         brake: tuple[float, float] = (0.0, 0.0),
         gain_units: tuple[float, float, float] = (1.0, 1.0, 1.0),
+        hardware: str = "virtual",
     ) -> None:
         if profile not in PROFILES:
             raise UsageError(f"there is no virtual drive with the profile {profile!r}; there are {', '.join(PROFILES)}")
@@ -70,10 +74,11 @@ class VirtualDrive:
         self._node_id = node_id
         self._stored: NonVolatile = {} if nonvolatile is None else nonvolatile
         kind = with_gain_units(PROFILES[profile], *gain_units)
-        self._dictionary = ObjectDictionary(kind.rows(node_id, motor, counts_per_rev))
+        rows = kind.rows(node_id, motor, counts_per_rev)
+        self._dictionary = ObjectDictionary(replace(row, default=hardware) if row.index == 0x1009 else row for row in rows)
         self._dictionary.load(self._stored)
         self._errors = ErrorRegister(self._dictionary, self._send_emcy)
-        loops = Loops(self._dictionary, kind, motor, counts_per_rev, self.faults)
+        loops = self._loops = Loops(self._dictionary, kind, motor, counts_per_rev, self.faults)
         stage = PowerStage(plant, motor, setpoint_delay_s, torque_noise_nm, seed, self.faults, brake)
         encoder = Encoder(plant, counts_per_rev, zero_rad, self.faults)
         self._servo = Servo(
@@ -124,6 +129,18 @@ class VirtualDrive:
     def reset_node(self) -> None:
         """Start anew, as at power-on."""
         self._nmt.command(bytes((RESET_NODE, self._node_id)))
+
+    @property
+    def powered(self) -> bool:
+        """Whether the motor carries torque."""
+        return self._servo.machine.powered
+
+    @property
+    def sync_ticks(self) -> int:
+        """Ticks that a SYNC stands for where it makes the time: the period 60C2h while PDOs are exchanged, else one."""
+        if self._nmt.state != OPERATIONAL:
+            return 1
+        return self._loops.interpolation_ticks
 
     def receive(self, identifier: int, data: bytes, remote: bool) -> None:
         """One frame from the bus."""

@@ -42,6 +42,7 @@ class Nmt:
         self._life_time_factor = dictionary.entry(0x100D)
         self._producer_ms.changed = self._restart_producer
         self._consumer.changed = self._forget_heartbeat
+        self._guard_time_ms.changed = self._life_time_factor.changed = self._forget_guarding
         self._tick = 0
         self._boot_left = 0
         self._toggle = 0
@@ -107,6 +108,11 @@ class Nmt:
     def _restart_producer(self) -> None:
         self._next_heartbeat = self._tick + self._producer_ms.value
         if self._producer_ms.value:
+            self._guard_deadline = None
+
+    def _forget_guarding(self) -> None:
+        """A life time of 0 switches life guarding off, whatever was running (CiA 301, 7.2.8.2.2)."""
+        if not self._guard_time_ms.value * self._life_time_factor.value:
             self._guard_deadline = None
 
     def _forget_heartbeat(self) -> None:

@@ -92,6 +92,17 @@ def test_heartbeat_wins_over_guarding(host: MakeHost) -> None:
     assert one.of(GUARD) == []
 
 
+@pytest.mark.parametrize(("index", "code"), [(0x100C, "H"), (0x100D, "B")])
+def test_a_life_time_of_0_ends_guarding_that_has_begun(host: MakeHost, index: int, code: str) -> None:
+    one = host()
+    one.write(0x100C, 0, 50, "H")
+    one.write(0x100D, 0, 1, "B")
+    one.send(GUARD, rtr=True)
+    one.write(index, 0, 0, code)
+    one.run(0.2)
+    assert one.of(0x81) == []
+
+
 def moving(one: Host) -> None:
     """10 rad/s in profile velocity mode."""
     one.gains()
