@@ -74,7 +74,8 @@ class Decoder:
     """Frames to and from node ``node``; :meth:`events` yields what they say:
 
     sync · nmt (value: command) · boot · heartbeat (index: whose; value: state) · guard (asked) · guarded (value: state and toggle)
-    · emergency (value: code) · read, written (object, data; text: what was known before, as hex) · refused (object, value: abort code) · received, sent (a PDO, values)
+    · emergency (value: code) · read, written (object, data; text: what was known before, as hex)
+    · refused (object, value: abort code) · received, sent (a PDO, values)
     · broken (text: what is wrong with the frame, or with its place; data: the rule).
 
     known : object -> its bytes as last read or written.   state : of network management, as commanded.
