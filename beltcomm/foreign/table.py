@@ -5,28 +5,17 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.configfiles import did_you_mean
-from beltcomm.errors import DataError, UsageError
 
 Column = NDArray[Any]
 Separator = Literal["comma", "semicolon", "tab", "space"]
 Decimal = Literal["point", "comma"]
 
-#: What cannot be read, by ending, and what to do instead.
-_REFUSED = {
-    ".xlsx": "a spreadsheet; save its sheet as CSV",
-    ".xls": "a spreadsheet; save its sheet as CSV",
-    ".ods": "a spreadsheet; save its sheet as CSV",
-    ".parquet": "a Parquet file; write it as CSV",
-    ".tdms": "a TDMS file; export it as CSV",
-    ".zip": "an archive; unpack it first",
-}
 _UNIT_IN_NAME = re.compile(r"^(.*\S)\s*[\[(]\s*([^\[\]()]*?)\s*[\])]$")
 
 
@@ -77,44 +66,6 @@ class Table:
         shown = [known if " " not in known else f'"{known}"' for known in self.columns]
         more = f" and {len(shown) - 30} more" if len(shown) > 30 else ""
         return f"{self.file} has no column {name!r}{did_you_mean(name, self.columns, 0.5)}; it has {', '.join(shown[:30])}{more}"
-
-
-def read_table(
-    path: Path, *, separator: Separator | None = None, decimal: Decimal | None = None, skip_lines: int = 0, torn_rows: bool = False
-) -> Table:
-    """All columns of a CSV or text file (also .gz), a MATLAB file up to version 7, a .npz or .npy file.
-
-    separator, decimal : of a text file; recognised when None.   skip_lines : leave out so many at its beginning.
-    torn_rows : leave out rows in the middle of a text file that have another number of values.
-    Raises UsageError for a file that does not exist or is of no such kind, DataError for one that cannot be read.
-    """
-    from beltcomm.foreign.textfile import read_text_table
-
-    if not path.is_file():
-        what = "is a folder" if path.is_dir() else "does not exist"
-        raise UsageError(f"{path} {what}; give the file with the measurements")
-    ending = path.suffix.lower()
-    if ending in _REFUSED:
-        raise UsageError(f"{path} is {_REFUSED[ending]}")
-    if ending in {".mat", ".npz", ".npy", ".h5", ".hdf5"}:
-        from beltcomm.foreign.arrays import table_of
-        from beltcomm.foreign.matlab import read_hdf5, read_matlab
-
-        return table_of(path, read_matlab(path) if ending == ".mat" else _npz(path) if ending in {".npz", ".npy"} else read_hdf5(path))
-    if ending in {".mf4", ".mdf", ".dat"} and is_mdf(path):
-        from beltcomm.foreign.mdf import read_mdf
-
-        return read_mdf(path)
-    return read_text_table(path, separator, decimal, skip_lines, torn_rows)
-
-
-def _npz(path: Path) -> dict[str, Any]:
-    try:
-        with open(path, "rb") as file:
-            loaded = np.load(file, allow_pickle=False)
-            return {"": loaded} if isinstance(loaded, np.ndarray) else {name: loaded[name] for name in loaded.files}
-    except Exception as error:  # on damaged bytes these readers raise whatever they stumble over
-        raise DataError(f"{path} cannot be read as a NumPy file ({words_of(error)}); is it cut off, or does it hold objects?") from error
 
 
 def words_of(error: BaseException) -> str:

@@ -12,7 +12,7 @@ import pytest
 from scipy.io import savemat
 
 from beltcomm.errors import DataError, UsageError
-from beltcomm.foreign.table import read_table
+from beltcomm.foreign.files import read_table
 from foreign.samples import swing, text, write
 
 T, CURRENT, ENCODER = swing()
