@@ -56,7 +56,9 @@ class Rows(click.ParamType):  # type: ignore[type-arg,unused-ignore]  # generic 
 @click.option("--name", help="Of the recording; the file's name when left out.")
 @click.option("--rate", metavar="HZ", help="Rows per second, when there is no time column (1000Hz, 2kHz).")
 @click.option("--period", metavar="S", help="The same as time between rows (1ms).")
-@click.option("--experiment", type=click.Choice(_EXPERIMENTS), default="free", show_default=True, help="What was done; of a log of frames told by itself.")
+@click.option(
+    "--experiment", type=click.Choice(_EXPERIMENTS), default="free", show_default=True, help="What was done; a log of frames tells it."
+)
 @click.option("--held-out", is_flag=True, help="Never fit this record, only judge by it.")
 @click.option("--closed-loop", is_flag=True, help="A controller was active.")
 @click.option("--start-position", "start_position_m", type=shared.Quantity("start_position_m"), help="Carriage position at the first row.")
@@ -167,7 +169,9 @@ def _mappings(written: tuple[str, ...]) -> tuple[str, ...]:
         try:
             found += mappings_in(Path(text).read_text(encoding="utf-8"))
         except (OSError, ValueError) as error:
-            raise UsageError(f"--map {text} is no mapping and no file of mappings; write OURS=THEIRS*SCALE, such as torque_nm=Iq*0.65") from error
+            raise UsageError(
+                f"--map {text} is no mapping and no file of mappings; write OURS=THEIRS*SCALE, such as torque_nm=Iq*0.65"
+            ) from error
     return tuple(found)
 
 

@@ -236,5 +236,3 @@ def _parts(value: Any) -> list[Mapping[str, Any]]:
         return [value]
     items = value.ravel().tolist() if isinstance(value, np.ndarray) and value.dtype == object else value
     return list(items) if isinstance(items, list) and all(isinstance(item, Mapping) for item in items) else []
-
-

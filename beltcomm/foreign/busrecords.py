@@ -17,7 +17,7 @@ from beltcomm.axis import Axis
 from beltcomm.errors import DataError
 from beltcomm.foreign.canopen import Place, Samples, Seen, objects_seen, pdos, samples
 from beltcomm.foreign.canunits import Overheard, Units, profile_of, units_of
-from beltcomm.foreign.excitations import excitation_of
+from beltcomm.foreign.excitations import excitation_of, is_sweep
 from beltcomm.foreign.framelog import FrameLog
 from beltcomm.foreign.table import Table
 from beltcomm.sidecar import ExcitationNote
@@ -28,8 +28,11 @@ Rows = NDArray[np.intp]
 _POSITION, _VELOCITY, _TORQUE, _CURRENT, _DEMAND = 0x6064, 0x606C, 0x6077, 0x6078, 0x6074
 _STATUSWORD, _CONTROLWORD, _MODE = 0x6041, 0x6040, 0x6060
 _TARGET_TORQUE, _TARGET_POSITION, _TARGET_VELOCITY = 0x6071, 0x607A, 0x60FF
-_SIGNED = frozenset({0x6060, 0x6061, *range(0x6062, 0x6065), *range(0x606B, 0x606D), 0x6071, 0x6074, 0x6077, 0x6078, 0x607A, 0x607C})
-SIGNED = _SIGNED | {0x60B0, 0x60B1, 0x60B2, 0x60C1, 0x60F4, 0x60FF, 0x60FA, 0x60FC}
+#: Objects that may be negative.
+SIGNED = frozenset(
+    {0x6060, 0x6061, 0x6062, 0x6063, 0x6064, 0x606B, 0x606C, 0x6071, 0x6074, 0x6077, 0x6078, 0x607A, 0x607C}
+    | {0x60B0, 0x60B1, 0x60B2, 0x60C1, 0x60F4, 0x60FA, 0x60FC, 0x60FF}
+)
 #: Statusword: Operation Enabled; control word: enable operation (CiA 402-2, 6.2).
 _STATE_MASK, _ENABLED, _RUN = 0x6F, 0x27, 0x0F
 _TORQUE_MODES, _VELOCITY_MODES, _POSITION_MODES, _HOMING = (4, 10), (3, 9), (1, 7, 8), 6
@@ -62,7 +65,9 @@ class _Rows:
     columns: dict[tuple[str, Place], Array] = field(default_factory=dict)
 
 
-def records_of(log: FrameLog, axis: Axis, node: int | None = None, torque_acts: Literal["after", "before"] | None = None) -> list[BusRecord]:
+def records_of(
+    log: FrameLog, axis: Axis, node: int | None = None, torque_acts: Literal["after", "before"] | None = None
+) -> list[BusRecord]:
     """The moves of one drive, in order.
 
     node : None takes the one whose position is on the bus.   torque_acts : of the reported torque, relative to its SYNC; None as the
@@ -255,12 +260,9 @@ def _columns(raw: Mapping[tuple[str, Place], Array], units: Units, mode: int | N
 
 
 def _what_was_done(columns: Mapping[str, Any], mode: int | None) -> tuple[str, bool, ExcitationNote | None]:
-    if mode in _VELOCITY_MODES:
-        reference = columns.get("reference_velocity_rad_s")
-        still = reference is not None and float(np.mean(np.diff(reference) == 0.0)) > 0.5
-        return ("friction_sweep" if still else "free"), True, None
-    if mode in _POSITION_MODES:
-        return "trajectory", True, None
+    if mode in _VELOCITY_MODES or mode in _POSITION_MODES:
+        sweep = is_sweep(columns.get("reference_velocity_rad_s"))
+        return ("friction_sweep" if sweep else "trajectory" if mode in _POSITION_MODES else "free"), True, None
     setpoint = columns.get("torque_setpoint_nm")
     note = excitation_of(setpoint) if setpoint is not None and mode in _TORQUE_MODES else None
     return ("frf" if note is not None else "free"), False, note

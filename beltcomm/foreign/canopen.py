@@ -170,7 +170,8 @@ def samples(log: FrameLog, seen: list[Seen], node: int, signed: frozenset[int]) 
     pieces: dict[tuple[str, Place], list[tuple[NDArray[np.intp], NDArray[np.int64], NDArray[np.bool_]]]] = {}
     changes = pdos(seen, node)
     for position, change in enumerate(changes):
-        later = [c.frame for c in changes[position + 1 :] if c.cob_id == change.cob_id or (c.direction, c.number) == (change.direction, change.number)]
+        pdo = (change.direction, change.number)
+        later = [c.frame for c in changes[position + 1 :] if c.cob_id == change.cob_id or (c.direction, c.number) == pdo]
         end = later[0] if later else len(log.t_s)
         if not change.entries or end <= change.frame:
             continue

@@ -26,7 +26,9 @@ _NO_MEASUREMENT = 1e18
 _TURNED = {
     "torque": _ACTING + tuple(channels["torque_offset"] for channels in CHANNELS.values()),
     "position": tuple(
-        channels[signal] for channels in CHANNELS.values() for signal in ("position", "velocity", "reference_position", "reference_velocity")
+        channels[signal]
+        for channels in CHANNELS.values()
+        for signal in ("position", "velocity", "reference_position", "reference_velocity")
     ),
 }
 _POSITIONS = tuple(channels["position"] for channels in CHANNELS.values())
@@ -45,8 +47,8 @@ class Reading:
     unwrap : span after which the position starts anew, such as "1rev"; None when it does not.
     drop_incomplete : leave out rows in which a value is missing, instead of refusing them.
     flip : "torque", "position" or both: all columns of that kind get the other sign.
-    record, channel, node, signals, dbc : of a log of frames: which of its moves, from 1; interface; node of the drive; what frames carry, by
-    hand or by a DBC file.
+    record, channel, node, signals, dbc : of a log of frames: which of its moves, from 1; interface; node of the drive; what frames
+    carry, by hand or by a DBC file.
     """
 
     mapping: tuple[str, ...] = ()

@@ -43,6 +43,18 @@ def excitation_of(setpoint: Array) -> ExcitationNote | None:
     return ExcitationNote("prbs" if switched else "multisine", float(np.abs(excited).max()), period, begins)
 
 
+def is_sweep(reference_velocity: Array | None) -> bool:
+    """Whether a speed that was asked for rests most of the time on two or more levels that are not zero: a friction sweep."""
+    if reference_velocity is None or not reference_velocity.any():
+        return False
+    largest = float(np.abs(reference_velocity).max())
+    level = np.round(reference_velocity / (0.005 * largest))
+    rests = (np.diff(level, prepend=level[0]) == 0.0) & (np.abs(level) > 1.0)
+    _, counts = np.unique(np.abs(level[rests]), return_counts=True)
+    long = counts[counts >= 0.02 * len(level)]
+    return len(long) >= 2 and bool(long.sum() > 0.5 * len(level))
+
+
 def _likely_periods(excited: Array) -> list[int]:
     """Lags at which the autocorrelation has its highest peaks, shortest first."""
     centred = excited - excited.mean()

@@ -53,9 +53,10 @@ def parts_of(path: Path, reading: Reading, axis: Axis) -> list[Part]:
     _check_there(path)
     sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
     if not is_frame_log(path):
-        for option, given in (("--signal", reading.signals), ("--dbc", reading.dbc), ("--channel", reading.channel), ("--record", reading.record)):
-            if given:
-                raise UsageError(f"{option} is for logs of CAN frames, and {path} is none that is known: candump, .asc, .blf, .trc")
+        for option in ("signals", "dbc", "channel", "record", "node"):
+            if getattr(reading, option):
+                name = option.removesuffix("s")
+                raise UsageError(f"--{name} is for logs of CAN frames, and {path} is none that is known: candump, .asc, .blf, .trc")
         table = read_table(
             path, separator=reading.separator, decimal=reading.decimal, skip_lines=reading.skip_lines, torn_rows=reading.drop_incomplete
         )

@@ -26,6 +26,8 @@ _SPACED = re.compile(
 #: Lines from which a text file is recognised as a log.
 _LOOKED_AT = 20
 _LONGEST = 8
+#: s, at which stamps of text logs begin anew while they are read.
+_TURN = 1_000_000
 
 
 class Frame(NamedTuple):
@@ -124,7 +126,7 @@ def _matched(line: str) -> Frame | None:
         text = "" if remote else payload.replace(".", "")
         if text.startswith("#") or len(text) % 2 or len(text) > 2 * _LONGEST:  # ## is CAN FD
             return None
-        return Frame(float(stamp), channel, _identifier(identifier), remote, bytes.fromhex(text))
+        return Frame(_stamp(stamp), channel, _identifier(identifier), remote, bytes.fromhex(text))
     match = _SPACED.match(line)
     if match is None:
         return None
@@ -133,7 +135,13 @@ def _matched(line: str) -> Frame | None:
     data = b"" if remote else bytes.fromhex(payload)
     if not remote and (len(data) != int(length) or len(data) > _LONGEST):
         return None
-    return Frame(float(stamp) if stamp else np.nan, channel, _identifier(identifier), remote, data)
+    return Frame(_stamp(stamp) if stamp else np.nan, channel, _identifier(identifier), remote, data)
+
+
+def _stamp(text: str) -> float:
+    """Seconds below :data:`_TURN`: of those since 1970 a float holds no microseconds."""
+    seconds, _, fraction = text.partition(".")
+    return int(seconds) % _TURN + float(f"0.{fraction}")
 
 
 def _identifier(text: str) -> int:
@@ -184,4 +192,7 @@ def _risen(stamps: NDArray[np.float64], notes: list[str]) -> NDArray[np.float64]
         if back > 0.1 and stamps.max() < 1e6:
             notes.append("the stamps are the times between frames (candump -t d); they were added up")
             stamps = np.cumsum(stamps)
-    return stamps - stamps[0]
+        else:
+            stamps = np.unwrap(stamps, period=_TURN)
+    since: NDArray[np.float64] = np.round(stamps - stamps[0], 9)
+    return since

@@ -17,6 +17,7 @@ from beltcomm.errors import Refused
 from beltcomm.foreign.mapping import Source, parse_source, sources_for
 from beltcomm.foreign.names import Meaning, meaning_of
 from beltcomm.foreign.table import Table
+from beltcomm.quantities import UNITS
 from beltcomm.recording_columns import CHANNELS, KNOWN_COLUMNS
 
 Confidence = Literal["sure", "likely", "unsure"]
@@ -53,7 +54,9 @@ class NeedsAnswers(Refused):
         self.template = template
 
 
-def completed(table: Table, written: Sequence[str], axis: Axis, *, timed: bool, ask: Ask | None = None) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def completed(
+    table: Table, written: Sequence[str], axis: Axis, *, timed: bool, ask: Ask | None = None
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """The mappings with what was guessed added, and sentences on each guess.
 
     written : what the user mapped; nothing is guessed when that and columns with our own names make a recording.
@@ -94,7 +97,7 @@ def guesses_for(table: Table, sources: Mapping[str, Source], axis: Axis, *, time
     side = _side(meanings, sources)
     channels = CHANNELS[side]
     if timed and "t_s" not in sources:
-        found.append(_time(table, meanings, axis))
+        found.append(_time(table, meanings))
     wanted = {"torque": {"motor": "torque", "ampere": "current", "load": "force"}[side], "position": "position"}
     for signal, quantity in wanted.items():
         if channels[signal] not in sources:
@@ -111,7 +114,7 @@ def guesses_for(table: Table, sources: Mapping[str, Source], axis: Axis, *, time
         guess = _signal(table, column, [m for m in beside if m.name not in taken], axis, ratio, role)
         if column not in sources and guess.confidence == "sure":
             found.append(replace(guess, needed=False))
-    found += [replace(g, needed=False) for g in _second_sensors(table, meanings, sources, taken)]
+    found += [replace(g, needed=False) for g in _second_sensors(meanings, sources, taken)]
     return found
 
 
@@ -133,8 +136,7 @@ def _side(meanings: Sequence[Meaning], sources: Mapping[str, Source]) -> Literal
     return "ampere" if "current" in actual else "motor"
 
 
-def _time(table: Table, meanings: Sequence[Meaning], axis: Axis) -> Guess:
-    del axis
+def _time(table: Table, meanings: Sequence[Meaning]) -> Guess:
     clocks = list(dict.fromkeys(table.clocks.values()))
     if clocks:
         name = clocks[0]
@@ -197,9 +199,7 @@ def _signal(table: Table, column: str, meanings: Sequence[Meaning], axis: Axis, 
     return Guess(column, (*choices, *others), confidence, why)
 
 
-def _scaled(
-    table: Table, column: str, meaning: Meaning, axis: Axis, ratio: float | None
-) -> tuple[tuple[str, ...], Confidence, str]:
+def _scaled(table: Table, column: str, meaning: Meaning, axis: Axis, ratio: float | None) -> tuple[tuple[str, ...], Confidence, str]:
     """Mappings of one foreign column to ours, by its unit."""
     name, suffix = meaning.name, meaning.suffix
     own = column.removeprefix("reference_").split("_", 1)[1].removeprefix("setpoint_")
@@ -208,9 +208,10 @@ def _scaled(
     if suffix == own:
         return (_written(column, name, meaning.unit),), "likely", f"its unit {meaning.unit} alone"
     if suffix == "m" and own == "rad" and ratio is not None:
-        return (f"{column}={_quoted(name)}*{meaning.unit}/{ratio:.9g}".replace(f"*{meaning.unit}", f"*{_metres(meaning.unit):g}"),), "likely", (
-            f"it is in {meaning.unit}: the motor's angle is that over the {ratio:.6g} m/rad of {axis}, if the drive's feed constant is the same"
+        why = (
+            f"it is in {meaning.unit}: the motor's angle is that over the {ratio:.6g} m/rad of {axis}, if the drive's feed constant is that"
         )
+        return (f"{column}={_quoted(name)}*{UNITS['m'].others[meaning.unit]:g}/{ratio:.9g}",), "likely", why
     if meaning.special == "counts" and own == "rad":
         counts = axis.motor.encoder_counts_per_rev or 65536
         known = axis.motor.encoder_counts_per_rev is not None
@@ -251,18 +252,15 @@ def _possible(largest: float, peak: float) -> bool:
     return _SMALLEST_SHARE * peak <= largest <= _LARGEST_SHARE * peak
 
 
-def _metres(unit: str) -> float:
-    return {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}[unit]
-
-
-def _second_sensors(table: Table, meanings: Sequence[Meaning], sources: Mapping[str, Source], taken: set[str]) -> list[Guess]:
+def _second_sensors(meanings: Sequence[Meaning], sources: Mapping[str, Source], taken: set[str]) -> list[Guess]:
     found = []
-    for column, fits in (
-        ("cart_position_m", lambda m: m.quantity == "position" and m.load and m.suffix == "m"),
-        ("load_position_rad", lambda m: m.quantity == "position" and m.load and m.suffix == "rad"),
-        ("temperature_c", lambda m: m.quantity == "temperature" and m.suffix == "c"),
+    for column, quantity, suffix, load in (
+        ("cart_position_m", "position", "m", True),
+        ("load_position_rad", "position", "rad", True),
+        ("temperature_c", "temperature", "c", False),
     ):
-        one = [m for m in meanings if fits(m) and m.role != "setpoint" and m.name not in taken]
+        fits = [m for m in meanings if (m.quantity, m.suffix) == (quantity, suffix) and (m.load or not load)]
+        one = [m for m in fits if m.role != "setpoint" and m.name not in taken]
         if len(one) == 1 and column not in sources:
             mapping = _written(column, one[0].name, "" if one[0].suffix == "c" else one[0].unit)
             found.append(Guess(column, (mapping,), "sure", f"its name, and its unit {one[0].unit} by the file"))
@@ -279,7 +277,8 @@ def _quoted(name: str) -> str:
 
 
 def _open_words(table: Table, guesses: Sequence[Guess]) -> str:
-    words = [f"{g.column}: {g.why}" + (f" ({' or '.join(g.choices[:3])})" if g.choices else "") for g in guesses if g.needed and g.confidence != "sure"]
+    open_ones = [guess for guess in guesses if guess.needed and guess.confidence != "sure"]
+    words = [f"{guess.column}: {guess.why}" + (f" ({' or '.join(guess.choices[:3])})" if guess.choices else "") for guess in open_ones]
     names = ", ".join(list(table.columns)[:30])
     return f"{table.file}: not sure which column is which, and nobody can be asked. {'; '.join(words)}. Its columns are {names}"
 

@@ -31,7 +31,7 @@ def import_recordings(
     dry_run: bool = False,
     ask: Ask | None = None,
 ) -> Result:
-    """Foreign measurements into a new or an imported run folder; all files or none.  A table is one recording, a log of frames one per move.
+    """Foreign measurements into a run folder, all files or none: of a table one recording, of a log of frames one per move.
 
     files : CSV or text (also .gz), .mat, HDF5, MDF, .npz, .npy, logs of CAN frames.   reading : the mapping and how the files are read.
     axis : an axis, its file or the name of a shipped one; None takes that of the run, or notes only a name: one rigid mass.
@@ -101,9 +101,9 @@ def _what_was_done(sidecar: Sidecar, part: Part, before: Sequence[store.Imported
     experiment = part.experiment if sidecar.experiment == "free" else sidecar.experiment
     start = sidecar.start_position_m
     if start is not None and before:
-        moved = float(part.table.columns["position_rad"][0] - before[0].recording.position[0]) if "position_rad" in part.table.columns else None
-        known = moved is not None and axis.get("pulley.effective_radius_m") is not None and before[0].recording.side != "load"
-        start = start + axis.transmission_m_rad * moved if known and moved is not None else None
+        place = part.table.columns.get("position_rad")
+        known = place is not None and axis.get("pulley.effective_radius_m") is not None and before[0].recording.side != "load"
+        start = start + axis.transmission_m_rad * float(place[0] - before[0].recording.position[0]) if known and place is not None else None
     return replace(
         sidecar,
         experiment=experiment,

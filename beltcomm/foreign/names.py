@@ -24,7 +24,7 @@ _WORDS: tuple[tuple[Quantity, str], ...] = (
     ("position", r"pos|posn|position|lage|angle|ang|winkel|theta|phi|enc|encoder|geber|counts?|weg|travel|displacement|x|q|rotor"),
 )
 _ROLES: tuple[tuple[Role, str], ...] = (
-    ("setpoint", r"soll(wert)?|set|setpoint|setp|sp|cmd|command(ed)?|demand|dem|target|tgt|ref|reference|desired|des|des(ired)?|vorgabe|sw"),
+    ("setpoint", r"soll(wert)?|set|setpoint|setp|sp|cmd|command(ed)?|demand|dem|target|tgt|ref|reference|des(ired)?|vorgabe|sw"),
     ("actual", r"act|actual|ist(wert)?|fbk?|feedback|meas(ured)?|mess(wert)?|gemessen|real|iw|value"),
 )
 #: Second sensors: of the carriage, or on the load side of a rotary drive.
@@ -47,16 +47,28 @@ _PARTS: tuple[tuple[Quantity, str], ...] = (
 )
 
 #: Spellings of units beside those of :mod:`beltcomm.quantities`: what they are there.
-_SPELLED = {
-    "sec": "s", "second": "s", "seconds": "s", "sek": "s", "msec": "ms", "millis": "ms", "usec": "us", "grad": "deg", "degree": "deg",
-    "degrees": "deg", "°": "deg", "u/min": "rpm", "upm": "rpm", "umin": "rpm", "min-1": "rpm", "min^-1": "rpm", "1/min": "rpm", "rev/min": "rpm",
-    "r/min": "rpm", "rad/sec": "rad/s", "deg/sec": "deg/s", "grad/s": "deg/s", "°/s": "deg/s", "mm/sec": "mm/s", "newton": "n", "ampere": "a",
-    "amp": "a", "amps": "a", "arms": "a", "a_rms": "a", "aeff": "a", "a(rms)": "a", "n*m": "nm", "n-m": "nm", "newtonmeter": "nm", "radian": "rad",
-    "radians": "rad", "radiant": "rad", "turns": "rev", "turn": "rev", "umdr": "rev", "u": "rev", "revs": "rev", "revolutions": "rev",
-    "millimeter": "mm", "meter": "m", "degc": "°c", "celsius": "°c", "mnm": "mnm", "tr/min": "rpm",
-}  # fmt: skip
+_SPELLINGS = {
+    "s": "sec second seconds sek",
+    "ms": "msec millis",
+    "us": "usec micros",
+    "deg": "grad degree degrees °",
+    "deg/s": "deg/sec grad/s °/s",
+    "rad": "radian radians radiant",
+    "rad/s": "rad/sec",
+    "rev": "turn turns u umdr revs revolutions",
+    "rpm": "u/min upm umin min-1 min^-1 1/min rev/min r/min tr/min",
+    "mm/s": "mm/sec",
+    "m": "meter",
+    "mm": "millimeter",
+    "n": "newton",
+    "nm": "n*m n-m newtonmeter",
+    "a": "ampere amp amps arms a_rms aeff a(rms)",
+    "°c": "degc celsius",
+}
+_SPELLED = {spelling: unit for unit, spellings in _SPELLINGS.items() for spelling in spellings.split()}
 COUNTS = ("counts", "count", "cnt", "cts", "inc", "incr", "increments", "inkr", "inkremente", "ticks", "lsb", "pulses", "qc")
-PER_CENT, PER_MILLE = ("%", "percent", "prozent", "%rated"), ("‰", "permille", "promille", "0.1%", "permilleofratedtorque", "permilleofratedcurrent")
+PER_CENT = ("%", "percent", "prozent", "%rated")
+PER_MILLE = ("‰", "permille", "promille", "0.1%", "permilleofratedtorque", "permilleofratedcurrent")
 #: Units by the quantity and the suffix of our column.
 _SUFFIXES: tuple[tuple[str, Quantity], ...] = (
     ("s", "time"), ("nm", "torque"), ("a", "current"), ("n", "force"), ("rad", "position"), ("m", "position"), ("rad_s", "velocity"),
@@ -100,16 +112,14 @@ def meaning_of(table: Table, name: str) -> Meaning | None:
     stated = plain_unit(table.unit(name))
     number = re.fullmatch(r"(?:0x)?(60[0-9A-F]{2})(?:h|_?h?:0|_0)?", Table.bare(name).strip(), re.I)
     if number and number[1].upper() in _OBJECTS:
-        quantity, role, special = _OBJECTS[number[1].upper()]
-        return Meaning(name, quantity, role, True, special=special)
+        known = _OBJECTS[number[1].upper()]
+        return Meaning(name, known[0], known[1], True, special=known[2])
     words, ending = _words(Table.bare(name))
     if not stated and ending:
         stated = ending
     if any(_fits(word, _OTHERS) for word in words):
         return None
-    role = next((role for role, pattern in _ROLES for word in words if _fits(word, pattern)), "none")
-    if role == "none":
-        role = next((found for word in words if (found := _role_in(word)) != "none"), "none")
+    role = _role(words)
     load = any(_fits(word, _LOAD) for word in words)
     suffix, by_unit = _suffix(stated)
     by_name = _quantity(words)
@@ -171,16 +181,15 @@ def _quantity(words: list[str]) -> Quantity | None:
         if any(re.search(pattern, word) for word in words):
             return quantity
     if len([word for word in words if not any(_fits(word, role) for _, role in _ROLES)]) == 1:
-        for quantity, pattern in _WORDS:
-            if any(len(word) == 1 and _fits(word, pattern) for word in words):
-                return quantity
+        return next((quantity for quantity, pattern in _WORDS if any(len(w) == 1 and _fits(w, pattern) for w in words)), None)
     return None
 
 
-def _role_in(word: str) -> Role:
-    """Of a compound such as "istposition" or "sollmoment"."""
-    if word.startswith("soll") or word.endswith(("soll", "sollwert", "setpoint")):
+def _role(words: list[str]) -> Role:
+    """By a word of its own, or as a part of a compound such as "istposition" or "sollmoment"."""
+    for role, pattern in _ROLES:
+        if any(_fits(word, pattern) for word in words):
+            return role
+    if any(word.startswith("soll") or word.endswith(("soll", "sollwert", "setpoint")) for word in words):
         return "setpoint"
-    if word.startswith("ist") or word.endswith(("ist", "istwert", "feedback")):
-        return "actual"
-    return "none"
+    return "actual" if any(word.startswith("ist") or word.endswith(("ist", "istwert", "feedback")) for word in words) else "none"

@@ -22,8 +22,8 @@ _HEAVIEST_KG = 200.0
 _LIGHTEST_SHARE = 0.7
 #: Standard deviations beyond which an inertia is certain; and the share of the friction that must accelerate.
 _CERTAIN, _DYNAMIC = 4.0, 0.05
-#: Two measures of one motion agree to this.
-_AGREE = 0.05
+#: Two measures of one motion agree to this; where their likeness is smaller, filters and noise part them too.
+_AGREE, _ALIKE = 0.05, 0.995
 #: s; slower sampling shows no resonance of a belt, faster stamps come from no drive.
 _SLOWEST_S, _FASTEST_S = 0.01, 2e-5
 #: Factors between what a column holds and what it should hold, and how it is mapped then.
@@ -68,8 +68,9 @@ def _sampling(recording: Recording) -> Iterator[Finding]:
         )  # fmt: skip
     if period < _FASTEST_S:
         yield Finding(
-            "the time between rows", f"{1e6 * period:.4g} us", f"at least {1e6 * _FASTEST_S:g} us", "correct the unit of time: --map t_s=NAME*FACTOR"
-        )
+            "the time between rows", f"{1e6 * period:.4g} us", f"at least {1e6 * _FASTEST_S:g} us",
+            "correct the unit of time: --map t_s=NAME*FACTOR",
+        )  # fmt: skip
 
 
 def _inertia(recording: Recording, axis: Axis, ratio: float | None) -> Iterator[Finding]:
@@ -183,7 +184,7 @@ def _velocity(recording: Recording) -> Iterator[Finding]:
             f"the likeness of {channels['velocity']} to the change of {channels['position']}", f"{likeness:.2f}", "nearly 1",
             "one of the two is another signal (a setpoint? another axis?): map the right one, or leave the velocity out",
         )  # fmt: skip
-    elif abs(math.sqrt(power[1] / power[0]) - 1.0) > _AGREE and likeness > 0.9:
+    elif abs(math.sqrt(power[1] / power[0]) - 1.0) > _AGREE and likeness > _ALIKE:
         yield Finding(
             f"{channels['velocity']} over the change of {channels['position']}", f"{math.sqrt(power[1] / power[0]):.4g}", "1",
             "correct the factor of the one that is wrong (per minute? filtered?)",

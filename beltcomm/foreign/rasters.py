@@ -18,7 +18,7 @@ from beltcomm.foreign.mapping import Source
 from beltcomm.foreign.names import meaning_of
 from beltcomm.foreign.table import Table
 from beltcomm.quantities import UNITS
-from beltcomm.recording_columns import CHANNELS
+from beltcomm.recording_columns import CHANNELS, COMMON
 
 Array = NDArray[np.float64]
 
@@ -27,17 +27,16 @@ _SAME = 0.01
 _TORQUES = {channels["torque"] for channels in CHANNELS.values()}
 _POSITIONS = {channels["position"] for channels in CHANNELS.values()}
 #: Signals that move on between two samples; all others are set at one moment and hold.
-_CONTINUOUS = _POSITIONS | {channels["velocity"] for channels in CHANNELS.values()} | {"cart_position_m", "load_position_rad", "temperature_c"}
+_CONTINUOUS = _POSITIONS | {channels["velocity"] for channels in CHANNELS.values()} | set(COMMON)
 
 
-def on_one_raster(
-    table: Table, sources: Mapping[str, Source], kept: Mapping[str, str]
-) -> tuple[Table, dict[str, Source], tuple[str, ...]]:
+def on_one_raster(table: Table, sources: Mapping[str, Source], kept: Mapping[str, str]) -> tuple[Table, dict[str, Source], tuple[str, ...]]:
     """The table with all mapped columns on one raster, the sources with its time, and sentences on what was done.
 
     Raises DataError for time stamps that do not rise, or signals that were not recorded at the same time.
     """
-    names = {column: source.theirs for column, source in sources.items() if column != "t_s"} | {f"kept {n}": theirs for n, theirs in kept.items()}
+    names = {column: source.theirs for column, source in sources.items() if column != "t_s"}
+    names |= {f"kept {name}": theirs for name, theirs in kept.items()}
     clocks = {column: table.clocks[theirs] for column, theirs in names.items() if theirs in table.clocks}
     master = _master(table, clocks)
     if master is None:
@@ -59,7 +58,7 @@ def on_one_raster(
         own, values = _stamps(table, clock), table.columns[names[column]]
         outside |= (stamps < own[0] - _SAME * step) | (stamps > own[-1] + _SAME * step)
         if outside.all():
-            raise DataError(f"{table.file}: {names[column]} was not recorded at the same time as the others; map signals of one measurement")
+            raise DataError(f"{table.file}: {names[column]} was not recorded while the others were; map signals of one measurement")
         placed, words = _placed(column, own, values, stamps, step)
         columns[names[column]] = placed
         notes.append(f"{column.removeprefix('kept ')} is of another raster, {clock!r}: {words}")
@@ -109,7 +108,9 @@ def _placed(column: str, own: Array, values: Array, stamps: Array, step: float) 
     if column in _CONTINUOUS:
         bend = np.abs(np.diff(values, 2)) / 8.0
         worst = float(np.nanmax(bend)) if len(bend) and np.isfinite(bend).any() else 0.0
-        return np.interp(stamps, own, values), f"interpolated between its samples {1e3 * float(np.median(np.diff(own))):.4g} ms apart, wrong by {worst:.3g} at most in the file's unit"
+        apart = 1e3 * float(np.median(np.diff(own)))
+        words = f"interpolated between its samples {apart:.4g} ms apart, wrong by up to {worst:.3g} in the file's unit"
+        return np.interp(stamps, own, values), words
     held = np.searchsorted(own, stamps * (1.0 + 1e-12) + _SAME * step, side="right") - 1
     return values[np.clip(held, 0, None)], "each row has its last value before"
 

@@ -6,6 +6,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,13 +55,15 @@ class Signal:
 
 
 def by_hand(text: str) -> Signal:
-    """``NAME=COB-ID:BYTE:TYPE``: identifier in hexadecimal, first byte from 0, i8 to i64, u8 to u64, f32 or f64, "be" behind it for big endian.
+    """``NAME=COB-ID:BYTE:TYPE``: identifier in hexadecimal; first byte, from 0; i8 to i64, u8 to u64, f32 or f64, "be": big endian.
 
     Raises UsageError.
     """
     match = _BY_HAND.fullmatch(text.strip())
     if match is None or match["type"] not in _TYPES:
-        raise UsageError(f"--signal {text} is none; write NAME=COB-ID:BYTE:TYPE, such as 6064h=181:0:i32 ({', '.join(_TYPES)}, be behind it)")
+        raise UsageError(
+            f"--signal {text} is none; write NAME=COB-ID:BYTE:TYPE, such as 6064h=181:0:i32 ({', '.join(_TYPES)}; be behind it: big endian)"
+        )
     bits, kind = _TYPES[match["type"]]
     if 8 * int(match["byte"]) + bits > 64:
         raise UsageError(f"--signal {text}: {bits // 8} bytes from byte {match['byte']} on do not fit into a frame of 8")
@@ -80,7 +83,7 @@ def of_dbc(path: Path) -> list[Signal]:
     except ImportError as error:
         raise UsageError("a DBC file needs a further package: pip install 'beltcomm[dbc]', or use --signal") from error
     try:
-        database = cantools.database.load_file(str(path), database_format="dbc", strict=False)
+        database: Any = cantools.database.load_file(str(path), database_format="dbc", strict=False)
         found = []
         for message in database.messages:
             identifier = message.frame_id | (1 << 31 if message.is_extended_frame else 0)
