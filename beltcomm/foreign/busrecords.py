@@ -75,14 +75,16 @@ def records_of(
     """
     seen = objects_seen(log)
     node, found = _node_with_position(log, seen, node)
-    units, profile = units_of(seen, node, axis), profile_of(seen, node)
+    profile = profile_of(seen, node)
     before = torque_acts == "before" or (torque_acts is None and profile.torque_sampling == "after")
     rows = _rows(log, found)
-    notes = [*log.notes, f"drive: {profile.title}, node {node}", *units.notes, _torque_words(torque_acts, before, profile)]
+    notes = [*log.notes, f"drive: {profile.title}, node {node}", _torque_words(torque_acts, before, profile)]
     made = []
     left = 0
     for stretch in _stretches(log, rows, seen, node):
-        record = _record(log, rows, stretch, units, before, _mode_at(seen, node, int(rows.frames[stretch[0]])), notes)
+        begin = int(rows.frames[stretch[0]])
+        units = units_of(seen, node, axis, begin)
+        record = _record(log, rows, stretch, units, before, _mode_at(seen, node, begin), [*notes, *units.notes])
         if record is None:
             left += 1
         else:

@@ -35,13 +35,17 @@ class Units:
     notes: tuple[str, ...]
 
 
-def units_of(seen: list[Seen], node: int, axis: Axis) -> Units:
-    """From SDO transfers in the log; what they do not show from the axis file.
+def units_of(seen: list[Seen], node: int, axis: Axis, frame: int) -> Units:
+    """From SDO transfers in the log; what they do not show from the axis file.   frame : at which they hold, for a session may change them
+    and put them back; what was seen only later counts as well.
 
     Position: factor group (6093h, F1 p80-87) or feed constant over gear ratio (608Fh, 6091h, 6092h, CiA 402-2).  Speed: 6094h; 60A9h.
     Torque: thousandths of 6076h (mN m); current: of 6075h (mA).
     """
-    values = {item.place: int.from_bytes(item.value, "little") for item in seen if item.node == node and item.place[0] in _SCALING}
+    values: dict[Place, int] = {}
+    for item in seen:
+        if item.node == node and item.place[0] in _SCALING and (item.frame <= frame or item.place not in values):
+            values[item.place] = int.from_bytes(item.value, "little")
     notes: list[str] = []
     position, speed = _motion(values, notes)
     if position is None and axis.motor.encoder_counts_per_rev is not None:

@@ -78,7 +78,7 @@ def _parts_imported(
     for part in parts:
         own = name if part.number is None or len(parts) == 1 else f"{name}_{part.number}"
         done = _what_was_done(sidecar, part, found, axis)
-        noted = replace(part, table=replace(part.table, notes=(*guessed, *part.table.notes) if part is parts[0] else part.table.notes[-1:]))
+        noted = replace(part, table=replace(part.table, notes=(*guessed, *part.table.notes) if part is parts[0] else _new(part, parts[0])))
         try:
             found.append(store.imported(file, own, reading, done, axis, noted))
         except DataError as error:
@@ -87,6 +87,11 @@ def _parts_imported(
     if not found:
         raise refused[0]
     return found
+
+
+def _new(part: Part, first: Part) -> tuple[str, ...]:
+    """What a move's notes say that those of the first one have not said."""
+    return tuple(note for note in part.table.notes if note not in first.table.notes)
 
 
 def _timed(reading: Reading, sidecar: Sidecar) -> bool:
