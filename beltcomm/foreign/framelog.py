@@ -188,8 +188,8 @@ def _by_python_can(path: Path, reader: str, notes: list[str]) -> Iterator[Frame]
 def _risen(stamps: NDArray[np.float64], notes: list[str]) -> NDArray[np.float64]:
     """Stamps since the first; those of ``candump -t d``, each since the one before, are added up."""
     if np.all(np.isfinite(stamps)) and len(stamps) > 2:
-        back = float(np.mean(np.diff(stamps) < 0.0))
-        if back > 0.1 and stamps.max() < 1e6:
+        steps = np.diff(stamps)
+        if np.mean((steps < 0.0) & (steps > -0.5 * _TURN)) > 0.1:
             notes.append("the stamps are the times between frames (candump -t d); they were added up")
             stamps = np.cumsum(stamps)
         else:
