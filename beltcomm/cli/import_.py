@@ -122,12 +122,16 @@ def command(
 
     words = {"axis": chosen, "sidecar": _sidecar(given), "name": given["name"], "dry_run": given["dry_run"]}
     try:
-        return frame.show(api().import_recordings(files, frame.run, _reading(given), **words, ask=_ask if sys.stdin.isatty() else None))
+        return frame.show(api().import_recordings(files, frame.run, _reading(given), **words, ask=_ask if _can_be_asked() else None))
     except NeedsAnswers as error:
         if given["dry_run"]:
             raise Refused(f"{error}. Give --map for these, or leave --dry-run out to get a file of mappings to be edited") from error
         written = _write_template(frame.run, error.template)
         raise Refused(f"{error}. Edit {written}, which holds what was found, and import again with --map {written}") from error
+
+
+def _can_be_asked() -> bool:
+    return sys.stdin.isatty()
 
 
 def _ask(guess: Guess) -> str | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import gzip
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -169,16 +169,17 @@ def _by_python_can(path: Path, reader: str, notes: list[str]) -> Iterator[Frame]
 
     number, others = 0, 0
     try:
-        messages: Iterable[can.Message] = getattr(can, reader)(str(path))
-        for message in messages:
-            number += 1
-            if message.is_error_frame or message.is_fd or len(message.data) > _LONGEST:
-                others += 1
-                continue
-            extended = 1 << 31 if message.is_extended_id else 0
-            remote = bool(message.is_remote_frame)
-            data = b"" if remote else bytes(message.data)
-            yield Frame(float(message.timestamp), str(message.channel), message.arbitration_id | extended, remote, data)
+        # opened here, for a reader that fails in its first line leaves the file open
+        with open(path, "rb") if reader == "BLFReader" else _opened(path) as file:
+            for message in getattr(can, reader)(file):
+                number += 1
+                if message.is_error_frame or message.is_fd or len(message.data) > _LONGEST:
+                    others += 1
+                    continue
+                extended = 1 << 31 if message.is_extended_id else 0
+                remote = bool(message.is_remote_frame)
+                data = b"" if remote else bytes(message.data)
+                yield Frame(float(message.timestamp), str(message.channel), message.arbitration_id | extended, remote, data)
     except Exception as error:  # on damaged bytes these readers raise whatever they stumble over
         notes.append(f"the file breaks off behind frame {number} ({type(error).__name__}: {words_of(error)}): what came before is taken")
     if others:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from beltcomm.errors import DataError
+from beltcomm.foreign.matsizes import check_sizes
 from beltcomm.foreign.table import words_of
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
@@ -25,6 +26,7 @@ def read_matlab(path: Path) -> dict[str, Any]:
     from scipy.io import loadmat
 
     try:
+        check_sizes(path.read_bytes())
         return dict(loadmat(path, simplify_cells=True))
     except NotImplementedError:  # what SciPy says of version 7.3
         return read_hdf5(path)

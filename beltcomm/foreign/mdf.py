@@ -1,15 +1,28 @@
-"""ASAM MDF files (version 3 and 4) as a table, by asammdf: each channel group has its raster, and none is resampled here."""
+"""ASAM MDF files (version 3 and 4) as a table, by asammdf: each channel group has its raster, and none is resampled here.
+
+asammdf runs in a process of its own (``python -m beltcomm.foreign.mdf FILE``): on a damaged file it can turn in circles for ever, and
+prints tracebacks while it is taken down.
+"""
 
 from __future__ import annotations
 
-import logging
+import importlib.util
+import io
+import json
+import os
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from beltcomm.errors import DataError, UsageError
 from beltcomm.foreign.table import Table, words_of
+
+#: s that the reader may take, and how much more for each byte of the file: ten times what whole files take.
+_LIMIT_S, _PER_BYTE_S = 30.0, 1e-6
 
 
 def is_mdf(path: Path) -> bool:
@@ -23,32 +36,51 @@ def read_mdf(path: Path) -> Table:
 
     Raises UsageError when asammdf is not installed, DataError for a file that is damaged or holds no channel of numbers.
     """
+    if importlib.util.find_spec("asammdf") is None:
+        raise UsageError(f"{path} is an MDF file, which needs a further package: pip install 'beltcomm[mdf]', or export it as CSV")
+    if not is_mdf(path):
+        raise DataError(f"{path} does not begin as an MDF file does; is it one?")
+    limit_s = _LIMIT_S + _PER_BYTE_S * path.stat().st_size
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(entry for entry in sys.path if entry)}
     try:
-        from asammdf import MDF
-    except ImportError as error:
-        raise UsageError(
-            f"{path} is an MDF file, which needs a further package: pip install 'beltcomm[mdf]', or export it as CSV"
-        ) from error
-    logging.getLogger("asammdf").setLevel(logging.CRITICAL)  # what is wrong with a file is said once, below
+        done = subprocess.run(
+            [sys.executable, "-m", "beltcomm.foreign.mdf", str(path)], capture_output=True, timeout=limit_s, env=environment, check=False
+        )
+    except subprocess.TimeoutExpired as error:
+        raise DataError(f"{path} cannot be read as an MDF file (its reader did not end within {limit_s:.0f} s); is it cut off?") from error
     try:
-        with MDF(path, process_bus_logging=False) as file:
-            return _table(path, file)
-    except DataError:
-        raise
-    except Exception as error:  # on damaged bytes these readers raise whatever they stumble over
-        raise DataError(f"{path} cannot be read as an MDF file ({words_of(error)}); is it cut off?") from error
+        with np.load(io.BytesIO(done.stdout), allow_pickle=False) as arrays:
+            about: dict[str, Any] = json.loads(str(arrays["about"]))
+            columns = {name: arrays[f"c{k}"] for k, name in enumerate(about["names"])}
+    except Exception as error:  # it ended without an answer, in whatever way
+        raise DataError(f"{path} cannot be read as an MDF file (its reader broke down); is it cut off?") from error
+    if about["fault"]:
+        raise DataError(f"{path} {about['fault']}")
+    return Table(str(path), columns, about["units"], tuple(about["notes"]), about["clocks"])
 
 
-def _table(path: Path, file: Any) -> Table:
-    found: dict[str, Any] = {}
+def channels_of(path: Path) -> tuple[dict[str, NDArray[np.float64]], dict[str, Any]]:
+    """Columns, and units, clocks, notes and a fault in words, "" for none; in this process."""
+    from asammdf import MDF
+
+    try:
+        with MDF(path) as file:
+            return _channels(file)
+    except Exception as error:  # on damaged bytes this reader raises whatever it stumbles over
+        fault = f"cannot be read as an MDF file ({words_of(error)}); is it cut off?"
+        return {}, {"units": {}, "clocks": {}, "notes": [], "fault": fault}
+
+
+def _channels(file: Any) -> tuple[dict[str, NDArray[np.float64]], dict[str, Any]]:
+    found: dict[str, NDArray[np.float64]] = {}
     units: dict[str, str] = {}
     clocks: dict[str, str] = {}
     left_out: list[str] = []
-    groups: dict[int, tuple[str, list[Any]]] = {}
+    groups: dict[int, list[Any]] = {}
     for signal in file.iter_channels(copy_master=False):
-        groups.setdefault(int(signal.group_index), ("", []))[1].append(signal)
+        groups.setdefault(int(signal.group_index), []).append(signal)
     several = len(groups) > 1
-    for index, (_, signals) in groups.items():
+    for index, signals in groups.items():
         stamps = np.asarray(signals[0].timestamps, dtype=np.float64)
         clock = f"time of group {index}" if several else "time"
         if len(stamps) < 2:
@@ -68,8 +100,20 @@ def _table(path: Path, file: Any) -> Table:
             found[name], clocks[name] = column, clock
             if signal.unit:
                 units[name] = str(signal.unit).strip()
-    if not clocks:
-        raise DataError(f"{path} holds no channels of numbers; {', '.join(left_out[:10]) or 'it is empty'}")
     notes = [f"{len(groups)} channel groups, each with time stamps of its own"] if several else []
     notes += [f"not read, because they are no channels of numbers: {', '.join(left_out)}"] if left_out else []
-    return Table(str(path), found, units, tuple(notes), clocks)
+    fault = "" if clocks else f"holds no channels of numbers; {', '.join(left_out[:10]) or 'it is empty'}"
+    return found, {"units": units, "clocks": clocks, "notes": notes, "fault": fault}
+
+
+def _answer(path: Path) -> None:
+    """The channels of a file to stdout, as a NumPy archive."""
+    columns, about = channels_of(path)
+    arrays = {f"c{k}": column for k, column in enumerate(columns.values())}
+    with io.BytesIO() as buffer:
+        np.savez(buffer, about=json.dumps({**about, "names": list(columns)}), **arrays)  # type: ignore[arg-type,unused-ignore]
+        sys.stdout.buffer.write(buffer.getvalue())
+
+
+if __name__ == "__main__":
+    _answer(Path(sys.argv[1]))

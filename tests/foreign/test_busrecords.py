@@ -160,5 +160,5 @@ def test_torque_acts_overrules_the_profile(frames: FrameLog) -> None:
 def test_an_axis_that_does_not_move_is_no_record(reference: Logged, tmp_path: Path) -> None:
     first = next(k for k, frame in enumerate(reference.frames) if frame[1] == 0x80)
     path = candump(reference.frames[:first], tmp_path / "setup.log")
-    with pytest.raises(DataError, match="holds no move|cannot be told"):
+    with pytest.raises(DataError, match=r"holds no move|cannot be told"):
         records_of(read_frames(path), AXIS)

@@ -16,7 +16,12 @@ EPOCH = 1_700_000_000.0
 FRAMES = [
     can.Message(EPOCH + 1e-3 * k, identifier, extended, remote, data=data if not remote else None, dlc=len(data), channel=0)
     for k, (identifier, extended, remote, data) in enumerate(
-        [(0x80, False, False, b""), (0x181, False, False, bytes(range(8))), (0x701, False, True, b""), (0x18FF1234, True, False, b"\x01\x80\xff")]
+        [
+            (0x80, False, False, b""),
+            (0x181, False, False, bytes(range(8))),
+            (0x701, False, True, b""),
+            (0x18FF1234, True, False, b"\x01\x80\xff"),
+        ]
         * 3
     )
 ]
@@ -32,7 +37,9 @@ def same(log: FrameLog, remote: bool = True) -> None:
     assert [d[:n].tobytes() for d, n in zip(log.data, log.length, strict=True)] == payloads
 
 
-@pytest.mark.parametrize(("ending", "writer"), [("asc", can.ASCWriter), ("blf", can.BLFWriter), ("trc", can.TRCWriter), ("log", can.CanutilsLogWriter)])
+@pytest.mark.parametrize(
+    ("ending", "writer"), [("asc", can.ASCWriter), ("blf", can.BLFWriter), ("trc", can.TRCWriter), ("log", can.CanutilsLogWriter)]
+)
 def test_what_python_can_writes(tmp_path: Path, ending: str, writer: type) -> None:
     path = tmp_path / f"a.{ending}"
     with writer(str(path)) as file:
