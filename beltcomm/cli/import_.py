@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from beltcomm.cli import options as shared
 from beltcomm.cli.frame import Frame, api, run_folder
 from beltcomm.cli.init import axis_with
-from beltcomm.errors import UsageError
+from beltcomm.errors import Refused, UsageError
 from beltcomm.quantities import parse_quantity
+
+if TYPE_CHECKING:
+    from beltcomm.foreign.guess import Guess
 
 #: Values of --experiment and --excitation; those of ``beltcomm.sidecar``, which is imported when the verb runs.
 _EXPERIMENTS = ("frf", "friction_sweep", "reversal", "trajectory", "static_map", "free")
@@ -36,7 +40,11 @@ class Rows(click.ParamType):  # type: ignore[type-arg,unused-ignore]  # generic 
 @click.command("import")
 @click.argument("files", nargs=-1, type=click.Path(path_type=Path), metavar="FILE...")
 @click.option(
-    "--map", "mapping", multiple=True, metavar="OURS=THEIRS*SCALE", help="torque_nm=Iq*0.65, t_s=time*ms, position_rad=enc*rev/65536."
+    "--map",
+    "mapping",
+    multiple=True,
+    metavar="OURS=THEIRS*SCALE|FILE",
+    help="torque_nm=Iq*0.65, t_s=time*ms, position_rad=enc*rev/65536; or a file of such lines.",
 )
 @click.option(
     "--run",
@@ -48,7 +56,9 @@ class Rows(click.ParamType):  # type: ignore[type-arg,unused-ignore]  # generic 
 @click.option("--name", help="Of the recording; the file's name when left out.")
 @click.option("--rate", metavar="HZ", help="Rows per second, when there is no time column (1000Hz, 2kHz).")
 @click.option("--period", metavar="S", help="The same as time between rows (1ms).")
-@click.option("--experiment", type=click.Choice(_EXPERIMENTS), default="free", show_default=True, help="What was done.")
+@click.option(
+    "--experiment", type=click.Choice(_EXPERIMENTS), default="free", show_default=True, help="What was done; a log of frames tells it."
+)
 @click.option("--held-out", is_flag=True, help="Never fit this record, only judge by it.")
 @click.option("--closed-loop", is_flag=True, help="A controller was active.")
 @click.option("--start-position", "start_position_m", type=shared.Quantity("start_position_m"), help="Carriage position at the first row.")
@@ -64,10 +74,9 @@ class Rows(click.ParamType):  # type: ignore[type-arg,unused-ignore]  # generic 
 @click.option(
     "--torque-acts",
     type=click.Choice(["after", "before"]),
-    default="after",
-    show_default=True,
-    help="After or before its row's time stamp.",
+    help="After its row's time stamp, as in a table when left out, or before it; in a log of frames as the drive's profile says.",
 )
+@click.option("--flip", multiple=True, type=click.Choice(["torque", "position"]), help="Turn the sign of all columns of the kind.")
 @click.option("--unwrap", metavar="SPAN", help="The position is a counter that starts anew after SPAN, after scaling (1rev, 200mm).")
 @click.option("--rows", type=Rows(), metavar="FIRST:LAST", help="Only these rows, counted from 1.")
 @click.option("--from", "from_s", type=shared.Quantity("from_s"), help="Leave out what was recorded before this time after the first row.")
@@ -77,6 +86,11 @@ class Rows(click.ParamType):  # type: ignore[type-arg,unused-ignore]  # generic 
 @click.option("--separator", type=click.Choice(["comma", "semicolon", "tab", "space"]), help="Of a text file; recognised when left out.")
 @click.option("--decimal", type=click.Choice(["point", "comma"]), help="Of a text file; recognised when left out.")
 @click.option("--skip-lines", type=click.IntRange(0), default=0, help="Leave out so many lines at the beginning of a text file.")
+@click.option("--record", type=click.IntRange(1), help="Of a log of CAN frames: only this move, from 1.")
+@click.option("--channel", metavar="NAME", help="Of a log of several interfaces: can0.")
+@click.option("--node", type=click.IntRange(1, 127), help="Of a log of several drives: the node.")
+@click.option("--signal", "signals", multiple=True, metavar="NAME=ID:BYTE:TYPE", help="What frames carry: 6064h=181:0:i32.")
+@click.option("--dbc", type=click.Path(path_type=Path), help="DBC file that says what frames carry.")
 @click.option("--dry-run", is_flag=True, help="Show what would be read and write nothing.")
 @click.option("--check", "check_only", is_flag=True, help="Repeat the imports of --run from their originals and compare; no FILE.")
 @shared.output_options
@@ -84,11 +98,15 @@ class Rows(click.ParamType):  # type: ignore[type-arg,unused-ignore]  # generic 
 def command(
     frame: Frame, /, files: tuple[Path, ...], run: Path | None, axis: str | None, entries: tuple[str, ...], check_only: bool, **given: Any
 ) -> int:
-    """Bring measurements from FILE (CSV, text, .gz, .mat, .npz, .npy) into a run folder; the originals are kept.
+    """Bring measurements from FILE into a run folder; the originals are kept.
+
+    FILE is CSV or text (also .gz), MATLAB (.mat), MDF (.mf4), HDF5, NumPy (.npz, .npy), or a log of CAN frames: candump, Vector
+    .asc and .blf, PEAK .trc, of which each move becomes a recording.
 
     --map reads: OUR column = THEIR column times a scale, then an offset if need be: --map torque_nm=Iq*0.65
     --map position_rad=enc*9.587e-5+0.3. A unit may stand for the scale: --map t_s=time*ms. Columns that already have one of our
-    names need no --map. Names of columns, units and what they mean: docs/import.md.
+    names need no --map. What is not mapped is guessed from names and units; what is not sure is asked, or written to a file of
+    mappings to be edited. Names of columns, units and what they mean: docs/import.md.
     """
     if check_only:
         if files or run is None:
@@ -100,19 +118,83 @@ def command(
 
     frame.run = run_folder(run, f"imported-{recording_name(files[0])}")
     chosen = axis_with(axis, entries, frame.run) if entries else axis
-    return frame.show(
-        api().import_recordings(
-            files, frame.run, _reading(given), axis=chosen, sidecar=_sidecar(given), name=given["name"], dry_run=given["dry_run"]
-        )
-    )
+    from beltcomm.foreign.guess import NeedsAnswers
+
+    words = {"axis": chosen, "sidecar": _sidecar(given), "name": given["name"], "dry_run": given["dry_run"]}
+    try:
+        return frame.show(api().import_recordings(files, frame.run, _reading(given), **words, ask=_ask if _can_be_asked() else None))
+    except NeedsAnswers as error:
+        if given["dry_run"]:
+            raise Refused(f"{error}. Give --map for these, or leave --dry-run out to get a file of mappings to be edited") from error
+        written = _write_template(frame.run, error.template)
+        raise Refused(f"{error}. Edit {written}, which holds what was found, and import again with --map {written}") from error
+
+
+def _can_be_asked() -> bool:
+    return sys.stdin.isatty()
+
+
+def _ask(guess: Guess) -> str | None:
+    """Put a guess to the person at the terminal."""
+    click.echo(f"{guess.column}: {guess.confidence}; {guess.why}", err=True)
+    for number, choice in enumerate(guess.choices, start=1):
+        click.echo(f"  {number}  {choice}", err=True)
+    answer = str(click.prompt("Number, a mapping OURS=THEIRS*SCALE, or - for none", default="1", err=True)).strip()
+    if answer.isdigit() and 1 <= int(answer) <= len(guess.choices):
+        return guess.choices[int(answer) - 1]
+    if "=" in answer:
+        return answer
+    if answer == "-":
+        return None
+    raise UsageError(f"{answer!r} is none of the choices; answer a number from 1 to {len(guess.choices)}, a mapping, or -")
+
+
+def _write_template(run: Path, text: str) -> Path:
+    """A file beside the run folder; one that is there already, which may have been edited, is not touched."""
+    from beltcomm.configfiles import write_text
+
+    path, number = run.with_name(f"{run.name}.map"), 2
+    while path.exists() and path.read_text(encoding="utf-8", errors="replace") != text:
+        path, number = run.with_name(f"{run.name}-{number}.map"), number + 1
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_text(path, text)
+    return path
+
+
+def _mappings(written: tuple[str, ...]) -> tuple[str, ...]:
+    """Each mapping, those in files too.   Raises UsageError for a file that is not there or is no text."""
+    from beltcomm.foreign.guess import mappings_in
+
+    found: list[str] = []
+    for text in written:
+        if "=" in text and not Path(text).is_file():
+            found.append(text)
+            continue
+        try:
+            found += mappings_in(Path(text).read_text(encoding="utf-8"))
+        except (OSError, ValueError) as error:
+            raise UsageError(
+                f"--map {text} is no mapping and no file of mappings; write OURS=THEIRS*SCALE, such as torque_nm=Iq*0.65"
+            ) from error
+    return tuple(found)
 
 
 def _reading(given: dict[str, Any]) -> Any:
     from beltcomm.foreign.convert import Reading
 
     first, last = given["rows"] or (None, None)
-    same = ("mapping", "keep", "separator", "decimal", "skip_lines", "from_s", "until_s", "torque_acts", "unwrap", "drop_incomplete")
-    return Reading(**{key: given[key] for key in same}, period_s=_period_s(given["rate"], given["period"]), first_row=first, last_row=last)
+    same = (
+        *("keep", "separator", "decimal", "skip_lines", "from_s", "until_s", "torque_acts", "unwrap", "drop_incomplete"),
+        *("flip", "record", "channel", "node", "signals"),
+    )
+    return Reading(
+        mapping=_mappings(given["mapping"]),
+        **{key: given[key] for key in same},
+        dbc=str(given["dbc"]) if given["dbc"] else None,
+        period_s=_period_s(given["rate"], given["period"]),
+        first_row=first,
+        last_row=last,
+    )
 
 
 def _period_s(rate: str | None, period: str | None) -> float | None:

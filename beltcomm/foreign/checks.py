@@ -47,7 +47,7 @@ def check(recording: Recording) -> tuple[str, ...]:
     if opposite_signs(recording.t_s, recording.torque, recording.position):
         raise DataError(
             f"{recording.file}: positive {torque} drives to negative {position} (mass or friction would be negative); turn one sign, "
-            f"such as --map {torque}=-NAME"
+            f"such as --map {torque}=-NAME, or --flip torque or --flip position"
         )
     return (*_period_note(recording), *_level_note(recording.position, position, unit))
 

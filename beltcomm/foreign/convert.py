@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from beltcomm.errors import DataError, UsageError
 from beltcomm.foreign.mapping import Source, kept_columns, sources_for
+from beltcomm.foreign.rasters import on_one_raster
 from beltcomm.foreign.table import Decimal, Separator, Table
 from beltcomm.foreign.timestamps import checked_time, seconds_of
 from beltcomm.quantities import in_other_unit, parse_quantity, unit_of
@@ -21,6 +22,15 @@ Column = NDArray[Any]
 _ACTING = tuple(channels[signal] for channels in CHANNELS.values() for signal in ("torque", "torque_setpoint") if signal in channels)
 #: Larger numbers stand for a missing value.
 _NO_MEASUREMENT = 1e18
+#: Columns whose sign --flip turns, by what is named.
+_TURNED = {
+    "torque": _ACTING + tuple(channels["torque_offset"] for channels in CHANNELS.values()),
+    "position": tuple(
+        channels[signal]
+        for channels in CHANNELS.values()
+        for signal in ("position", "velocity", "reference_position", "reference_velocity")
+    ),
+}
 _POSITIONS = tuple(channels["position"] for channels in CHANNELS.values())
 
 
@@ -32,9 +42,13 @@ class Reading:
     separator, decimal, skip_lines : of a text file; recognised when None.
     period_s : s between rows, where there is no time column or it is not to be used.
     first_row, last_row : only these rows, counted from 1.     from_s, until_s : only this part, s after its first row.
-    torque_acts : "after" the time stamp of its row, or "before" it: then the row's torque is moved to the row before.
+    torque_acts : "after" the time stamp of its row, or "before" it: then the row's torque is moved to the row before; None: "after" in a
+    table, in a log of frames as the drive's profile says.
     unwrap : span after which the position starts anew, such as "1rev"; None when it does not.
     drop_incomplete : leave out rows in which a value is missing, instead of refusing them.
+    flip : "torque", "position" or both: all columns of that kind get the other sign.
+    record, channel, node, signals, dbc : of a log of frames: which of its moves, from 1; interface; node of the drive; what frames
+    carry, by hand or by a DBC file.
     """
 
     mapping: tuple[str, ...] = ()
@@ -47,9 +61,15 @@ class Reading:
     last_row: int | None = None
     from_s: float | None = None
     until_s: float | None = None
-    torque_acts: Literal["after", "before"] = "after"
+    torque_acts: Literal["after", "before"] | None = None
     unwrap: str | None = None
     drop_incomplete: bool = False
+    flip: tuple[str, ...] = ()
+    record: int | None = None
+    channel: str | None = None
+    node: int | None = None
+    signals: tuple[str, ...] = ()
+    dbc: str | None = None
 
     def __post_init__(self) -> None:
         if self.period_s is not None and not 0.0 < self.period_s < np.inf:
@@ -90,12 +110,15 @@ def convert(table: Table, reading: Reading, *, timed: bool = True) -> Converted:
     """
     sources = sources_for(table, reading.mapping, KNOWN_COLUMNS)
     kept = kept_columns(table, reading.keep, sources, KNOWN_COLUMNS)
+    merged: tuple[str, ...] = ()
+    if timed and reading.period_s is None and table.clocks:
+        table, sources, merged = on_one_raster(table, sources, kept)
     if reading.period_s is not None or not timed:
         sources.pop("t_s", None)
     columns = {name: _scaled(table, source) for name, source in sources.items()}
     columns |= {name: table.columns[theirs] for name, theirs in kept.items()}
     _check_lengths(table, columns, sources)
-    notes: list[str] = list(table.notes)
+    notes: list[str] = [*table.notes, *merged]
     first = (reading.first_row or 1) - 1
     rows = np.arange(first, min(len(next(iter(columns.values()), ())), reading.last_row or 2**62))
     if not len(rows):
@@ -116,6 +139,9 @@ def convert(table: Table, reading: Reading, *, timed: bool = True) -> Converted:
             if not 0.0 < span < np.inf:
                 raise UsageError(f"--unwrap is {reading.unwrap}; give the span after which {name} starts anew, above 0")
             columns[name] = np.unwrap(columns[name], period=span)
+    for name in columns:
+        if any(name in _TURNED[kind] for kind in reading.flip):
+            columns[name] = -columns[name]
     if reading.torque_acts == "before":
         columns = _moved(columns)
         notes.append("torque was moved to the row before: it acts until its own time stamp")
@@ -216,8 +242,9 @@ def alignment(reading: Reading, columns: Mapping[str, Column]) -> str:
     """The sentence that says what is assumed of the torque's time."""
     name = next((name for name in _ACTING if name in columns), "torque")
     step = f"{1e3 * float(np.median(np.diff(columns['t_s']))):.4g} ms" if "t_s" in columns else "one row"
-    acts = "from its row's time stamp to the next" if reading.torque_acts == "after" else "until its row's time stamp"
-    other = "before" if reading.torque_acts == "after" else "after"
+    before = reading.torque_acts == "before"
+    acts = "until its row's time stamp" if before else "from its row's time stamp to the next"
+    other = "after" if before else "before"
     return (
         f"{name} is taken to act {acts}. If the recorder means it otherwise, import with --torque-acts {other}: no data can tell "
         f"this error of {step} from a real dead time."
@@ -244,4 +271,4 @@ def without_time(reading: Reading) -> Reading:
     """The same for a static map.   Raises UsageError when a rate or a part in time was given."""
     if reading.period_s is not None or reading.from_s is not None or reading.until_s is not None:
         raise UsageError("a static map has no time; leave out --rate, --period, --from and --until")
-    return replace(reading, torque_acts="after")
+    return replace(reading, torque_acts=None)

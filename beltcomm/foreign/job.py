@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from beltcomm.axis import Axis, load_axis
-from beltcomm.errors import UsageError
+from beltcomm.errors import DataError, UsageError
 from beltcomm.foreign import store
 from beltcomm.foreign.convert import Reading, alignment, line_of_table
+from beltcomm.foreign.files import Part, parts_of
+from beltcomm.foreign.guess import Ask, completed
 from beltcomm.recording import Sidecar
 from beltcomm.result import Result
 from beltcomm.runfolder import RunFolder
@@ -27,13 +29,15 @@ def import_recordings(
     sidecar: Sidecar | None = None,
     name: str | None = None,
     dry_run: bool = False,
+    ask: Ask | None = None,
 ) -> Result:
-    """Foreign measurements, one recording per file, into a new or an imported run folder; all of them or none.
+    """Foreign measurements into a run folder, all files or none: of a table one recording, of a log of frames one per move.
 
-    files : CSV or text (also .gz), .mat up to version 7, .npz, .npy.   reading : the mapping and how the files are read.
+    files : CSV or text (also .gz), .mat, HDF5, MDF, .npz, .npy, logs of CAN frames.   reading : the mapping and how the files are read.
     axis : an axis, its file or the name of a shipped one; None takes that of the run, or notes only a name: one rigid mass.
     sidecar : what was done, the same for all files.   name : of the recording, when it is one file.   dry_run : write nothing.
-    Raises UsageError, DataError; nothing is written then.
+    ask : puts guesses that are not sure to a person; None: NeedsAnswers is raised instead.
+    Raises UsageError, DataError, NeedsAnswers; nothing is written then.
     """
     sidecar = sidecar or Sidecar()
     if not files:
@@ -44,19 +48,75 @@ def import_recordings(
         raise UsageError("--session-time belongs to one record; import the files one by one")
     folder, known = store.open_or_plan(run, axis if isinstance(axis, Axis) or axis is None else load_axis(axis))
     noted = replace(sidecar, source=sidecar.source or "imported with beltcomm import")
-    found = [store.imported(Path(file), name or store.recording_name(Path(file)), reading, noted, known) for file in files]
+    found: list[store.Imported] = []
+    left_out: list[str] = []
+    for file in files:
+        found += _parts_imported(Path(file), name or store.recording_name(Path(file)), reading, noted, known, ask, left_out)
     store.check_together(folder, found, known)
     if not dry_run:
         store.write(run, folder, known, found)
     described = [_described(item) for item in found]
     data = {"run": str(run), "dry_run": dry_run, "axis": _axis_dict(known, folder, axis), "recordings": described}
     text = [line for item, recording in zip(described, found, strict=True) for line in _lines(item, recording)]
-    text += ["", *_closing(run, folder, known, axis, dry_run)]
-    if sidecar.experiment != "static_map":
+    text += ["", *left_out, *_closing(run, folder, known, axis, dry_run)]
+    if sidecar.experiment != "static_map" and any("record" not in item.recording.sidecar.extra["import"]["reading"] for item in found):
         text.append(alignment(reading, found[0].converted.columns))
     if known.has_belt and not dry_run:
         text.append(f"Next: beltcomm fit {run}")
     return Result(data, text)
+
+
+def _parts_imported(
+    file: Path, name: str, reading: Reading, sidecar: Sidecar, axis: Axis, ask: Ask | None, left_out: list[str]
+) -> list[store.Imported]:
+    """All recordings of one file.   left_out : gets sentences on moves in a log that no method can use."""
+    parts = parts_of(file, reading, axis)
+    mapping, guessed = completed(parts[0].table, reading.mapping, axis, timed=_timed(reading, sidecar), ask=ask)
+    reading = replace(reading, mapping=mapping)
+    found: list[store.Imported] = []
+    refused: list[DataError] = []
+    for part in parts:
+        own = name if part.number is None or len(parts) == 1 else f"{name}_{part.number}"
+        done = _what_was_done(sidecar, part, found, axis)
+        noted = replace(part, table=replace(part.table, notes=(*guessed, *part.table.notes) if part is parts[0] else _new(part, parts[0])))
+        try:
+            found.append(store.imported(file, own, reading, done, axis, noted))
+        except DataError as error:
+            refused.append(error)
+            left_out.append(f"Move {part.number} at {part.start_s:.4g} s of the log was left out: {error}")
+    if not found:
+        raise refused[0]
+    return found
+
+
+def _new(part: Part, first: Part) -> tuple[str, ...]:
+    """What a move's notes say that those of the first one have not said."""
+    return tuple(note for note in part.table.notes if note not in first.table.notes)
+
+
+def _timed(reading: Reading, sidecar: Sidecar) -> bool:
+    """Whether a time column is needed."""
+    return sidecar.experiment != "static_map" and reading.period_s is None
+
+
+def _what_was_done(sidecar: Sidecar, part: Part, before: Sequence[store.Imported], axis: Axis) -> Sidecar:
+    """The user's words, and what a log shows where the user said nothing; moves of one log share its clock and its carriage."""
+    if part.number is None:
+        return sidecar
+    experiment = part.experiment if sidecar.experiment == "free" else sidecar.experiment
+    start = sidecar.start_position_m
+    if start is not None and before:
+        place = part.table.columns.get("position_rad")
+        known = place is not None and axis.get("pulley.effective_radius_m") is not None and before[0].recording.side != "load"
+        start = start + axis.transmission_m_rad * float(place[0] - before[0].recording.position[0]) if known and place is not None else None
+    return replace(
+        sidecar,
+        experiment=experiment,
+        closed_loop=sidecar.closed_loop or part.closed_loop,
+        excitation=sidecar.excitation or (part.excitation if experiment == "frf" else None),
+        start_position_m=start,
+        session_time_s=(sidecar.session_time_s or 0.0) + part.start_s,
+    )
 
 
 def check_imports(run: Path) -> Result:
@@ -83,6 +143,7 @@ def _described(item: store.Imported) -> dict[str, Any]:
         "columns": [line_of_table(name, column, item.converted.sources.get(name)) for name, column in columns.items()],
         "not_taken": list(item.converted.not_taken),
         "notes": list(item.notes),
+        "findings": [asdict(finding) for finding in item.findings],
     }
     if not recording.is_static_map:
         steps, lost = np.diff(recording.t_s), recording.gaps()
@@ -124,7 +185,8 @@ def _lines(found: dict[str, Any], item: store.Imported) -> list[str]:
         )
     if found["not_taken"]:
         lines.append(f"  not taken: {', '.join(found['not_taken'])}")
-    return lines + [f"  note: {note}" for note in found["notes"] if not note.startswith("samples were lost")]
+    lines += [f"  note: {note}" for note in found["notes"] if not note.startswith("samples were lost")]
+    return lines + [f"  doubt: {finding}" for finding in item.findings]
 
 
 def _cell(value: object) -> str:

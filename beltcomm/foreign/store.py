@@ -26,7 +26,8 @@ from beltcomm.axis import Axis
 from beltcomm.errors import DataError, UsageError
 from beltcomm.foreign.checks import check
 from beltcomm.foreign.convert import Converted, Reading, convert, reading_from_dict, without_time
-from beltcomm.foreign.table import read_table
+from beltcomm.foreign.files import Part, parts_of
+from beltcomm.foreign.plausibility import Finding, findings
 from beltcomm.recording import Recording, Sidecar, common_side, load_recording, recording_from_columns
 from beltcomm.runfolder import RunFolder, checked_name
 
@@ -38,6 +39,7 @@ class Imported:
     """One foreign file as a recording.   source : the file.   sha256 : of its bytes.   recording : as saved, side as in the file.
 
     converted : where the columns came from.     notes : sentences on how it was read and what looks odd.
+    findings : doubts whether it can be of this axis.
     """
 
     source: Path
@@ -45,32 +47,33 @@ class Imported:
     recording: Recording
     converted: Converted
     notes: tuple[str, ...]
+    findings: tuple[Finding, ...] = ()
 
 
-def imported(path: Path, name: str, reading: Reading, sidecar: Sidecar, axis: Axis) -> Imported:
-    """One foreign file as a recording, checked against the axis; nothing is written.   Raises UsageError, DataError."""
+def imported(path: Path, name: str, reading: Reading, sidecar: Sidecar, axis: Axis, part: Part) -> Imported:
+    """One part of a foreign file as a recording, checked against the axis; nothing is written.   Raises UsageError, DataError."""
     static = sidecar.experiment == "static_map"
     reading = without_time(reading) if static else reading
-    table = read_table(
-        path, separator=reading.separator, decimal=reading.decimal, skip_lines=reading.skip_lines, torn_rows=reading.drop_incomplete
-    )
-    converted = convert(table, reading, timed=not static)
-    sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
+    # in a log of frames the torque stands where it acts already
+    converted = convert(part.table, replace(reading, torque_acts=None) if part.number is not None else reading, timed=not static)
     about = {
         "original": f"{ORIGINALS}/{path.name}",
-        "sha256": sha256,
+        "sha256": part.sha256,
         "columns": {column: source.written for column, source in converted.sources.items()},
-        "reading": reading.to_dict(),
+        "reading": replace(reading, record=part.number).to_dict(),
         "beltcomm": __version__,
     }
+    if reading.dbc is not None:
+        about["dbc_sha256"] = hashlib.sha256(Path(reading.dbc).read_bytes()).hexdigest()
     noted = replace(sidecar, extra={**sidecar.extra, "import": about})
     try:
         recording = recording_from_columns(name, converted.columns, noted, file=str(path))
         checked = recording_from_columns(name, converted.columns, noted, axis, file=str(path))
         odd = check(checked)
     except DataError as error:
-        raise _with_the_way_out(error, table.columns, converted) from error
-    return Imported(path, sha256, recording, converted, (*converted.notes, *checked.notes, *odd))
+        raise _with_the_way_out(error, part.table.columns, converted) from error
+    doubts = findings(checked, axis)
+    return Imported(path, part.sha256, recording, converted, (*converted.notes, *checked.notes, *odd), doubts)
 
 
 def _with_the_way_out(error: DataError, names: Mapping[str, Any], converted: Converted) -> DataError:
@@ -124,29 +127,32 @@ def write(run: Path, folder: RunFolder | None, axis: Axis, found: Sequence[Impor
     """Write what was imported: originals first, each recording whole.   Raises UsageError when the folder cannot be written."""
     folder = folder or RunFolder.create(run, axis)
     for item in found:
-        original = _keep_original(folder, item)
         extra = dict(item.recording.sidecar.extra)
-        extra["import"] = {**extra["import"], "original": f"{ORIGINALS}/{original.name}"}
+        about = {**extra["import"], "original": f"{ORIGINALS}/{_keep_original(folder, item.source, item.sha256).name}"}
+        if "dbc_sha256" in about:
+            kept = _keep_original(folder, Path(about["reading"]["dbc"]), about["dbc_sha256"])
+            about["reading"] = {**about["reading"], "dbc": f"{ORIGINALS}/{kept.name}"}
+        extra["import"] = about
         folder.add_recording(replace(item.recording, notes=(), sidecar=replace(item.recording.sidecar, extra=extra)))
     return folder
 
 
-def _keep_original(folder: RunFolder, item: Imported) -> Path:
+def _keep_original(folder: RunFolder, source: Path, sha256: str) -> Path:
     """Copy the foreign file, unless the run has it already; another file of that name is not touched."""
     target = folder.path / ORIGINALS
-    stem, ending = stem_and_ending(item.source)
+    stem, ending = stem_and_ending(source)
     try:
         target.mkdir(exist_ok=True)
         number = 1
         while (path := target / (f"{stem}{ending}" if number == 1 else f"{stem}-{number}{ending}")).exists():
-            if hashlib.sha256(path.read_bytes()).hexdigest() == item.sha256:
+            if hashlib.sha256(path.read_bytes()).hexdigest() == sha256:
                 return path
             number += 1
         temporary = path.with_name(f".{path.name}.tmp")
-        shutil.copyfile(item.source, temporary)
-        if hashlib.sha256(temporary.read_bytes()).hexdigest() != item.sha256:
+        shutil.copyfile(source, temporary)
+        if hashlib.sha256(temporary.read_bytes()).hexdigest() != sha256:
             temporary.unlink()
-            raise DataError(f"{item.source} changed while it was imported; import it when the recorder has finished")
+            raise DataError(f"{source} changed while it was imported; import it when the recorder has finished")
         temporary.replace(path)
     except OSError as error:
         raise UsageError(f"{target} cannot be written: {error.strerror or error}; choose another --run folder") from error
@@ -171,17 +177,19 @@ def repeated(folder: RunFolder) -> dict[str, str]:
     Raises DataError when the run holds no imported recording.
     """
     outcome: dict[str, str] = {}
+    read: dict[str, list[Part]] = {}
     for name in folder.finished_names():
         recording = load_recording(folder.recordings_folder / f"{name}.csv")
         about = recording.sidecar.extra.get("import")
         if isinstance(about, Mapping):
-            outcome[name] = _difference(folder, recording, about)
+            outcome[name] = _difference(folder, recording, about, read)
     if not outcome:
         raise DataError(f"{folder.path} holds no imported recording; nothing to repeat")
     return outcome
 
 
-def _difference(folder: RunFolder, recording: Recording, about: Mapping[str, Any]) -> str:
+def _difference(folder: RunFolder, recording: Recording, about: Mapping[str, Any], read: dict[str, list[Part]]) -> str:
+    """read : what files have been read for recordings before, so that a log of many moves is read once."""
     original = folder.path / str(about.get("original", ""))
     if not original.is_file():
         return f"its original {original} is missing"
@@ -189,7 +197,15 @@ def _difference(folder: RunFolder, recording: Recording, about: Mapping[str, Any
         return f"its original {original} was changed since"
     try:
         reading = reading_from_dict(about.get("reading") or {})
-        again = imported(original, recording.name, reading, replace(recording.sidecar, extra={}), folder.axis).recording
+        if reading.dbc is not None:
+            reading = replace(reading, dbc=str(folder.path / reading.dbc))
+        everything = replace(reading, record=None)
+        key = f"{original} {everything.to_dict()}"
+        if key not in read:
+            read.clear()
+            read[key] = parts_of(original, everything, folder.axis)
+        part = _part(read[key], reading.record)
+        again = imported(original, recording.name, reading, replace(recording.sidecar, extra={}), folder.axis, part).recording
     except (DataError, UsageError) as error:
         return f"it cannot be imported again: {error}"
     before, after = recording.columns(), again.columns()
@@ -197,6 +213,13 @@ def _difference(folder: RunFolder, recording: Recording, about: Mapping[str, Any
         return f"its columns are {', '.join(before)}, imported again {', '.join(after)}"
     differing = [column for column in before if not _same(before[column], after[column])]
     return f"it differs from its original in {', '.join(differing)}" if differing else ""
+
+
+def _part(parts: Sequence[Part], number: int | None) -> Part:
+    found = [part for part in parts if part.number == number]
+    if not found:
+        raise DataError(f"the original holds no move {number} any more; it was imported by another version")
+    return found[0]
 
 
 def _same(before: NDArray[Any], after: NDArray[Any]) -> bool:

@@ -5,30 +5,16 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.configfiles import did_you_mean
-from beltcomm.errors import DataError, UsageError
 
 Column = NDArray[Any]
 Separator = Literal["comma", "semicolon", "tab", "space"]
 Decimal = Literal["point", "comma"]
 
-#: What cannot be read, by ending, and what to do instead.
-_REFUSED = {
-    ".xlsx": "a spreadsheet; save its sheet as CSV",
-    ".xls": "a spreadsheet; save its sheet as CSV",
-    ".ods": "a spreadsheet; save its sheet as CSV",
-    ".parquet": "a Parquet file; write it as CSV",
-    ".tdms": "a TDMS file; export it as CSV",
-    ".mf4": "an MDF file; export it as CSV",
-    ".h5": "an HDF5 file; write its arrays as .npz or CSV",
-    ".zip": "an archive; unpack it first",
-}
 _UNIT_IN_NAME = re.compile(r"^(.*\S)\s*[\[(]\s*([^\[\]()]*?)\s*[\])]$")
 
 
@@ -37,12 +23,14 @@ class Table:
     """file : where it came from.   columns : name -> float64 (n,), NaN where a value is missing, or text (n,).
 
     units : name -> unit as the file writes it, where it does.     notes : sentences on how it was read and what was left out.
+    clocks : name -> the column that holds its time stamps, where the file says so; columns of different clocks differ in length.
     """
 
     file: str
     columns: Mapping[str, Column]
     units: Mapping[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    clocks: Mapping[str, str] = field(default_factory=dict)
 
     def find(self, name: str) -> str | None:
         """The column that a name means: itself, else the only one that differs in case or by a unit in brackets, or c1 for the first.
@@ -79,86 +67,6 @@ class Table:
         return f"{self.file} has no column {name!r}{did_you_mean(name, self.columns, 0.5)}; it has {', '.join(shown[:30])}{more}"
 
 
-def read_table(
-    path: Path, *, separator: Separator | None = None, decimal: Decimal | None = None, skip_lines: int = 0, torn_rows: bool = False
-) -> Table:
-    """All columns of a CSV or text file (also .gz), a MATLAB file up to version 7, a .npz or .npy file.
-
-    separator, decimal : of a text file; recognised when None.   skip_lines : leave out so many at its beginning.
-    torn_rows : leave out rows in the middle of a text file that have another number of values.
-    Raises UsageError for a file that does not exist or is of no such kind, DataError for one that cannot be read.
-    """
-    from beltcomm.foreign.textfile import read_text_table
-
-    if not path.is_file():
-        what = "is a folder" if path.is_dir() else "does not exist"
-        raise UsageError(f"{path} {what}; give the file with the measurements")
-    ending = path.suffix.lower()
-    if ending in _REFUSED:
-        raise UsageError(f"{path} is {_REFUSED[ending]}")
-    if ending in {".mat", ".npz", ".npy"}:
-        return _from_arrays(path, _mat(path) if ending == ".mat" else _npz(path))
-    return read_text_table(path, separator, decimal, skip_lines, torn_rows)
-
-
-def _mat(path: Path) -> dict[str, Any]:
-    from scipy.io import loadmat
-
-    try:
-        return dict(loadmat(path, simplify_cells=True))
-    except NotImplementedError as error:
-        raise DataError(f"{path} is a MATLAB 7.3 file (HDF5); save it again in MATLAB with: save(..., '-v7')") from error
-    except Exception as error:  # on damaged bytes these readers raise whatever they stumble over
-        raise DataError(f"{path} cannot be read as a MATLAB file ({_words(error)}); is it cut off?") from error
-
-
-def _npz(path: Path) -> dict[str, Any]:
-    try:
-        with open(path, "rb") as file:
-            loaded = np.load(file, allow_pickle=False)
-            return {"": loaded} if isinstance(loaded, np.ndarray) else {name: loaded[name] for name in loaded.files}
-    except Exception as error:  # on damaged bytes these readers raise whatever they stumble over
-        raise DataError(f"{path} cannot be read as a NumPy file ({_words(error)}); is it cut off, or does it hold objects?") from error
-
-
-def _from_arrays(path: Path, arrays: Mapping[str, Any]) -> Table:
-    """One column per vector; a matrix gives one per row or column, whichever are fewer, named NAME1, NAME2, ..."""
-    columns: dict[str, Column] = {}
-    left_out: list[str] = []
-    for name, value in _leaves(arrays):
-        values = np.asarray(value)
-        if values.dtype.kind in "buif" and values.size > 1 and values.ndim <= 2:
-            flat = np.squeeze(values).astype(np.float64)
-            flat[~np.isfinite(flat)] = np.nan
-            parts = {name or "c1": flat} if flat.ndim == 1 else _of_matrix(name or "c", flat)
-            columns |= parts
-        elif not name.startswith("_"):
-            left_out.append(name)
-    if not columns:
-        raise DataError(f"{path} holds no vectors of numbers; give a file with one vector per signal")
-    notes = (f"not read, because they are no vectors of numbers: {', '.join(left_out)}",) if left_out else ()
-    return Table(str(path), columns, {}, notes)
-
-
-def _of_matrix(name: str, values: Column) -> dict[str, Column]:
-    columns = values if values.shape[0] < values.shape[1] else values.T
-    return {f"{name}{number}": column for number, column in enumerate(columns, start=1)}
-
-
-def _leaves(value: Mapping[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
-    """Arrays by name; those inside structures (nested mappings, fields of a structured array) as OUTER.INNER."""
-    found: list[tuple[str, Any]] = []
-    for key, item in value.items():
-        name = f"{prefix}{key}"
-        if isinstance(item, Mapping):
-            found += _leaves(item, f"{name}.")
-        elif isinstance(item, np.ndarray) and item.dtype.names:
-            inner = {field_name: item[field_name] for field_name in item.dtype.names}
-            found += _leaves(inner, f"{name}." if name else "")
-        else:
-            found.append((name, item))
-    return found
-
-
-def _words(error: BaseException) -> str:
+def words_of(error: BaseException) -> str:
+    """The first line of what a library said."""
     return (str(error).splitlines() or [type(error).__name__])[0][:100]

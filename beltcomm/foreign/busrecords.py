@@ -1,0 +1,270 @@
+"""Records in a log of CANopen frames: rows by SYNC, setpoints where they act, cut where the stage goes on and off.
+
+A synchronous PDO that a drive sends behind SYNC k was sampled at SYNC k; one that it receives there acts from SYNC k+1 on
+(CiA 301, 7.2.2).  Without SYNCs a row is a frame that carries the position.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltcomm.axis import Axis
+from beltcomm.errors import DataError
+from beltcomm.foreign.canopen import Place, Samples, Seen, objects_seen, pdos, samples
+from beltcomm.foreign.canunits import Overheard, Units, profile_of, units_of
+from beltcomm.foreign.excitations import excitation_of, is_sweep
+from beltcomm.foreign.framelog import FrameLog
+from beltcomm.foreign.table import Table
+from beltcomm.sidecar import ExcitationNote
+
+Array = NDArray[np.float64]
+Rows = NDArray[np.intp]
+
+_POSITION, _VELOCITY, _TORQUE, _CURRENT, _DEMAND = 0x6064, 0x606C, 0x6077, 0x6078, 0x6074
+_STATUSWORD, _CONTROLWORD, _MODE = 0x6041, 0x6040, 0x6060
+_TARGET_TORQUE, _TARGET_POSITION, _TARGET_VELOCITY = 0x6071, 0x607A, 0x60FF
+#: Objects that may be negative.
+SIGNED = frozenset(
+    {0x6060, 0x6061, 0x6062, 0x6063, 0x6064, 0x606B, 0x606C, 0x6071, 0x6074, 0x6077, 0x6078, 0x607A, 0x607C}
+    | {0x60B0, 0x60B1, 0x60B2, 0x60C1, 0x60F4, 0x60FA, 0x60FC, 0x60FF}
+)
+#: Statusword: Operation Enabled; control word: enable operation (CiA 402-2, 6.2).
+_STATE_MASK, _ENABLED, _RUN = 0x6F, 0x27, 0x0F
+_TORQUE_MODES, _VELOCITY_MODES, _POSITION_MODES, _HOMING = (4, 10), (3, 9), (1, 7, 8), 6
+#: A pause longer than this many periods, and than this time, parts two records.
+_PAUSE_PERIODS, _PAUSE_S = 20.0, 0.05
+#: s; a shorter stretch is no move.
+_SHORTEST_S = 0.2
+_FEWEST_SYNCS = 10
+
+
+@dataclass(frozen=True, eq=False)
+class BusRecord:
+    """One move in a log.   table : its columns, in SI where the units are known.   start_s : s after the log's first frame.
+
+    experiment, closed_loop, excitation : what the setpoints show was done.
+    """
+
+    table: Table
+    start_s: float
+    experiment: str
+    closed_loop: bool
+    excitation: ExcitationNote | None = None
+
+
+@dataclass
+class _Rows:
+    """All rows of a log: places of the SYNCs (or of the frames with the position), and columns on them, NaN where nothing came."""
+
+    frames: Rows
+    columns: dict[tuple[str, Place], Array] = field(default_factory=dict)
+
+
+def records_of(
+    log: FrameLog, axis: Axis, node: int | None = None, torque_acts: Literal["after", "before"] | None = None
+) -> list[BusRecord]:
+    """The moves of one drive, in order.
+
+    node : None takes the one whose position is on the bus.   torque_acts : of the reported torque, relative to its SYNC; None as the
+    drive's profile says.   Raises DataError when the log does not show what the frames carry, or holds no move.
+    """
+    seen = objects_seen(log)
+    node, found = _node_with_position(log, seen, node)
+    profile = profile_of(seen, node)
+    before = torque_acts == "before" or (torque_acts is None and profile.torque_sampling == "after")
+    rows = _rows(log, found)
+    notes = [*log.notes, f"drive: {profile.title}, node {node}", _torque_words(torque_acts, before, profile)]
+    made = []
+    left = 0
+    for stretch in _stretches(log, rows, seen, node):
+        begin = int(rows.frames[stretch[0]])
+        units = units_of(seen, node, axis, begin)
+        record = _record(log, rows, stretch, units, before, _mode_at(seen, node, begin), [*notes, *units.notes])
+        if record is None:
+            left += 1
+        else:
+            made.append(record)
+    if not made:
+        raise DataError(
+            f"{log.file} holds no move: of {len(rows.frames)} rows of node {node} none lasts {_SHORTEST_S:g} s with the stage on and the "
+            "axis moving; record while the axis moves"
+        )
+    if left:
+        made[0] = _with_note(made[0], f"{left} stretches with the stage on in which nothing moves or that are homing were left out")
+    return made
+
+
+def _with_note(record: BusRecord, note: str) -> BusRecord:
+    table = record.table
+    noted = Table(table.file, table.columns, table.units, (*table.notes, note), table.clocks)
+    return BusRecord(noted, record.start_s, record.experiment, record.closed_loop, record.excitation)
+
+
+def _torque_words(asked: str | None, before: bool, profile: Overheard) -> str:
+    why = f"as --torque-acts {asked} says" if asked else f"as the profile of the {profile.title} says"
+    if not asked and not profile.known:
+        why = "which is assumed, for the log does not name the drive: see --torque-acts"
+    place = "of the period just ended, so it was moved to the row before" if before else "of the period that follows"
+    return f"the torque reported at a SYNC is that {place}, {why}"
+
+
+def _node_with_position(log: FrameLog, seen: list[Seen], node: int | None) -> tuple[int, dict[tuple[str, Place], Samples]]:
+    numbers = sorted({item.node for item in seen}) if node is None else [node]
+    best: tuple[int, dict[tuple[str, Place], Samples]] | None = None
+    for number in numbers:
+        found = samples(log, seen, number, SIGNED)
+        size = len(found[("sent", (_POSITION, 0))].raw) if ("sent", (_POSITION, 0)) in found else 0
+        if size and (best is None or size > len(best[1][("sent", (_POSITION, 0))].raw)):
+            best = number, found
+    if best is None:
+        shown = "the log shows no SDO access to the PDO mapping (1A00h)" if not any(pdos(seen, n) for n in numbers) else "no PDO carries it"
+        raise DataError(
+            f"{log.file}: which frames carry the position 6064h cannot be told, {shown}. On the bus are {log.summary()}. Record from "
+            "before the drive is set up, or say what the frames carry: --signal 6064h=181:0:i32 (COB-ID, first byte, type), or --dbc FILE"
+        )
+    return best
+
+
+def _rows(log: FrameLog, found: Mapping[tuple[str, Place], Samples]) -> _Rows:
+    position = found[("sent", (_POSITION, 0))]
+    syncs = np.flatnonzero((log.identifier == 0x80) & ~log.remote)
+    synchronous = bool(position.synchronous.mean() > 0.5) and len(syncs) >= _FEWEST_SYNCS
+    rows = _Rows(syncs if synchronous else np.unique(position.frames))
+    size = len(rows.frames)
+    for (direction, place), values in found.items():
+        column = np.full(size, np.nan)
+        at = np.searchsorted(rows.frames, values.frames, side="right") - 1
+        if direction == "received":
+            at = np.where(values.synchronous & synchronous, at + 1, at)
+        kept = (at >= 0) & (at < size)
+        column[at[kept]] = values.raw[kept]
+        rows.columns[(direction, place)] = _held(column) if direction == "received" or place[0] == _STATUSWORD else column
+    if synchronous:
+        return rows
+    for place in ((_TORQUE, 0), (_VELOCITY, 0), (_CURRENT, 0), (_DEMAND, 0)):  # from other frames: the last value that came
+        if ("sent", place) in rows.columns:
+            rows.columns[("sent", place)] = _held(rows.columns[("sent", place)])
+    return rows
+
+
+def _held(column: Array) -> Array:
+    """Each missing value as the last one before it."""
+    known = np.where(np.isfinite(column), np.arange(len(column)), 0)
+    return np.asarray(column[np.maximum.accumulate(known)])
+
+
+def _stretches(log: FrameLog, rows: _Rows, seen: list[Seen], node: int) -> list[Rows]:
+    """Rows of each move: complete, stage on, control word running, one mode, without a pause."""
+    position = rows.columns[("sent", (_POSITION, 0))]
+    kept = np.isfinite(position)
+    status = rows.columns.get(("sent", (_STATUSWORD, 0)))
+    if status is not None and np.isfinite(status).any():
+        kept &= (np.nan_to_num(status).astype(np.int64) & _STATE_MASK) == _ENABLED
+    control = rows.columns.get(("received", (_CONTROLWORD, 0)))
+    if control is not None and np.isfinite(control).any():
+        kept &= (np.nan_to_num(control).astype(np.int64) & _RUN) == _RUN
+    chosen = np.flatnonzero(kept)
+    if not len(chosen):
+        return []
+    modes = np.array([item.frame for item in seen if item.node == node and item.place[0] in (_MODE, 0x6040) and item.written])
+    epochs = np.array([change.frame for change in pdos(seen, node)])
+    t_s = log.t_s[rows.frames[chosen]]
+    steps = np.diff(t_s)
+    usual = float(np.median(steps)) if len(steps) else 0.0
+    breaks = (steps > max(_PAUSE_PERIODS * usual, _PAUSE_S)) | ~np.isfinite(steps)
+    for changes in (modes, epochs):
+        if len(changes):
+            breaks |= np.diff(np.searchsorted(changes, rows.frames[chosen])) > 0
+    # rows between that were left out because the stage was off part two records as well
+    between = np.add.reduceat(~kept & np.isfinite(position), chosen)[:-1] if len(chosen) > 1 else np.zeros(0)
+    breaks |= between > 0
+    return [part for part in np.split(chosen, np.flatnonzero(breaks) + 1) if len(part) > 2 and log.t_s[rows.frames[part[-1]]] > 0.0]
+
+
+def _mode_at(seen: list[Seen], node: int, frame: int) -> int | None:
+    """The mode of operation that was written, or read from 6061h, last before a frame."""
+    mode = None
+    for item in seen:
+        if item.frame > frame:
+            break
+        if item.node == node and item.place in ((_MODE, 0), (0x6061, 0)):
+            mode = int.from_bytes(item.value, "little", signed=True)
+    return mode
+
+
+def _record(
+    log: FrameLog, rows: _Rows, stretch: Rows, units: Units, before: bool, mode: int | None, notes: Sequence[str]
+) -> BusRecord | None:
+    t_s = log.t_s[rows.frames[stretch]]
+    position = rows.columns[("sent", (_POSITION, 0))][stretch]
+    if mode == _HOMING or np.ptp(position) == 0.0 or not np.isfinite(t_s).all() or t_s[-1] - t_s[0] < _SHORTEST_S:
+        return None
+    raw = {key: column[stretch] for key, column in rows.columns.items()}
+    if before:  # the value of the next row of the bus, not of the next row that is left
+        following = np.minimum(stretch + 1, len(rows.frames) - 1)
+        for place in ((_TORQUE, 0), (_CURRENT, 0), (_DEMAND, 0)):
+            if ("sent", place) in raw:
+                raw[("sent", place)] = rows.columns[("sent", place)][following]
+    columns = {"t_s": t_s - t_s[0], **_columns(raw, units, mode)}
+    torque = next((name for name in ("torque_nm", "current_a", "6077h", "6078h") if name in columns), None)
+    lost = np.zeros(len(stretch), dtype=bool)
+    words = list(notes)
+    if torque is not None:
+        lost = ~np.isfinite(columns[torque])
+        if lost[:-1].any():
+            words.append(f"{int(lost[:-1].sum())} rows without a torque left out")
+    columns = {name: column[~lost] for name, column in columns.items()}
+    if len(columns["t_s"]) < 3:
+        return None
+    units_beside = {"6077h": "per mille of rated torque", "6078h": "per mille of rated current"}
+    table = Table(log.file, columns, {name: unit for name, unit in units_beside.items() if name in columns}, tuple(words))
+    return BusRecord(table, float(t_s[0]), *_what_was_done(columns, mode))
+
+
+def _columns(raw: Mapping[tuple[str, Place], Array], units: Units, mode: int | None) -> dict[str, Array]:
+    """Raw columns in SI under our names; under the object's number where its unit is not known."""
+    found: dict[str, Array] = {}
+
+    def take(direction: str, index: int, name: str, unit: float | None, subindex: int = 0) -> None:
+        column = raw.get((direction, (index, subindex)))
+        if column is None or name in found or not np.isfinite(column).any():
+            return
+        if unit is None:
+            found[f"{index:04X}h"] = column
+        elif direction == "sent" or np.isfinite(column).all():
+            found[name] = column * unit
+
+    take("sent", _TORQUE, "torque_nm", units.torque_nm)
+    if "torque_nm" not in found and "6077h" not in found:
+        take("sent", _CURRENT, "current_a", units.current_a)
+    torque_mode = mode in _TORQUE_MODES or (mode is None and ("received", (_TARGET_TORQUE, 0)) in raw)
+    if torque_mode:
+        take("received", _TARGET_TORQUE, "torque_setpoint_nm", units.torque_nm)
+    take("sent", _DEMAND, "torque_setpoint_nm", units.torque_nm)
+    take("sent", _POSITION, "position_rad", units.position_rad)
+    take("sent", _VELOCITY, "velocity_rad_s", units.speed_rad_s)
+    if mode in _POSITION_MODES:
+        take("received", _TARGET_POSITION, "reference_position_rad", units.position_rad)
+        take("received", 0x60C1, "reference_position_rad", units.position_rad, 1)
+        take("received", 0x60B1, "reference_velocity_rad_s", units.speed_rad_s)
+    if mode in _VELOCITY_MODES:
+        take("received", _TARGET_VELOCITY, "reference_velocity_rad_s", units.speed_rad_s)
+    if not torque_mode:
+        take("received", 0x60B2, "torque_offset_nm", units.torque_nm)
+        if "torque_offset_nm" in found and not found["torque_offset_nm"].any():
+            del found["torque_offset_nm"]
+    return found
+
+
+def _what_was_done(columns: Mapping[str, Any], mode: int | None) -> tuple[str, bool, ExcitationNote | None]:
+    if mode in _VELOCITY_MODES or mode in _POSITION_MODES:
+        sweep = is_sweep(columns.get("reference_velocity_rad_s"))
+        return ("friction_sweep" if sweep else "trajectory" if mode in _POSITION_MODES else "free"), True, None
+    setpoint = columns.get("torque_setpoint_nm")
+    note = excitation_of(setpoint) if setpoint is not None and mode in _TORQUE_MODES else None
+    return ("frf" if note is not None else "free"), False, note

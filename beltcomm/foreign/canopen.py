@@ -1,0 +1,215 @@
+"""What a log of frames says of a CANopen node: objects read and written by SDO, and what its PDOs carry (CiA 301, 7.2.4, 7.5.2)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltcomm.foreign.framelog import FrameLog
+
+Place = tuple[int, int]
+"""Index and subindex of an object."""
+
+_ABORT = 4
+_INVALID = 1 << 31
+#: Communication and mapping objects of the PDOs, by direction, and the identifiers that CiA 301 gives the first four.
+_PDO = {"received": (0x1400, 0x1600, 0x200), "sent": (0x1800, 0x1A00, 0x180)}
+_MOST_PDOS = 0x200
+#: Mapped in place of an object, to skip bits of a received PDO (CiA 301, 7.4.7).
+_DUMMIES = range(0x0001, 0x0020)
+
+
+class Seen(NamedTuple):
+    """One object whose value went over the bus.   frame : of the confirmation.   value : its bytes, little endian."""
+
+    frame: int
+    node: int
+    place: Place
+    value: bytes
+    written: bool
+
+
+class Pdo(NamedTuple):
+    """What a PDO carries from a frame on.   number : from 0.   entries : (index, subindex, bits) in their order, () while switched off."""
+
+    frame: int
+    cob_id: int
+    direction: str
+    number: int
+    transmission: int | None
+    entries: tuple[tuple[int, int, int], ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Values of one object.   frames : ndarray (n,), places in the log, rising.   raw : ndarray (n,), int64.   synchronous : (n,), of a PDO
+    that waits for the SYNC."""
+
+    frames: NDArray[np.intp]
+    raw: NDArray[np.int64]
+    synchronous: NDArray[np.bool_]
+
+
+@dataclass
+class _Transfer:
+    place: Place = (0, 0)
+    upload: bool = False
+    data: bytearray = field(default_factory=bytearray)
+    last: bool = False
+
+
+def objects_seen(log: FrameLog) -> list[Seen]:
+    """Every SDO transfer that was confirmed, expedited or in segments; aborted ones are none."""
+    found: list[Seen] = []
+    pending: dict[int, _Transfer] = {}
+    base = log.identifier & ~0x7F
+    node = log.identifier & 0x7F
+    mask = ((base == 0x580) | (base == 0x600)) & (node > 0) & ~log.remote & (log.length == 8)
+    for frame in np.flatnonzero(mask).tolist():
+        number = int(node[frame])
+        data = log.data[frame].tobytes()
+        if base[frame] == 0x600:
+            _asked(pending, number, data)
+        elif number in pending:
+            done = _answered(pending, number, data)
+            if done is not None:
+                found.append(Seen(frame, number, done.place, bytes(done.data), not done.upload))
+    return found
+
+
+def _asked(pending: dict[int, _Transfer], node: int, data: bytes) -> None:
+    command, place = data[0] >> 5, (int.from_bytes(data[1:3], "little"), data[3])
+    if command == 1:
+        expedited = bool(data[0] & 2)
+        unused = (data[0] >> 2) & 3 if data[0] & 1 else 0
+        pending[node] = _Transfer(place, False, bytearray(data[4 : 8 - unused] if expedited else b""), expedited)
+    elif command == 2:
+        pending[node] = _Transfer(place, True)
+    elif command == 0 and node in pending and not pending[node].upload:
+        pending[node].data += data[1 : 8 - ((data[0] >> 1) & 7)]
+        pending[node].last = bool(data[0] & 1)
+    elif command == _ABORT:
+        pending.pop(node, None)
+
+
+def _answered(pending: dict[int, _Transfer], node: int, data: bytes) -> _Transfer | None:
+    """The transfer that this answer completes; None when there is more to come, or it was refused."""
+    transfer, command = pending[node], data[0] >> 5
+    place = (int.from_bytes(data[1:3], "little"), data[3])
+    if command == _ABORT:
+        pending.pop(node, None)
+    elif command == 2 and transfer.upload and place == transfer.place:
+        if data[0] & 2:
+            unused = (data[0] >> 2) & 3 if data[0] & 1 else 0
+            transfer.data = bytearray(data[4 : 8 - unused])
+            return pending.pop(node)
+    elif command == 0 and transfer.upload:
+        transfer.data += data[1 : 8 - ((data[0] >> 1) & 7)]
+        if data[0] & 1:
+            return pending.pop(node)
+    elif (command == 3 and place == transfer.place and transfer.last) or (command == 1 and transfer.last):
+        return pending.pop(node)
+    return None
+
+
+def pdos(seen: list[Seen], node: int) -> list[Pdo]:
+    """Every change of what the PDOs of a node carry.   A COB-ID that the log does not show is the one of CiA 301, 7.3.5."""
+    state: dict[tuple[str, int], dict[str, int]] = {}
+    entries: dict[tuple[str, int], dict[int, int]] = {}
+    last: dict[tuple[str, int], Pdo] = {}
+    changes: list[Pdo] = []
+    for item in seen:
+        if item.node != node:
+            continue
+        key, part = _pdo_object(item.place[0])
+        if key is None:
+            continue
+        value = int.from_bytes(item.value, "little")
+        if part == "mapping":
+            if item.place[1] == 0:
+                state.setdefault(key, {})["count"] = value
+            else:
+                entries.setdefault(key, {})[item.place[1]] = value
+        else:
+            state.setdefault(key, {})[f"comm{item.place[1]}"] = value
+        now = _pdo_now(key, item.frame, state.get(key, {}), entries.get(key, {}), node)
+        if now is not None and now[1:] != last.get(key, Pdo(0, 0, "", 0, None, ()))[1:]:
+            last[key] = now
+            changes.append(now)
+    return changes
+
+
+def _pdo_object(index: int) -> tuple[tuple[str, int] | None, str]:
+    for direction, (communication, mapping, _) in _PDO.items():
+        for first, part in ((communication, "communication"), (mapping, "mapping")):
+            if first <= index < first + _MOST_PDOS:
+                return (direction, index - first), part
+    return None, ""
+
+
+def _pdo_now(key: tuple[str, int], frame: int, state: Mapping[str, int], entries: Mapping[int, int], node: int) -> Pdo | None:
+    direction, number = key
+    cob_id = state.get("comm1", _PDO[direction][2] + 0x100 * number + node if number < 4 else _INVALID)
+    count = state.get("count")
+    if count is None:
+        return None
+    valid = not cob_id & _INVALID and 0 < count <= 64 and all(k in entries for k in range(1, count + 1))
+    mapped = tuple((e >> 16, (e >> 8) & 0xFF, e & 0xFF) for e in (entries[k] for k in range(1, count + 1))) if valid else ()
+    return Pdo(frame, cob_id & 0x7FF, direction, number, state.get("comm2"), mapped)
+
+
+def samples(log: FrameLog, seen: list[Seen], node: int, signed: frozenset[int]) -> dict[tuple[str, Place], Samples]:
+    """Values of every object that PDOs carried or SDOs wrote, by direction ("sent" by the node, "received" by it).
+
+    signed : indices of objects that may be negative.
+    """
+    pieces: dict[tuple[str, Place], list[tuple[NDArray[np.intp], NDArray[np.int64], NDArray[np.bool_]]]] = {}
+    changes = pdos(seen, node)
+    for position, change in enumerate(changes):
+        pdo = (change.direction, change.number)
+        later = [c.frame for c in changes[position + 1 :] if c.cob_id == change.cob_id or (c.direction, c.number) == pdo]
+        end = later[0] if later else len(log.t_s)
+        if not change.entries or end <= change.frame:
+            continue
+        size = sum(bits for *_, bits in change.entries)
+        mask = log.identifier[change.frame : end] == change.cob_id
+        frames = np.flatnonzero(mask & ~log.remote[change.frame : end] & (8 * log.length[change.frame : end] >= size)) + change.frame
+        words = log.data[frames]
+        waits = np.full(len(frames), change.transmission is None or change.transmission <= 240)
+        for index, subindex, first, bits in _placed(change.entries):
+            pieces.setdefault((change.direction, (index, subindex)), []).append(
+                (frames, bits_of(words, first, bits, index in signed), waits)
+            )
+    for item in seen:
+        if item.node == node and item.written and 0x6000 <= item.place[0] < 0x6800 and 0 < len(item.value) <= 4:
+            value = int.from_bytes(item.value, "little", signed=item.place[0] in signed)
+            pieces.setdefault(("received", item.place), []).append((np.array([item.frame]), np.array([value]), np.array([False])))
+    return {key: _joined(parts) for key, parts in pieces.items()}
+
+
+def _placed(entries: tuple[tuple[int, int, int], ...]) -> Iterator[tuple[int, int, int, int]]:
+    """Index, subindex, first bit and bits of each entry that is an object."""
+    first = 0
+    for index, subindex, bits in entries:
+        if index not in _DUMMIES and 0 < bits <= 64 and first + bits <= 64:
+            yield index, subindex, first, bits
+        first += bits
+
+
+def bits_of(words: NDArray[np.uint8], first: int, bits: int, signed: bool) -> NDArray[np.int64]:
+    """Little-endian integers of ``bits`` bits from bit ``first`` on.   words : ndarray (n, 8)."""
+    whole = np.ascontiguousarray(words).view("<u8").ravel()
+    shifted = (whole << np.uint64(64 - first - bits)) if first + bits < 64 else whole
+    if signed:
+        return np.asarray(shifted.view(np.int64) >> np.int64(64 - bits), dtype=np.int64)
+    return np.asarray((shifted >> np.uint64(64 - bits)).view(np.int64), dtype=np.int64)
+
+
+def _joined(parts: list[tuple[NDArray[np.intp], NDArray[np.int64], NDArray[np.bool_]]]) -> Samples:
+    frames, raw, waits = (np.concatenate(column) for column in zip(*parts, strict=True))
+    order = np.argsort(frames, kind="stable")
+    return Samples(frames[order], raw[order], waits[order])

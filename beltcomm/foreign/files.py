@@ -1,0 +1,119 @@
+"""A foreign file as tables: which reader it takes; a log of frames gives one table per move."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from beltcomm.axis import Axis
+from beltcomm.errors import DataError, UsageError
+from beltcomm.foreign.arrays import table_of
+from beltcomm.foreign.convert import Reading
+from beltcomm.foreign.framelog import is_frame_log, read_frames
+from beltcomm.foreign.matlab import read_hdf5, read_matlab
+from beltcomm.foreign.mdf import is_mdf, read_mdf
+from beltcomm.foreign.table import Decimal, Separator, Table, words_of
+from beltcomm.foreign.textfile import read_text_table
+from beltcomm.sidecar import ExcitationNote
+
+#: What cannot be read, by ending, and what to do instead.
+_REFUSED = {
+    ".xlsx": "a spreadsheet; save its sheet as CSV",
+    ".xls": "a spreadsheet; save its sheet as CSV",
+    ".ods": "a spreadsheet; save its sheet as CSV",
+    ".parquet": "a Parquet file; write it as CSV",
+    ".tdms": "a TDMS file; export it as CSV",
+    ".zip": "an archive; unpack it first",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """One recording's worth of a file.   number : from 1, of the moves in a log of frames; None for a table.
+
+    sha256 : of the file.   start_s : s after the file's first row.   experiment, closed_loop, excitation : what a log shows was done.
+    """
+
+    table: Table
+    sha256: str
+    number: int | None = None
+    start_s: float = 0.0
+    experiment: str = "free"
+    closed_loop: bool = False
+    excitation: ExcitationNote | None = None
+
+
+def parts_of(path: Path, reading: Reading, axis: Axis) -> list[Part]:
+    """All recordings that a file holds.   axis : gives units that a log of frames does not show.   Raises UsageError, DataError."""
+    _check_there(path)
+    sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
+    if not is_frame_log(path):
+        for option in ("signals", "dbc", "channel", "record", "node"):
+            if getattr(reading, option):
+                name = option.removesuffix("s")
+                raise UsageError(f"--{name} is for logs of CAN frames, and {path} is none that is known: candump, .asc, .blf, .trc")
+        table = read_table(
+            path, separator=reading.separator, decimal=reading.decimal, skip_lines=reading.skip_lines, torn_rows=reading.drop_incomplete
+        )
+        return [Part(table, sha256)]
+    log = read_frames(path, reading.channel)
+    if reading.signals or reading.dbc:
+        from beltcomm.foreign.signals import by_hand, of_dbc, table_of_signals
+
+        signals = [by_hand(text) for text in reading.signals] + (of_dbc(Path(reading.dbc)) if reading.dbc else [])
+        return [Part(table_of_signals(log, signals), sha256)]
+    if not np.isfinite(log.t_s).all():
+        raise DataError(f"{path} has no time stamps; record with candump -L, or -t a")
+    from beltcomm.foreign.busrecords import records_of
+
+    found = records_of(log, axis, reading.node, reading.torque_acts)
+    parts = [Part(r.table, sha256, k, r.start_s, r.experiment, r.closed_loop, r.excitation) for k, r in enumerate(found, start=1)]
+    if reading.record is not None:
+        if not 1 <= reading.record <= len(parts):
+            raise UsageError(f"{path} holds {len(parts)} moves, there is no --record {reading.record}")
+        return [parts[reading.record - 1]]
+    return parts
+
+
+def _check_there(path: Path) -> None:
+    if not path.is_file():
+        what = "is a folder" if path.is_dir() else "does not exist"
+        raise UsageError(f"{path} {what}; give the file with the measurements")
+    if path.suffix.lower() in _REFUSED:
+        raise UsageError(f"{path} is {_REFUSED[path.suffix.lower()]}")
+
+
+def read_table(
+    path: Path, *, separator: Separator | None = None, decimal: Decimal | None = None, skip_lines: int = 0, torn_rows: bool = False
+) -> Table:
+    """All columns of a CSV or text file (also .gz), a MATLAB, HDF5, MDF, .npz or .npy file.
+
+    separator, decimal : of a text file; recognised when None.   skip_lines : leave out so many at its beginning.
+    torn_rows : leave out rows in the middle of a text file that have another number of values.
+    Raises UsageError for a file that does not exist or is of no such kind, DataError for one that cannot be read.
+    """
+    _check_there(path)
+    ending = path.suffix.lower()
+    if ending == ".mat":
+        return table_of(path, read_matlab(path))
+    if ending in {".h5", ".hdf5"}:
+        return table_of(path, read_hdf5(path))
+    if ending in {".npz", ".npy"}:
+        return table_of(path, _npz(path))
+    if ending in {".mf4", ".mdf"} or (ending == ".dat" and is_mdf(path)):
+        return read_mdf(path)
+    return read_text_table(path, separator, decimal, skip_lines, torn_rows)
+
+
+def _npz(path: Path) -> Mapping[str, Any]:
+    try:
+        with open(path, "rb") as file:
+            loaded = np.load(file, allow_pickle=False)
+            return {"": loaded} if isinstance(loaded, np.ndarray) else {name: loaded[name] for name in loaded.files}
+    except Exception as error:  # on damaged bytes these readers raise whatever they stumble over
+        raise DataError(f"{path} cannot be read as a NumPy file ({words_of(error)}); is it cut off, or does it hold objects?") from error

@@ -1,0 +1,311 @@
+"""Guesses which column of a foreign table is which of ours, how sure that is, and what to ask where it is not.
+
+A guess is **sure** when one column alone has the name of the quantity and a unit of it; such guesses are taken and said.  Everything else
+is asked: at a terminal, or by a file of mappings that is edited and given back.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from beltcomm.axis import Axis
+from beltcomm.errors import Refused
+from beltcomm.foreign.mapping import Source, parse_source, sources_for
+from beltcomm.foreign.names import Meaning, meaning_of
+from beltcomm.foreign.table import Table
+from beltcomm.quantities import UNITS
+from beltcomm.recording_columns import CHANNELS, KNOWN_COLUMNS
+
+Confidence = Literal["sure", "likely", "unsure"]
+#: s between rows that a drive or logger has: what a time column without a unit is held against.
+_SHORTEST_STEP_S, _LONGEST_STEP_S = 2e-5, 0.05
+#: A torque column without a unit is N m when its largest value lies between these shares of the motor's peak torque.
+_SMALLEST_SHARE, _LARGEST_SHARE = 0.01, 1.1
+
+
+@dataclass(frozen=True)
+class Guess:
+    """One of our columns and where it may come from.
+
+    column : ours.   choices : mappings ``ours=theirs*scale``, the best first; () when nothing in the file looks like it.
+    confidence : of the first choice.   why : in words.   needed : without it there is no recording.
+    """
+
+    column: str
+    choices: tuple[str, ...]
+    confidence: Confidence
+    why: str
+    needed: bool = True
+
+
+Ask = Callable[[Guess], str | None]
+"""Puts a guess to a person: the mapping that holds, or None for none of them."""
+
+
+class NeedsAnswers(Refused):
+    """Columns that must be mapped by a person.   template : a file of mappings to be edited and given to --map."""
+
+    def __init__(self, message: str, template: str) -> None:
+        super().__init__(message)
+        self.template = template
+
+
+def completed(
+    table: Table, written: Sequence[str], axis: Axis, *, timed: bool, ask: Ask | None = None
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """The mappings with what was guessed added, and sentences on each guess.
+
+    written : what the user mapped; nothing is guessed when that and columns with our own names make a recording.
+    timed : a time column is needed.   Raises NeedsAnswers when a needed column is not sure and nobody can be asked, UsageError.
+    """
+    sources = sources_for(table, written, KNOWN_COLUMNS)
+    if _makes_a_recording(sources, timed):
+        return tuple(written), ()
+    guesses = guesses_for(table, sources, axis, timed=timed)
+    if ask is None and any(guess.needed and guess.confidence != "sure" for guess in guesses):
+        raise NeedsAnswers(_open_words(table, guesses), template(table, written, guesses))
+    taken = list(written)
+    notes = []
+    for guess in guesses:
+        if guess.confidence == "sure":
+            taken.append(guess.choices[0])
+            notes.append(f"guessed {guess.choices[0]}: {guess.why}")
+        elif ask is not None and guess.choices:
+            answer = ask(guess)
+            if answer:
+                parse_source(answer, table, KNOWN_COLUMNS)
+                taken.append(answer)
+    return tuple(taken), tuple(notes)
+
+
+def _makes_a_recording(sources: Mapping[str, Source], timed: bool) -> bool:
+    return any(c["torque"] in sources and c["position"] in sources for c in CHANNELS.values()) and ("t_s" in sources or not timed)
+
+
+def guesses_for(table: Table, sources: Mapping[str, Source], axis: Axis, *, timed: bool) -> list[Guess]:
+    """A guess for each column that is not mapped yet: those that are needed first, then what is sure beside them."""
+    used = {source.theirs for source in sources.values()}
+    clocks = set(table.clocks.values())
+    meanings = [m for name in table.columns if name not in used and name not in clocks if (m := meaning_of(table, name)) is not None]
+    meanings = [m for m in meanings if table.columns[m.name].dtype.kind in "fiu" or m.quantity == "time"]
+    ratio = axis.transmission_m_rad if axis.get("pulley.effective_radius_m") is not None else None
+    found: list[Guess] = []
+    side = _side(meanings, sources)
+    channels = CHANNELS[side]
+    if timed and "t_s" not in sources:
+        found.append(_time(table, meanings))
+    wanted = {"torque": {"motor": "torque", "ampere": "current", "load": "force"}[side], "position": "position"}
+    for signal, quantity in wanted.items():
+        if channels[signal] not in sources:
+            found.append(_signal(table, channels[signal], [m for m in meanings if m.quantity == quantity], axis, ratio))
+    taken = used | {_theirs(guess, table) for guess in found if guess.choices}
+    for signal, quantity, role in (
+        ("velocity", "velocity", "actual"),
+        ("torque_setpoint", wanted["torque"], "setpoint"),
+        ("reference_position", "position", "setpoint"),
+        ("reference_velocity", "velocity", "setpoint"),
+    ):
+        beside = [m for m in meanings if m.quantity == quantity and not m.load and (m.role == "setpoint") == (role == "setpoint")]
+        column = channels[signal]
+        guess = _signal(table, column, [m for m in beside if m.name not in taken], axis, ratio, role)
+        if column not in sources and guess.confidence == "sure":
+            found.append(replace(guess, needed=False))
+    found += [replace(g, needed=False) for g in _second_sensors(meanings, sources, taken)]
+    return found
+
+
+def _theirs(guess: Guess, table: Table) -> str:
+    return parse_source(guess.choices[0], table, KNOWN_COLUMNS).theirs
+
+
+def _side(meanings: Sequence[Meaning], sources: Mapping[str, Source]) -> Literal["motor", "load", "ampere"]:
+    for side, channels in CHANNELS.items():
+        if channels["torque"] in sources:
+            return side
+    if "position_m" in sources:
+        return "load"
+    actual = {m.quantity for m in meanings if m.role != "setpoint"}
+    if "torque" in actual:
+        return "motor"
+    if "force" in actual and "current" not in actual:
+        return "load"
+    return "ampere" if "current" in actual else "motor"
+
+
+def _time(table: Table, meanings: Sequence[Meaning]) -> Guess:
+    clocks = list(dict.fromkeys(table.clocks.values()))
+    if clocks:
+        name = clocks[0]
+        unit = _time_unit(table, name)
+        if unit:
+            return Guess("t_s", (_written("t_s", name, unit),), "sure", "the file says that it is the time of its signals")
+        return Guess("t_s", tuple(_written("t_s", name, unit) for unit in ("s", "ms", "us")), "unsure", "its unit cannot be told")
+    rising = [m for m in meanings if m.quantity == "time" and _rises(table, m.name)]
+    if not rising:
+        return Guess("t_s", (), "unsure", "no column is called time and rises; give --rate or --period, or map one")
+    best = rising[0]
+    step = _step(table, best.name)
+    if len(rising) > 1 and not (rising[0].unit and not rising[1].unit):
+        return Guess("t_s", tuple(_written("t_s", m.name, m.unit or "s") for m in rising), "unsure", "several columns look like time")
+    if table.columns[best.name].dtype.kind not in "fiu":
+        return Guess("t_s", (_written("t_s", best.name, ""),), "sure", "dates or times of day")
+    if best.unit:
+        return Guess("t_s", (_written("t_s", best.name, best.unit),), "sure", f"its name, and its unit {best.unit} by the file")
+    if _SHORTEST_STEP_S <= step <= _LONGEST_STEP_S:
+        return Guess("t_s", (_written("t_s", best.name, "s"),), "sure", f"its name, and {step:.4g} s between rows")
+    fitting = [unit for unit, factor in (("ms", 1e-3), ("us", 1e-6)) if _SHORTEST_STEP_S <= step * factor <= _LONGEST_STEP_S]
+    choices = tuple(_written("t_s", best.name, unit) for unit in (*fitting, "s"))
+    return Guess("t_s", choices, "likely", f"its name; it rises by {step:.4g} per row, and its unit is not stated")
+
+
+def _time_unit(table: Table, name: str) -> str:
+    meaning = meaning_of(table, name)
+    if meaning is not None and meaning.quantity == "time" and meaning.unit:
+        return meaning.unit
+    return "s" if _SHORTEST_STEP_S <= _step(table, name) <= _LONGEST_STEP_S else ""
+
+
+def _rises(table: Table, name: str) -> bool:
+    values = table.columns[name]
+    if values.dtype.kind not in "fiu":
+        return name.lower() not in {"n", "m"}
+    known = values[np.isfinite(values)]
+    return len(known) > 2 and bool(np.mean(np.diff(known) > 0.0) > 0.9)
+
+
+def _step(table: Table, name: str) -> float:
+    values = table.columns[name]
+    known = values[np.isfinite(values)] if values.dtype.kind in "fiu" else np.zeros(0)
+    return float(np.median(np.diff(known))) if len(known) > 1 else 0.0
+
+
+def _signal(table: Table, column: str, meanings: Sequence[Meaning], axis: Axis, ratio: float | None, role: str = "actual") -> Guess:
+    """The best of the columns that have the quantity."""
+    usable = [m for m in meanings if not m.load and (m.role == "setpoint") == (role == "setpoint")]
+    ordered = sorted(usable, key=lambda m: (m.role != role, not m.by_name, not m.suffix))
+    scaled = [(m, *_scaled(table, column, m, axis, ratio)) for m in ordered]
+    scaled.sort(key=lambda item: (item[0].role != role, item[2] != "sure"))
+    if not scaled:
+        return Guess(column, (), "unsure", "no column of the file is called so")
+    first, choices, confidence, why = scaled[0]
+    rivals = [m for m, _, c, _ in scaled[1:] if m.role == first.role and (c == confidence or c == "sure")]
+    others = tuple(item[1][0] for item in scaled[1:4] if item[1])
+    if rivals and confidence == "sure":
+        return Guess(column, (*choices, *others), "likely", f"{why}; {', '.join(m.name for m in rivals[:3])} could be meant as well")
+    return Guess(column, (*choices, *others), confidence, why)
+
+
+def _scaled(table: Table, column: str, meaning: Meaning, axis: Axis, ratio: float | None) -> tuple[tuple[str, ...], Confidence, str]:
+    """Mappings of one foreign column to ours, by its unit."""
+    name, suffix = meaning.name, meaning.suffix
+    own = column.removeprefix("reference_").split("_", 1)[1].removeprefix("setpoint_")
+    if suffix == own and meaning.by_name:
+        return (_written(column, name, meaning.unit),), "sure", f"its name, and its unit {meaning.unit} by the file"
+    if suffix == own:
+        return (_written(column, name, meaning.unit),), "likely", f"its unit {meaning.unit} alone"
+    if suffix == "m" and own == "rad" and ratio is not None:
+        why = (
+            f"it is in {meaning.unit}: the motor's angle is that over the {ratio:.6g} m/rad of {axis}, if the drive's feed constant is that"
+        )
+        return (f"{column}={_quoted(name)}*{UNITS['m'].others[meaning.unit]:g}/{ratio:.9g}",), "likely", why
+    if meaning.special == "counts" and own == "rad":
+        counts = axis.motor.encoder_counts_per_rev or 65536
+        known = axis.motor.encoder_counts_per_rev is not None
+        why = f"it is in counts, {counts} per revolution {'by the axis file' if known else 'is only an example'}"
+        return (f"{column}={_quoted(name)}*rev/{counts}",), "likely", why
+    if meaning.special.startswith("per") and own == "nm":
+        rated, share = axis.motor.rated_torque_nm, 100 if meaning.special == "per cent" else 1000
+        why = f"it is in {meaning.special} of a rated torque, {'that of the axis file' if rated else '1.0 N m is only an example'}"
+        return (f"{column}={_quoted(name)}*{rated or 1.0:g}/{share}",), "likely", why
+    return _without_unit(table, column, meaning, axis, own)
+
+
+def _without_unit(table: Table, column: str, meaning: Meaning, axis: Axis, own: str) -> tuple[tuple[str, ...], Confidence, str]:
+    """Where no unit is stated, the numbers say what is possible."""
+    values = table.columns[meaning.name]
+    known = values[np.isfinite(values)]
+    largest = float(np.abs(known).max()) if len(known) else 0.0
+    name = _quoted(meaning.name)
+    if own == "nm":
+        rated = axis.motor.rated_torque_nm or 1.0
+        choices = [f"{column}={name}*1", f"{column}={name}*{rated:g}/100", f"{column}={name}*{rated:g}/1000", f"{column}={name}*mnm"]
+        peak = axis.motor.peak_torque_nm
+        fits = [c for c, f in zip(choices, (1.0, rated / 100, rated / 1000, 1e-3), strict=True) if peak and _possible(largest * f, peak)]
+        ordered = (*fits, *(c for c in choices if c not in fits))
+        return tuple(ordered), "unsure", f"its unit is not stated; its largest value is {largest:.4g}"
+    if own == "rad":
+        span = float(np.ptp(known)) if len(known) else 0.0
+        counts = axis.motor.encoder_counts_per_rev or 65536
+        whole = bool(np.all(known == np.round(known))) and span > 1000.0
+        choices = [f"{column}={name}*1", f"{column}={name}*deg", f"{column}={name}*rev", f"{column}={name}*rev/{counts}"]
+        ordered = (choices[3], *choices[:3]) if whole else tuple(choices)
+        return ordered, "unsure", f"its unit is not stated; it covers {span:.6g}{', in whole numbers' if whole else ''}"
+    units = {"rad_s": ("1", "rpm", "deg/s"), "m": ("1", "mm"), "m_s": ("1", "mm/s"), "a": ("1", "ma"), "n": ("1", "kn")}.get(own, ("1",))
+    return tuple(f"{column}={name}*{unit}" for unit in units), "unsure", "its unit is not stated"
+
+
+def _possible(largest: float, peak: float) -> bool:
+    return _SMALLEST_SHARE * peak <= largest <= _LARGEST_SHARE * peak
+
+
+def _second_sensors(meanings: Sequence[Meaning], sources: Mapping[str, Source], taken: set[str]) -> list[Guess]:
+    found = []
+    for column, quantity, suffix, load in (
+        ("cart_position_m", "position", "m", True),
+        ("load_position_rad", "position", "rad", True),
+        ("temperature_c", "temperature", "c", False),
+    ):
+        fits = [m for m in meanings if (m.quantity, m.suffix) == (quantity, suffix) and (m.load or not load)]
+        one = [m for m in fits if m.role != "setpoint" and m.name not in taken]
+        if len(one) == 1 and column not in sources:
+            mapping = _written(column, one[0].name, "" if one[0].suffix == "c" else one[0].unit)
+            found.append(Guess(column, (mapping,), "sure", f"its name, and its unit {one[0].unit} by the file"))
+    return found
+
+
+def _written(column: str, name: str, unit: str) -> str:
+    return f"{column}={_quoted(name)}{f'*{unit}' if unit else ''}"
+
+
+def _quoted(name: str) -> str:
+    bare = Table.bare(name)
+    return f'"{name}"' if bare != name or not name.replace("_", "").isalnum() else name
+
+
+def _open_words(table: Table, guesses: Sequence[Guess]) -> str:
+    open_ones = [guess for guess in guesses if guess.needed and guess.confidence != "sure"]
+    words = [f"{guess.column}: {guess.why}" + (f" ({' or '.join(guess.choices[:3])})" if guess.choices else "") for guess in open_ones]
+    names = ", ".join(list(table.columns)[:30])
+    return f"{table.file}: not sure which column is which, and nobody can be asked. {'; '.join(words)}. Its columns are {names}"
+
+
+def template(table: Table, written: Sequence[str], guesses: Sequence[Guess]) -> str:
+    """A file of mappings for ``--map FILE``: sure ones stand, each other one has its choices as comments to be opened."""
+    lines = [
+        f"# How the columns of {table.file} become a recording: ours = theirs * scale + offset.",
+        "# Take away the '#' before the line that holds, one per column of ours; correct names, units and factors.",
+        "",
+        *written,
+    ]
+    for guess in guesses:
+        lines += ["", f"# {guess.column}: {guess.confidence}; {guess.why}"]
+        if guess.confidence == "sure":
+            lines.append(guess.choices[0])
+        else:
+            lines += [f"# {choice}" for choice in guess.choices] or [f"# {guess.column}=NAME*SCALE"]
+    lines += ["", "# Columns of the file, with their units and their smallest and largest values:"]
+    for name, values in table.columns.items():
+        finite = values[np.isfinite(values)] if values.dtype.kind == "f" else values[:0]
+        span = f", {finite.min():.6g} to {finite.max():.6g}" if len(finite) else ""
+        lines.append(f"#   {name}{f' [{table.unit(name)}]' if table.unit(name) and table.unit(name) not in name else ''}{span}")
+    return "\n".join(lines) + "\n"
+
+
+def mappings_in(text: str) -> list[str]:
+    """The mappings in a file that :func:`template` made and a person edited."""
+    lines = (line.strip() for line in text.splitlines())
+    return [line.split("  #")[0].strip() for line in lines if line and not line.startswith("#")]

@@ -1,0 +1,131 @@
+"""MATLAB files as nested mappings: version 5 to 7 by SciPy, version 7.3 and plain HDF5 by h5py (imported when such a file comes)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from beltcomm.errors import DataError
+from beltcomm.foreign.matsizes import check_sizes
+from beltcomm.foreign.table import words_of
+
+_HDF5 = b"\x89HDF\r\n\x1a\n"
+#: Structures nest no deeper in any measurement; a file that refers to itself would go on for ever.
+_DEEPEST = 12
+#: More members than this no measurement has; a damaged file can claim any number.
+_MOST_MEMBERS = 100_000
+
+
+def read_matlab(path: Path) -> dict[str, Any]:
+    """Variables by name, structures as mappings, cells and structure arrays as lists, char as text.
+
+    Raises DataError for a file that is damaged or none.
+    """
+    from scipy.io import loadmat
+
+    try:
+        check_sizes(path.read_bytes())
+        return dict(loadmat(path, simplify_cells=True))
+    except NotImplementedError:  # what SciPy says of version 7.3
+        return read_hdf5(path)
+    except Exception as error:  # on damaged bytes these readers raise whatever they stumble over
+        if _is_hdf5(path):
+            return read_hdf5(path)
+        raise DataError(f"{path} cannot be read as a MATLAB file ({words_of(error)}); is it cut off?") from error
+
+
+def _is_hdf5(path: Path) -> bool:
+    head = path.read_bytes()[:4096]
+    return any(head[place : place + 8] == _HDF5 for place in (0, 512, 1024, 2048))
+
+
+def read_hdf5(path: Path) -> dict[str, Any]:
+    """The same for an HDF5 file, of MATLAB 7.3 or of another program.   Raises DataError."""
+    import h5py
+
+    try:
+        with h5py.File(path, "r") as file:
+            return _Reader(file).group(file, 0)
+    except DataError:
+        raise
+    except Exception as error:  # as above
+        raise DataError(f"{path} cannot be read as a MATLAB 7.3 or HDF5 file ({words_of(error)}); is it cut off?") from error
+
+
+class _Reader:
+    """Walks through an open HDF5 file: https://www.mathworks.com/help/matlab/import_export/mat-file-versions.html says no more
+    than that version 7.3 is HDF5; attributes and layout are as MATLAB writes them."""
+
+    def __init__(self, file: Any) -> None:
+        self._file = file
+        self._members = 0
+
+    def group(self, group: Any, depth: int) -> dict[str, Any]:
+        """The members of a group; those of a structure array become a list of structures."""
+        import h5py
+
+        found: dict[str, Any] = {}
+        for key in group:
+            self._members += 1
+            if key.startswith("#") or depth > _DEEPEST or self._members > _MOST_MEMBERS:
+                continue
+            item = group.get(key)
+            if isinstance(item, h5py.Group):
+                found[key] = self._structure(item, depth + 1)
+            elif isinstance(item, h5py.Dataset):
+                found[key] = self.dataset(item, depth + 1)
+                unit = _attribute(item, "unit", "units", "Unit", "Units")
+                if unit:
+                    found.setdefault(f"{key}_unit", unit)
+        return found
+
+    def _structure(self, group: Any, depth: int) -> Any:
+        members = [group.get(key) for key in group]
+        arrays = [member for member in members if _is_reference(member) and "MATLAB_class" not in member.attrs]
+        if not arrays or len(arrays) != len(members) or len({member.size for member in members}) != 1:
+            return self.group(group, depth)
+        columns = {key: [self._referred(ref, depth) for ref in np.ravel(group[key][()].T)] for key in group}
+        return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+
+    def dataset(self, item: Any, depth: int) -> Any:
+        """An array in MATLAB's orientation, text of a char array, the elements of a cell."""
+        kind = _attribute(item, "MATLAB_class")
+        if "MATLAB_empty" in item.attrs and int(item.attrs["MATLAB_empty"]):
+            return "" if kind == "char" else np.zeros(0)
+        if item.shape is None:
+            return np.zeros(0)
+        if _is_reference(item):
+            return [self._referred(ref, depth) for ref in np.ravel(item[()].T)]
+        values = item[()]
+        if kind == "char":
+            return "".join(chr(code) for code in np.ravel(np.asarray(values).T))
+        if isinstance(values, bytes):
+            return values.decode("utf-8", "replace")
+        return values.T if isinstance(values, np.ndarray) else np.asarray(values)
+
+    def _referred(self, reference: Any, depth: int) -> Any:
+        import h5py
+
+        self._members += 1
+        if not reference or depth > _DEEPEST or self._members > _MOST_MEMBERS:
+            return None
+        item = self._file[reference]
+        return self._structure(item, depth + 1) if isinstance(item, h5py.Group) else self.dataset(item, depth + 1)
+
+
+def _is_reference(item: Any) -> bool:
+    import h5py
+
+    return isinstance(item, h5py.Dataset) and h5py.check_ref_dtype(item.dtype) is h5py.Reference
+
+
+def _attribute(item: Any, *names: str) -> str:
+    """Text of the first of these attributes that there is."""
+    for name in names:
+        if name in item.attrs:
+            value = item.attrs[name]
+            value = value.ravel()[0] if isinstance(value, np.ndarray) and value.size else value
+            return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
+    return ""

@@ -1,0 +1,195 @@
+"""What the name and the unit of a foreign column say: English, German, and spellings that drives and loggers use."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Literal
+
+from beltcomm.foreign.table import Table
+from beltcomm.quantities import UNITS
+
+Quantity = Literal["time", "torque", "current", "force", "position", "velocity", "temperature"]
+Role = Literal["actual", "setpoint", "none"]
+
+#: Words of a name by the quantity that they mean.  A word is a run of letters as in "act_trq", "ActTorque" or "ISTPOSITION"; German
+#: compounds are found by their parts.
+_WORDS: tuple[tuple[Quantity, str], ...] = (
+    ("temperature", r"temp(erature?|eratur)?|celsius"),
+    ("time", r"t|tt|tout|time(stamps?)?|zeit(stempel)?|uhrzeit|elapsed|stamp|clock|seconds?|sekunden|millis|micros"),
+    ("force", r"force|kraft|vorschubkraft|f|frc"),
+    ("torque", r"torque|trq|tq|tau|(dreh)?moment|motormoment|mom|m|tor"),
+    ("velocity", r"vel|velo|velocity|speed|spd|drehzahl|geschw(indigkeit)?|omega|rpm|v|n|dq|qd|qdot"),
+    ("current", r"current|curr|cur|strom|motorstrom|i|iq|iqact|isq|ampere|amps?"),
+    ("position", r"pos|posn|position|lage|angle|ang|winkel|theta|phi|enc|encoder|geber|counts?|weg|travel|displacement|x|q|rotor"),
+)
+_ROLES: tuple[tuple[Role, str], ...] = (
+    ("setpoint", r"soll(wert)?|set|setpoint|setp|sp|cmd|command(ed)?|demand|dem|target|tgt|ref|reference|des(ired)?|vorgabe|sw"),
+    ("actual", r"act|actual|ist(wert)?|fbk?|feedback|meas(ured)?|mess(wert)?|gemessen|real|iw|value"),
+)
+#: Second sensors: of the carriage, or on the load side of a rotary drive.
+_LOAD = r"cart|carriage|load(side)?|last(seite)?|schlitten|linear|tcp|table|tisch|extern(al)?|second(ary)?|slide|abtrieb"
+#: Words that make it another thing than the quantity itself.
+_OTHERS = (
+    r"err|error|fehler|dev|deviation|abw(eichung)?|lag|schlepp(fehler|abstand)?|limit|lim|max|min|grenz(e|wert)?|offset|status|state|"
+    r"mode|gain|kp|ki|kd|flag|valid|quality|window|add|ff|feedforward|vorsteuerung|raw2|cnt|counter|index|no|nr|acc|accel|acceleration|"
+    r"beschleunigung|jerk|ruck|id|power|leistung|friction|reibung|voltage|spannung|dc|bus|link|abs(olute)?"
+)
+#: Compounds in one word: parts that are looked for when no word fits as a whole.
+_PARTS: tuple[tuple[Quantity, str], ...] = (
+    ("temperature", "temperat"),
+    ("torque", "torque|moment(?!um)|trq"),
+    ("velocity", "velocity|geschwind|drehzahl|speed"),
+    ("current", "current|strom"),
+    ("position", "position|winkel|lage|encoder|geber"),
+    ("force", "force|kraft"),
+    ("time", "timestamp|zeitstempel|zeit"),
+)
+
+#: Spellings of units beside those of :mod:`beltcomm.quantities`: what they are there.
+_SPELLINGS = {
+    "s": "sec second seconds sek",
+    "ms": "msec millis",
+    "us": "usec micros",
+    "deg": "grad degree degrees °",
+    "deg/s": "deg/sec grad/s °/s",
+    "rad": "radian radians radiant",
+    "rad/s": "rad/sec",
+    "rev": "turn turns u umdr revs revolutions",
+    "rpm": "u/min upm umin min-1 min^-1 1/min rev/min r/min tr/min",
+    "mm/s": "mm/sec",
+    "m": "meter",
+    "mm": "millimeter",
+    "n": "newton",
+    "nm": "n*m n-m newtonmeter",
+    "a": "ampere amp amps arms a_rms aeff a(rms)",
+    "°c": "degc celsius",
+}
+_SPELLED = {spelling: unit for unit, spellings in _SPELLINGS.items() for spelling in spellings.split()}
+COUNTS = ("counts", "count", "cnt", "cts", "inc", "incr", "increments", "inkr", "inkremente", "ticks", "lsb", "pulses", "qc")
+PER_CENT = ("%", "percent", "prozent", "%rated")
+PER_MILLE = ("‰", "permille", "promille", "0.1%", "permilleofratedtorque", "permilleofratedcurrent")
+#: Units by the quantity and the suffix of our column.
+_SUFFIXES: tuple[tuple[str, Quantity], ...] = (
+    ("s", "time"), ("nm", "torque"), ("a", "current"), ("n", "force"), ("rad", "position"), ("m", "position"), ("rad_s", "velocity"),
+    ("m_s", "velocity"), ("c", "temperature"),
+)  # fmt: skip
+
+
+#: Objects of CiA 402 by number, as logs and vendors' scopes name them.
+_OBJECTS: dict[str, tuple[Quantity, Role, str]] = {
+    "6064": ("position", "actual", "counts"),
+    "606C": ("velocity", "actual", "counts"),
+    "6077": ("torque", "actual", "per mille"),
+    "6078": ("current", "actual", "per mille"),
+    "6071": ("torque", "setpoint", "per mille"),
+    "6074": ("torque", "setpoint", "per mille"),
+    "607A": ("position", "setpoint", "counts"),
+    "60FF": ("velocity", "setpoint", "counts"),
+}
+
+
+@dataclass(frozen=True)
+class Meaning:
+    """What a column seems to hold.   by_name : whether its words say the quantity, not the unit alone.
+
+    suffix : of our columns with that unit ("rad", "m_s"), "" when the unit is not known.   unit : as a mapping writes it.
+    special : "counts", "per cent" or "per mille", which need a data sheet.   load : a second sensor.
+    """
+
+    name: str
+    quantity: Quantity
+    role: Role
+    by_name: bool
+    suffix: str = ""
+    unit: str = ""
+    special: str = ""
+    load: bool = False
+
+
+def meaning_of(table: Table, name: str) -> Meaning | None:
+    """What a column of a table means by its name and unit; None when neither says anything, or that it is something else."""
+    stated = plain_unit(table.unit(name))
+    number = re.fullmatch(r"(?:0x)?(60[0-9A-F]{2})(?:h|_?h?:0|_0)?", Table.bare(name).strip(), re.I)
+    if number and number[1].upper() in _OBJECTS:
+        known = _OBJECTS[number[1].upper()]
+        return Meaning(name, known[0], known[1], True, special=known[2])
+    words, ending = _words(Table.bare(name))
+    if not stated and ending:
+        stated = ending
+    if any(_fits(word, _OTHERS) for word in words):
+        return None
+    role = _role(words)
+    load = any(_fits(word, _LOAD) for word in words)
+    suffix, by_unit = _suffix(stated)
+    by_name = _quantity(words)
+    special = "counts" if stated in COUNTS else "per cent" if stated in PER_CENT else "per mille" if stated in PER_MILLE else ""
+    if special == "counts" and by_name is None:
+        by_name = "position"
+    if by_name is None and (by_unit is None or by_unit in {"time", "force"}):
+        return None  # "x [s]" and "y [N]" alone are settings as often as signals
+    if by_name is not None and by_unit is not None and by_name != by_unit:
+        if (by_name, suffix) not in {("torque", "a"), ("velocity", "rad"), ("position", "s")}:
+            return Meaning(name, by_unit, role, False, suffix, stated, special, load)
+        return None
+    quantity = by_name or by_unit
+    assert quantity is not None
+    return Meaning(name, quantity, role, by_name is not None, suffix, stated if suffix else "", special, load)
+
+
+def plain_unit(text: str) -> str:
+    """A unit as :data:`beltcomm.quantities.UNITS` spells it, or as it stands, in small letters without blanks."""
+    plain = re.sub(r"[\s·]", "", text).replace("²", "2").replace("µ", "u").replace("μ", "u").replace("⁻¹", "-1").lower()
+    plain = plain.strip("[]()")
+    plain = _SPELLED.get(plain, plain)
+    return plain.replace("*", "") if plain.replace("*", "") in {"nm", "mnm", "ncm"} else plain
+
+
+def _suffix(unit: str) -> tuple[str, Quantity | None]:
+    for suffix, quantity in _SUFFIXES:
+        if unit and unit in UNITS[suffix].others:
+            return suffix, quantity
+    return "", None
+
+
+def _words(name: str) -> tuple[list[str], str]:
+    """The words of a name in small letters, and a unit that ends it ("time_ms"), which is no word then."""
+    plain = name.replace("ä", "ae").replace("ö", "oe").replace("ü", "ue").replace("ß", "ss")
+    spaced = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])|[^A-Za-z°%‰/]+|(?<=[A-Za-z])(?=\d)", " ", plain)
+    parts = [word.lower() for word in spaced.split() if word]
+    ending = ""
+    tail = re.search(r"[_ ]([A-Za-z°%‰]+(?:_s)?)$", plain)
+    if tail and len(parts) > 1:
+        candidate = plain_unit(tail[1].replace("_s", "/s") if tail[1].endswith("_s") else tail[1])
+        if len(candidate) > 1 and (_suffix(candidate)[0] or candidate in COUNTS):
+            ending = candidate
+            parts = [word for word in parts if word not in tail[1].lower().split("_")]
+        elif candidate and _suffix(candidate)[1] == _quantity(parts[:-1]) is not None:  # one letter counts where the name agrees
+            ending, parts = candidate, parts[:-1]
+    return parts, ending
+
+
+def _fits(word: str, pattern: str) -> bool:
+    return re.fullmatch(pattern, word) is not None
+
+
+def _quantity(words: list[str]) -> Quantity | None:
+    for quantity, pattern in _WORDS:
+        if any(len(word) > 1 and _fits(word, pattern) for word in words):
+            return quantity
+    for quantity, pattern in _PARTS:
+        if any(re.search(pattern, word) for word in words):
+            return quantity
+    if len([word for word in words if not any(_fits(word, role) for _, role in _ROLES)]) == 1:
+        return next((quantity for quantity, pattern in _WORDS if any(len(w) == 1 and _fits(w, pattern) for w in words)), None)
+    return None
+
+
+def _role(words: list[str]) -> Role:
+    """By a word of its own, or as a part of a compound such as "istposition" or "sollmoment"."""
+    for role, pattern in _ROLES:
+        if any(_fits(word, pattern) for word in words):
+            return role
+    if any(word.startswith("soll") or word.endswith(("soll", "sollwert", "setpoint")) for word in words):
+        return "setpoint"
+    return "actual" if any(word.startswith("ist") or word.endswith(("ist", "istwert", "feedback")) for word in words) else "none"

@@ -1,0 +1,211 @@
+"""Whether a foreign recording can be of this axis: each doubt with the value found, what was expected, and what to do.
+
+Nothing here refuses a record: what cannot be at all is :mod:`beltcomm.foreign.checks`' and :mod:`beltcomm.recording`'s.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from beltcomm.axis import Axis
+from beltcomm.recording import Recording
+from beltcomm.recording_checks import Array, RigidInertia, rigid_inertia
+from beltcomm.recording_columns import CHANNELS
+
+#: kg: heavier carriages with payload belong to no toothed-belt axis.
+_HEAVIEST_KG = 200.0
+#: Share of the motor-side inertia by the data sheets below which a measured total is impossible.
+_LIGHTEST_SHARE = 0.7
+#: Standard deviations beyond which an inertia is certain; and the share of the friction that must accelerate.
+_CERTAIN, _DYNAMIC = 4.0, 0.05
+#: Two measures of one motion agree to this; where their likeness is smaller, filters and noise part them too.
+_AGREE, _ALIKE = 0.05, 0.995
+#: s; slower sampling shows no resonance of a belt, faster stamps come from no drive.
+_SLOWEST_S, _FASTEST_S = 0.01, 2e-5
+#: Factors between what a column holds and what it should hold, and how it is mapped then.
+_TORQUE_UNITS = {1e-3: "mN m or thousandths", 1e-2: "per cent or N cm", 1e3: "kN m"}
+_POSITION_UNITS = {math.pi / 180.0: "degrees (*deg)", math.tau: "revolutions (*rev)", 1e-3: "mrad or mm"}
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One doubt.   what : in words.   value, expected : with units.   remedy : what to do next."""
+
+    what: str
+    value: str
+    expected: str
+    remedy: str
+
+    def __str__(self) -> str:
+        return f"{self.what} is {self.value}, expected {self.expected}; {self.remedy}"
+
+
+def findings(recording: Recording, axis: Axis) -> tuple[Finding, ...]:
+    """All doubts about a recording that has passed the checks.   axis : what is not known of it is not asked."""
+    if recording.is_static_map:
+        return ()
+    ratio = axis.transmission_m_rad if axis.get("pulley.effective_radius_m") is not None and recording.side != "load" else None
+    return (
+        *_sampling(recording),
+        *_inertia(recording, axis, ratio),
+        *_feed_constant(recording, axis, ratio),
+        *_travel(recording, axis, 1.0 if recording.side == "load" else ratio),
+        *_velocity(recording),
+        *_torque_levels(recording, axis),
+    )
+
+
+def _sampling(recording: Recording) -> Iterator[Finding]:
+    period = recording.sample_period_s
+    if period > _SLOWEST_S:
+        yield Finding(
+            "the time between rows", f"{1e3 * period:.4g} ms", f"at most {1e3 * _SLOWEST_S:g} ms to see a belt's resonance",
+            "friction and mass may still be told; record faster for the rest, or correct the unit of time: --map t_s=NAME*ms",
+        )  # fmt: skip
+    if period < _FASTEST_S:
+        yield Finding(
+            "the time between rows", f"{1e6 * period:.4g} us", f"at least {1e6 * _FASTEST_S:g} us",
+            "correct the unit of time: --map t_s=NAME*FACTOR",
+        )  # fmt: skip
+
+
+def _inertia(recording: Recording, axis: Axis, ratio: float | None) -> Iterator[Finding]:
+    """Torque against acceleration: the sum of everything that is moved must be positive, and of this axis's size."""
+    found = rigid_inertia(recording.t_s, recording.torque, recording.position)
+    if found is None or abs(found.inertia) < _CERTAIN * found.error or found.dynamic < _DYNAMIC:
+        return
+    unit, torque = recording.inertia_unit, CHANNELS[recording.side]["torque"]
+    name = "the mass" if recording.side == "load" else "the inertia"
+    value = f"{found.inertia:.3g} ± {2.0 * found.error:.1g} {unit}"
+    if found.inertia < 0.0:
+        yield Finding(
+            f"{name} by the regression of {torque} on acceleration", value, "a positive one",
+            "one of the two has the wrong sign: --flip torque or --flip position (whichever the drive counts the other way)",
+        )  # fmt: skip
+        return
+    if recording.side != "motor" or ratio is None or axis.motor.inertia_kg_m2 is None:
+        return
+    least = _LIGHTEST_SHARE * axis.motor_side_inertia_kg_m2
+    most = axis.motor_side_inertia_kg_m2 + ratio**2 * _HEAVIEST_KG
+    if not least <= found.inertia <= most:
+        yield Finding(
+            f"{name} by the regression of {torque} on acceleration", value,
+            f"{least:.3g} to {most:.3g} {unit}, the motor's side by the data sheets and up to {_HEAVIEST_KG:g} kg behind it",
+            _unit_remedy(found, least, most, axis),
+        )  # fmt: skip
+
+
+def _unit_remedy(found: RigidInertia, least: float, most: float, axis: Axis) -> str:
+    """The units with which the inertia would be possible."""
+    fits = [f"torque_nm in {words}" for factor, words in _TORQUE_UNITS.items() if least <= found.inertia * factor <= most]
+    constant = axis.motor.torque_constant_nm_a
+    if constant is not None and least <= found.inertia * constant <= most:
+        fits.append("torque_nm is in ampere (--map current_a=NAME)")
+    fits += [f"position_rad in {words}" for factor, words in _POSITION_UNITS.items() if least <= found.inertia / factor <= most]
+    return f"it would fit if {' or '.join(fits)}: correct the factor in --map" if fits else "look at the units of torque, position and time"
+
+
+def _feed_constant(recording: Recording, axis: Axis, ratio: float | None) -> Iterator[Finding]:
+    """A second sensor against the motor: feed constant, gearbox ratio."""
+    if recording.side == "load":
+        return
+    if recording.cart_position_m is not None:
+        measured = _slope(recording.position, recording.cart_position_m)
+        if ratio is not None and measured is not None and abs(measured / ratio - 1.0) > _AGREE:
+            yield Finding(
+                "the feed constant, carriage against motor", f"{1e3 * math.tau * measured:.5g} mm per revolution",
+                f"{1e3 * math.tau * ratio:.5g} mm by pulley.effective_radius_m and gearbox.ratio of {axis}",
+                _ratio_words(measured / ratio, "cart_position_m"),
+            )  # fmt: skip
+    if recording.load_position_rad is not None:
+        measured, expected = _slope(recording.position, recording.load_position_rad), 1.0 / axis.gearbox.ratio
+        if measured is not None and abs(measured / expected - 1.0) > _AGREE:
+            yield Finding(
+                "the angle of the load against the motor's", f"1:{1.0 / measured:.5g}", f"1:{axis.gearbox.ratio:g} by gearbox.ratio",
+                _ratio_words(measured / expected, "load_position_rad"),
+            )  # fmt: skip
+
+
+def _ratio_words(quotient: float, column: str) -> str:
+    if quotient < 0.0:
+        return f"turn the sign of {column}, --map {column}=-NAME, or of the motor's angle, --flip position"
+    for factor, words in ((1e3, "is in mm"), (1e-3, "is 1000 times too small"), (180.0 / math.pi, "is in degrees")):
+        if abs(quotient / factor - 1.0) < 0.2:
+            return f"{column} {words}: correct its factor in --map"
+    return "correct the axis file, or the factor of the column in --map"
+
+
+def _slope(cause: Array, effect: Array) -> float | None:
+    """Slope of a line through two signals; None when they are no line."""
+    x, y = cause - cause.mean(), effect - effect.mean()
+    power = float(x @ x), float(y @ y)
+    if min(power) <= 0.0 or (x @ y) ** 2 < 0.9 * power[0] * power[1]:
+        return None
+    return float(x @ y) / power[0]
+
+
+def _travel(recording: Recording, axis: Axis, ratio: float | None) -> Iterator[Finding]:
+    low, high, limit = axis.travel.min_m, axis.travel.max_m, axis.limits.speed_m_s
+    if ratio is None:
+        return
+    moved = ratio * float(np.ptp(recording.position))
+    column = CHANNELS[recording.side]["position"]
+    if low is not None and high is not None and moved < 1e-4 * (high - low):
+        yield Finding(
+            "the travel", f"{1e3 * moved:.3g} mm", f"more than a ten-thousandth of the axis's {high - low:g} m",
+            f"look at the unit of {column} (revolutions? m?)",
+        )  # fmt: skip
+    fastest = ratio * float(np.percentile(np.abs(np.diff(recording.position) / np.diff(recording.t_s)), 99.0))
+    if limit is not None and fastest > 1.5 * limit:
+        yield Finding(
+            "the carriage's speed", f"{fastest:.4g} m/s", f"at most {limit:g} m/s by limits.speed_m_s of {axis}",
+            f"look at the units of {column} (degrees? counts?) and of time",
+        )  # fmt: skip
+
+
+def _velocity(recording: Recording) -> Iterator[Finding]:
+    """The velocity column against the difference quotient of the position, over a hundred windows."""
+    if recording.velocity is None or np.ptp(recording.velocity) == 0.0:
+        return
+    cuts = np.unique(np.linspace(0, len(recording.t_s) - 1, 101).astype(int))
+    steps = 0.5 * (recording.velocity[1:] + recording.velocity[:-1]) * np.diff(recording.t_s)
+    travel, integral = np.diff(recording.position[cuts]), np.diff(np.concatenate(([0.0], np.cumsum(steps)))[cuts])
+    power = float(travel @ travel), float(integral @ integral)
+    channels = CHANNELS[recording.side]
+    if min(power) <= 0.0:
+        return
+    likeness = float(travel @ integral) / math.sqrt(power[0] * power[1])
+    if likeness < 0.5:
+        yield Finding(
+            f"the likeness of {channels['velocity']} to the change of {channels['position']}", f"{likeness:.2f}", "nearly 1",
+            "one of the two is another signal (a setpoint? another axis?): map the right one, or leave the velocity out",
+        )  # fmt: skip
+    elif abs(math.sqrt(power[1] / power[0]) - 1.0) > _AGREE and likeness > _ALIKE:
+        yield Finding(
+            f"{channels['velocity']} over the change of {channels['position']}", f"{math.sqrt(power[1] / power[0]):.4g}", "1",
+            "correct the factor of the one that is wrong (per minute? filtered?)",
+        )  # fmt: skip
+
+
+def _torque_levels(recording: Recording, axis: Axis) -> Iterator[Finding]:
+    """A torque in whole numbers is in thousandths, per cent or counts."""
+    if recording.side == "load":
+        return
+    torque = recording.torque
+    whole = bool(np.all(torque == np.round(torque))) and float(np.abs(torque).max()) >= 10.0 and len(np.unique(torque)) > 3
+    if whole and axis.motor.peak_torque_nm is None:
+        column = CHANNELS[recording.side]["torque"]
+        yield Finding(
+            column, f"in whole numbers up to {np.abs(torque).max():g}", "N m with decimals",
+            f"it looks like thousandths of a rated torque or a converter's counts: --map {column}=NAME*RATED/1000",
+        )  # fmt: skip
+    rated = axis.motor.rated_torque_nm
+    if rated is not None and recording.side == "motor" and float(np.ptp(torque)) < 2e-3 * rated:
+        yield Finding(
+            "the torque's range", f"{np.ptp(torque):.3g} N m", f"more than two thousandths of the rated {rated:g} N m",
+            "look at its factor (a share of rated instead of N m?)",
+        )  # fmt: skip

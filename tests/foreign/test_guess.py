@@ -1,0 +1,179 @@
+"""Columns guessed from names and units, how sure that is, and the questions where it is not."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from beltcomm import api
+from beltcomm.axis import Axis, load_axis
+from beltcomm.cli import import_
+from beltcomm.cli.main import cli
+from beltcomm.foreign.guess import Guess, NeedsAnswers, completed
+from beltcomm.foreign.names import meaning_of
+from beltcomm.foreign.table import Table
+from beltcomm.runfolder import RunFolder
+from foreign.samples import swing, text, write
+
+AXIS = load_axis("egc-70-600")
+T, CURRENT, ENCODER = swing(400)
+
+
+def table(*names: str, **columns: Any) -> Table:
+    values = {"t": T, "i": CURRENT, "x": ENCODER}
+    return Table("log.csv", {name: values[key] for name, key in zip(names, "tix", strict=False)} | columns)
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "quantity", "role", "suffix"),
+    [
+        ("Drehmoment", "Nm", "torque", "none", "nm"),
+        ("Istdrehmoment [Nm]", "", "torque", "actual", "nm"),
+        ("act_trq", "", "torque", "actual", ""),
+        ("ActTorque", "N·m", "torque", "actual", "nm"),
+        ("M_ist (Nm)", "", "torque", "actual", "nm"),
+        ("trq_cmd", "Nm", "torque", "setpoint", "nm"),
+        ("Torque actual value [0.1%]", "", "torque", "actual", ""),
+        ("vel_fbk", "rpm", "velocity", "actual", "rad_s"),
+        ("Drehzahl Istwert [U/min]", "", "velocity", "actual", "rad_s"),
+        ("Position feedback [mm]", "", "position", "actual", "m"),
+        ("Istposition", "°", "position", "actual", "rad"),
+        ("Sollposition", "°", "position", "setpoint", "rad"),
+        ("Lage (mm)", "", "position", "none", "m"),
+        ("PositionActualValue", "", "position", "actual", ""),
+        ("Iq_A", "", "current", "none", "a"),
+        ("Strom", "A", "current", "none", "a"),
+        ("Kraft [N]", "", "force", "none", "n"),
+        ("time_ms", "", "time", "none", "s"),
+        ("Zeit", "s", "time", "none", "s"),
+        ("Motortemperatur", "°C", "temperature", "none", "c"),
+        ("6077h", "", "torque", "actual", ""),
+        ("0x6064", "", "position", "actual", ""),
+    ],
+)
+def test_names_and_units(name: str, unit: str, quantity: str, role: str, suffix: str) -> None:
+    meaning = meaning_of(Table("a", {name: T}, {name: unit} if unit else {}), name)
+    assert meaning is not None
+    assert (meaning.quantity, meaning.role, meaning.suffix) == (quantity, role, suffix)
+
+
+@pytest.mark.parametrize(
+    "name", ["Schleppabstand [mm]", "TorqueLimit [Nm]", "Status", "velocity error", "Kp", "packet index", "U_dc [V]", "acceleration [m/s2]"]
+)
+def test_names_that_are_something_else(name: str) -> None:
+    assert meaning_of(Table("a", {name: T}), name) is None
+
+
+def test_what_is_sure_is_taken_and_said() -> None:
+    found, notes = completed(
+        table("Zeit [ms]", "Drehmoment [Nm]", "Istposition [°]", **{"Sollposition [°]": ENCODER}), (), AXIS, timed=True
+    )
+    assert found == (
+        't_s="Zeit [ms]"*ms',
+        'torque_nm="Drehmoment [Nm]"*nm',
+        'position_rad="Istposition [°]"*deg',
+        'reference_position_rad="Sollposition [°]"*deg',
+    )
+    assert notes[1] == 'guessed torque_nm="Drehmoment [Nm]"*nm: its name, and its unit nm by the file'
+
+
+def test_a_complete_mapping_is_left_alone() -> None:
+    written = ("t_s=time", "current_a=Iq", "position_rad=enc*rev/65536")
+    assert completed(table("time", "Iq", "enc"), written, AXIS, timed=True) == (written, ())
+
+
+@pytest.mark.parametrize(
+    ("names", "column", "confidence", "words"),
+    [
+        (("t", "torque", "pos [°]"), "torque_nm", "unsure", "its unit is not stated; its largest value is"),
+        (("t", "torque [%]", "pos [°]"), "torque_nm", "likely", "per cent of a rated torque, that of the axis file"),
+        (("t", "torque [Nm]", "pos"), "position_rad", "unsure", "in whole numbers"),
+        (("t", "torque [Nm]", "pos [inc]"), "position_rad", "likely", "in counts, 65536 per revolution by the axis file"),
+        (("t", "torque [Nm]", "pos [mm]"), "position_rad", "likely", "the motor's angle is that over the 0.01242 m/rad"),
+        (("t", "nothing", "pos [°]"), "torque_nm", "unsure", "no column of the file is called so"),
+    ],
+)
+def test_what_is_not_sure_is_asked(names: tuple[str, ...], column: str, confidence: str, words: str) -> None:
+    asked: list[Guess] = []
+
+    def ask(guess: Guess) -> str:
+        asked.append(guess)
+        return guess.choices[0]
+
+    with pytest.raises(NeedsAnswers, match="not sure which column is which"):
+        completed(table(*names), (), AXIS, timed=True)
+    completed(table(*names), (), AXIS, timed=True, ask=ask)
+    guess = next((guess for guess in asked if guess.column == column), None)
+    if guess is None:  # nothing to choose from
+        assert words.startswith("no column")
+        return
+    assert guess.confidence == confidence
+    assert words in guess.why
+
+
+def test_two_torques_are_not_sure() -> None:
+    asked: list[Guess] = []
+    two = table("t", "Torque A1 [Nm]", "pos [°]", **{"Torque A2 [Nm]": CURRENT})
+    completed(two, (), AXIS, timed=True, ask=lambda guess: asked.append(guess) or guess.choices[1])  # type: ignore[func-returns-value]
+    assert [guess.column for guess in asked] == ["torque_nm"]
+    assert "Torque A2 [Nm] could be meant as well" in asked[0].why
+
+
+def test_time_without_a_unit_is_told_by_its_steps() -> None:
+    plain = Axis(name="a")
+    sure, _ = completed(table("t", "M [Nm]", "phi [rad]"), (), plain, timed=True)
+    assert sure[0] == "t_s=t*s"
+    with pytest.raises(NeedsAnswers, match=r"t_s: its name; it rises by 1 per row.*t_s=t\*ms"):
+        completed(Table("a", {"t": 1e3 * T, "M [Nm]": CURRENT, "phi [rad]": ENCODER}), (), plain, timed=True)
+
+
+def test_a_file_of_mappings_is_written_edited_and_given_back(tmp_path: Path) -> None:
+    log, run = write(tmp_path / "log.csv", text("Zeit [s],Drehmoment,enc [inc]")), tmp_path / "run"
+    words = ["import", str(log), "--run", str(run), "--axis", "egc-70-600"]
+    outcome = CliRunner().invoke(cli, words)
+    assert outcome.exit_code == 1, outcome.output
+    made = tmp_path / "run.map"
+    assert f"Edit {made}, which holds what was found, and import again with --map {made}" in outcome.stderr
+    assert not run.exists()
+    content = made.read_text(encoding="utf-8")
+    assert 't_s="Zeit [s]"*s\n' in content
+    assert '# position_rad="enc [inc]"*rev/65536\n' in content
+    edited = content.replace("# torque_nm=Drehmoment*1\n", "torque_nm=Drehmoment*0.65\n")
+    edited = edited.replace('# position_rad="enc', 'position_rad="enc')
+    made.write_text(edited, encoding="utf-8")
+    outcome = CliRunner().invoke(cli, [*words, "--map", str(made)])
+    assert outcome.exit_code == 0, outcome.output
+    np.testing.assert_allclose(RunFolder.open(run).recording("log").torque, 0.65 * swing()[1], rtol=1e-12)
+    assert "1 of 1 imports" in CliRunner().invoke(cli, ["import", "--check", "--run", str(run)]).stdout
+    assert "is no mapping and no file of mappings" in CliRunner().invoke(cli, [*words, "--map", "nothing"]).stderr
+
+
+def test_a_file_that_was_edited_is_not_overwritten(tmp_path: Path) -> None:
+    log = write(tmp_path / "log.csv", text("Zeit [s],Drehmoment,enc"))
+    (tmp_path / "run.map").write_text("torque_nm=mine\n", encoding="utf-8")
+    outcome = CliRunner().invoke(cli, ["import", str(log), "--run", str(tmp_path / "run")])
+    assert f"--map {tmp_path / 'run-2.map'}" in outcome.stderr
+    assert (tmp_path / "run.map").read_text(encoding="utf-8") == "torque_nm=mine\n"
+
+
+def test_at_a_terminal_the_questions_are_asked_one_by_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    log, run = write(tmp_path / "log.csv", text("Zeit [s],Drehmoment,enc")), tmp_path / "run"
+    monkeypatch.setattr(import_, "_can_be_asked", lambda: True)
+    words = ["import", str(log), "--run", str(run), "--axis", "egc-70-600"]
+    outcome = CliRunner().invoke(cli, words, input="torque_nm=Drehmoment*0.65\n1\n")
+    assert outcome.exit_code == 0, outcome.output
+    assert "torque_nm: unsure; its unit is not stated" in outcome.stderr
+    assert "  1  position_rad=enc*rev/65536" in outcome.stderr
+    assert CliRunner().invoke(cli, words, input="9\n").exit_code == 2
+
+
+def test_the_api_raises_with_the_file_of_mappings(tmp_path: Path) -> None:
+    log = write(tmp_path / "log.csv", text("Zeit [s],Drehmoment,enc"))
+    with pytest.raises(NeedsAnswers) as error:
+        api.import_recordings([log], tmp_path / "run", api.Reading())
+    assert "# torque_nm: unsure" in error.value.template
+    assert not (tmp_path / "run").exists()

@@ -1,0 +1,95 @@
+"""Doubts about units, signs and scales: value, expectation, remedy; and none about a good record."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from beltcomm.axis import load_axis
+from beltcomm.cli.main import cli
+from beltcomm.foreign.plausibility import findings
+from beltcomm.recording import Recording
+from foreign.samples import CONSTANT_NM_A, COUNTS, options, swing, text, write
+
+AXIS = load_axis("egc-70-600")
+RATIO = AXIS.transmission_m_rad
+T, CURRENT, ENCODER = swing(3000)
+#: 1e-3 kg m², within what the axis file allows; a swing of 14 rad, 0.18 m, at 0.78 m/s.
+TORQUE, ANGLE = CONSTANT_NM_A * CURRENT, math.tau / COUNTS * ENCODER
+SPEED = 20.0 * math.pi * np.sin(1.4 * math.pi * T)
+
+
+def said(**changes: Any) -> list[str]:
+    record = Recording(**({"name": "a", "t_s": T, "torque": TORQUE, "position": ANGLE} | changes))
+    return [str(finding) for finding in findings(record, AXIS)]
+
+
+def test_a_good_record_raises_no_doubt() -> None:
+    assert said(velocity=SPEED, cart_position_m=RATIO * ANGLE, load_position_rad=ANGLE) == []
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"torque": 1e3 * TORQUE}, ("the inertia by the", "expected 5.02e-05 to 0.0309 kg m²", "torque_nm in mN m or thousandths")),
+        ({"torque": 1e-3 * TORQUE}, ("the inertia by the regression", "kN m")),
+        ({"position": np.degrees(ANGLE)}, ("the inertia by the regression", "position_rad in degrees")),
+        ({"position": 20.0 * ANGLE}, ("the carriage's speed is 15.6 m/s, expected at most 5 m/s",)),
+        ({"torque": -TORQUE}, ("is -0.00", "expected a positive one", "--flip torque or --flip position")),
+        ({"cart_position_m": 1e3 * RATIO * ANGLE}, ("the feed constant", "expected 78.037 mm", "cart_position_m is in mm")),
+        ({"cart_position_m": 1.2 * RATIO * ANGLE}, ("is 93.645 mm per revolution, expected 78.037 mm", "correct the axis file")),
+        ({"cart_position_m": -RATIO * ANGLE}, ("is -78.037 mm per revolution", "--map cart_position_m=-NAME")),
+        ({"load_position_rad": ANGLE / 3.0}, ("is 1:3, expected 1:1 by gearbox.ratio",)),
+        ({"velocity": 1.3 * SPEED}, ("velocity_rad_s over the change of position_rad is 1.3, expected 1",)),
+        ({"velocity": np.cos(3.0 * T)}, ("the likeness of velocity_rad_s to the change of position_rad", "another signal")),
+        ({"t_s": 20.0 * T}, ("the time between rows is 20 ms, expected at most 10 ms",)),
+        ({"t_s": 1e-2 * T}, ("the time between rows is 10 us, expected at least 20 us",)),
+        ({"torque": 1e-3 * TORQUE}, ("the torque's range is 0.00", "more than two thousandths of the rated 1.43 N m")),
+        ({"position": 1e-6 * ANGLE}, ("the travel is 0.000", "look at the unit of position_rad")),
+    ],
+)  # fmt: skip
+def test_each_doubt_has_value_expectation_and_remedy(changes: dict[str, Any], words: tuple[str, ...]) -> None:
+    found = said(**changes)
+    assert any(all(word in line for word in words) for line in found), found
+
+
+def test_torque_in_ampere_is_thought_of_where_that_alone_would_fit() -> None:
+    axis = replace(AXIS, motor=replace(AXIS.motor, torque_constant_nm_a=0.02))
+    line = next(str(found) for found in findings(Recording("a", T, TORQUE / 0.02, ANGLE), axis) if "inertia" in found.what)
+    assert "torque_nm is in ampere (--map current_a=NAME)" in line
+
+
+def test_the_unit_factors_found_are_those_that_were_made() -> None:
+    """The regression finds 1e-3 kg m² in the good record; the doubt about thousandths names 1 kg m²."""
+    line = next(line for line in said(torque=1e3 * TORQUE) if "inertia" in line)
+    value = float(line.split(" is ")[1].split(" ")[0])
+    assert value == pytest.approx(1.0, rel=0.02)
+
+
+def test_flip_turns_what_the_doubt_says(tmp_path: Path) -> None:
+    log = write(tmp_path / "log.csv", text())
+    wrong = options(("t_s=time", "torque_nm=-Iq*0.65", "position_rad=enc*rev/65536"))
+    refused = CliRunner().invoke(cli, ["import", str(log), "--run", str(tmp_path / "a"), *wrong])
+    assert refused.exit_code == 3
+    assert "--flip torque" in refused.stderr
+    for flip in ("torque", "position"):
+        run = tmp_path / flip
+        done = CliRunner().invoke(cli, ["import", str(log), "--run", str(run), *wrong, "--flip", flip])
+        assert done.exit_code == 0, done.output
+        assert "doubt:" not in done.stdout
+        assert "1 of 1 imports" in CliRunner().invoke(cli, ["import", "--check", "--run", str(run)]).stdout
+
+
+def test_doubts_are_shown_and_are_in_the_json(tmp_path: Path) -> None:
+    log = write(tmp_path / "log.csv", text())
+    words = ["import", str(log), "--run", str(tmp_path / "a"), "--axis", "egc-70-600", "--dry-run"]
+    mapping = options(("t_s=time", "torque_nm=Iq*0.65/1000", "position_rad=enc*rev/65536"))
+    shown = CliRunner().invoke(cli, [*words, *mapping])
+    assert "  doubt: the inertia by the regression of torque_nm on acceleration is" in shown.stdout
+    assert '"expected": "5.02e-05 to 0.0309 kg m' in CliRunner().invoke(cli, [*words, *mapping, "--json"]).stdout
