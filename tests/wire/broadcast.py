@@ -46,7 +46,8 @@ def judged(found: list[float]) -> tuple[list[str], bool]:
     return [
         f"{len(found)} SYNCs in {found[-1] - found[0]:.3f} s, {expected} periods of {1e3 * PERIOD_S:g} ms: {lost} cycles lost in gaps, "
         f"{max(expected - len(found) - lost, 0)} by a timer that is late each time, {max(len(found) - expected, 0)} too many",
-        f"interval: median {median:.3f} ms, from {ordered[0]:.3f} to {ordered[-1]:.3f} ms, 99 % within {ordered[int(0.99 * len(ordered))]:.3f} ms",
+        f"interval: median {median:.3f} ms, from {ordered[0]:.3f} to {ordered[-1]:.3f} ms, 99 % within "
+        f"{ordered[int(0.99 * len(ordered))]:.3f} ms",
     ], 0.5 * expected <= len(found) <= expected + 1 and abs(median - 1e3 * PERIOD_S) < 0.1e3 * PERIOD_S
 
 
