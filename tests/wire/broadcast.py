@@ -40,13 +40,15 @@ def judged(found: list[float]) -> tuple[list[str], bool]:
         return [f"{len(found)} SYNCs received"], False
     intervals = [1e3 * (b - a) for a, b in itertools.pairwise(found)]
     expected = round((found[-1] - found[0]) / PERIOD_S) + 1
-    lost, late = max(expected - len(found), 0), sum(interval > 1.5e3 * PERIOD_S for interval in intervals)
+    lost = sum(max(round(interval / (1e3 * PERIOD_S)) - 1, 0) for interval in intervals)
     ordered = sorted(intervals)
+    median = statistics.median(intervals)
     return [
-        f"{len(found)} SYNCs in {found[-1] - found[0]:.3f} s, {expected} were due: {lost} lost, {max(len(found) - expected, 0)} too many",
-        f"interval: median {statistics.median(intervals):.3f} ms, from {ordered[0]:.3f} to {ordered[-1]:.3f} ms, 99 % within "
-        f"{ordered[int(0.99 * len(ordered))]:.3f} ms, {late} longer than 1.5 periods",
-    ], 0.5 * expected <= len(found) <= expected + 1 and abs(statistics.median(intervals) - 1e3 * PERIOD_S) < 0.1e3 * PERIOD_S
+        f"{len(found)} SYNCs in {found[-1] - found[0]:.3f} s, {expected} periods of {1e3 * PERIOD_S:g} ms: {lost} cycles lost in gaps, "
+        f"{max(expected - len(found) - lost, 0)} by a timer that is late each time, {max(len(found) - expected, 0)} too many",
+        f"interval: median {median:.3f} ms, from {ordered[0]:.3f} to {ordered[-1]:.3f} ms, 99 % within "
+        f"{ordered[int(0.99 * len(ordered))]:.3f} ms",
+    ], 0.5 * expected <= len(found) <= expected + 1 and abs(median - 1e3 * PERIOD_S) < 0.1e3 * PERIOD_S
 
 
 if __name__ == "__main__":

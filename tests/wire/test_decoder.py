@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from beltcomm.drive import Limits, Motion, open_drive
+from wire.broadcast import judged as broadcast_judged
 from wire.decoder import Decoder, Frame, candump, lockstep
 from wire.rules import Judge, Report
 
@@ -183,3 +184,17 @@ def test_requests_for_guarding_that_stop_are_found(guarded):
 def test_a_holding_torque_is_no_torque_before_the_stage(good):
     name, break_it = BROKEN["a torque before the stage is on"]
     assert judged(break_it(good), holding=[70]).rules == set(), name
+
+
+def test_the_broadcast_managers_cycles_are_counted():
+    on_time = [0.01 * k for k in range(1001)]
+    lines, right = broadcast_judged(on_time)
+    assert right
+    assert "1001 SYNCs in 10.000 s" in lines[0]
+    assert "0 cycles lost in gaps, 0 by a timer" in lines[0]
+    lines, right = broadcast_judged(drop(on_time, 5, 6, 40))  # type: ignore[type-var]
+    assert right
+    assert "3 cycles lost" in lines[0]
+    assert not broadcast_judged(sorted(on_time * 2))[1]  # each twice
+    assert not broadcast_judged([0.02 * k for k in range(500)])[1]  # another period
+    assert not broadcast_judged([0.0])[1]
