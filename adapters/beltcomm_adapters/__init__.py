@@ -8,6 +8,7 @@ preparation      before an axis may move: checks, mode, limits, watchdog
 motion           a motion from enabling to standstill: rows, losses, guarding            setpoints    its frames
 watch            its limits on the host
 exchange         the cyclic exchange: SYNC, setpoints out, samples in                      interrupts   Ctrl-C while stopping
+busload          the period of the exchange that fits the bit rate                         locks        what is never written
 gains, scaling   named parameters, and SI units of a drive's raw numbers
 cia402           states, control words, faults           sdo          objects by number, values lent and given back
 examination      what `beltcomm doctor` looks at

@@ -9,7 +9,7 @@ from typing import Final
 
 from beltcomm.control import CascadeStructure
 from beltcomm.errors import BeltcommError, DriveError, ObjectRefused, Refused, UsageError
-from beltcomm.objects import GAIN, ObjectValue, ParameterObject, name_of, ordered
+from beltcomm.objects import GAIN, ObjectValue, ParameterObject, name_of, ordered, packed
 from beltcomm.parameters import LIMIT_NAMES
 from beltcomm_adapters.profiles import Profile
 from beltcomm_adapters.scaling import Scaling
@@ -38,6 +38,7 @@ class Parameters:
         }
         unknown = MEASURED if profile.gain_meaning == "unconfirmed" else ()
         self.uncalibrated = frozenset(name for name in unknown if name in profile.parameters)
+        self._found: dict[str, float] = {}
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -77,7 +78,7 @@ class Parameters:
         for name in ordered(self.table, asked):
             raws[name] = self.table[name].raw(name, asked[name], gain)
         before = {name: self._read_raw(name) for name in raws}
-        self._check_known_meaning([name for name in raws if raws[name] != before[name]])
+        self._check_known_meaning([name for name in raws if raws[name] not in (before[name], self._found[name])])
         self._exchange([self._value_of(name, raw) for name, raw in raws.items()], [self._value_of(name, before[name]) for name in raws])
         return {name: self.table[name].value(raws[name], gain) for name in values}
 
@@ -116,7 +117,8 @@ class Parameters:
         try:
             for item in wanted:
                 self._write_raw(item)
-                if (stored := self._objects.read(item.index, item.subindex, item.kind)) != item.raw:
+                stored = self._objects.read(item.index, item.subindex, item.kind)
+                if packed(item.kind, stored) != packed(item.kind, item.raw):  # a real number of a file has digits that the drive has not
                     raise DriveError(
                         f"the drive stored {stored:g} instead of {item.raw:g} for {item.name or 'an object'} (object "
                         f"{item.title}, raw values); its profile may not fit"
@@ -156,7 +158,9 @@ class Parameters:
 
     def _read_raw(self, name: str) -> float:
         entry = self.table[name]
-        return self._objects.read(entry.index, entry.subindex, entry.type)
+        raw = self._objects.read(entry.index, entry.subindex, entry.type)
+        self._found.setdefault(name, raw)  # what was there first may always go back, whatever it means
+        return raw
 
     def _write_raw(self, item: ObjectValue) -> None:
         try:

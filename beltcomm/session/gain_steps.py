@@ -41,6 +41,8 @@ SEEN = 4.0
 #: m: the carriage may move so far; from there friction stops it within the reach, were it only a third of what was counted with.  A watched
 #: torque may be so many times the one asked for, and so much of the rated one.
 TRAVEL_M, REACH_M, WATCHED, WATCHED_OF_RATED = 2e-3, 1e-2, 3.0, 0.05
+#: m/s: and it, or the motor that drives it, gets no faster.
+SPEED_M_S = 0.2
 #: 1/s: bandwidth of the velocity loop with the motor alone, of the first record and of the one under the position loop; position gain.
 BANDWIDTH, POSITION_BANDWIDTH, POSITION_GAIN = 20.0, 100.0, 5.0
 #: m: largest step of the position setpoint.   Share of the speed limit that a step may ask for.   Of the position loop's output.
@@ -59,10 +61,9 @@ def line(axis: Axis, capabilities: Capabilities) -> tuple[Experiment, ...]:
 
 def experiment(axis: Axis, capabilities: Capabilities) -> Experiment:
     """The plan's line."""
-    torque = TORQUE_SHARE * min(axis.torque_limit_nm, capabilities.peak_torque_nm)
-    return Experiment(
-        "small steps: what its gains mean", TRAVEL_M, REACH_M, 0.1, WATCHED * torque, torque / axis.transmission_m_rad, SECONDS
-    )
+    torque = WATCHED * TORQUE_SHARE * min(axis.torque_limit_nm, capabilities.peak_torque_nm)
+    force = min(torque / axis.transmission_m_rad, axis.belt_force_limit_n)
+    return Experiment("small steps: what its gains mean", TRAVEL_M, REACH_M, SPEED_M_S, torque, force, SECONDS)
 
 
 def ensure(machine: Machine, breakaway_nm: float) -> float:
@@ -239,7 +240,7 @@ class _Probe:
 
         def watch(row: Row) -> None:
             rows.append(row)
-            if abs(row[3] - start) * machine.ratio > TRAVEL_M:
+            if abs(row[3] - start) * machine.ratio > TRAVEL_M or abs(row[4]) * machine.ratio > SPEED_M_S:
                 raise SafetyStop(
                     f"the carriage moved by {1e3 * machine.ratio * abs(row[3] - start):.1f} mm under small steps of the {kind} setpoint "
                     "that were not to break it loose; the axis was stopped; check what drives it, and the breakaway torque",
@@ -254,7 +255,7 @@ class _Probe:
 
         if kind == "velocity":
             motion = Motion("velocity", self.period_s, zero, shape, zero)
-            speed = max(0.1, 1.2 * float(np.max(np.abs(shape))) * machine.ratio)
+            speed = max(SPEED_M_S, 1.2 * float(np.max(np.abs(shape))) * machine.ratio)
         else:
             motion = Motion("position", self.period_s, start + shape, zero, zero)
             speed = full.speed_m_s

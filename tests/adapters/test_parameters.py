@@ -8,7 +8,8 @@ import pytest
 
 from adapters.stub_node import StubBus, StubNode
 from beltcomm.control import Cascade, Feedforward, Prefilter
-from beltcomm.errors import DriveError, ObjectRefused, UsageError
+from beltcomm.errors import DriveError, ObjectRefused, Refused, UsageError
+from beltcomm.objects import ObjectValue
 from beltcomm.parameters import GAIN_NAMES, cascade_to_parameters, parameters_to_cascade
 from beltcomm_adapters.gains import Parameters, structure_of
 from beltcomm_adapters.link import Link
@@ -137,3 +138,31 @@ def test_incomplete_or_unknown_parameters_are_named():
         parameters_to_cascade({"kp_nm_s_rad": 1.0, "velocity_filter_s": 0.0})
     with pytest.raises(UsageError, match="prefilter_kind 3"):
         parameters_to_cascade({**cascade_to_parameters(Cascade(1, 1, 1, 1)), "prefilter_kind": 3.0})
+
+
+def test_a_gain_of_unknown_meaning_is_not_changed_but_put_back(festo):
+    with StubBus(festo) as bus:
+        parameters = Parameters(Objects(Link(bus, bus.clock, 1)), load_profile("cmmp-as"), SCALING)
+        assert parameters.uncalibrated == {"kp_nm_s_rad", "ki_nm_rad", "kpp_1_s"}
+        found = parameters.read(parameters.names)
+        with pytest.raises(Refused, match=r"kp_nm_s_rad \(60F9h:1\).*beltcomm calibrate"):
+            parameters.write({"kp_nm_s_rad": 0.04})
+        assert festo.written == []
+        parameters.write({"velocity_filter_s": 1e-3, "torque_limit_nm": 2.0})  # these are known
+        festo.put(0x60F9, 1, 20)  # a test value that nobody has put back
+        parameters.write(found)
+        assert festo.get(0x60F9, 1) == 256
+        parameters.calibrate({"kp_nm_s_rad": 1e-4})
+        assert parameters.read(["kp_nm_s_rad"]) == {"kp_nm_s_rad": pytest.approx(0.0256)}
+        parameters.write({"kp_nm_s_rad": 0.01, "ki_nm_rad": 0.01 / 0.002})  # the integral time stays as it is
+        assert (festo.get(0x60F9, 1), festo.get(0x60F9, 2)) == (100, 2000)
+        with pytest.raises(Refused, match="kpp_1_s"):
+            parameters.write({"kpp_1_s": 1.0})
+
+
+def test_a_real_number_of_a_file_has_more_digits_than_the_drive(festo):
+    festo.objects[0x2100, 1] = ("<f", 0.0)
+    with StubBus(festo) as bus:
+        parameters = Parameters(Objects(Link(bus, bus.clock, 1)), load_profile("cmmp-as"), SCALING)
+        parameters.write_objects([ObjectValue(0x2100, 1, "real32", 0.0873164)])
+        assert festo.get(0x2100, 1) == pytest.approx(0.0873164, rel=1e-6)

@@ -15,13 +15,10 @@ from beltcomm import api
 from beltcomm.axis import load_axis
 from beltcomm.control import Cascade
 from beltcomm.errors import DataError, Refused, SafetyStop, UsageError
-from beltcomm.identify.amplitude import around
 from beltcomm.parameters import parameters_to_cascade
 from beltcomm.runfolder import RunFolder
 from beltcomm.session import calibration, gain_steps, phases
-from beltcomm.session import commission as sequence
 from beltcomm.session.calibration import Calibration, Unit, check
-from beltcomm.session.commission import Findings
 from beltcomm.session.machine import Machine
 from beltcomm.session.plan import commission_plan
 from beltcomm.talk import Silence
@@ -59,30 +56,27 @@ def test_another_meaning_than_the_profiles_is_found(make_bench: MakeBench, tmp_p
 
 
 def test_a_loop_designed_with_what_was_found_is_the_one_in_the_drive(make_bench: MakeBench, tmp_path: Path) -> None:
-    """The first loop for the true model: with the profile's guess K_P would be 0.37 times what it was designed as, K_PP 2.5 times."""
+    """With the profile's guess K_P would be 0.37 times what it was designed as, K_PP 2.5 times; a whole commissioning of such a drive
+    stands in ``test_machines``."""
     bench = make_bench("g_a", profile="cmmp-as", gain_units=FACTORS)
     folder = RunFolder.create(tmp_path / "run", AXIS)
     model = true_model(bench.plant.plant)
-    designed = Cascade(0.06, 0.06 / 0.03, 6.0, 0.4e-3)
+    designed = Cascade(0.02, 0.02 / 0.03, 3.0, 0.4e-3)
     with bench.open(bench.name, {"seed": 3}) as drive, Machine(drive, AXIS, folder, Silence()) as machine:
         with pytest.raises(Refused, match=r"nothing was written.*beltcomm calibrate"):
             machine.write_cascade(designed)
         assert drive.write(drive.backup()) == drive.backup()  # what stands there may be written: it changes nothing
         gain_steps.ensure(machine, phases.sign_and_scale(machine).coulomb_nm)
         assert not drive.capabilities.uncalibrated
-        machine.write_cascade(replace(designed, ki_nm_rad=0.06 / drive.capabilities.structure.highest["integral_time_s"]))
-        inside = bench._bus._nodes[0]._servo.loops if hasattr(bench._bus._nodes[0]._servo, "loops") else bench._bus._nodes[0]._servo._loops
+        machine.write_cascade(replace(designed, ki_nm_rad=0.022 / drive.capabilities.structure.highest["integral_time_s"]))
+        inside = bench._bus._nodes[0]._servo._loops
         inside.reload_gains()
         true: Any = inside._cascade
-        assert true.kp_nm_s_rad == pytest.approx(0.06, rel=0.05)
-        assert true.kpp_1_s == pytest.approx(6.0, rel=0.06)
-        findings = Findings(assumed_delay_s=2e-3)
-        cascade = sequence.close_loop(machine, findings, model, *sequence.first_cascade(machine, findings, model, machine.position_m))
+        assert true.kp_nm_s_rad == pytest.approx(0.02, rel=0.05)
+        assert true.kpp_1_s == pytest.approx(3.0, rel=0.06)
         at = machine.position_m
-        phases.move_to(machine, at + 0.05, model)
-        assert machine.position_m == pytest.approx(at + 0.05, abs=phases.ASTRAY_M)
-        assert cascade.kp_nm_s_rad > 0.0
-        assert len(around(model)) > 0
+        phases.move_to(machine, at + 0.05, model)  # and it is closed as it was designed; a velocity loop ends a little beside its goal
+        assert machine.position_m == pytest.approx(at + 0.05, abs=5e-3)
     # a resumed session, and another command on the run, are told
     assert bench.parameters()["kp_nm_s_rad"] == bench.initial["kp_nm_s_rad"]  # not told: the profile's guess
     with bench.open(bench.name, {}) as drive:

@@ -23,12 +23,12 @@ def test_the_limit_is_0_35_of_the_sampling_rate() -> None:
 
 
 def test_the_expected_resonance_holds_the_known_one() -> None:
-    """By hand: free belt l1 + l2 in parallel, ω² = k (1/m + r²/J); the thesis's rigs are among what the data sheets allow."""
+    """By hand: ω² = k (1/m + r²/J).  The rigs' belts are 8 % softer than their data sheet says (A.4 and 106.25 kN), so 10 % are left."""
     low, high = expected_hz(AXIS) or (0.0, 0.0)
     for rig in ("g_a", "g_b"):
         truth = nominal(rig).truth
         r, j, m, k = 0.01242, truth["inertia_kg_m2"], truth["mass_kg"], truth["stiffness_n_m"]
-        assert low < math.sqrt(k * (1.0 / m + r * r / j)) / math.tau < high
+        assert 0.9 * low < math.sqrt(k * (1.0 / m + r * r / j)) / math.tau < 1.1 * high
     assert expected_hz(replace(AXIS, belt=None)) is None
 
 
@@ -42,7 +42,7 @@ def test_the_plan_says_what_can_be_seen(options: dict[str, object], seen: bool) 
     assert notes[0].startswith(f"A SYNC every {period_ms} ms")
     assert f"above {350 / period_ms:.0f} Hz, 0.35 of the sampling rate, cannot be claimed" in notes[0]
     warned = " ".join(notes[1:])
-    assert ("will not be seen" in warned) is not seen
+    assert ("be seen" in warned) is not seen
     if "bitrate" in options:
         assert "higher bit rate" in warned
 

@@ -111,11 +111,14 @@ def test_a_geared_axis_is_not_asked_for_more_speed_than_its_motor_has(connect: C
 def test_a_drive_without_feedforward_gets_the_move_it_can_follow(connect: Connect, tmp_path: Path) -> None:
     """cmmp-as lags by speed over K_PP: T_A is predicted to miss by far, a slow move to meet the target, and both come true.
 
+    Its gains mean 0.37 and 1.6 times what its profile guesses; they are calibrated before the first loop, or none of this would be so.
     ``benchmarks/verify_table.py`` does the same with both rigs.
     """
-    bench = connect(Bench("g_a", profile="cmmp-as"))
+    bench = connect(Bench("g_a", profile="cmmp-as", gain_units=(0.37, 1.6, 1.0)))
     run = tmp_path / "run"
     result = api.commission(bench.name, "egc-70-600", run, options=YES)
+    units = RunFolder.open(run).load("results", "calibration")["units"]
+    assert [units[n]["unit"] / units[n]["assumed"] for n in ("kp_nm_s_rad", "kpp_1_s")] == pytest.approx([0.37, 1.6], rel=0.05)
     check_commissioned(bench, load_axis("egc-70-600"), run, result, exit_code=1)
     assert "but the axis does not: " in result.text[0]
     assert "this drive cannot follow the standard move within the target, only slower ones" in result.data["reservations"]
