@@ -157,6 +157,15 @@ def test_torque_acts_overrules_the_profile(frames: FrameLog) -> None:
     np.testing.assert_array_equal(moved[:-1], plain[1:])
 
 
+def test_without_syncs_the_rows_are_the_frames_with_the_position(reference: Logged, frames: FrameLog) -> None:
+    kept = np.flatnonzero(frames.identifier != 0x80)
+    parts = (frames.t_s[kept], frames.identifier[kept], frames.remote[kept], frames.length[kept], frames.data[kept])
+    found = records_of(FrameLog("event.log", *parts), AXIS)
+    assert len(found) == 3
+    own = {name: reference.own[0][name] for name in ("t_s", "torque_nm", "position_rad")}
+    check_the_same(own, found[0].table.columns)
+
+
 def test_an_axis_that_does_not_move_is_no_record(reference: Logged, tmp_path: Path) -> None:
     first = next(k for k, frame in enumerate(reference.frames) if frame[1] == 0x80)
     path = candump(reference.frames[:first], tmp_path / "setup.log")
