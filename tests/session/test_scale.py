@@ -51,8 +51,8 @@ class OtherUnits:
         self.plant.step(self.torque * torque_nm, duration_s)
 
 
-@pytest.mark.parametrize(("angle", "torque", "words"), [(0.5, 1.0, "2 times more"), (1.0, 2.0, "2 times less")])
-def test_a_halved_angle_or_a_doubled_torque_ends_before_anything_faster(
+@pytest.mark.parametrize(("angle", "torque", "words"), [(1.0, 2.0, "2 times less")])
+def test_a_doubled_torque_or_angle_ends_before_anything_faster(
     connect: Connect, tmp_path: Path, angle: float, torque: float, words: str
 ) -> None:
     """Either shows as another inertia, by the same factor: the sentence says that it cannot be told apart."""
