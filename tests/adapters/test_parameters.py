@@ -142,7 +142,7 @@ def test_incomplete_or_unknown_parameters_are_named():
 
 def test_a_gain_of_unknown_meaning_is_not_changed_but_put_back(festo):
     with StubBus(festo) as bus:
-        parameters = Parameters(Objects(Link(bus, bus.clock, 1)), load_profile("cmmp-as"), SCALING)
+        parameters = Parameters(SdoObjects(Link(bus, bus.clock, 1)), load_profile("cmmp-as"), SCALING)
         assert parameters.uncalibrated == {"kp_nm_s_rad", "ki_nm_rad", "kpp_1_s"}
         found = parameters.read(parameters.names)
         with pytest.raises(Refused, match=r"kp_nm_s_rad \(60F9h:1\).*beltcomm calibrate"):
@@ -163,6 +163,6 @@ def test_a_gain_of_unknown_meaning_is_not_changed_but_put_back(festo):
 def test_a_real_number_of_a_file_has_more_digits_than_the_drive(festo):
     festo.objects[0x2100, 1] = ("<f", 0.0)
     with StubBus(festo) as bus:
-        parameters = Parameters(Objects(Link(bus, bus.clock, 1)), load_profile("cmmp-as"), SCALING)
+        parameters = Parameters(SdoObjects(Link(bus, bus.clock, 1)), load_profile("cmmp-as"), SCALING)
         parameters.write_objects([ObjectValue(0x2100, 1, "real32", 0.0873164)])
         assert festo.get(0x2100, 1) == pytest.approx(0.0873164, rel=1e-6)
