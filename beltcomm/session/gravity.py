@@ -87,7 +87,7 @@ def suitable(axis: Axis) -> None:
     if brake is None and abs(axis.mounting.tilt_deg) >= UPRIGHT_DEG:
         raise Refused(
             f"the axis stands upright ({axis.mounting.tilt_deg:g} deg) and no brake is stated (motor.brake_torque_nm): whatever friction "
-            "holds today, a stage that goes off would let the carriage fall. Fit a holding brake that the drive closes, and state it in axis.yaml"
+            "holds today, without torque the carriage may fall. Fit a holding brake that the drive closes, and state it in axis.yaml"
         )
     if brake is not None and brake < BRAKE_RESERVE * most:
         raise Refused(
