@@ -18,6 +18,8 @@ CARRIAGE_KG, LIGHTEST_KG, HEAVIEST_CARRIAGE_KG = 1.0, 0.3, 3.0
 PAYLOAD_ERROR, TILT_ERROR_DEG = 0.1, 5.0
 #: A holding brake must bear the largest torque thought of this many times.
 BRAKE_RESERVE = 1.5
+#: deg: an axis as steep as this counts as vertical; without a brake it is not moved, whatever friction does.
+UPRIGHT_DEG = 75.0
 #: Share of friction up to which it alone holds a carriage that nobody holds.
 FRICTION_HOLDS = 0.8
 #: Share of the torque limit that may be used, and how often friction must fit into it beside gravity: once to move upwards, and again
@@ -82,6 +84,11 @@ def suitable(axis: Axis) -> None:
     words = f"{guess.mass_kg:.3g} kg at {axis.mounting.tilt_deg:g} deg by axis.yaml, the carriage counted as {CARRIAGE_KG:g} kg"
     refuse_too_steep(axis, guess.torque_nm, friction, guess.mass_kg, words)
     brake, most = axis.motor.brake_torque_nm, max(map(abs, guess.bounds_nm))
+    if brake is None and abs(axis.mounting.tilt_deg) >= UPRIGHT_DEG:
+        raise Refused(
+            f"the axis stands upright ({axis.mounting.tilt_deg:g} deg) and no brake is stated (motor.brake_torque_nm): whatever friction "
+            "holds today, without torque the carriage may fall. Fit a holding brake that the drive closes, and state it in axis.yaml"
+        )
     if brake is not None and brake < BRAKE_RESERVE * most:
         raise Refused(
             f"the brake of {brake:g} N m (motor.brake_torque_nm) is too weak: up to {most:.3g} N m are to be held, "

@@ -118,6 +118,9 @@ def test_what_axis_yaml_must_say() -> None:
     with pytest.raises(UsageError, match=r"needs payload\.mass_kg"):
         gravity.suitable(nothing)
     gravity.suitable(replace(nothing, mounting=Mounting(2.9)))
+    with pytest.raises(Refused, match=r"stands upright \(90 deg\) and no brake is stated"):
+        gravity.suitable(standing(UPRIGHT, 90.0, brake_torque_nm=None))
+    gravity.suitable(standing(UPRIGHT, 60.0, brake_torque_nm=None))  # what friction holds is found on the machine
     with pytest.raises(Refused, match=r"brake of 0\.5 N m .* is too weak"):
         gravity.suitable(standing(TILTED, 25.0, brake_torque_nm=0.5))
     with pytest.raises(UsageError, match="would let it fall"):
