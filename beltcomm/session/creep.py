@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from beltcomm.axis import Axis
-from beltcomm.drive import Drive, Limits, Motion, Row
+from beltcomm.drive import GUARD_S, Drive, Guarding, Limits, Motion, Row
 from beltcomm.errors import DriveError, Refused, SafetyStop
 from beltcomm.identify.amplitude import UNKNOWN_MASSES_KG
 from beltcomm.session.guard_times import guard_times_s
@@ -36,6 +36,8 @@ GOES = 30
 GO_SHARE = 0.6
 #: Share of the ramp's torque below which the torque cannot have moved the carriage.
 BY_ITSELF = 0.02
+#: s beyond the guard time in which an unproven drive is counted on to notice that its host is gone.
+LATE_S = 0.05
 #: s, to look whether the axis stays where it was stopped.
 STILL_S = 0.1
 
@@ -117,7 +119,9 @@ def creep(drive: Drive, axis: Axis, limits: Limits, by_m: float, reach_m: float,
     allowed = min(limits.torque_nm, axis.torque_limit_nm)
     top = HELD_SHARE * allowed - abs(about_nm) if about_nm else BREAKAWAY_SHARE * allowed
     ramp = np.linspace(0.0, top, int(RAMP_S / period))
-    guarding, brake_s = drive.prove_guarding(limits, about_nm), limits.brake_s if about_nm else 0.0
+    # where a stop takes the stage off, nothing is known yet that a drive could brake with: its guarding is on, but not proven
+    guarding = Guarding(GUARD_S, GUARD_S + LATE_S, False) if limits.release else drive.prove_guarding(limits, about_nm)
+    brake_s = limits.brake_s if about_nm else 0.0
     held = {time: guarding.held_s(time) + period + brake_s for time in guard_times_s(drive.capabilities)}
     guard_s = next((time for time, held_s in held.items() if run_on_m(axis, top, held_s) <= left_m), min(held))
     limits = replace(limits, guard_s=guard_s)

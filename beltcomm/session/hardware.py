@@ -12,12 +12,12 @@ from typing import Any
 import platformdirs
 
 from beltcomm.configfiles import read_yaml, to_yaml, write_text
-from beltcomm.drive import Capabilities
+from beltcomm.drive import Capabilities, simulated
 from beltcomm.errors import UsageError
 
 #: What of an identity tells one drive from others.
 TELLING = ("vendor_id", "product_code", "serial_number", "device_name")
-#: What a drive of this package says of its hardware (1009h): nothing moves behind it.
+#: How what a drive of this package says of its hardware (1009h) begins: nothing moves behind it.
 VIRTUAL = "virtual"
 
 
@@ -47,7 +47,7 @@ class Hardware:
     @property
     def virtual(self) -> bool:
         """Whether it is a simulated drive, in this process or in another one."""
-        return self.identity.get("hardware") == VIRTUAL
+        return self.identity.get("hardware", "").startswith(VIRTUAL) or simulated(self.name)
 
     @property
     def forgetful(self) -> bool:

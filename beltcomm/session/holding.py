@@ -125,7 +125,6 @@ def sign_and_scale(machine: Machine) -> tuple[Breakaway, Holding]:
     """
     guess = gravity.expected(machine.axis)
     phases.room_to_creep(machine)
-    host_loss.prove(machine, guess.torque_nm)
     begun = machine.drive.clock.now()
     torque, slipped = _feel(machine, guess)
     pairs: list[Breakaway] = []
@@ -133,6 +132,8 @@ def sign_and_scale(machine: Machine) -> tuple[Breakaway, Holding]:
         pairs.append(_break_away(machine, torque, release=number == 0))
         torque = float(np.mean([_half(pair) for pair in pairs]))
         machine.hold_with(torque)
+        if not number:  # before, neither the torque that holds nor the encoder's direction is known: a drive that brakes might drive away
+            host_loss.prove(machine, torque)
     machine.machine_seconds += machine.drive.clock.now() - begun
     found = mean_of([_half(pair) for pair in pairs])
     found = replace(found, interval_nm=math.hypot(found.interval_nm, machine.drive.capabilities.torque_step_nm))  # each onset is in steps

@@ -199,7 +199,7 @@ def raise_amplitude(machine: Machine, breakaway: Breakaway, masses_kg: Sequence[
             f"amplitude {step.amplitude_nm:.3f} N m ({step.binds}): mass {model['cart.mass']:.2f} kg, "
             f"stiffness {model['belt_stiffness.stiffness']:.4g} N/m"
         )
-        scale.check_scale(machine, model, scale.FIRST_FACTOR)
+        scale.check_first(machine, model, recordings[-1])
         stops.lend_brake(machine, model, at)
         family = around(balanced(model))
         at_most = GROWTH * step.amplitude_nm

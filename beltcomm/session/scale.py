@@ -10,19 +10,41 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from beltcomm.axis import Axis
 from beltcomm.errors import Refused, UsageError
 from beltcomm.model import Model
+from beltcomm.recording import Recording
 from beltcomm.result import Result
 from beltcomm.session.machine import Machine
 
 #: The inertia may differ from the data sheets' by this factor in a first estimate from a second of excitation, and in a fit.
 FIRST_FACTOR, FITTED_FACTOR = 1.6, 1.35
+#: Share of the torque that must accelerate the motor in the record of a first estimate: barely broken away it is 0.46, else from 0.64 on.
+LEAST_SHARE = 0.5
 #: The belt's stiffness as a share of its data sheet's, between which the feed constant is not suspected: real ones show 0.5 to 1.
 SOFTEST, STIFFEST = 0.3, 2.0
 #: m: a ruler is read to this; share of a way that may be missing beside that; the shortest way that is worth it.
 RULER_M, RULER_SHARE, SHORTEST_M = 1e-3, 0.01, 0.02
 STIFFNESS = "belt_stiffness.stiffness"
+
+
+def accelerating_share(recording: Recording, inertia_kg_m2: float) -> float:
+    """How much of the torque of a record went into the acceleration of the motor:  rms(J θ'')/rms(τ), where the torque is large."""
+    acceleration = np.diff(recording.position, 2) / recording.sample_period_s**2
+    torque = 0.5 * (recording.torque[1:-1] + recording.torque[:-2])
+    large = np.abs(torque) > 0.5 * np.max(np.abs(torque))
+    return float(inertia_kg_m2 * np.sqrt(np.mean(acceleration[large] ** 2) / np.mean(torque[large] ** 2)))
+
+
+def check_first(machine: Machine, model: Model, recording: Recording) -> None:
+    """The same with the first estimate; nothing is said of a record in which friction took most of the torque.   Raises Refused."""
+    share = accelerating_share(recording, machine.axis.motor_side_inertia_kg_m2)
+    if share < LEAST_SHARE:
+        machine.folder.journal(f"scale: {100 * share:.0f} % of the torque of {recording.name} accelerated the motor, too little to tell")
+        return
+    check_scale(machine, model, FIRST_FACTOR)
 
 
 def check_scale(machine: Machine, model: Model, factor: float) -> None:

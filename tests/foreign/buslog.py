@@ -58,6 +58,7 @@ def logged(profile: str = "reference", kinds: Sequence[str] = ("torque", "positi
     frames: list[Frame] = []
     own = []
     with open_drive("virtual:g_a", {"profile": profile, "seed": 1, "log": frames.append}) as drive:
+        drive.calibrate({name: drive.capabilities.parameters[name].scale for name in drive.capabilities.uncalibrated})
         drive.write({"kp_nm_s_rad": 0.02, "ki_nm_rad": 0.8, "kpp_1_s": 5.0})
         here = drive.read(["position_rad"])["position_rad"]
         for motion in motions(here):

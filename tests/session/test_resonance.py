@@ -104,6 +104,7 @@ def travelled(make_bench: MakeBench, tmp_path: Path) -> Callable[..., Tried]:
         kind = "position" if profile == "reference" else "velocity"
         stop = None
         with bench.open(bench.name) as drive, Machine(drive, axis, RunFolder.create(tmp_path / "run", axis), Silence()) as machine:
+            drive.calibrate({name: drive.capabilities.parameters[name].scale for name in drive.capabilities.uncalibrated})
             own = drive.capabilities
             machine.keep_gains = True  # as if the user wanted that
             faults.gain_factor = factor

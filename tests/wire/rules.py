@@ -62,6 +62,8 @@ NO_SETTINGS = {0x1003, 0x1010, 0x1011, 0x6040, 0x6071, 0x607A, 0x60B0, 0x60B1, 0
 TORQUE_MODES, POSITION_MODES = {4, 10}, {7, 8}
 #: Counts between target and place at which an axis may be enabled: 0.01 revolutions of 65536.
 NEAR_COUNTS = 655
+#: EMCY of a host that has fallen silent; where that is tried: s beyond the guard time in which it must come, counts that are standstill.
+LIFE_GUARD, TOLERANCE_S, STILL_COUNTS = 0x8130, 0.05, 20
 
 
 @dataclass
@@ -131,6 +133,8 @@ class Judge:
         self._syncs: Counter[int] = Counter()
         self._life_s: float | None = None
         self._toggle: int | None = None
+        self._stood: int | None = None  # where the axis was when its stage went on
+        self._proven = self._proving = False
 
     def of(self, frames: Iterable[Frame]) -> Report:
         """Everything that is wrong with these frames."""
@@ -157,11 +161,18 @@ class Judge:
             guard_s = self._guard_time_s()
             silence_s = self._now_s - (self._now_s if self._life_s is None else self._life_s)
             self.report.longest_silence_s = max(self.report.longest_silence_s, silence_s)
-            if guard_s and silence_s > guard_s + 1e-9:
+            allowed_s = guard_s + (TOLERANCE_S if self._may_prove() else 0.0)
+            if guard_s and silence_s > allowed_s + 1e-9 and not self._proving:
                 self._wrong(
                     "guarding", event, f"no sign of life for {1e3 * silence_s:.0f} ms with the stage on, allowed are {1e3 * guard_s:.0f}"
                 )
                 self._life_s = self._now_s
+
+    def _may_prove(self) -> bool:
+        """Once in a log the host may fall silent to see what the drive does: at standstill, with no more torque than holds the axis."""
+        still = self._stood is not None and self._position is not None and abs(self._position - self._stood) <= STILL_COUNTS
+        torque = self._decoder.number(*MODE) in TORQUE_MODES and self._asked.get(TORQUE, 0) in self._holding
+        return not self._proven and still and torque
 
     def _guard_time_s(self) -> float:
         """What the drive was told to watch its host with; 0 for nothing."""
@@ -172,6 +183,11 @@ class Judge:
         self._wrong(event.data.decode(), event, event.text)
 
     def _on_emergency(self, event: Event) -> None:
+        silence_s = self._now_s - (self._life_s or 0.0)
+        if event.value == LIFE_GUARD and self._may_prove() and silence_s >= self._guard_time_s() - 1e-9:
+            self._proven = self._proving = True
+            self.report.counts["proof of guarding"] += 1
+            return
         if event.value and not self._faults:
             self._wrong("emergency", event, f"the drive reports {event.value:04X}h")
 
@@ -298,6 +314,8 @@ class Judge:
         if self._state and state not in self._reachable():
             self._wrong("statusword", event, f"the drive went from {self._state} to {state}, which nobody asked for")
         self._state = state
+        if state == "enabled":
+            self._stood = self._position
         self._commands = {self._command} if self._command else set()
 
     def _reachable(self) -> set[str]:
@@ -313,12 +331,12 @@ class Judge:
     # -- signs of life ------------------------------------------------------------------------------------------------------
 
     def _on_guard(self, event: Event) -> None:
-        self._life_s = self._now_s
+        self._life_s, self._proving = self._now_s, False
 
     def _on_heartbeat(self, event: Event) -> None:
         watched = (self._decoder.number(0x1016, 1) or 0) >> 16 & 0x7F
         if event.index == watched:
-            self._life_s = self._now_s
+            self._life_s, self._proving = self._now_s, False
 
     def _on_guarded(self, event: Event) -> None:
         toggle = event.value >> 7
