@@ -22,7 +22,7 @@ DEFAULT_PLANT: Final = "g_a"
 #: m; the middle of the rig's 0 to 0.5 m.
 DEFAULT_START_M: Final = 0.25
 _NODE: Final = 1
-_OPTIONS: Final = ("seed", "profile", "realtime", "plant", "start_position", "referenced", "faults", "log")
+_OPTIONS: Final = ("seed", "profile", "realtime", "plant", "start_position", "referenced", "faults", "bus_faults", "log")
 
 
 def _open(address: str, options: Mapping[str, object]) -> Drive:
@@ -31,7 +31,7 @@ def _open(address: str, options: Mapping[str, object]) -> Drive:
     seed : whole number, of the torque noise (0).     profile : "reference" or "cmmp-as".     realtime : run at the wall clock.
     start_position : m, where the carriage stands (0.25).     referenced : the encoder knows the carriage's zero (yes).
     plant : a :class:`beltcomm.plant.Plant` in place of the plant file's model; its delay and noise stay.
-    faults : a :class:`beltcomm.virtual.faults.Faults`.     log : called with every frame.
+    faults, bus_faults : ``Faults`` and ``BusFaults`` of :mod:`beltcomm.virtual.faults`.     log : called with every frame.
     """
     if unknown := sorted(set(options) - set(_OPTIONS)):
         raise UsageError(f"the virtual drive has no option {', '.join(unknown)}; leave it out")
@@ -40,7 +40,7 @@ def _open(address: str, options: Mapping[str, object]) -> Drive:
     given: Mapping[str, Any] = options  # objects are handed over by programs only, of the types named above
     plant = given.get("plant") or SimulatedPlant(file.model, position_m=start_m)
     referenced = bool(options.get("referenced", True))
-    bus = LockstepBus(MonotonicClock() if options.get("realtime") else None)
+    bus = LockstepBus(MonotonicClock() if options.get("realtime") else None, given.get("bus_faults"))
     bus.on_frame = given.get("log")
     try:
         VirtualDrive(

@@ -7,7 +7,8 @@ from collections.abc import Callable
 from beltcomm.virtual.dictionary import ObjectDictionary
 
 BOOTING, STOPPED, OPERATIONAL, PRE_OPERATIONAL = 0x00, 0x04, 0x05, 0x7F
-_START, _STOP, _ENTER_PRE_OPERATIONAL, _RESET_NODE, _RESET_COMMUNICATION = 0x01, 0x02, 0x80, 0x81, 0x82
+RESET_NODE = 0x81
+_START, _STOP, _ENTER_PRE_OPERATIONAL, _RESET_COMMUNICATION = 0x01, 0x02, 0x80, 0x82
 _STATE_AFTER = {_START: OPERATIONAL, _STOP: STOPPED, _ENTER_PRE_OPERATIONAL: PRE_OPERATIONAL}
 
 #: Ticks from a reset to the boot-up message.
@@ -57,13 +58,13 @@ class Nmt:
             old, self.state = self.state, _STATE_AFTER[data[0]]
             if old != self.state:
                 self._state_changed(old, self.state)
-        elif data[0] in (_RESET_NODE, _RESET_COMMUNICATION):
+        elif data[0] in (RESET_NODE, _RESET_COMMUNICATION):
             old, self.state = self.state, BOOTING
             self._boot_left = BOOT_TICKS
             self._toggle = 0
             self._guard_deadline = self._heartbeat_deadline = None
             self._state_changed(old, BOOTING)
-            self._reset(data[0] == _RESET_NODE)
+            self._reset(data[0] == RESET_NODE)
 
     def tick(self, tick: int) -> None:
         """Whatever the time makes due: boot-up, heartbeat, loss of the master."""
