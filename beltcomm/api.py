@@ -24,6 +24,7 @@ from beltcomm.result import Result, plain
 from beltcomm.runfolder import RunFolder
 from beltcomm.session import analyse, friction_job, gains, gravity, offline, outcome, referencing, words
 from beltcomm.session import commission as sequence
+from beltcomm.session.bundle import bundle as bundle
 from beltcomm.session.commission import Findings
 from beltcomm.session.convert import convert as convert
 from beltcomm.session.creep import BREAKAWAY_SHARE, CREEP_SPEED_M_S, MARGIN_M, NEAR_M, RAMP_S, small_move
@@ -377,6 +378,7 @@ __all__ = [
     "Reading",
     "Result",
     "apply",
+    "bundle",
     "check_imports",
     "commission",
     "design",

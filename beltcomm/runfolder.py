@@ -9,6 +9,7 @@
       models/NAME.yaml  designs/NAME.yaml  results/NAME.yaml         the tool's own
       originals/               foreign files as they were, for recordings made by `beltcomm import`
       journal.txt              what the session did, one line each
+      bus/NAME.log.gz          frames of the CAN bus (candump -L)
 
 A folder made by hand needs ``axis.yaml`` and ``recordings`` only.  Files are written whole or not at all.
 """
@@ -286,8 +287,8 @@ class RunFolder:
 def _untouched(path: Path) -> bool:
     """Whether a run in this folder ended before anything was recorded or written to a drive, as after a no; its few files are removed."""
     results = [path / "results" / f"{name}.yaml" for name in ("backup", "drive")]
-    own = {path / "axis.yaml", path / "run.yaml", path / "journal.txt", *results}
-    found = {item for item in path.rglob("*") if not item.is_dir()} if path.is_dir() else {path}
+    own = {path / "axis.yaml", path / "run.yaml", path / "journal.txt", path / "bundle.zip", *results}
+    found = {item for item in path.rglob("*") if not item.is_dir() and item.parent.name != "bus"} if path.is_dir() else {path}
     journal = (path / "journal.txt").read_text(encoding="utf-8").splitlines() if path / "journal.txt" in found else []
     if not found <= own or path / "run.yaml" not in found or not all(line.startswith(_HARMLESS) for line in journal):
         return False

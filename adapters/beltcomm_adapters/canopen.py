@@ -6,7 +6,7 @@ import contextlib
 import dataclasses
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Final
+from typing import Any, Final
 
 import can
 
@@ -19,6 +19,7 @@ from beltcomm_adapters.gains import Parameters
 from beltcomm_adapters.identification import HOMING_MODE, read_capabilities, read_identity, sync_period_s
 from beltcomm_adapters.interrupts import deferred_interrupt
 from beltcomm_adapters.link import Link, find_nodes
+from beltcomm_adapters.logged import LoggedBus
 from beltcomm_adapters.motion import Run, Watch
 from beltcomm_adapters.preparation import check_motion, guard, homing_speeds_rad_s, prepare
 from beltcomm_adapters.profiles import choose_profile, load_profile
@@ -27,7 +28,7 @@ from beltcomm_adapters.sdo import Objects
 from beltcomm_adapters.setpoints import Layout, Setpoints, layout_of
 
 _HOMING_PERIOD_S: Final = 0.010  # homing is watched, not sampled
-_OPTIONS: Final = ("node", "bitrate", "profile")
+_OPTIONS: Final = ("node", "bitrate", "profile", "log")
 
 
 class CanopenDrive:
@@ -136,6 +137,9 @@ class CanopenDrive:
     def _enabled(self, layout: Layout, kind: str, period_s: float, limits: Limits, motion: Motion | None) -> Iterator[Run]:
         """The axis enabled and guarded inside the block; stopped, disabled and set back after it, however it ends."""
         objects, scaling, link = self._objects, self._scaling, self._link
+        self._machine.state()  # takes what has come since the last motion
+        if link.restarted or link.emergency is not None:  # a fault that nobody has looked at is not acknowledged on the way
+            raise self._machine.fault("standing between two motions")
         self._machine.reset_fault()
         self._machine.disable()
         link.forget_emergency()
@@ -152,7 +156,7 @@ class CanopenDrive:
                     scaling,
                     period_s,
                     self._machine.fault,
-                    lambda: link.emergency is not None,
+                    lambda: link.restarted or link.emergency is not None,
                     objects.read_int(0x6064, 0, "int32"),
                     round(motion.rest_nm / scaling.torque_nm) if motion is not None else 0,
                 )
@@ -259,8 +263,12 @@ def _open(address: str, options: Mapping[str, object]) -> Drive:
     node = whole_number(options, "node", None, 1, 126)
     bitrate = whole_number(options, "bitrate", DEFAULT_BITRATE, 10_000, 1_000_000)
     assert bitrate is not None
+    clock = MonotonicClock()
     bus = open_bus(Address.parse(address), bitrate)
-    return connect(bus, MonotonicClock(), node, profile_name(options), bitrate, bus.shutdown)
+    given: Mapping[str, Any] = options  # a function to be called with every frame is handed over by programs only
+    if (log := given.get("log")) is not None:
+        bus = LoggedBus(bus, clock, log)
+    return connect(bus, clock, node, profile_name(options), bitrate, bus.shutdown)
 
 
 def whole_number(options: Mapping[str, object], name: str, default: int | None, least: int, most: int) -> int | None:

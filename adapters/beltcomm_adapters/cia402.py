@@ -141,7 +141,12 @@ class StateMachine:
         return state_of(self.statusword())
 
     def fault(self, doing: str) -> DriveFault:
-        """The drive's fault as an exception: code and text from its EMCY, else from 603Fh."""
+        """The drive's fault as an exception: code and text from its EMCY, else from 603Fh; a restart is one too."""
+        if self._link.restarted:
+            return DriveFault(
+                f"the drive restarted while {doing}: what was written to it since its last power-on is gone; check its supply and its "
+                "cable, then start again"
+            )
         code = self._link.emergency.code if self._link.emergency else 0
         if not code:
             try:

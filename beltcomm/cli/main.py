@@ -42,6 +42,7 @@ VERBS = {
     "export": "The designed controller as YAML, C or structured text.",
     "thesis": "What the design source compares, recomputed: tables and figures.",
     "convert": "Gains of a P-PI cascade as a PID controller, and back.",
+    "bundle": "A run in one zip, for whoever helps: no paths, no user name.",
     "drives": "Drive adapters found, or why one is broken.",
     "effects": "The physical effects a model can have.",
 }

@@ -7,7 +7,7 @@ from typing import Any
 import click
 
 from beltcomm.cli import options as shared
-from beltcomm.cli.frame import Frame, api, axis_for, options_of
+from beltcomm.cli.frame import Frame, api, axis_for
 
 
 @click.command("move")
@@ -19,4 +19,4 @@ from beltcomm.cli.frame import Frame, api, axis_for, options_of
 def command(frame: Frame, /, drive: str, axis: str | None, by_m: float, **given: Any) -> int:
     """Move the carriage slowly by a small distance."""
     known = axis_for(axis, drive, None, False)
-    return frame.show(api().move(drive, known, by_m, options=options_of(**given), talk=frame.talk()))
+    return frame.show(api().move(drive, known, by_m, options=frame.options(**given), talk=frame.talk()))

@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from beltcomm.cli import options as shared
-from beltcomm.cli.frame import Frame, api, options_of
+from beltcomm.cli.frame import Frame, api
 
 
 @click.command("rollback")
@@ -17,5 +17,5 @@ from beltcomm.cli.frame import Frame, api, options_of
 def command(frame: Frame, /, drive: str, run: Path, save: bool, **given: Any) -> int:
     """Write back the parameters that the drive had when the run began; nothing moves."""
     frame.run = run
-    options = options_of(apply="save" if save else "keep", **given)
+    options = frame.options(apply="save" if save else "keep", **given)
     return frame.show(api().rollback(drive, run, options=options, talk=frame.talk()))

@@ -26,10 +26,10 @@ from pathlib import Path
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
+from campaign import sharing
 from campaign.cases import COMMANDS, KINDS, Case, Healthy, healthy_run, make_case
 from campaign.judge import Verdict, lay_out, run_case, words_of
 from campaign.rig import Rig
-from campaign import sharing
 
 CASES = 528
 PROFILES = ("reference", "cmmp-as")
@@ -53,7 +53,7 @@ def healthy(command: str, profile: str) -> Healthy:
             run = Path(place) / "run"
             lay_out(command, _prepared[profile], run)
             rig = Rig(profile)
-            found, outcome = healthy_run(rig, words_of(command, run), run)
+            found, _ = healthy_run(rig, words_of(command, run), run)
             rig.close()
         print(f"healthy {command} on {profile}: exit code {found.code}, {found.machine_s:.1f} s, {found.transfers} transfers", flush=True)
         _healthy[command, profile] = found

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -64,7 +65,7 @@ class Healthy:
         if moving and bool((np.abs(self.speed_m_s) > 5e-3).any()):
             return float(draw.choice(np.flatnonzero(np.abs(self.speed_m_s) > 5e-3))) * 1e-3
         edges = [0, *(np.flatnonzero(np.diff(powered)) + 1).tolist(), len(powered)]
-        phases = [(a, b) for a, b in zip(edges, edges[1:], strict=False) if b > a]
+        phases = [(a, b) for a, b in pairwise(edges) if b > a]
         if not phases:
             return 0.0
         first, last = phases[int(draw.integers(len(phases)))]
@@ -73,7 +74,7 @@ class Healthy:
 
 @dataclass(frozen=True)
 class Case:
-    """One of them.   at_s : since the command began.   dead : nothing reaches the drive any more from then on.   about : the fault in words."""
+    """One of them.   at_s : since the command began.   dead : nothing reaches the drive any more from then on.   about : in words."""
 
     seed: int
     kind: str

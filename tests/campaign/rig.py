@@ -7,7 +7,6 @@ import io
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Any
 
 from beltcomm import api
@@ -133,9 +132,7 @@ class Rig:
             self.device._dictionary.entry(0x6076).value = round(1e3 * self.faults.rated_torque_nm)
             self.settings[0x6076, 0] = self.device._dictionary.entry(0x6076).value
         if bus_faults:
-            frames = tuple(
-                replace(f, from_s=f.from_s + self.now_s, until_s=f.until_s + self.now_s) for f in bus_faults.get("frames", ())
-            )
+            frames = tuple(replace(f, from_s=f.from_s + self.now_s, until_s=f.until_s + self.now_s) for f in bus_faults.get("frames", ()))
             given = {**_from_now(bus_faults, self.now_s), "frames": frames}
             self.bus.line = Line(BusFaults(**given), 1000)
 
@@ -156,14 +153,14 @@ class Rig:
         """One command of the command line on this drive."""
         out = io.StringIO()
         code, error = None, ""
-        with self.connected(), contextlib.redirect_stdout(out), contextlib.redirect_stderr(out):
-            with disk.mounted() if disk is not None else contextlib.nullcontext():
-                try:
-                    code = cli.main([str(word) for word in words], standalone_mode=False)
-                except (HostDied, Hung) as end:
-                    error = type(end).__name__
-                except BaseException as escaped:  # what the command line let through
-                    error = f"{type(escaped).__name__}: {escaped}"
+        mounted = disk.mounted() if disk is not None else contextlib.nullcontext()
+        with self.connected(), contextlib.redirect_stdout(out), contextlib.redirect_stderr(out), mounted:
+            try:
+                code = cli.main([str(word) for word in words], standalone_mode=False)
+            except (HostDied, Hung) as end:
+                error = type(end).__name__
+            except BaseException as escaped:  # what the command line let through
+                error = f"{type(escaped).__name__}: {escaped}"
         return Outcome(code, out.getvalue(), error)
 
     @contextlib.contextmanager
