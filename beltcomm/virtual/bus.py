@@ -67,26 +67,33 @@ class VirtualClock:
     def __init__(self, bus: LockstepBus) -> None:
         self._bus = bus
         self._asked_for_s = 0.0
+        self._asked_tick = 0
 
     def now(self) -> float:
-        """Virtual time in s, a whole number of ticks (up to the rounding of the time last slept to)."""
-        now_s = max(self._bus.tick / TICKS_PER_SECOND, self._asked_for_s)
-        return now_s if self._bus.line is None else now_s + self._bus.line.ahead_s(self._bus.tick)
+        """Virtual time in s, a whole number of ticks (up to the rounding of the time last slept to), as the host's clock shows it."""
+        tick, line = self._bus.tick, self._bus.line
+        now_s = tick / TICKS_PER_SECOND if line is None else tick / TICKS_PER_SECOND + line.ahead_s(tick)
+        return max(now_s, self._asked_for_s) if tick == self._asked_tick else now_s
 
     def sleep_until(self, t_s: float) -> None:
         """Run the nodes up to the first whole tick at or after ``t_s``."""
-        line = self._bus.line
+        bus, line = self._bus, self._bus.line
         if line is not None:  # whose clock may jump while somebody sleeps
-            line.host(self._bus.tick)
-            while self._bus.tick < math.ceil((t_s - line.ahead_s(self._bus.tick)) * TICKS_PER_SECOND - _ROUNDING_TICKS):
-                self._bus.advance()
-                line.host(self._bus.tick)
-            t_s -= line.ahead_s(self._bus.tick)
-        last = math.ceil(t_s * TICKS_PER_SECOND - _ROUNDING_TICKS)
-        while self._bus.tick < last:
-            self._bus.advance()
-        if self._bus.tick == last:
-            self._asked_for_s = t_s  # so that ``now() >= t_s`` holds when t_s is an ulp above its tick
+            line.host(bus.tick)
+            while bus.tick < self._last_tick(t_s - line.ahead_s(bus.tick)):
+                bus.advance()
+                line.host(bus.tick)
+            last = self._last_tick(t_s - line.ahead_s(bus.tick))
+        else:
+            last = self._last_tick(t_s)
+            while bus.tick < last:
+                bus.advance()
+        if bus.tick == last:  # so that ``now() >= t_s`` holds when t_s is an ulp above its tick
+            self._asked_for_s, self._asked_tick = t_s, last
+
+    @staticmethod
+    def _last_tick(t_s: float) -> int:
+        return math.ceil(t_s * TICKS_PER_SECOND - _ROUNDING_TICKS)
 
 
 class LockstepBus(can.BusABC):

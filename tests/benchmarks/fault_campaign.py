@@ -53,8 +53,9 @@ def healthy(command: str, profile: str) -> Healthy:
             run = Path(place) / "run"
             lay_out(command, _prepared[profile], run)
             rig = Rig(profile)
-            found, _ = healthy_run(rig, words_of(command, run), run)
+            found, outcome = healthy_run(rig, words_of(command, run), run)
             rig.close()
+        assert found.code in (0, 1, 3), outcome.text
         print(f"healthy {command} on {profile}: exit code {found.code}, {found.machine_s:.1f} s, {found.transfers} transfers", flush=True)
         _healthy[command, profile] = found
     return _healthy[command, profile]

@@ -16,19 +16,19 @@ class Disk:
     """Counts what is written below ``folder`` and refuses it from the ``fails_at``-th time on (from 1), None is never.
 
     full : raw writes, as they leave the buffers, fail with ENOSPC; else everything that changes the folder fails with EROFS.
-    operations : how many there were.
+    writes, changes : how many raw writes there were, and how many operations that change the folder, those among them.
     """
 
     def __init__(self, folder: Path, full: bool, fails_at: int | None = None) -> None:
         self.folder, self.full, self.fails_at = os.path.abspath(folder), full, fails_at
-        self.operations = 0
+        self.writes = self.changes = 0
 
     def touch(self, write: bool, path: object) -> None:
         """One operation.   write : bytes leave a buffer.   Raises OSError as the kernel would."""
-        if self.full and not write:
-            return
-        self.operations += 1
-        if self.fails_at is not None and self.operations >= self.fails_at:
+        self.changes += 1
+        self.writes += write
+        counted = (self.writes if write else 0) if self.full else self.changes
+        if self.fails_at is not None and counted >= self.fails_at:
             code = errno.ENOSPC if self.full else errno.EROFS
             # a failed write knows no file name, a failed open does
             raise OSError(code, os.strerror(code)) if write else OSError(code, os.strerror(code), str(path))
