@@ -79,10 +79,10 @@ class VirtualClock:
         """Run the nodes up to the first whole tick at or after ``t_s``."""
         bus, line = self._bus, self._bus.line
         if line is not None:  # whose clock may jump while somebody sleeps
-            line.host(bus.tick)
+            line.alive(bus.tick)
             while bus.tick < self._last_tick(t_s - line.ahead_s(bus.tick)):
                 bus.advance()
-                line.host(bus.tick)
+                line.alive(bus.tick)
             last = self._last_tick(t_s - line.ahead_s(bus.tick))
         else:
             last = self._last_tick(t_s)
@@ -163,7 +163,7 @@ class LockstepBus(can.BusABC):
         Raises can.CanOperationError after ``shutdown`` and in bus-off.
         """
         if self.line is not None:
-            self.line.host(self.tick)
+            self.line.interface(self.tick)
         if self._is_shutdown:
             raise can.CanOperationError("the virtual bus is shut down; open a new one")
         data = bytes(msg.data)
@@ -188,7 +188,7 @@ class LockstepBus(can.BusABC):
         queue = self._queue
         while True:
             if self.line is not None:
-                self.line.host(self.tick)
+                self.line.interface(self.tick)
             while queue:
                 time_s, identifier, data = queue.popleft()
                 message = can.Message(time_s, identifier, False, data=data)

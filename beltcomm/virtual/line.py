@@ -27,11 +27,16 @@ class Line(Generic[Cargo]):
         self._late: list[tuple[int, Direction, Cargo]] = []
         self._waiting: dict[Direction, list[Cargo]] = {"to node": [], "to host": []}
 
-    def host(self, tick: int) -> None:
-        """The host uses its interface.   Raises can.CanOperationError while that is off, HostDied once the host is dead."""
-        faults, now_s = self.faults, tick / self._per_second
-        if faults.host_dies_at_s is not None and now_s >= faults.host_dies_at_s:
+    def alive(self, tick: int) -> None:
+        """The host does something.   Raises HostDied once it is dead."""
+        dies_at_s = self.faults.host_dies_at_s
+        if dies_at_s is not None and tick / self._per_second >= dies_at_s:
             raise HostDied
+
+    def interface(self, tick: int) -> None:
+        """It uses its interface.   Raises can.CanOperationError while that is off too."""
+        self.alive(tick)
+        faults, now_s = self.faults, tick / self._per_second
         if _during(now_s, faults.off_from_s, faults.off_until_s):
             raise can.CanOperationError("the controller is in the state bus-off")
 

@@ -70,10 +70,11 @@ def keep(place: Path) -> None:
 def recall(place: Path) -> None:
     """What :func:`keep` has left there."""
     place.mkdir(exist_ok=True)
-    if (place / "healthy.pickle").is_file():
+    _prepared.update({profile: place / profile for profile in PROFILES if (place / profile / "verdict.txt").is_file()})
+    if (place / "known.pickle").is_file():
         sharing.load(place / "known.pickle")
+    if (place / "healthy.pickle").is_file():
         _healthy.update(pickle.loads((place / "healthy.pickle").read_bytes()))
-        _prepared.update({profile: place / profile for profile in PROFILES if (place / profile / "verdict.txt").is_file()})
 
 
 def one(case: Case) -> Verdict:

@@ -9,7 +9,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -66,6 +66,7 @@ class Options:
     node: int | None = None
     bitrate: int | None = None
     realtime: bool = False
+    drive: dict[str, Any] = field(default_factory=dict, compare=False)
 
 
 class StandIn(ModuleType):
