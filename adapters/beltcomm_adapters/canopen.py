@@ -13,7 +13,7 @@ import can
 from beltcomm.drive import Adapter, Clock, Drive, ExchangeReport, Limits, Motion, Sink
 from beltcomm.errors import BeltcommError, BusError, DriveError, Refused, UsageError
 from beltcomm_adapters.buses import DEFAULT_BITRATE, Address, MonotonicClock, is_socketcan, open_bus
-from beltcomm_adapters.cia402 import StateMachine
+from beltcomm_adapters.cia402 import State, StateMachine
 from beltcomm_adapters.exchange import Exchange
 from beltcomm_adapters.gains import Parameters
 from beltcomm_adapters.identification import HOMING_MODE, read_capabilities, read_identity, sync_period_s
@@ -54,6 +54,7 @@ class CanopenDrive:
         self._session = self._objects.lend()
         where = f"{bus.channel_info}, node {node}" + (f", {bitrate // 1000} kbit/s" if bitrate else "")
         identity = read_identity(self._objects, where)
+        self._link.restarted = False  # it may just have been switched on; from here on it must stay so
         self._profile = choose_profile(identity, profile)
         self._machine = StateMachine(self._link, self._objects, self._profile.emergency)
         self._machine.disable()
@@ -137,8 +138,8 @@ class CanopenDrive:
     def _enabled(self, layout: Layout, kind: str, period_s: float, limits: Limits, motion: Motion | None) -> Iterator[Run]:
         """The axis enabled and guarded inside the block; stopped, disabled and set back after it, however it ends."""
         objects, scaling, link = self._objects, self._scaling, self._link
-        self._machine.state()  # takes what has come since the last motion
-        if link.restarted or link.emergency is not None:  # a fault that nobody has looked at is not acknowledged on the way
+        faulted = self._machine.state() in (State.FAULT, State.FAULT_REACTION_ACTIVE)
+        if link.restarted or (faulted and link.emergency is not None):  # what has come in this session is not acknowledged on the way
             raise self._machine.fault("standing between two motions")
         self._machine.reset_fault()
         self._machine.disable()
@@ -167,6 +168,7 @@ class CanopenDrive:
                     yield run
                 except BaseException as error:
                     self._halt(run, exchange, error, limits.release)
+                    link.forget_emergency()  # the error has told of it, or it came of the stop
                     raise
                 self._halt(run, exchange, None)
         finally:

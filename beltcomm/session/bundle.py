@@ -29,7 +29,7 @@ _SEPARATOR = re.compile(r"[/\\]")
 def scrubbed(text: str, private: Sequence[str]) -> str:
     """A text without the places of a machine: of each path only its last part stays, and no ``private`` word."""
     text = _PATH.sub(lambda found: ".../" + _SEPARATOR.split(found[0].rstrip("/"))[-1], text)
-    for word in private:
+    for word in sorted(private, key=len, reverse=True):  # a user's name may be part of the machine's
         if len(word) > 2:
             text = re.sub(rf"(?<!\w){re.escape(word)}(?!\w)", "...", text)
     return text
