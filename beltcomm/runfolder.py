@@ -118,7 +118,9 @@ class RunFolder:
         identity : :attr:`beltcomm.drive.Capabilities.identity`.   Raises UsageError when the run was made on another drive, with
         what differs.
         """
-        known = self._about().get("drive", {})
+        known = self._about().get("drive") or {}
+        if not isinstance(known, Mapping):
+            raise DataError(f"{self.path / 'run.yaml'} is damaged: drive must be a mapping of names to values; bring it back or begin anew")
         if not known:
             self._write_about(identity)
             return
@@ -267,7 +269,7 @@ class RunFolder:
             with open(path, "a", encoding="utf-8") as file:
                 file.write(" ".join(line.split()) + "\n")
         except OSError as error:
-            raise UsageError(f"{path} cannot be written: {error.strerror or error}; choose another --run folder") from error
+            raise UsageError(f"{path} cannot be written: {error.strerror or error}; make room or choose another --run folder") from error
 
     def _save(self, kind: str, name: str, mapping: Mapping[str, Any]) -> Path:
         _make_folder(self.path / kind)

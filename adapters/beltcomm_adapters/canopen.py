@@ -11,7 +11,7 @@ from typing import Any, Final
 import can
 
 from beltcomm.drive import Adapter, Clock, Drive, ExchangeReport, Limits, Motion, Sink
-from beltcomm.errors import BeltcommError, BusError, DriveError, Refused, UsageError
+from beltcomm.errors import BusError, DriveError, Refused, UsageError
 from beltcomm_adapters.buses import DEFAULT_BITRATE, Address, MonotonicClock, is_socketcan, open_bus
 from beltcomm_adapters.cia402 import State, StateMachine
 from beltcomm_adapters.exchange import Exchange
@@ -24,7 +24,7 @@ from beltcomm_adapters.motion import Run, Watch
 from beltcomm_adapters.preparation import check_motion, guard, homing_speeds_rad_s, prepare
 from beltcomm_adapters.profiles import choose_profile, load_profile
 from beltcomm_adapters.scaling import read_scaling
-from beltcomm_adapters.sdo import Objects
+from beltcomm_adapters.sdo import RECOVERY_S, RETRY_S, Objects
 from beltcomm_adapters.setpoints import Layout, Setpoints, layout_of
 
 _HOMING_PERIOD_S: Final = 0.010  # homing is watched, not sampled
@@ -61,6 +61,11 @@ class CanopenDrive:
         try:
             self._borrow()
             self._parameters = Parameters(self._objects, self._profile, self._scaling)
+            units = {
+                "units_per_turn": f"{math.tau / abs(self._scaling.position_rad):g}",
+                "rated_torque_nm": f"{self._scaling.rated_torque_nm:g}",
+            }
+            identity = {**identity, **units}  # a run is not gone on with when these have changed
             self.capabilities = read_capabilities(self._objects, self._profile, self._scaling, identity, bitrate, self._referenced())
         except BaseException:
             self._session.give_back()
@@ -169,6 +174,8 @@ class CanopenDrive:
                 except BaseException as error:
                     self._halt(run, exchange, error, limits.release)
                     link.forget_emergency()  # the error has told of it, or it came of the stop
+                    if self._link.restarted and isinstance(error, BusError):  # its boot-up message came after its silence was noticed
+                        raise self._machine.fault("moving") from error
                     raise
                 self._halt(run, exchange, None)
         finally:
@@ -184,7 +191,7 @@ class CanopenDrive:
         except BusError as failure:
             self._link.guard(None)  # the drive's guarding is what stops the axis now
             if error is None:
-                raise
+                raise (self._machine.fault("being stopped") if self._link.restarted else failure) from None
             error.add_note(str(failure))
         except DriveError as failure:
             if error is None:
@@ -193,9 +200,18 @@ class CanopenDrive:
 
     def stop(self) -> None:
         """See :meth:`beltcomm.drive.Drive.stop`."""
-        if self._open:
-            with contextlib.suppress(BeltcommError):
-                self._machine.disable()
+        if not self._open:
+            return
+        give_up_s = self.clock.now() + RECOVERY_S
+        with contextlib.suppress(DriveError):
+            while True:
+                try:
+                    self._machine.disable()
+                    return
+                except BusError:
+                    if self.clock.now() >= give_up_s:
+                        raise
+                    self.clock.sleep_until(self.clock.now() + RETRY_S)
 
     def close(self) -> None:
         """See :meth:`beltcomm.drive.Drive.close`."""

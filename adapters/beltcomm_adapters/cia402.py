@@ -154,7 +154,8 @@ class StateMachine:
             except (BusError, ObjectRefused):
                 code = 0
         text = f"error {code:04X}h, {emergency_text(code, self._emergencies)}" if code else "no error code was sent"
-        return DriveFault(f"the drive went into fault while {doing}: {text}; remove the cause, then start again", code)
+        what = "reported an error" if self._link.emergency else "went into fault"
+        return DriveFault(f"the drive {what} while {doing}: {text}; remove the cause, then start again", code)
 
     def reset_fault(self, timeout_s: float = 1.0) -> None:
         """Acknowledge a fault, if there is one; the drive is left disabled.  Raises DriveFault when it stays."""

@@ -22,6 +22,7 @@ from beltcomm_adapters.cia402 import (
     state_of,
     step_to_enabled,
 )
+from beltcomm_adapters.consistency import Odometer
 from beltcomm_adapters.exchange import Exchange, Sample
 from beltcomm_adapters.scaling import Scaling
 from beltcomm_adapters.setpoints import Frames, Layout, Setpoints
@@ -64,6 +65,7 @@ class Watch:
         self._travel_per_s = limits.speed_rad_s / scaling.position_rad
         self._strongest = (_TORQUE_SHARE * limits.torque_nm + _TORQUE_NOISE_OF_RATED * scaling.rated_torque_nm) / scaling.torque_nm
         self._before: Sample | None = None
+        self._odometer = Odometer(scaling.position_rad, scaling.speed_rad_s)
 
     def check(self, sample: Sample) -> None:
         """Raises SafetyStop when ``sample`` breaks a limit."""
@@ -81,6 +83,7 @@ class Watch:
             if abs(travel) - 1 > self._travel_per_s * elapsed_s:
                 speed = travel / elapsed_s * self._scaling.position_rad
                 self._stop("speed", speed, "reduce the amplitude, or look at the encoder if its position jumped")
+            self._odometer(travel, sample.velocity, elapsed_s)
 
     @property
     def longest_stop_s(self) -> float:

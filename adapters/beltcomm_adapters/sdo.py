@@ -37,6 +37,9 @@ NEVER_WRITTEN: Final = frozenset({0x60F6, 0x6410, *range(0x2021, 0x2027), 0x604D
 
 ANSWER_TIME_S: Final = 0.3
 SAVE_TIME_S: Final = 15.0
+#: s: a bus that is off or a plug that is loose may come back within this time, tried again after every such pause.
+RECOVERY_S: Final = 5.0
+RETRY_S: Final = 0.2
 #: A transfer that nobody answers is begun anew: one lost frame is no reason to give up.
 _ATTEMPTS: Final = 3
 _SAVE: Final = 0x65766173  # "save", CiA 301, 7.5.2.13
@@ -83,6 +86,7 @@ class Objects:
     def __init__(self, link: Link) -> None:
         self._client = _Client(link)
         self.node = link.node
+        self.clock = link.clock
 
     def read_bytes(self, index: int, subindex: int = 0) -> bytes:
         """Raw content of an object.  Raises ObjectRefused, BusError."""
@@ -125,7 +129,7 @@ class Objects:
             data = struct.pack(FORMATS[kind], value if kind == "real32" else int(value))
         except (struct.error, OverflowError, ValueError) as error:
             raise DriveError(f"the value {value:g} does not fit into object {name_of(index, subindex)} ({kind})") from error
-        self._transfer(index, subindex, f"write {value:g}", lambda: self._client.download(index, subindex, data))
+        self._transfer(index, subindex, f"write {value:.10g} to", lambda: self._client.download(index, subindex, data))
 
     def save(self) -> None:
         """Make all parameters permanent (1010h:1); the drive may take seconds."""
@@ -146,7 +150,8 @@ class Objects:
             except SdoAbortedError as error:
                 text = SdoAbortedError.CODES.get(error.code, "no standard text")
                 raise ObjectRefused(
-                    f"the drive refused to {verb} object {name_of(index, subindex)}: {text} (abort code {error.code:08X}h)",
+                    f"the drive refused to {verb} object {name_of(index, subindex)}: {text} (abort code {error.code:08X}h); "
+                    "check that the profile is the drive's (--profile) and that no other master is at work",
                     error.code,
                     index,
                     subindex,
@@ -199,19 +204,32 @@ class Lending:
     def give_back(self) -> list[str]:
         """Put everything back, last change first.  Returns what could not be, in words; never raises a DriveError.
 
-        A drive that does not answer at all is asked once, not once per object.
+        A bus that is off gets ``RECOVERY_S`` to come back; a drive that does not answer at all is then asked no more.
         """
         failures = []
+        give_up_s: float | None = None
+        refused: set[tuple[int, int]] = set()
         while self._lent:
             index, subindex, kind, before = self._lent.pop()
             try:
                 self._objects.write(index, subindex, kind, before)
             except BusError as error:
+                now_s = self._objects.clock.now()
+                give_up_s = now_s + RECOVERY_S if give_up_s is None else give_up_s
+                if now_s < give_up_s:
+                    self._lent.append((index, subindex, kind, before))
+                    self._objects.clock.sleep_until(now_s + RETRY_S)
+                    continue
                 names = ", ".join(name_of(*entry) for entry in [(index, subindex), *((i, s) for i, s, *_ in reversed(self._lent))])
                 self._lent.clear()
                 failures.append(f"the objects {names} could not be set back: {error}")
             except DriveError as error:
-                failures.append(f"object {name_of(index, subindex)} could not be set back to {before:g}: {error}")
+                if (index, subindex) not in refused:  # once may be a passing state of the drive
+                    refused.add((index, subindex))
+                    self._lent.append((index, subindex, kind, before))
+                    self._objects.clock.sleep_until(self._objects.clock.now() + RETRY_S)
+                    continue
+                failures.append(f"object {name_of(index, subindex)} could not be set back to {before:.10g}: {error}")
         return failures
 
     def __enter__(self) -> Lending:

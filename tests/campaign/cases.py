@@ -74,7 +74,10 @@ class Healthy:
 
 @dataclass(frozen=True)
 class Case:
-    """One of them.   at_s : since the command began.   dead : nothing reaches the drive any more from then on.   about : in words."""
+    """One of them.   at_s : since the command began.   dead : nothing reaches the drive any more from then on.   about : in words.
+
+    normal : exit code of the command when nothing is wrong.
+    """
 
     seed: int
     kind: str
@@ -86,6 +89,7 @@ class Case:
     bus_faults: Mapping[str, Any] = field(default_factory=dict)
     disk: tuple[bool, int] | None = None
     dead: bool = False
+    normal: int = 0
 
 
 @dataclass(frozen=True)
@@ -99,6 +103,11 @@ class Fault:
     dead: bool = False
 
 
+#: Kinds of frames with the way that they go.
+_WAYS: tuple[tuple[tuple[str, ...], str], ...] = (
+    *((("tpdo",), "to host"), (("rpdo",), "to node"), (("sync",), "to node"), (("sdo answer",), "to host"), (("sdo request",), "to node")),
+    *((("life",), "to node"), (("life",), "to host"), (("nmt",), "to node"), ((), "to node"), ((), "to host"), ((), "both")),
+)
 Maker = Callable[[np.random.Generator, Healthy, float], Fault]
 
 
@@ -106,8 +115,7 @@ def _frames(what: Any) -> Maker:
     """A share of all frames or of one kind either way, or a few in a row."""
 
     def make(draw: np.random.Generator, _healthy: Healthy, at_s: float) -> Fault:
-        kinds: Any = [("tpdo",), ("rpdo",), ("sync",), ("sdo answer",), ("sdo request",), ("life",), ("nmt",), ()][int(draw.integers(8))]
-        direction: Any = ("both", "to node", "to host")[int(draw.integers(3))]
+        kinds, direction = _WAYS[int(draw.integers(len(_WAYS)))]
         delay_s = float(draw.choice([0.001, 0.003, 0.01, 0.05]))
         named: dict[str, Any] = {"direction": direction, "delay_s": delay_s} | ({"kinds": frozenset(kinds)} if kinds else {})
         if draw.random() < 0.5:
@@ -160,8 +168,9 @@ def _abort(draw: np.random.Generator, healthy: Healthy, _at_s: float) -> Fault:
 
 
 def _timeout(draw: np.random.Generator, healthy: Healthy, _at_s: float) -> Fault:
-    number, times = 1 + int(draw.integers(max(healthy.transfers, 1))), int(draw.choice([1, 2, 3, 30]))
-    return Fault(f"SDO transfers {number} to {number + times - 1} not answered", {"sdo_silent": frozenset(range(number, number + times))})
+    number, times = 1 + int(draw.integers(max(healthy.transfers, 1))), int(draw.choice([1, 2, 3, 12, 60]))
+    silent = frozenset(range(number, number + times))
+    return Fault(f"SDO transfers {number} to {number + times - 1} not answered", {"sdo_silent": silent}, dead=times > 12)
 
 
 def _scaling(draw: np.random.Generator, _healthy: Healthy, _at_s: float) -> Fault:
@@ -209,8 +218,9 @@ KINDS: Mapping[str, tuple[Maker, tuple[str, ...]]] = {
     "EMCY": (_emergency, MOVING),
     "SDO abort": (_abort, tuple(COMMANDS)),
     "SDO time-out": (_timeout, tuple(COMMANDS)),
-    "wrong scaling": (_scaling, tuple(COMMANDS)),
-    "feed constant doubled": (_feed, MOVING),
+    "wrong scaling": (_scaling, ("identify", "friction", "verify", "apply", "rollback", "commission")),
+    # a creep of millimetres cannot tell it: there is no second sensor
+    "feed constant doubled": (_feed, ("identify", "friction", "verify", "commission")),
     "sign inverted": (lambda _d, _h, _a: Fault("encoder counts backwards", {"encoder_sign": -1}), MOVING),
     "encoder step": (_step, MOVING),
     "axis stuck": (lambda _d, _h, at: Fault("axis blocked", {"stuck_from_s": at}), MOVING),
@@ -265,7 +275,7 @@ def make_case(
     normal = healthy(command, profile)
     at_s = normal.instant_s(draw, moving=bool(draw.random() < 0.5))
     fault = maker(draw, normal, at_s)
-    return Case(seed, kind, profile, command, fault.about, at_s, fault.faults, fault.bus_faults, fault.disk, fault.dead)
+    return Case(seed, kind, profile, command, fault.about, at_s, fault.faults, fault.bus_faults, fault.disk, fault.dead, normal.code)
 
 
 def standing_s(speed_m_s: Any, first: int, limit_m_s: float, for_ticks: int = 100) -> float:

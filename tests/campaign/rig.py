@@ -93,7 +93,7 @@ class Rig:
         first: Any = open_drive(f"virtual:{PLANT}", options)
         self.bus: LockstepBus = first._link.bus
         first._release = lambda: None
-        self._identity = first.capabilities.identity
+        self._plant_name = file.model.name
         found = first.backup()
         first.write({name: 1.25 * found[name] for name in ("kp_nm_s_rad", "ki_nm_rad", "kpp_1_s")})
         self.gains = first.backup()
@@ -130,7 +130,10 @@ class Rig:
             setattr(self.faults, name, value)
         if self.faults.rated_torque_nm is not None:  # what it reads is decided at power-on
             self.device._dictionary.entry(0x6076).value = round(1e3 * self.faults.rated_torque_nm)
-            self.settings[0x6076, 0] = self.device._dictionary.entry(0x6076).value
+            self.settings = self.dictionary()
+        if self.faults.encoder_sign < 0:  # it counts the other way from where it is
+            encoder = self.device._servo._encoder
+            encoder._zero_rad = self.plant.position_rad + encoder.angle_rad
         if bus_faults:
             frames = tuple(replace(f, from_s=f.from_s + self.now_s, until_s=f.until_s + self.now_s) for f in bus_faults.get("frames", ()))
             given = {**_from_now(bus_faults, self.now_s), "frames": frames}
@@ -146,7 +149,7 @@ class Rig:
         """In place of :func:`beltcomm.drive.open_drive`: this drive, not a new one."""
         self.opened += 1
         drive: Any = connect(self.bus, self.bus.clock, 1, None, None, lambda: None)
-        drive.capabilities = replace(drive.capabilities, identity=self._identity)
+        drive.capabilities = replace(drive.capabilities, identity={**drive.capabilities.identity, "plant": self._plant_name})
         return drive  # type: ignore[no-any-return]
 
     def call(self, *words: object, disk: Disk | None = None) -> Outcome:
