@@ -77,14 +77,14 @@ def test_damaged_answers_to_sdo(profile: str) -> None:
 
             def job(line: Damaging = line, bus: LockstepBus = bus) -> None:
                 with connect(line, bus.clock, 1, None, None, lambda: None) as drive:
-                    drive.write({name: 1.1 * value for name, value in drive.backup().items() if name == "kp_nm_s_rad"})
+                    drive.write({name: 1.1 * value for name, value in drive.backup().items() if name == "kpp_1_s"})
                     drive.read(["position_rad", "velocity_rad_s", "torque_nm", "state", "referenced"])
                     drive.save()
 
             sentences.add(ends_well(job))
             damaged += line.damaged
             assert bus.clock.now() < 300.0
-    assert damaged > 80
+    assert damaged > 50
     assert len(sentences) > 3  # the damage was not all of one kind
     assert all(len(text) > 30 for text in sentences - {""})
 
