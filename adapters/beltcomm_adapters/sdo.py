@@ -61,6 +61,10 @@ class _Client(SdoClient):
         link.subscribe(self.tx_cobid, self._on_frame)
 
     def send_message(self, cob_id: int, data: bytes) -> None:
+        while (message := self._link.receive(0.0)) is not None:  # a doubled or late answer must not pass for the one to this request
+            self._link.dispatch(message)
+        while not self.responses.empty():
+            self.responses.get_nowait()
         self._link.send_data(cob_id, bytes(data))
 
     def _on_frame(self, message: can.Message) -> None:

@@ -36,6 +36,13 @@ def test_doubled_frames_do_not_shift_the_rows(profile: str) -> None:
     assert [row[3] for row in rows] == [row[3] for row in plain]
 
 
+def test_doubled_answers_to_sdo_are_not_answers_to_the_next_request() -> None:
+    with opened(bus_faults=BusFaults(frames=(FrameFault("doubled", kinds=frozenset({"sdo answer"}), rate=1.0),))) as drive:
+        backup = drive.backup()
+        assert drive.write({"kp_nm_s_rad": 0.25})["kp_nm_s_rad"] == 0.25
+        assert drive.backup() == {**backup, "kp_nm_s_rad": 0.25}
+
+
 def test_a_restart_is_called_a_restart_and_stays_known() -> None:
     drive = opened(reset_at_s=0.1)
     with pytest.raises(DriveFault, match=r"the drive restarted while .*check its supply"):

@@ -85,7 +85,7 @@ def test_damaged_answers_to_sdo(profile: str) -> None:
             damaged += line.damaged
             assert bus.clock.now() < 300.0
     assert damaged > 50
-    assert len(sentences) > 3  # the damage was not all of one kind
+    assert len(sentences) > 2  # the damage was not all of one kind
     assert all(len(text) > 30 for text in sentences - {""})
 
 
