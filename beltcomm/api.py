@@ -43,6 +43,7 @@ from beltcomm.session.options import Options, settings_of
 from beltcomm.session.orders import wanted as wanted_sweeps
 from beltcomm.session.plan import Plan, commission_plan, identify_plan, move_plan, with_homing
 from beltcomm.session.proof import admit, doubts, thin_margins
+from beltcomm.session.sign import check_sign
 from beltcomm.session.store import cascade_from_dict, drive_to_dict
 from beltcomm.session.thesis import thesis as thesis
 from beltcomm.session.verify_job import verify_with
@@ -154,6 +155,7 @@ def friction(
         with Machine(connected, folder.axis, folder, talk) as machine:
             referencing.reference(machine, settings_of(options))
             _agree(plan, options, talk, machine)
+            check_sign(machine)
             machine.titles = (sequence.TITLES[4], sequence.TITLES[5])
             sequence.close_first_loop(machine, findings, model, ask=not options.yes)
             made = friction_job.record(machine, model, asked)

@@ -14,6 +14,7 @@ from beltcomm.session.following import follow, motion_plan
 from beltcomm.session.machine import Machine
 from beltcomm.session.next_plan import load_plan
 from beltcomm.session.plan import Plan
+from beltcomm.session.sign import check_sign
 from beltcomm.talk import Silence, Talk
 
 
@@ -34,6 +35,7 @@ def follow_plan(
         agree(shown)
         if settings.home:
             referencing.home(machine)
+        check_sign(machine)
         made = follow(machine, model, findings, wanted)
     text = [f"Recorded {', '.join(made)} in {folder.recordings_folder}.", f"Next: beltcomm diagnose {run}"]
     return Result({"run": str(run), "recordings": made, "reasons": dict(wanted.reasons)}, text)

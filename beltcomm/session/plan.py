@@ -16,6 +16,7 @@ from beltcomm.model import Model
 from beltcomm.session import creep, gravity, holding, phases, programme
 from beltcomm.session.bounds import CREEP_SECONDS, Experiment, course_before, has_room, lines_of, masses_kg, top_speed_m_s
 from beltcomm.session.programme import Extent
+from beltcomm.session.sign import SIGN_SECONDS, SIGN_WORDS
 from beltcomm.session.strokes import fastest_stroke_m_s
 from beltcomm.session.verification import MOVE_M
 from beltcomm.stopping import Braking, first_deceleration
@@ -108,9 +109,10 @@ def with_homing(plan: Plan, axis: Axis, capabilities: Capabilities) -> Plan:
 def friction_plan(axis: Axis, capabilities: Capabilities) -> Plan:
     """The sweep alone."""
     return Plan(
-        f"The carriage of {axis.name or 'the axis'} will travel its whole length in closed loop at seven speeds, both ways, with a loop "
+        f"The carriage of {axis.name or 'the axis'} will {SIGN_WORDS}travel its whole length in closed loop at seven "
+        "speeds, both ways, with a loop "
         "designed from the run's model. Ctrl-C stops it at any time.",
-        (_sweep(axis, capabilities, SWEEP_SECONDS + MOVE_SECONDS),),
+        (_sweep(axis, capabilities, SWEEP_SECONDS + MOVE_SECONDS + SIGN_SECONDS),),
     )
 
 
@@ -143,9 +145,10 @@ def verification_plan(axis: Axis, model: Model, path: Trajectory, braking: Braki
     asked = demand(path, model)
     travel = float(np.ptp(path.position_m))
     lowest, highest = braking.span_m(path.position_m, path.velocity_m_s, path.sample_period_s)
-    seconds = times * (path.duration_s + REST_SECONDS + MOVE_SECONDS)
+    seconds = times * (path.duration_s + REST_SECONDS + MOVE_SECONDS) + SIGN_SECONDS
     what = (
-        f"go to {path.position_m[0]:.3f} m and from there to {path.position_m[-1]:.3f} m in {path.duration_s:.2f} s with the new gains"
+        SIGN_WORDS
+        + f"go to {path.position_m[0]:.3f} m and from there to {path.position_m[-1]:.3f} m in {path.duration_s:.2f} s with the new gains"
         f"{f', {times} times' if times > 1 else ''}; "
         f"a stop at its top speed takes {1e3 * braking.way_m(asked.speed_m_s):.0f} mm with {braking.deceleration_m_s2:.3g} m/s²"
     )
