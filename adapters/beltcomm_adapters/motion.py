@@ -312,7 +312,7 @@ class Run:
         if state is not State.OPERATION_ENABLED:
             return DriveError(
                 f"the drive left Operation Enabled while moving and is in {state.words}; the axis was stopped; check STO, the "
-                "enable inputs and the limit switches"
+                "enable inputs, the limit switches, and that the host's frames do not come late"
             )
         return DriveError(
             f"the drive stopped following its target in mode {self._layout.mode} (statusword bit 12 is 0); the axis was "
