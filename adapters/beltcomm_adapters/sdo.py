@@ -140,7 +140,7 @@ class Objects(ABC):
             data = packed(kind, value)
         except ValueError as error:
             raise DriveError(f"the value {value:g} does not fit into object {name_of(index, subindex)} ({kind})") from error
-        self.write_bytes(index, subindex, data, f"write {value:.10g} to")
+        self.write_bytes(index, subindex, data, f"write {value:.10g}")
 
     def lend(self) -> Lending:
         """A context in which objects are changed for a while."""
@@ -190,8 +190,9 @@ class SdoObjects(Objects):
 def refusal(index: int, subindex: int, verb: str, code: int) -> ObjectRefused:
     """The exception for an abort code (CiA 301, table 22)."""
     text = SdoAbortedError.CODES.get(code, "no standard text")
+    what = f"{verb} to" if verb.startswith("write") else verb
     return ObjectRefused(
-        f"the drive refused to {verb} object {name_of(index, subindex)}: {text} (abort code {code:08X}h); "
+        f"the drive refused to {what} object {name_of(index, subindex)}: {text} (abort code {code:08X}h); "
         "check that the profile is the drive's (--profile) and that no other master is at work",
         code,
         index,

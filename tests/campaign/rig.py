@@ -94,7 +94,8 @@ class Rig:
         self.bus: LockstepBus = first._link.bus
         first._release = lambda: None
         self._plant_name = file.model.name
-        found = first.backup()
+        found, has = first.backup(), first.capabilities
+        first.calibrate({name: has.parameters[name].scale for name in has.uncalibrated})  # as the profile says
         first.write({name: 1.25 * found[name] for name in ("kp_nm_s_rad", "ki_nm_rad", "kpp_1_s")})
         self.gains = first.backup()
         first.close()

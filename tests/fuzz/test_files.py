@@ -18,7 +18,7 @@ from beltcomm.errors import BeltcommError
 from beltcomm.model import load_model, load_plant
 from beltcomm.recording import load_recording
 from beltcomm.runfolder import RunFolder
-from beltcomm.session import gains
+from beltcomm.session import backups
 from beltcomm.session.store import cascade_from_dict, delay_from_dict, structure_from_dict
 from beltcomm.sidecar import load_sidecar
 from beltcomm.trajectory import load_move
@@ -112,7 +112,7 @@ def test_run_folders_damaged(tmp_path: Path) -> None:
     jobs: dict[str, Callable[[Path], object]] = {
         "run.yaml": lambda _p: RunFolder.open(run.path).claim_drive({"device_name": "x", "vendor_id": "29"}),
         "axis.yaml": lambda _p: RunFolder.open(run.path),
-        "results/backup.yaml": lambda _p: gains.backed_up(RunFolder.open(run.path)),
+        "results/backup.yaml": lambda _p: backups.chosen(RunFolder.open(run.path), None),
         "results/drive.yaml": lambda _p: structure_from_dict((RunFolder.open(run.path).load_result("drive") or {}).get("structure") or {}),
         "designs/final.yaml": design,
     }

@@ -77,6 +77,8 @@ def test_damaged_answers_to_sdo(profile: str) -> None:
 
             def job(line: Damaging = line, bus: LockstepBus = bus) -> None:
                 with connect(line, bus.clock, 1, None, None, lambda: None) as drive:
+                    has = drive.capabilities
+                    drive.calibrate({name: has.parameters[name].scale for name in has.uncalibrated})  # as the profile says
                     drive.write({name: 1.1 * value for name, value in drive.backup().items() if name == "kpp_1_s"})
                     drive.read(["position_rad", "velocity_rad_s", "torque_nm", "state", "referenced"])
                     drive.save()
