@@ -29,6 +29,8 @@ from beltcomm_adapters.setpoints import Frames, Layout, Setpoints
 
 #: Cycles without an answer that a recording survives; each leaves a gap in ``t_s``.
 TOLERATED_LOSSES: Final = 3
+#: Share of a recording's cycles that may be lost in all; a sound bus loses none.
+LOST_SHARE: Final = 0.005
 ENABLE_TIME_S: Final = 3.0  # brake release included; 0.1 to 1 s are typical (G1)
 STOP_TIME_S: Final = 3.0  # beyond the ramp of the quick stop
 #: A drive that is silent for so long while being stopped is left to its own guarding.
@@ -247,7 +249,13 @@ class Run:
                     sink(make_row(k - 1, start_s, before, sample))
                     rows += 1
             before = sample
-        return Report(rows, self._exchange.lost - lost_before, jitter_s, limited)
+        lost = self._exchange.lost - lost_before
+        if lost > max(TOLERATED_LOSSES, LOST_SHARE * count):
+            raise BusError(
+                f"{lost} of {count} answers of the drive were lost or came late: what is left of this record is in pieces; check the "
+                "cabling, both terminators and the bus load, or choose a longer sample period"
+            )
+        return Report(rows, lost, jitter_s, limited)
 
     def home(self, width: float, time_s: float) -> None:
         """Start the drive's homing and watch it to its end: bit 12 attained, bit 13 failed.
