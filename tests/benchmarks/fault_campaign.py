@@ -16,6 +16,7 @@ import argparse
 import multiprocessing
 import os
 import pickle
+import resource
 import sys
 import tempfile
 import time
@@ -109,6 +110,11 @@ def table(verdicts: Sequence[Verdict]) -> list[str]:
     return lines
 
 
+def _cpu_s() -> float:
+    """Of this process and its workers."""
+    return sum(sum(resource.getrusage(who)[:2]) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+
+
 def main() -> int:
     """All cases, or those asked for."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
@@ -138,7 +144,7 @@ def main() -> int:
                     told(verdict, bool(given.seed))
     print("\n".join(table(verdicts)))
     failed = sum(bool(v.failures) for v in verdicts)
-    print(f"{len(verdicts)} cases, {failed} failed, {len(COMMANDS)} commands, {time.monotonic() - began:.0f} s")
+    print(f"{len(verdicts)} cases, {failed} failed, {len(COMMANDS)} commands, {time.monotonic() - began:.0f} s, {_cpu_s():.0f} s CPU")
     return 1 if failed else 0
 
 

@@ -47,7 +47,7 @@ class Verdict:
     text: str
 
 
-_BUS = r"answer|SYNC|frame|CAN interface|silent|guard|PDO|bytes|gap|lost|cut off|rows"
+_BUS = r"answer|SYNC|[Ff]rames|CAN interface|silent|guard|PDO|bytes|gap|lost|cut off|rows"
 _STOPPED = r"move|stuck|hit|clear|brake|off its reference|following|8611h|belt|inertia|friction|speed|torque|position|stand|hold"
 #: kind -> exit codes that are right beside the healthy one, what a true sentence of a failure names (CODE is the case's EMCY), and what
 #: none may say: another cause.
@@ -77,12 +77,12 @@ RIGHT: Mapping[str, tuple[tuple[int, ...], str, str]] = {
 }
 
 
-def run_case(case: Case, prepared: Path | None) -> Verdict:
-    """Run a case in a folder of its own.   prepared : a finished run of this profile."""
+def run_case(case: Case, prepared: Path | None, gains: float = 1.25) -> Verdict:
+    """Run a case in a folder of its own.   prepared : a finished run of this profile.   gains : that the drive had then, see Rig."""
     with tempfile.TemporaryDirectory(prefix="campaign-") as place:
         run = Path(place) / "run"
         lay_out(case.command, prepared, run)
-        rig = Rig(case.profile)
+        rig = Rig(case.profile, gains=gains)
         try:
             return _judged(case, rig, run)
         finally:
@@ -243,7 +243,8 @@ def _sudden(case: Case) -> bool:
 def predicted_m(case: Case, run: Path, speed_m_s: float) -> float:
     """The run-on that is counted with at a speed, m: until somebody brakes the torque goes on, then the axis brakes as the session says.
 
-    A fault that takes the stage off leaves the axis to its friction: v²/2a, a = F/m.
+    A fault that takes the stage off leaves the axis to its friction: v²/2a, a = F/m; one that takes a share of the torque takes that of
+    the braking.
     """
     lag_s = DEAD_S if case.dead else ALIVE_S
     fastest = abs(speed_m_s) + FORCE_N / MASS_KG * lag_s
@@ -252,6 +253,8 @@ def predicted_m(case: Case, run: Path, speed_m_s: float) -> float:
         said = re.findall(r"a stop brakes with ([\d.e+-]+) m/s² after ([\d.]+) ms", _journal(run))
         brakes = float(said[-1][0]) if said else first_deceleration(load_axis(AXIS), EMMS_AS_70.peak_torque_nm).value_m_s2
         lag_s += 1e-3 * float(said[-1][1]) if said else 0.0
+    if case.kind == "following error":
+        brakes = FRICTION_N / MASS_KG + float(case.faults["weak_share"]) * brakes
     return fastest * lag_s + fastest**2 / (2.0 * brakes)
 
 
@@ -266,7 +269,7 @@ def _bounds(case: Case, rig: Rig, run: Path, first: int, stop_m: float | None) -
     allowed = predicted_m(case, run, float(speed[first]) if 0 < first < len(speed) else 0.0)
     wrong = []
     outside = max(TRAVEL_M[0] - float(place.min()), float(place.max()) - TRAVEL_M[1])
-    if outside > (allowed if _sudden(case) else 0.0):
+    if outside > (allowed if _sudden(case) or case.kind == "following error" else 0.0):
         wrong.append(f"the carriage was {1e3 * outside:.1f} mm outside its travel")
     if stop_m is not None and stop_m > allowed:
         wrong.append(f"it went on for {1e3 * stop_m:.1f} mm, predicted are {1e3 * allowed:.1f} mm from {speed[first]:.3f} m/s")

@@ -83,9 +83,9 @@ class Outcome:
 
 
 class Rig:
-    """A drive that is switched on at once and stays on, with gains that are not the ones it has saved."""
+    """A drive that is switched on at once and stays on.   gains : its gains before a command over those that it has saved."""
 
-    def __init__(self, profile: str, seed: int = 1) -> None:
+    def __init__(self, profile: str, seed: int = 1, gains: float = 1.25) -> None:
         file = load_plant(PLANT)
         self.plant = SimulatedPlant(file.model, START_M, end_stops_m=BUFFERS_M)
         self.faults = Faults()
@@ -96,7 +96,7 @@ class Rig:
         self._plant_name = file.model.name
         found, has = first.backup(), first.capabilities
         first.calibrate({name: has.parameters[name].scale for name in has.uncalibrated})  # as the profile says
-        first.write({name: 1.25 * found[name] for name in ("kp_nm_s_rad", "ki_nm_rad", "kpp_1_s")})
+        first.write({name: gains * found[name] for name in ("kp_nm_s_rad", "ki_nm_rad", "kpp_1_s")})
         self.gains = first.backup()
         first.close()
         (self.device,) = self.bus._nodes  # type: ignore[assignment]

@@ -1,4 +1,4 @@
-"""Forty cases of the fault campaign, two of each kind (tests/benchmarks/fault_campaign.py runs them by the hundred), and its judge."""
+"""Forty-four cases of the fault campaign, two of each kind (tests/benchmarks/fault_campaign.py runs them by the hundred), and its judge."""
 
 from __future__ import annotations
 
@@ -46,13 +46,17 @@ def make(complete: Complete, tmp_path_factory: pytest.TempPathFactory) -> Iterat
         yield lambda seed, **chosen: make_case(seed, healthy, **chosen)
 
 
+# a host that dies, or cannot write, closes no files
+@pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
 @pytest.mark.parametrize("seed", range(44))
 def test_a_fault_is_survived(make: MakeCase, complete: Complete, seed: int) -> None:
     """At rest, settings back, records readable, right exit code, true sentence, inside the travel; the short commands only."""
     kind = list(KINDS)[seed % len(KINDS)]
     other = seed >= len(KINDS) and "move" in KINDS[kind][1]  # the second of a kind on the other drive
     chosen: dict[str, Any] = {"commands": ("move",), "profiles": ("cmmp-as",)} if other else {"commands": SHORT, "profiles": ("reference",)}
-    verdict = run_case(make(seed, **chosen), complete.path)
+    if kind == "feed constant doubled":  # of a run that knows the drive's units; a first record has nothing to compare with
+        chosen["commands"] = ("verify",)
+    verdict = run_case(make(seed, **chosen), complete.path, gains=1.0)
     assert verdict.failures == (), f"{verdict.case}\n{verdict.text}"
 
 
