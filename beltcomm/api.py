@@ -25,6 +25,7 @@ from beltcomm.session import analyse, calibrate_job, friction_job, offline, outc
 from beltcomm.session import commission as sequence
 from beltcomm.session.agreement import Agreement, agree, planned
 from beltcomm.session.backups import chosen
+from beltcomm.session.bundle import bundle as bundle
 from beltcomm.session.commission import Findings
 from beltcomm.session.convert import convert as convert
 from beltcomm.session.design_job import examined
@@ -46,6 +47,7 @@ from beltcomm.session.proof import doubts, thin_margins
 from beltcomm.session.reporting.job import report as report
 from beltcomm.session.scale import ruler as ruler
 from beltcomm.session.serve import serve as serve
+from beltcomm.session.sign import check_sign
 from beltcomm.session.store import drive_to_dict
 from beltcomm.session.supervised import supervised
 from beltcomm.session.thesis import thesis as thesis
@@ -158,6 +160,7 @@ def friction(
         with Machine(connected, folder.axis, folder, talk) as machine:
             referencing.reference(machine, settings_of(options))
             Agreement(options, talk, lambda name, at, given: friction(name, at, options=given))(plan, machine)
+            check_sign(machine)
             machine.titles = (sequence.TITLES[4], sequence.TITLES[5])
             sequence.close_first_loop(machine, findings, model, ask=not options.yes)
             made = friction_job.record(machine, model, asked)
@@ -355,6 +358,7 @@ __all__ = [
     "Result",
     "apply",
     "backups",
+    "bundle",
     "calibrate",
     "check_imports",
     "commission",

@@ -59,7 +59,7 @@ def did_you_mean(word: str, known: Iterable[str], likeness: float = 0.6) -> str:
     likeness : 0 to 1, share of matching letters from which on a word counts (``difflib.SequenceMatcher.ratio``).
     """
     by_lower = {item.lower(): item for item in known}
-    close = difflib.get_close_matches(word.lower(), by_lower, n=1, cutoff=likeness)
+    close = difflib.get_close_matches(str(word).lower(), by_lower, n=1, cutoff=likeness)
     return f", did you mean {by_lower[close[0]]}?" if close else ""
 
 

@@ -9,6 +9,7 @@
       models/NAME.yaml  designs/NAME.yaml  results/NAME.yaml         the tool's own
       originals/               foreign files as they were, for recordings made by `beltcomm import`
       journal.txt              what the session did, one line each
+      bus/NAME.log.gz          frames of the CAN bus (candump -L)
 
 A folder made by hand needs ``axis.yaml`` and ``recordings`` only.  Files are written whole or not at all.
 """
@@ -121,7 +122,9 @@ class RunFolder:
         Raises UsageError when the run was made on another drive, with what differs.
         """
         about = self._about()
-        known, began_s = about.get("drive", {}), about.get("began_s")
+        known, began_s = about.get("drive") or {}, about.get("began_s")
+        if not isinstance(known, Mapping):
+            raise DataError(f"{self.path / 'run.yaml'} is damaged: drive must be a mapping of names to values; bring it back or begin anew")
         if wall_s is not None and isinstance(began_s, (int, float)):
             self.elapsed_s = max(wall_s - float(began_s), 0.0)  # a clock that was set back tells nothing
         if not known:
@@ -272,7 +275,7 @@ class RunFolder:
             with open(path, "a", encoding="utf-8") as file:
                 file.write(" ".join(line.split()) + "\n")
         except OSError as error:
-            raise UsageError(f"{path} cannot be written: {error.strerror or error}; choose another --run folder") from error
+            raise UsageError(f"{path} cannot be written: {error.strerror or error}; make room or choose another --run folder") from error
 
     def _save(self, kind: str, name: str, mapping: Mapping[str, Any]) -> Path:
         _make_folder(self.path / kind)
@@ -292,8 +295,8 @@ class RunFolder:
 def _untouched(path: Path) -> bool:
     """Whether a run in this folder ended before anything was recorded or written to a drive, as after a no; its few files are removed."""
     results = [path / "results" / f"{name}.yaml" for name in ("backup", "drive", "rehearsal")]
-    own = {path / "axis.yaml", path / "run.yaml", path / "journal.txt", *results}
-    found = {item for item in path.rglob("*") if not item.is_dir()} if path.is_dir() else {path}
+    own = {path / "axis.yaml", path / "run.yaml", path / "journal.txt", path / "bundle.zip", *results}
+    found = {item for item in path.rglob("*") if not item.is_dir() and item.parent.name != "bus"} if path.is_dir() else {path}
     journal = (path / "journal.txt").read_text(encoding="utf-8").splitlines() if path / "journal.txt" in found else []
     if not found <= own or path / "run.yaml" not in found or not all(line.startswith(_HARMLESS) for line in journal):
         return False

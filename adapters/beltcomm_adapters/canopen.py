@@ -6,7 +6,7 @@ import contextlib
 import dataclasses
 import math
 from collections.abc import Callable, Iterator, Mapping
-from typing import Final
+from typing import Any, Final
 
 import can
 import numpy as np
@@ -15,12 +15,14 @@ from beltcomm.drive import Adapter, Clock, Drive, ExchangeReport, Guarding, Limi
 from beltcomm.errors import BusError, DriveError, Refused, UsageError
 from beltcomm.finding import Finding
 from beltcomm_adapters.buses import DEFAULT_BITRATE, Address, MonotonicClock, is_can_bus, open_bus
+from beltcomm_adapters.cia402 import State
 from beltcomm_adapters.examination.can import examine_can
 from beltcomm_adapters.examination.surroundings import surroundings
 from beltcomm_adapters.exchange import Exchange
 from beltcomm_adapters.identification import HOMING_MODE, read_capabilities, read_identity, sync_period_s
 from beltcomm_adapters.interrupts import deferred_interrupt
 from beltcomm_adapters.link import Link, find_nodes
+from beltcomm_adapters.logged import LoggedBus
 from beltcomm_adapters.motion import Run
 from beltcomm_adapters.object_drive import ObjectDrive
 from beltcomm_adapters.preparation import check_motion, guard, homing_speeds_rad_s, prepare
@@ -32,7 +34,7 @@ from beltcomm_adapters.watch import Watch
 
 _PROFILE_VELOCITY: Final = 3
 _HOMING_PERIOD_S: Final = 0.010  # homing is watched, not sampled
-_OPTIONS: Final = ("node", "bitrate", "profile", "sample_period")
+_OPTIONS: Final = ("node", "bitrate", "profile", "sample_period", "log")
 #: Of an examination only, see :class:`beltcomm.drive.Adapter`.
 EXAMINATION_OPTIONS: Final = ("try_bitrates", "sync_test")
 #: s beyond the guard time within which a drive must have reacted to the silence of its host.
@@ -67,13 +69,14 @@ class CanopenDrive(ObjectDrive):
         super().__init__(clock, SdoObjects(self._link), release)
         where = f"{bus.channel_info}, node {node}" + (f", {bitrate // 1000} kbit/s" if bitrate else "")
         identity = read_identity(self._objects, where)
+        self._link.restarted = False  # it may just have been switched on; from here on it must stay so
         self._take_over(self._link, choose_profile(identity, profile))
         try:
             self.capabilities = read_capabilities(
                 self._objects,
                 self._profile,
                 self._scaling,
-                identity,
+                {**identity, **self._units()},
                 bitrate,
                 self._referenced(),
                 self._parameters.table,
@@ -153,6 +156,9 @@ class CanopenDrive(ObjectDrive):
     def _enabled(self, layout: Layout, kind: str, period_s: float, limits: Limits, motion: Motion | None) -> Iterator[Run]:
         """The axis enabled and guarded inside the block; stopped, disabled and set back after it, however it ends."""
         objects, scaling, link = self._objects, self._scaling, self._link
+        faulted = self._machine.state() in (State.FAULT, State.FAULT_REACTION_ACTIVE)
+        if link.restarted or (faulted and link.emergency is not None):  # what has come in this session is not acknowledged on the way
+            raise self._machine.fault("standing between two motions")
         self._machine.reset_fault()
         self._machine.disable()
         link.forget_emergency()
@@ -169,7 +175,7 @@ class CanopenDrive(ObjectDrive):
                     scaling,
                     period_s,
                     self._machine.fault,
-                    lambda: link.emergency is not None,
+                    lambda: link.restarted or link.emergency is not None,
                     objects.read_int(0x6064, 0, "int32"),
                     round(motion.rest_nm / scaling.torque_nm) if motion is not None else 0,
                 )
@@ -181,6 +187,9 @@ class CanopenDrive(ObjectDrive):
                     yield run
                 except BaseException as error:
                     self._halt(run, exchange, error, limits.release)
+                    link.forget_emergency()  # the error has told of it, or it came of the stop
+                    if self._link.restarted and isinstance(error, BusError):  # its boot-up message came after its silence was noticed
+                        raise self._machine.fault("moving") from error
                     raise
                 self._halt(run, exchange, None)
         finally:
@@ -200,7 +209,7 @@ class CanopenDrive(ObjectDrive):
         except BusError as failure:
             self._link.guard(None)  # the drive's guarding is what stops the axis now
             if error is None:
-                raise
+                raise (self._machine.fault("being stopped") if self._link.restarted else failure) from None
             error.add_note(str(failure))
         except DriveError as failure:
             if error is None:
@@ -249,8 +258,12 @@ def _open(address: str, options: Mapping[str, object]) -> Drive:
     bitrate = whole_number(options, "bitrate", DEFAULT_BITRATE, 10_000, 1_000_000)
     assert bitrate is not None
     profile, period_s = profile_name(options), number(options, "sample_period", None)
+    clock = MonotonicClock()
     bus = open_bus(Address.parse(address), bitrate)
-    return connect(bus, MonotonicClock(), node, profile, bitrate, bus.shutdown, period_s)
+    given: Mapping[str, Any] = options  # a function to be called with every frame is handed over by programs only
+    if (log := given.get("log")) is not None:
+        bus = LoggedBus(bus, clock, log)
+    return connect(bus, clock, node, profile, bitrate, bus.shutdown, period_s)
 
 
 def _check_known(options: Mapping[str, object], known: tuple[str, ...]) -> None:

@@ -132,6 +132,7 @@ class Wire(Protocol):
 
     clock: Clock
     emergency: Emergency | None
+    restarted: bool
 
     def pump(self, timeout_s: float) -> bool:
         """Wait at most ``timeout_s`` for something to come."""
@@ -160,7 +161,12 @@ class StateMachine:
         return state_of(self.statusword())
 
     def fault(self, doing: str) -> DriveFault:
-        """The drive's fault as an exception: code and text from its EMCY, else from 603Fh."""
+        """The drive's fault as an exception: code and text from its EMCY, else from 603Fh; a restart is one too."""
+        if self._link.restarted:
+            return DriveFault(
+                f"the drive restarted while {doing}: what was written to it since its last power-on is gone; check its supply and its "
+                "cable, then start again"
+            )
         code = self._link.emergency.code if self._link.emergency else 0
         if not code:
             try:
@@ -168,7 +174,8 @@ class StateMachine:
             except (BusError, ObjectRefused):
                 code = 0
         text = f"error {code:04X}h, {emergency_text(code, self._emergencies)}" if code else "no error code was sent"
-        return DriveFault(f"the drive went into fault while {doing}: {text}; remove the cause, then start again", code)
+        what = "reported an error" if self._link.emergency else "went into fault"
+        return DriveFault(f"the drive {what} while {doing}: {text}; remove the cause, then start again", code)
 
     def reset_fault(self, timeout_s: float = 1.0) -> None:
         """Acknowledge a fault, if there is one; the drive is left disabled.  Raises DriveFault when it stays."""

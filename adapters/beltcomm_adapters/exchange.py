@@ -11,7 +11,7 @@ from typing import Final, Literal, NamedTuple
 
 import can
 
-from beltcomm.errors import DriveError, ObjectRefused
+from beltcomm.errors import BusError, DriveError, ObjectRefused
 from beltcomm_adapters.link import INTERFACE_ERRORS, NMT_PRE_OPERATIONAL, NMT_START, Link
 from beltcomm_adapters.sdo import Lending, Objects
 
@@ -24,6 +24,8 @@ _PDO: Final = {"receive": (0x1400, 0x1600, 0x200), "transmit": (0x1800, 0x1A00, 
 _PDO_STEP: Final = 0x100
 #: Share of a period after which an answer is given up; the rest is for sending the next SYNC in time.
 _WAIT_SHARE: Final = 0.8
+#: s: stamps of frames that run away from the clock by more, from one sample to the next, are of a clock that was set.
+_CLOCK_SET_S: Final = 0.5
 #: A SYNC later than this share of a period moves the grid instead of being followed by a burst.
 _LATE_SHARE: Final = 0.25
 
@@ -109,8 +111,8 @@ class Exchange:
         for message, entries in zip(self._out, received, strict=True):
             message.dlc = sum(bits for *_, bits in entries) // 8
         self._sync = can.Message(arbitration_id=0x80, is_extended_id=False)
-        self._incomplete = False
         self._next_s = 0.0
+        self._before: tuple[float, float] | None = None  # stamp of the last sample, and when it had been asked for
 
     def start(self) -> None:
         """Let the node exchange PDOs (NMT operational); the first SYNC is due one period from now."""
@@ -124,16 +126,15 @@ class Exchange:
     def cycle(self, frames: Sequence[bytes]) -> Sample | None:
         """One period: wait for its time, SYNC, then ``frames`` (one per receive PDO), then the answer to this SYNC.
 
-        Returns None when the answer did not come in time; it is dropped when it comes later.
-        Raises BusError (the interface is gone), DriveError (an answer that is not what was mapped).
+        Returns None when the answer did not come in time, or is stamped no later than the last one; it is dropped when it comes later.
+        Raises BusError (the interface is gone, the clock of its stamps was set), DriveError (an answer that is not what was mapped).
         """
         link, due_s, period_s = self._link, self._next_s, self._period_s
         clock, send = link.clock, link.bus.send
         clock.sleep_until(due_s)
         now_s = clock.now()
         self._next_s = (due_s if now_s - due_s <= _LATE_SHARE * period_s else now_s) + period_s
-        if self._incomplete:
-            self._drop_late()
+        self._drop_late()
         try:
             send(self._sync)
             for message, data in zip(self._out, frames):  # noqa: B905  # as many as mapped; a check per cycle costs time
@@ -143,8 +144,9 @@ class Exchange:
             sample = self._answer(now_s + _WAIT_SHARE * period_s)
         except INTERFACE_ERRORS as error:
             raise link.gone(error) from error
+        if sample is not None:
+            sample = self._in_order(sample, now_s)
         if sample is None:
-            self._incomplete = True
             self.lost += 1
             self.lost_in_a_row += 1
         else:
@@ -187,7 +189,19 @@ class Exchange:
         return Sample(first.timestamp, position, torque, statusword, velocity, demand)
 
     def _drop_late(self) -> None:
-        """Frames that arrive after their cycle was given up must not pass for the answer to the next SYNC."""
+        """What has arrived before a SYNC, late or doubled, must not pass for its answer: all rows would be a period late from then on."""
         while (message := self._link.receive(0.0)) is not None:
             self._link.dispatch(message)
-        self._incomplete = False
+
+    def _in_order(self, sample: Sample, asked_s: float) -> Sample | None:
+        """The sample, None when it is no younger than the one before.   Raises BusError when the clock of its stamp was set."""
+        before, self._before = self._before, (sample.stamp_s, asked_s)
+        if before is None:
+            return sample
+        passed_s, jumped_s = sample.stamp_s - before[0], sample.stamp_s - before[0] - (asked_s - before[1])
+        if abs(jumped_s) > _CLOCK_SET_S:
+            raise BusError(
+                f"the clock that stamps the CAN frames was set by {jumped_s:+.1f} s while the axis moved, so that its samples have no "
+                "time; the axis was stopped; keep the computer's time from being set (NTP) during a recording and repeat it"
+            )
+        return sample if passed_s > 0.0 else None

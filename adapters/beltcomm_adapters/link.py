@@ -42,6 +42,7 @@ class Link:
 
     emergency : the last EMCY with an error in it, None since :meth:`forget_emergency` or since the node took it back.
     last_life_s : when the last sign of life went out.
+    restarted : a boot-up message has come: what was written to the node and not saved is gone, for the rest of the connection.
     """
 
     def __init__(self, bus: can.BusABC, clock: Clock, node: int) -> None:
@@ -49,7 +50,8 @@ class Link:
         self.clock = clock
         self.node = node
         self.emergency: Emergency | None = None
-        self._handlers: dict[int, Callable[[can.Message], None]] = {0x80 + node: self._on_emergency}
+        self.restarted = False
+        self._handlers: dict[int, Callable[[can.Message], None]] = {0x80 + node: self._on_emergency, 0x700 + node: self._on_life}
         self._life: can.Message | None = None
         self._life_period_s = 0.0
         self._next_life_s = self.last_life_s = 0.0
@@ -145,6 +147,10 @@ class Link:
             return
         code, register = struct.unpack_from("<HB", message.data)
         self.emergency = Emergency(code, register, bytes(message.data[3:])) if code else None
+
+    def _on_life(self, message: can.Message) -> None:
+        """Boot-up is a heartbeat of state 0 (CiA 301, 7.2.8.3.3)."""
+        self.restarted = self.restarted or bytes(message.data) == b"\x00"
 
 
 def find_nodes(bus: can.BusABC, clock: Clock, wait_s: float = 0.5) -> list[int]:

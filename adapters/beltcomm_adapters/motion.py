@@ -33,6 +33,8 @@ from beltcomm_adapters.watch import STOP_TIME_S, Watch
 
 #: Cycles without an answer that a recording survives; each leaves a gap in ``t_s``.
 TOLERATED_LOSSES: Final = 3
+#: Share of a recording's cycles that may be lost in all; a sound bus loses none.
+LOST_SHARE: Final = 0.005
 ENABLE_TIME_S: Final = 3.0  # brake release included; 0.1 to 1 s are typical (G1)
 #: s beyond the time of its brake in which a drive that stands must have disabled itself after a quick stop.
 BRAKE_SLACK_S: Final = 0.1
@@ -250,7 +252,13 @@ class Run:
                     sink(make_row(k - 1, start_s, before, sample))
                     rows += 1
             before = sample
-        return Report(rows, self._exchange.lost - lost_before, jitter_s, tally.irregular, tally.remarks(), tally.limited)
+        lost = self._exchange.lost - lost_before
+        if lost > max(TOLERATED_LOSSES, LOST_SHARE * count):
+            raise BusError(
+                f"{lost} of {count} answers of the drive were lost or came late: what is left of this record is in pieces; check the "
+                "cabling, both terminators and the bus load, or choose a longer sample period"
+            )
+        return Report(rows, lost, jitter_s, tally.irregular, tally.remarks(), tally.limited)
 
     def home(self, width: float, time_s: float) -> None:
         """Start the drive's homing and watch it to its end: bit 12 attained, bit 13 failed.
@@ -312,7 +320,7 @@ class Run:
         if state is not State.OPERATION_ENABLED:
             return DriveError(
                 f"the drive left Operation Enabled while moving and is in {state.words}; the axis was stopped; check STO, the "
-                "enable inputs and the limit switches"
+                "enable inputs, the limit switches, and that the host's frames do not come late"
             )
         return DriveError(
             f"the drive stopped following its target in mode {self._layout.mode} (statusword bit 12 is 0); the axis was "

@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Self
 
 from beltcomm.drive import Capabilities, Clock
-from beltcomm.errors import BeltcommError, DriveError, UsageError
+from beltcomm.errors import BeltcommError, BusError, DriveError, UsageError
 from beltcomm.objects import ObjectValue
 from beltcomm_adapters.cia402 import StateMachine, Wire
 from beltcomm_adapters.gains import Parameters, structure_of
 from beltcomm_adapters.interrupts import deferred_interrupt
 from beltcomm_adapters.profiles import Profile
 from beltcomm_adapters.scaling import read_scaling
-from beltcomm_adapters.sdo import Objects
+from beltcomm_adapters.sdo import RECOVERY_S, RETRY_S, Objects
 
 
 class ObjectDrive:
@@ -46,6 +47,13 @@ class ObjectDrive:
         except BaseException:
             self._session.give_back()
             raise
+
+    def _units(self) -> dict[str, str]:
+        """For the identity: a run is not gone on with when these have changed."""
+        return {
+            "units_per_turn": f"{math.tau / abs(self._scaling.position_rad):g}",
+            "rated_torque_nm": f"{self._scaling.rated_torque_nm:g}",
+        }
 
     def read(self, names: Sequence[str]) -> dict[str, float]:
         """See :meth:`beltcomm.drive.Drive.read`; ``state`` is a :class:`beltcomm_adapters.cia402.State`."""
@@ -109,9 +117,18 @@ class ObjectDrive:
 
     def stop(self) -> None:
         """See :meth:`beltcomm.drive.Drive.stop`."""
-        if self._open:
-            with contextlib.suppress(BeltcommError):
-                self._machine.disable()
+        if not self._open:
+            return
+        give_up_s = self.clock.now() + RECOVERY_S
+        with contextlib.suppress(BeltcommError):
+            while True:
+                try:
+                    self._machine.disable()
+                    return
+                except BusError:
+                    if self.clock.now() >= give_up_s:
+                        raise
+                    self.clock.sleep_until(self.clock.now() + RETRY_S)
 
     def close(self) -> None:
         """See :meth:`beltcomm.drive.Drive.close`."""

@@ -109,7 +109,7 @@ def load_profile(name: str) -> Profile:
     raw = read_yaml(path)
     try:
         return _profile(raw)
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise UsageError(f"the drive profile {path.name} cannot be used: {type(error).__name__}: {error}") from error
 
 

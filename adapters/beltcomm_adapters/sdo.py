@@ -16,6 +16,7 @@ from canopen.objectdictionary import ObjectDictionary
 from canopen.sdo.client import SdoClient
 from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
+from beltcomm.drive import Clock
 from beltcomm.errors import BusError, DriveError, ObjectRefused
 from beltcomm.objects import TYPES, name_of, packed
 from beltcomm_adapters.interrupts import deferred_interrupt
@@ -27,6 +28,9 @@ logging.getLogger("canopen").addHandler(logging.NullHandler())
 
 ANSWER_TIME_S: Final = 0.3
 SAVE_TIME_S: Final = 15.0
+#: s: a bus that is off or a plug that is loose may come back within this time, tried again after every such pause.
+RECOVERY_S: Final = 5.0
+RETRY_S: Final = 0.2
 #: A transfer that nobody answers is begun anew: one lost frame is no reason to give up.
 _ATTEMPTS: Final = 3
 _SAVE: Final = 0x65766173  # "save", CiA 301, 7.5.2.13
@@ -54,6 +58,10 @@ class _Client(SdoClient):
         super().download(index, subindex, data, force_segment)
 
     def send_message(self, cob_id: int, data: bytes) -> None:
+        while (message := self._link.receive(0.0)) is not None:  # a doubled or late answer must not pass for the one to this request
+            self._link.dispatch(message)
+        while not self.responses.empty():
+            self.responses.get_nowait()
         self._link.send_data(cob_id, bytes(data))
 
     def _on_frame(self, message: can.Message) -> None:
@@ -76,9 +84,10 @@ class _Client(SdoClient):
 class Objects(ABC):
     """The object dictionary of one drive, one transfer at a time; a carrier brings ``read_bytes``, ``write_bytes`` and ``save``.
 
-    node : number on its bus, 0 where there is no bus.   locks : what is never written, whoever asks.
+    clock : of its carrier.   node : number on its bus, 0 where there is no bus.   locks : what is never written, whoever asks.
     """
 
+    clock: Clock
     node = 0
 
     def __init__(self) -> None:
@@ -131,7 +140,7 @@ class Objects(ABC):
             data = packed(kind, value)
         except ValueError as error:
             raise DriveError(f"the value {value:g} does not fit into object {name_of(index, subindex)} ({kind})") from error
-        self.write_bytes(index, subindex, data, f"write {value:g}")
+        self.write_bytes(index, subindex, data, f"write {value:.10g}")
 
     def lend(self) -> Lending:
         """A context in which objects are changed for a while."""
@@ -144,6 +153,7 @@ class SdoObjects(Objects):
     def __init__(self, link: Link) -> None:
         super().__init__()
         self._client = _Client(link, self.locks)
+        self.clock = link.clock
         self.node = link.node
 
     def read_bytes(self, index: int, subindex: int = 0) -> bytes:
@@ -180,8 +190,13 @@ class SdoObjects(Objects):
 def refusal(index: int, subindex: int, verb: str, code: int) -> ObjectRefused:
     """The exception for an abort code (CiA 301, table 22)."""
     text = SdoAbortedError.CODES.get(code, "no standard text")
+    what = f"{verb} to" if verb.startswith("write") else verb
     return ObjectRefused(
-        f"the drive refused to {verb} object {name_of(index, subindex)}: {text} (abort code {code:08X}h)", code, index, subindex
+        f"the drive refused to {what} object {name_of(index, subindex)}: {text} (abort code {code:08X}h); "
+        "check that the profile is the drive's (--profile) and that no other master is at work",
+        code,
+        index,
+        subindex,
     )
 
 
@@ -236,19 +251,32 @@ class Lending:
     def give_back(self) -> list[str]:
         """Put everything back, last change first.  Returns what could not be, in words; never raises a DriveError.
 
-        A drive that does not answer at all is asked once, not once per object.
+        A bus that is off gets ``RECOVERY_S`` to come back; a drive that does not answer at all is then asked no more.
         """
         failures = []
+        give_up_s: float | None = None
+        refused: set[tuple[int, int]] = set()
         while self._lent:
             index, subindex, kind, before = self._lent.pop()
             try:
                 self._objects.write(index, subindex, kind, before)
             except BusError as error:
+                now_s = self._objects.clock.now()
+                give_up_s = now_s + RECOVERY_S if give_up_s is None else give_up_s
+                if now_s < give_up_s:
+                    self._lent.append((index, subindex, kind, before))
+                    self._objects.clock.sleep_until(now_s + RETRY_S)
+                    continue
                 names = ", ".join(name_of(*entry) for entry in [(index, subindex), *((i, s) for i, s, *_ in reversed(self._lent))])
                 self._lent.clear()
                 failures.append(f"the objects {names} could not be set back: {error}")
             except DriveError as error:
-                failures.append(f"object {name_of(index, subindex)} could not be set back to {before:g}: {error}")
+                if (index, subindex) not in refused:  # once may be a passing state of the drive
+                    refused.add((index, subindex))
+                    self._lent.append((index, subindex, kind, before))
+                    self._objects.clock.sleep_until(self._objects.clock.now() + RETRY_S)
+                    continue
+                failures.append(f"object {name_of(index, subindex)} could not be set back to {before:.10g}: {error}")
         return failures
 
     def __enter__(self) -> Lending:

@@ -51,7 +51,7 @@ class SerialDrive(ObjectDrive):
                 self._serial,
                 self._profile,
                 self._scaling,
-                identity,
+                {**identity, **self._units()},
                 None,
                 self._referenced(),
                 self._parameters.table,

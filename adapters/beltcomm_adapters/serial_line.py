@@ -103,10 +103,12 @@ def parse(raw: bytes) -> Line:
 class SerialLine:
     """The host's end of the line.  Single-threaded; nothing arrives unless somebody waits for it.
 
-    emergency : always None, the port reports no faults unasked.     asked_s, answered_s : when the last request was sent and answered.
+    emergency, restarted : always None and False, the port reports nothing unasked.
+    asked_s, answered_s : when the last request was sent and answered.
     """
 
     emergency: Emergency | None = None
+    restarted = False
 
     def __init__(self, port: Port, clock: Clock) -> None:
         self.port = port

@@ -36,6 +36,7 @@ class SerialObjects(Objects):
     def __init__(self, line: SerialLine) -> None:
         super().__init__()
         self._line = line
+        self.clock = line.clock
         self.answer_time_s, self.quiet_s = ANSWER_TIME_S, QUIET_TIME_S
 
     def read_bytes(self, index: int, subindex: int = 0) -> bytes:

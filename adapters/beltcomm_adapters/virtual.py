@@ -35,6 +35,7 @@ OPTIONS: Final = (
     "referenced",
     "gain_units",
     "faults",
+    "bus_faults",
     "log",
 )
 
@@ -47,10 +48,10 @@ def _playing(address: str, options: Mapping[str, object]) -> tuple[LockstepBus, 
     bitrate : that its exchange is planned for, None for a bus that carries any load.     sample_period : s, asked for.
     gain_units : (velocity, position, integral time): what one unit of the drive's gains means, in those of docs/reference-drive.md.
     plant : a :class:`beltcomm.plant.Plant` in place of the plant file's model; its delay and noise stay.
-    faults : a :class:`beltcomm.virtual.faults.Faults`.     log : called with every frame.
+    faults, bus_faults : ``Faults`` and ``BusFaults`` of :mod:`beltcomm.virtual.faults`.     log : called with every frame.
     """
     given: Mapping[str, Any] = options  # objects are handed over by programs only, of the types named above
-    bus = LockstepBus(MonotonicClock() if options.get("realtime") else None)
+    bus = LockstepBus(MonotonicClock() if options.get("realtime") else None, given.get("bus_faults"))
     bus.on_frame = given.get("log")
     try:
         _, machine = attached(bus, address, options)

@@ -7,6 +7,7 @@ from typing import Final
 
 from beltcomm.drive import Limits
 from beltcomm.errors import SafetyStop
+from beltcomm_adapters.consistency import Odometer
 from beltcomm_adapters.exchange import Sample
 from beltcomm_adapters.scaling import Scaling
 
@@ -36,9 +37,10 @@ class Watch:
         self._travel_per_s = limits.speed_rad_s / scaling.position_rad
         self._strongest = (_TORQUE_SHARE * limits.torque_nm + _TORQUE_NOISE_OF_RATED * scaling.rated_torque_nm) / scaling.torque_nm
         self._before: Sample | None = None
+        self._odometer = Odometer(scaling.position_rad, scaling.speed_rad_s)
 
     def check(self, sample: Sample) -> None:
-        """Raises SafetyStop when ``sample`` breaks a limit."""
+        """Raises SafetyStop when ``sample`` breaks a limit, DriveError when its position and speed cannot be of one motion."""
         before, self._before = self._before, sample
         if not self._lowest <= sample.position <= self._highest:
             self._stop("position", sample.position * self._scaling.position_rad, "shorten the motion; if it swings, look at the gains")
@@ -53,6 +55,7 @@ class Watch:
             if abs(travel) - 1 > self._travel_per_s * elapsed_s:
                 speed = travel / elapsed_s * self._scaling.position_rad
                 self._stop("speed", speed, "reduce the amplitude, or look at the encoder if its position jumped")
+            self._odometer(travel, sample.velocity, elapsed_s)
 
     @property
     def longest_stop_s(self) -> float:

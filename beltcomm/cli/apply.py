@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from beltcomm.cli import options as shared
-from beltcomm.cli.frame import Frame, api, options_of
+from beltcomm.cli.frame import Frame, api
 
 
 @click.command("apply")
@@ -26,5 +26,5 @@ def command(frame: Frame, /, drive: str, run: Path, save: bool, shown: bool, dcf
     What stood there before is kept in the run; `beltcomm rollback` writes it again.
     """
     frame.run = run
-    options = options_of(apply="save" if save else "keep", **given)
+    options = frame.options(apply="save" if save else "keep", **given)
     return frame.show(api().apply(drive, run, dcf=dcf, shown=shown, options=options, talk=frame.talk()))

@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from beltcomm.cli import options as shared
-from beltcomm.cli.frame import Frame, api, axis_for, options_of, run_folder
+from beltcomm.cli.frame import Frame, api, axis_for, run_folder
 
 
 @click.command("calibrate")
@@ -25,4 +25,4 @@ def command(frame: Frame, /, drive: str, axis: str | None, run: Path | None, **g
     existing = run is not None and (run / "axis.yaml").is_file()
     of_axis = None if existing and axis is None else axis_for(axis, drive, run, False)
     frame.run = run_folder(run, of_axis.name if of_axis is not None else "axis")
-    return frame.show(api().calibrate(drive, of_axis, frame.run, options=options_of(**given), talk=frame.talk()))
+    return frame.show(api().calibrate(drive, of_axis, frame.run, options=frame.options(**given), talk=frame.talk()))

@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from beltcomm.cli import options as shared
-from beltcomm.cli.frame import Frame, api, axis_for, options_of, run_folder
+from beltcomm.cli.frame import Frame, api, axis_for, run_folder
 
 
 @click.command("commission")
@@ -35,5 +35,5 @@ def command(frame: Frame, /, drive: str, axis: str | None, run: Path | None, res
     """
     known = axis_for(axis, drive, run, resume)
     frame.run = run_folder(run, known.name)
-    options = options_of(resume=resume, **given)
+    options = frame.options(resume=resume, **given)
     return frame.show(api().commission(drive, known, frame.run, options=options, talk=frame.talk()))

@@ -23,6 +23,7 @@ from beltcomm.errors import BeltcommError, UsageError
 if TYPE_CHECKING:
     from beltcomm.axis import Axis
     from beltcomm.cli.talk import PlainTalk, RichTalk
+    from beltcomm.cli.traces import Traces
     from beltcomm.talk import Talk
 
 #: Exit code of a broken-off command: that of a safety stop, which is what Ctrl-C is on a machine.
@@ -59,7 +60,7 @@ class Frame:
     """One call of the command line.
 
     run : the run folder, once known: where the log of an unexpected error goes.   verbose : -v once or more.
-    ended : by a signal from outside.
+    ended : by a signal from outside.   drive, bus_log : as given on the command line.
     """
 
     def __init__(self, words: list[str]) -> None:
@@ -68,10 +69,28 @@ class Frame:
         self.verbose = 0
         self.ended = False
         self.run: Path | None = None
+        self.drive = ""
+        self.bus_log = False
+        self._traces: Traces | None = None
         self._talk: PlainTalk | RichTalk | None = None
 
     def guarded(self, command: Callable[[], Any]) -> int:
-        """Run a command and return its exit code; every exception becomes a sentence on stderr."""
+        """Run a command and return its exit code; every exception becomes a sentence on stderr.  Then what it leaves behind is written."""
+        code = self._guarded(command)
+        if self._traces is not None:
+            verb = self.words[0]
+            for line in self._traces.leave(self.run or run_folder(None, verb), verb, code):
+                click.echo(_fitted(f"beltcomm: {line}", sys.stderr), err=True)
+        return code
+
+    def options(self, **values: Any) -> Any:
+        """:func:`options_of` for a command that opens a drive, whose frames may have to be kept."""
+        from beltcomm.cli.traces import Traces
+
+        self._traces = Traces(self.drive, self.bus_log)
+        return options_of(**values, drive=self._traces.drive_options() or None)
+
+    def _guarded(self, command: Callable[[], Any]) -> int:
         try:
             outcome = command()
             sys.stdout.flush()

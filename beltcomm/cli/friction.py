@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from beltcomm.cli import options as shared
-from beltcomm.cli.frame import Frame, api, options_of
+from beltcomm.cli.frame import Frame, api
 
 
 @click.command("friction")
@@ -52,4 +52,6 @@ def command(
         if value is None:
             raise click.UsageError(f"Missing option '{name}' (with --compare RUN RUN no machine is needed)", ctx)
     frame.run = run
-    return frame.show(api().friction(drive, run, options=options_of(**given), pictures=pictures, command=frame.line(), talk=frame.talk()))
+    return frame.show(
+        api().friction(drive, run, options=frame.options(**given), pictures=pictures, command=frame.line(), talk=frame.talk())
+    )

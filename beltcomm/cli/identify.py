@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from beltcomm.cli import options as shared
-from beltcomm.cli.frame import Frame, api, axis_for, options_of, run_folder
+from beltcomm.cli.frame import Frame, api, axis_for, run_folder
 from beltcomm.errors import UsageError
 
 
@@ -51,8 +51,8 @@ def command(frame: Frame, /, drive: str, axis: str | None, run: Path | None, res
         if run is None:
             raise UsageError("--plan goes on with a run; give its folder with --run")
         frame.run = run
-        return frame.show(api().follow(drive, run, plan, options=options_of(**given), talk=frame.talk()))
+        return frame.show(api().follow(drive, run, plan, options=frame.options(**given), talk=frame.talk()))
     known = axis_for(axis, drive, run, resume or closed)
     frame.run = run_folder(run, known.name)
-    options = options_of(resume=resume, **given)
+    options = frame.options(resume=resume, **given)
     return frame.show(api().identify(drive, known, frame.run, options=options, talk=frame.talk()))

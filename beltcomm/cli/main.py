@@ -47,6 +47,7 @@ VERBS = {
     "convert": "Gains of a P-PI cascade as a PID controller, and back.",
     "doctor": "What stands in the way: adapters, bus, drive, step by step; moves nothing.",
     "serve": "The virtual drive for other processes, on a CAN interface.",
+    "bundle": "A run in one zip, for whoever helps: no paths, no user name.",
     "drives": "Drive adapters found, or why one is broken.",
     "effects": "The physical effects a model can have.",
 }

@@ -7,7 +7,7 @@ from typing import Any
 import click
 
 from beltcomm.cli import options as shared
-from beltcomm.cli.frame import Frame, api, axis_for, options_of
+from beltcomm.cli.frame import Frame, api, axis_for
 
 
 @click.command("move")
@@ -27,4 +27,4 @@ def command(frame: Frame, /, drive: str, axis: str | None, by_m: float, measured
     known = axis_for(axis, drive, None, False)
     if measured_m is not None:
         return frame.show(api().ruler(known, by_m, measured_m))
-    return frame.show(api().move(drive, known, by_m, options=options_of(**given), talk=frame.talk()))
+    return frame.show(api().move(drive, known, by_m, options=frame.options(**given), talk=frame.talk()))

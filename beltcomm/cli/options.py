@@ -83,6 +83,15 @@ def output_options(function: Function) -> Function:
     )(function)
 
 
+def _note_drive(ctx: click.Context, _param: click.Parameter, value: str | None) -> str | None:
+    ctx.obj.drive = value or ""
+    return value
+
+
+def _note_bus_log(ctx: click.Context, _param: click.Parameter, value: bool) -> None:
+    ctx.obj.bus_log = value
+
+
 def drive_options(function: Function, *, needed: bool = True) -> Function:
     """``--drive`` and what an adapter needs to open it.   needed : False where a verb can do without a drive."""
     for decorate in reversed(
@@ -91,6 +100,7 @@ def drive_options(function: Function, *, needed: bool = True) -> Function:
                 "--drive",
                 required=needed,
                 metavar="DRIVE",
+                callback=_note_drive,
                 help="virtual, virtual:PLANT, can0, slcan:/dev/ttyACM0, serial:/dev/ttyUSB0, ... (`beltcomm drives` lists adapters).",
             ),
             click.option("--profile", metavar="NAME", help="Drive profile; recognised from the drive when left out."),
@@ -103,6 +113,13 @@ def drive_options(function: Function, *, needed: bool = True) -> Function:
                 help="Between two samples; the shortest that drive and bit rate allow when left out.",
             ),
             click.option("--realtime", is_flag=True, help="Virtual drive: run at 1 kHz of real time, not as fast as possible."),
+            click.option(
+                "--bus-log",
+                is_flag=True,
+                expose_value=False,
+                callback=_note_bus_log,
+                help="Keep the bus's log for a virtual drive too (RUN/bus).",
+            ),
             click.option("--seed", type=click.IntRange(0), help="Seed of everything random: equal seeds give equal runs."),
         )
     ):

@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from beltcomm.cli import options as shared
-from beltcomm.cli.frame import Frame, api, options_of
+from beltcomm.cli.frame import Frame, api
 
 
 @click.command("rollback")
@@ -26,5 +26,5 @@ def command(ctx: click.Context, /, drive: str | None, run: Path, save: bool, bac
         return frame.show(api().backups(run))
     if drive is None:
         raise click.UsageError("Missing option '--drive' (with --backup list no drive is needed)", ctx)
-    options = options_of(apply="save" if save else "keep", **given)
+    options = frame.options(apply="save" if save else "keep", **given)
     return frame.show(api().rollback(drive, run, backup=backup, options=options, talk=frame.talk()))

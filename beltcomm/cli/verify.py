@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from beltcomm.cli import options as shared
-from beltcomm.cli.frame import Frame, api, options_of
+from beltcomm.cli.frame import Frame, api
 from beltcomm.errors import UsageError
 
 
@@ -32,7 +32,7 @@ def command(
     """Drive a move with the run's design and compare its error with the predicted one; the machine moves."""
     if move is not None and trajectory is not None:
         raise UsageError("--move brings its own motion, --trajectory names limits for the standard one; give one of them")
-    options = options_of(**given)
+    options = frame.options(**given)
     if rungs and options.feedforward is not None:
         raise UsageError("--rungs drives every feedforward in turn; leave --feedforward out")
     frame.run = run

@@ -97,7 +97,8 @@ def refuse(jumps: Sequence[Jump], step_rad: float) -> None:
     more = f", and {len(jumps) - 1} times more" if len(jumps) > 1 else ""
     raise DamagedRecord(
         f"{first.record}: the motor angle jumps by {first.size_rad / step_rad:+.0f} counts ({first.size_rad:+.4f} rad) at "
-        f"t = {first.t_s:.3f} s{more}, and no torque explains it: look at the encoder, its coupling and its cable, then record it again",
+        f"t = {first.t_s:.3f} s{more}, and no torque explains it: look at the encoder, its coupling and its cable, and whether the bus "
+        "delays frames, then record it again",
         first.record,
     )
 

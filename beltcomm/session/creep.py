@@ -135,6 +135,11 @@ def creep(drive: Drive, axis: Axis, limits: Limits, by_m: float, reach_m: float,
             raise Refused(_no_more(abs(row[2] - about_nm), run_on_m(axis, abs(row[2] - about_nm), held[guard_s]), guard_s, left_m))
         if moved > MOVED_M and not onset:
             onset.append(sign * (row[2] - about_nm))
+        if moved < -4.0 * MOVED_M and moved - before[0] < -3.0 * MOVED_M:  # 0.15 m/s out of nothing
+            raise DriveError(
+                f"the position jumped by {1e3 * (moved - before[0]) * sign:+.2f} mm within one period while the carriage crept: check the "
+                "encoder and its cable, then start again"
+            )
         if moved < -4.0 * MOVED_M:
             raise DriveError(_not_held(sign, row[2]) if about_nm else _backwards(sign, abs(row[2]), top))
         coasting = onset and moved * sign * (row[2] - about_nm) > SLIDING_SHARE * onset[0] * reach_m

@@ -58,8 +58,9 @@ class BeltWatch:
         coulomb, viscous = self.friction
         if force > BELT_BEYOND * self.limit_n + (coulomb + viscous * abs(row[4])) / self.ratio:
             raise SafetyStop(
-                f"the belt carries about {force:.0f} N, the limit of axis.yaml is {self.limit_n:.0f} N; the axis was stopped; if the loop "
-                "rings, look at its gains; else look at motor.inertia_kg_m2 and the pulley's radius in axis.yaml",
+                f"the belt carries about {force:.0f} N, the limit of axis.yaml is {self.limit_n:.0f} N; the axis was stopped; if the "
+                "carriage hit something, clear its way; if the encoder's position jumped, check its cable; if the loop rings, look at its "
+                "gains; else look at motor.inertia_kg_m2 and the pulley's radius in axis.yaml",
                 "belt force",
             )
 

@@ -14,6 +14,7 @@ from beltcomm.session.machine import Machine
 from beltcomm.session.next_plan import load_plan
 from beltcomm.session.options import Options, claim, settings_of
 from beltcomm.session.plan import Plan
+from beltcomm.session.sign import check_sign
 from beltcomm.talk import Silence, Talk
 
 
@@ -30,6 +31,7 @@ def follow_plan(drive: Drive, run: Path, file: Path, options: Options, agree: Ca
         if options.dry_run:
             return Result({"plan": plain(shown), "seconds": shown.seconds}, [*shown.lines(), "Nothing was moved (--dry-run)."])
         agree(shown, machine)
+        check_sign(machine)
         made = follow(machine, model, findings, wanted)
     text = [f"Recorded {', '.join(made)} in {folder.recordings_folder}.", f"Next: beltcomm diagnose {run}"]
     return Result({"run": str(run), "recordings": made, "reasons": dict(wanted.reasons)}, text)

@@ -22,6 +22,7 @@ from beltcomm.session.commission import measure_friction
 from beltcomm.session.machine import Machine, stroking
 from beltcomm.session.orders import DEFAULT, Stroke, Wanted
 from beltcomm.session.plan import MOVE_SECONDS, Plan, friction_plan, gentle_force_n
+from beltcomm.session.sign import sign_words
 from beltcomm.sidecar import Sidecar, load_sidecar
 from beltcomm.trajectory import Trajectory
 
@@ -95,8 +96,9 @@ def plan_of(axis: Axis, capabilities: Capabilities, model: Model, asked: Wanted)
         strokes, left_out = orders.strokes_for(orders.speeds_of("I", 1), room, course.gentle, axis)
         notes += friction_words.stroke_lines(strokes, left_out)
     return Plan(
-        f"The carriage of {axis.name or 'the axis'} will travel in closed loop at constant speeds, both ways, with a loop designed from "
-        "the run's model. Keep people and tools out of its travel; Ctrl-C stops it at any time, what was recorded until then is kept.",
+        f"The carriage of {axis.name or 'the axis'} will {sign_words(axis, capabilities.kinds)}travel in closed loop at constant speeds, "
+        "both ways, with a loop designed from the run's model. Keep people and tools out of its travel; Ctrl-C stops it at any time, what "
+        "was recorded until then is kept.",
         tuple(lines),
         notes=tuple(notes),
     )

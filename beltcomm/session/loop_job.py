@@ -17,6 +17,7 @@ from beltcomm.session.loop_ways import Shown
 from beltcomm.session.machine import Machine
 from beltcomm.session.options import Options, claim, settings_of
 from beltcomm.session.plan import Plan, with_homing
+from beltcomm.session.sign import check_sign
 from beltcomm.signalfile import write_columns
 from beltcomm.talk import Silence, Talk
 
@@ -48,6 +49,7 @@ def identify_in_loop(drive: Drive, axis: Axis, run: Path, options: Options, agre
             data = {"plan": plain(plan), "seconds": plan.seconds, "base_speed_m_s": job.speed_m_s, "amplitude": job.step.amplitude}
             return Result({**data, "bound_by": job.step.binds}, [*plan.lines(), "Nothing was moved (--dry-run)."])
         agree(plan, machine)
+        check_sign(machine)
         if job.settle > SLOW_S:
             findings.remarks.append(
                 f"this loop takes {job.settle:.2g} s and a period to settle at its speed: what is left of that moves the lines near the "

@@ -34,6 +34,7 @@ from beltcomm.session.heat import Thermal
 from beltcomm.session.machine import Machine
 from beltcomm.session.making import RESPONSE_S
 from beltcomm.session.plan import MOVE_SECONDS, Plan, gentle_force_n
+from beltcomm.session.sign import sign_words
 from beltcomm.simulate.loop import LoopDrive, LoopKind
 
 #: m/s: the thesis's own base speed (3.4); less where the travel is short.
@@ -176,7 +177,8 @@ def plan_of(machine: Machine, job: Job) -> Plan:
         what = f"travel at {1e3 * job.speed_m_s:.4g} mm/s, there and back, with an excitation of up to {signal}"
     loop = f"closed loop (K_P {job.cascade.kp_nm_s_rad:.3g} N m s/rad)"
     text = (
-        f"The carriage of {axis.name or 'the axis'} will {what}, in {loop}: {RISES} short records with rising amplitude and a long one, "
+        f"The carriage of {axis.name or 'the axis'} will {sign_words(axis)}{what}, in {loop}: "
+        f"{RISES} short records with rising amplitude and a long one, "
         f"bound by {job.step.binds}. {job.why[0].upper()}{job.why[1:]}. Keep people and tools out of its travel; Ctrl-C stops it at any "
         "time, and the drive gets its own gains back."
     )

@@ -30,6 +30,7 @@ from beltcomm.session.bounds import (
 from beltcomm.session.guard_times import guard_times_s
 from beltcomm.session.heat import HeatPlan, Thermal, heat_plan, path_rms_nm
 from beltcomm.session.programme import Extent
+from beltcomm.session.sign import sign_seconds, sign_words
 from beltcomm.session.strokes import fastest_stroke_m_s
 from beltcomm.session.verification import MOVE_M
 from beltcomm.stopping import Braking, first_deceleration, total_friction
@@ -173,10 +174,13 @@ def with_homing(plan: Plan, axis: Axis, capabilities: Capabilities) -> Plan:
 
 def friction_plan(axis: Axis, capabilities: Capabilities) -> Plan:
     """The sweep alone."""
+    kinds = capabilities.kinds
+    seconds = SWEEP_SECONDS + MOVE_SECONDS + sign_seconds(axis, kinds) + own_strokes.longest_sweep_s(axis, capabilities)
     return Plan(
-        f"The carriage of {axis.name or 'the axis'} will travel its whole length in closed loop at seven speeds, both ways, with a loop "
-        f"designed from the run's model. Ctrl-C stops it at any time.{own_strokes.unguarded_words(capabilities)}",
-        (_sweep(axis, capabilities, SWEEP_SECONDS + MOVE_SECONDS + own_strokes.longest_sweep_s(axis, capabilities)),),
+        f"The carriage of {axis.name or 'the axis'} will {sign_words(axis, kinds)}travel its whole length in closed loop at seven speeds, "
+        "both ways, with a loop designed from the run's model. Ctrl-C stops it at any "
+        f"time.{own_strokes.unguarded_words(capabilities)}",
+        (_sweep(axis, capabilities, seconds),),
     )
 
 
@@ -217,10 +221,10 @@ def verification_plan(axis: Axis, model: Model, path: Trajectory, braking: Braki
     asked = demand(path, model)
     travel = float(np.ptp(path.position_m))
     lowest, highest = braking.span_m(path.position_m, path.velocity_m_s, path.sample_period_s)
-    seconds = times * (path.duration_s + REST_SECONDS + MOVE_SECONDS)
+    seconds = times * (path.duration_s + REST_SECONDS + MOVE_SECONDS) + sign_seconds(axis)
     what = (
-        f"go to {path.position_m[0]:.3f} m and from there to {path.position_m[-1]:.3f} m in {path.duration_s:.2f} s with the new gains"
-        f"{f', {times} times' if times > 1 else ''}; "
+        f"{sign_words(axis)}go to {path.position_m[0]:.3f} m and from there to {path.position_m[-1]:.3f} m in {path.duration_s:.2f} s "
+        f"with the new gains{f', {times} times' if times > 1 else ''}; "
         f"a stop at its top speed takes {1e3 * braking.way_m(asked.speed_m_s):.0f} mm with {braking.deceleration_m_s2:.3g} m/s²"
     )
     held = held_before_nm(axis)

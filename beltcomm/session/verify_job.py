@@ -19,6 +19,7 @@ from beltcomm.session.options import Options, claim, settings_of
 from beltcomm.session.plan import Plan, verification_plan
 from beltcomm.session.proof import next_step, proof
 from beltcomm.session.proving import Sending, verify_move
+from beltcomm.session.sign import check_sign
 from beltcomm.session.store import verdict_to_dict
 from beltcomm.talk import Talk
 from beltcomm.trajectory import Trajectory
@@ -106,6 +107,7 @@ def verify_with(
         if planned is not None:
             return planned(plan, folder.axis)
         agree(plan, machine)
+        check_sign(machine)
         ways = [(rung.change(cascade), rung.sending) for rung in RUNGS] if rungs else [(cascade, sending)]
         for gains, how in ways:
             record = f"move_{1 + sum(n.startswith('move_') for n in folder.finished_names())}"

@@ -23,6 +23,7 @@ from beltcomm.session.options import Options, claim, settings_of
 from beltcomm.session.plan import Plan, verification_plan
 from beltcomm.session.proof import admit
 from beltcomm.session.proving import verify_move
+from beltcomm.session.sign import check_sign
 from beltcomm.session.store import cascade_from_dict
 from beltcomm.talk import Talk
 from beltcomm.trajectory import plan_trajectory
@@ -171,6 +172,7 @@ def _show(
             path = plan_trajectory(at, at + way, limits, drive.capabilities.sample_period_s)
             verification.refuse_broken(machine, model, path)
             agree(verification_plan(machine.axis, model, path, braking), machine)
+            check_sign(machine)
             record = f"applied_{1 + sum(n.startswith('applied_') for n in folder.finished_names())}"
             verdict, _ = verify_move(machine, model, cascade, delay_s, path, record)
         off, said = verdict.measured.dynamic_m, verdict.predicted.dynamic_m

@@ -20,6 +20,9 @@ from typing import Protocol
 
 import can
 
+from beltcomm.virtual.faults import BusFaults
+from beltcomm.virtual.line import Line
+
 TICKS_PER_SECOND = 1000
 TICK_S = 1.0 / TICKS_PER_SECOND
 
@@ -64,18 +67,33 @@ class VirtualClock:
     def __init__(self, bus: LockstepBus) -> None:
         self._bus = bus
         self._asked_for_s = 0.0
+        self._asked_tick = 0
 
     def now(self) -> float:
-        """Virtual time in s, a whole number of ticks (up to the rounding of the time last slept to)."""
-        return max(self._bus.tick / TICKS_PER_SECOND, self._asked_for_s)
+        """Virtual time in s, a whole number of ticks (up to the rounding of the time last slept to), as the host's clock shows it."""
+        tick, line = self._bus.tick, self._bus.line
+        now_s = tick / TICKS_PER_SECOND if line is None else tick / TICKS_PER_SECOND + line.ahead_s(tick)
+        return max(now_s, self._asked_for_s) if tick == self._asked_tick else now_s
 
     def sleep_until(self, t_s: float) -> None:
         """Run the nodes up to the first whole tick at or after ``t_s``."""
-        last = math.ceil(t_s * TICKS_PER_SECOND - _ROUNDING_TICKS)
-        while self._bus.tick < last:
-            self._bus.advance()
-        if self._bus.tick == last:
-            self._asked_for_s = t_s  # so that ``now() >= t_s`` holds when t_s is an ulp above its tick
+        bus, line = self._bus, self._bus.line
+        if line is not None:  # whose clock may jump while somebody sleeps
+            line.alive(bus.tick)
+            while bus.tick < self._last_tick(t_s - line.ahead_s(bus.tick)):
+                bus.advance()
+                line.alive(bus.tick)
+            last = self._last_tick(t_s - line.ahead_s(bus.tick))
+        else:
+            last = self._last_tick(t_s)
+            while bus.tick < last:
+                bus.advance()
+        if bus.tick == last:  # so that ``now() >= t_s`` holds when t_s is an ulp above its tick
+            self._asked_for_s, self._asked_tick = t_s, last
+
+    @staticmethod
+    def _last_tick(t_s: float) -> int:
+        return math.ceil(t_s * TICKS_PER_SECOND - _ROUNDING_TICKS)
 
 
 class LockstepBus(can.BusABC):
@@ -87,15 +105,17 @@ class LockstepBus(can.BusABC):
     wall_clock : paces the ticks in real time; None runs as fast as it can.  missed_cycles : ticks that the wall clock had
         already left when they were due; they are dropped from the schedule, not caught up in a burst.
     on_frame : called with every :data:`Frame` on the bus, e.g. ``list.append`` or a :class:`FrameHash`.
+    faults : what is wrong with the wire or the host; None is a good one.   line : the wire that carries them out.
     """
 
-    def __init__(self, wall_clock: WallClock | None = None) -> None:
+    def __init__(self, wall_clock: WallClock | None = None, faults: BusFaults | None = None) -> None:
         super().__init__(channel="virtual")
         self.channel_info = "beltcomm virtual bus"
         self.clock = VirtualClock(self)
         self.tick = 0
         self.missed_cycles = 0
         self.on_frame: Callable[[Frame], object] | None = None
+        self.line: Line[tuple[int, bytes, bool]] | None = None if faults is None else Line(faults, TICKS_PER_SECOND)
         self._nodes: list[Node] = []
         self._queue: deque[tuple[float, int, bytes]] = deque()
         self._wall_clock = wall_clock
@@ -119,13 +139,20 @@ class LockstepBus(can.BusABC):
             self._pace(self._wall_clock)
         for node in self._nodes:
             node.begin_tick(self.tick)
+        if self.line is not None:
+            for direction, cargo in self.line.due(self.tick):
+                self._to_nodes(*cargo) if direction == "to node" else self._to_host(*cargo)
 
     def transmit(self, sender: Node, identifier: int, data: bytes) -> None:
         """Put a node's frame on the bus: to the other nodes at once, to the host through its queue."""
         now_s = self.tick / TICKS_PER_SECOND
         if self.on_frame is not None:
             self.on_frame((now_s, identifier, data, "node"))
-        self._queue.append((now_s, identifier, data))
+        if self.line is None:
+            self._queue.append((now_s, identifier, data))
+        else:
+            for cargo in self.line.carry("to host", identifier, (identifier, data, False), self.tick):
+                self._to_host(*cargo)
         for node in self._nodes:
             if node is not sender:
                 node.receive(identifier, data, False)
@@ -133,8 +160,10 @@ class LockstepBus(can.BusABC):
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         """Deliver ``msg`` to every node; their answers are queued when this returns.
 
-        Raises can.CanOperationError after ``shutdown``.
+        Raises can.CanOperationError after ``shutdown`` and in bus-off.
         """
+        if self.line is not None:
+            self.line.interface(self.tick)
         if self._is_shutdown:
             raise can.CanOperationError("the virtual bus is shut down; open a new one")
         data = bytes(msg.data)
@@ -144,17 +173,22 @@ class LockstepBus(can.BusABC):
             self.on_frame((self.tick / TICKS_PER_SECOND, msg.arbitration_id, data, source))
         if msg.is_extended_id or msg.is_error_frame or msg.is_fd:
             return  # CANopen nodes listen to classic base frames only
-        for node in self._nodes:
-            node.receive(msg.arbitration_id, data, remote)
+        if self.line is None:
+            self._to_nodes(msg.arbitration_id, data, remote)
+        else:
+            for cargo in self.line.carry("to node", msg.arbitration_id, (msg.arbitration_id, data, remote), self.tick):
+                self._to_nodes(*cargo)
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
         """The next frame a node has sent; None when virtual time has run ``timeout`` seconds without one.
 
-        With ``timeout=None`` virtual time runs on until a frame comes, however long that is.
+        With ``timeout=None`` virtual time runs on until a frame comes, however long that is.   Raises can.CanOperationError in bus-off.
         """
         ticks_left = math.inf if timeout is None else math.ceil(timeout * TICKS_PER_SECOND - _ROUNDING_TICKS)
         queue = self._queue
         while True:
+            if self.line is not None:
+                self.line.interface(self.tick)
             while queue:
                 time_s, identifier, data = queue.popleft()
                 message = can.Message(time_s, identifier, False, data=data)
@@ -164,6 +198,14 @@ class LockstepBus(can.BusABC):
                 return None
             self.advance()
             ticks_left -= 1
+
+    def _to_nodes(self, identifier: int, data: bytes, remote: bool) -> None:
+        for node in self._nodes:
+            node.receive(identifier, data, remote)
+
+    def _to_host(self, identifier: int, data: bytes, _remote: bool) -> None:
+        ahead_s = 0.0 if self.line is None else self.line.ahead_s(self.tick, stamps=True)
+        self._queue.append((self.tick / TICKS_PER_SECOND + ahead_s, identifier, data))
 
     def _pace(self, wall: WallClock) -> None:
         due_s = self._wall_start_s + self.tick / TICKS_PER_SECOND

@@ -16,7 +16,7 @@ from beltcomm.virtual.motor import EMMS_AS_70, Motor
 from beltcomm.virtual.nmt import OPERATIONAL, PRE_OPERATIONAL, RESET_NODE, STOPPED, Nmt
 from beltcomm.virtual.pdo import PdoSet
 from beltcomm.virtual.profiles import PROFILES, with_gain_units
-from beltcomm.virtual.sdo import SdoServer
+from beltcomm.virtual.sdo import SdoServer, abort_of, begun_transfer
 from beltcomm.virtual.servo import Servo
 from beltcomm.virtual.stage import Encoder, PowerStage
 
@@ -108,6 +108,7 @@ class VirtualDrive:
         self._syncs = 0
         self._sync_owed = False
         self._sent_pdos = 0
+        self._transfers = 0
         entry = self._dictionary.entry
         entry(0x1005).check = self._check_sync_id
         entry(0x1010, 1).check = self._save
@@ -157,7 +158,7 @@ class VirtualDrive:
             self._on_sync()
         elif identifier == _SDO_REQUEST + self._node_id:
             if self._nmt.state in (PRE_OPERATIONAL, OPERATIONAL):
-                answer = self._sdo.answer(data)
+                answer = self._sdo_answer(data)
                 if answer is not None:
                     self._send(_SDO_ANSWER + self._node_id, answer)
         elif identifier == 0:
@@ -169,6 +170,10 @@ class VirtualDrive:
         """t_k: latch, supervise, then what is due by time."""
         silent_from_s = self.faults.silent_from_s
         self._silent = silent_from_s is not None and tick / TICKS_PER_SECOND >= silent_from_s
+        reset_at_s = self.faults.reset_at_s
+        if reset_at_s is not None and tick / TICKS_PER_SECOND >= reset_at_s:
+            self.faults.reset_at_s = None
+            self.reset_node()
         self._servo.latch(tick)
         self._nmt.tick(tick)
         if self._sync_owed:
@@ -179,6 +184,25 @@ class VirtualDrive:
     def finish_tick(self) -> None:
         """Loops of tick k with what is in force now, then the machine moves to t_k+1."""
         self._servo.run()
+
+    def _sdo_answer(self, data: bytes) -> bytes | None:
+        """The SDO server's answer, or what its faults make of it."""
+        faults = self.faults
+        if not (faults.sdo_abort or faults.sdo_silent or faults.misread):
+            return self._sdo.answer(data)
+        begins = begun_transfer(data)
+        if begins is None:
+            return self._sdo.answer(data)
+        self._transfers += 1
+        if self._transfers in faults.sdo_silent:
+            return None
+        if self._transfers in faults.sdo_abort:
+            return abort_of(*begins[:2], faults.sdo_abort[self._transfers])
+        answer = self._sdo.answer(data)
+        index, subindex, reads = begins
+        if not reads or answer is None or (index, subindex) not in faults.misread:
+            return answer
+        return answer[:4] + faults.misread[index, subindex].to_bytes(4, "little")
 
     def _on_sync(self) -> None:
         self._syncs += 1

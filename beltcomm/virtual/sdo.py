@@ -15,6 +15,19 @@ _SEGMENT = 7
 _LONGEST_DOWNLOAD = 64
 
 
+def begun_transfer(request: bytes) -> tuple[int, int, bool] | None:
+    """Index, subindex and whether it reads, of a request that begins a transfer; None for any other."""
+    if len(request) != 8 or request[0] >> 5 not in (_CCS_DOWNLOAD, _CCS_UPLOAD):
+        return None
+    index, subindex = struct.unpack_from("<HB", request, 1)
+    return index, subindex, request[0] >> 5 == _CCS_UPLOAD
+
+
+def abort_of(index: int, subindex: int, code: int) -> bytes:
+    """The frame that refuses a transfer."""
+    return struct.pack("<BHBI", _ABORT, index, subindex, code)
+
+
 class SdoServer:
     """Answers one client frame with one server frame."""
 
@@ -52,7 +65,7 @@ class SdoServer:
                 return None
             raise SdoAbort(SdoAbort.UNKNOWN_COMMAND)  # block transfers, and segments of no transfer
         except SdoAbort as abort:
-            answer = struct.pack("<BHBI", _ABORT, self._index, self._subindex, abort.code)
+            answer = abort_of(self._index, self._subindex, abort.code)
             self.reset()
             return answer
 

@@ -101,6 +101,7 @@ class Servo:
         self._mode = self._modes[1]
         self._stop = Stop(loops)
         self._switches = (False, False)
+        self._warm = False
         self._now_s = 0.0
         self._last_controlword = 0
         self._unsettled = True
@@ -134,6 +135,7 @@ class Servo:
     def restart(self) -> None:
         """Power-on, or the end of a node reset: stage off, everything from the objects."""
         self._stage.switch_off()
+        self._warm = False
         self._last_controlword = 0
         self._current_factor_written = False
         self.referenced = self._absolute
@@ -170,13 +172,15 @@ class Servo:
             angle = self._plant.position_rad
             self._switches = (angle <= self._end_switches_rad[0], angle >= self._end_switches_rad[1])
         faults = self._faults
+        if faults.end_switch_from_s is not None:
+            pressed = now_s >= faults.end_switch_from_s
+            lower, upper = self._switches if self._end_switches_rad is not None else (False, False)
+            self._switches = (lower or pressed, upper) if faults.end_switch == 0 else (lower, upper or pressed)
         low = _CONTROLLER_ENABLE if faults.enable_input_low else 0
         self._inputs.value = self._switches[0] | self._switches[1] << 1 | self._profile.enable_inputs & ~low
         if faults.stage_blocked:
             self.machine.control(_DISABLE_VOLTAGE)
-        if faults.emergency_at_s is not None and now_s >= faults.emergency_at_s:
-            faults.emergency_at_s = None
-            self.fault(faults.emergency_code, True)
+        self._suffer(now_s)
         if dictionary.stage_on:
             follows = self._mode_number in _WITH_POSITION_REFERENCE
             self._publish_demand(position, follows)
@@ -187,6 +191,21 @@ class Servo:
             self._unsettled = False
             self._lead(self._controlword.value)
         self._publish_status()
+
+    def _suffer(self, now_s: float) -> None:
+        """The drive's faults that come by themselves."""
+        faults = self._faults
+        if faults.emergency_at_s is not None and now_s >= faults.emergency_at_s:
+            faults.emergency_at_s = None
+            if faults.emergency_effect == "report":
+                self._errors.report(faults.emergency_code)
+            else:
+                self.fault(faults.emergency_code, faults.emergency_effect == "off")
+        if faults.warm_from_s is not None and now_s >= faults.warm_from_s:
+            self._warm = True
+            if now_s >= faults.warm_from_s + faults.warm_for_s:
+                faults.warm_from_s = None
+                self.fault(Code.MOTOR_TEMPERATURE, False)
 
     def run(self) -> None:
         """The loop of the tick, then the tick itself."""
@@ -305,6 +324,8 @@ class Servo:
             word |= _INTERNAL_LIMIT
         if loops.i2t_limited:
             word |= _WARNING | _INTERNAL_LIMIT
+        if self._warm:
+            word |= _WARNING
         if self.referenced:
             word |= _REFERENCED
         if self._profile.vendor_bits and self._dictionary.moving:

@@ -112,15 +112,17 @@ class PowerStage:
         old, new = self._acting_nm, self._on_the_way.popleft()
         self._acting_nm = new
         share = self._old_share
-        blocked = self._faults.stuck_from_s is not None and now_s >= self._faults.stuck_from_s
+        faults = self._faults
+        blocked = faults.stuck_from_s is not None and now_s >= faults.stuck_from_s
+        acts = faults.weak_share if faults.weak_from_s is not None and now_s >= faults.weak_from_s else 1.0
         if share == 0.0:
             if not blocked:
-                self._plant.step(new, TICK_S)
+                self._plant.step(acts * new, TICK_S)
             mean = new
         else:
             if not blocked:
-                self._plant.step(old, share * TICK_S)
-                self._plant.step(new, (1.0 - share) * TICK_S)
+                self._plant.step(acts * old, share * TICK_S)
+                self._plant.step(acts * new, (1.0 - share) * TICK_S)
             mean = share * old + (1.0 - share) * new
         self.mean_torque_nm = mean
         if self._noise_nm > 0.0:

@@ -12,7 +12,7 @@ from beltcomm_adapters.canopen import connect
 from beltcomm_adapters.exchange import map_pdo, silence
 from beltcomm_adapters.link import Link
 from beltcomm_adapters.profiles import load_profile
-from beltcomm_adapters.sdo import Objects
+from beltcomm_adapters.sdo import SdoObjects
 
 
 def test_bits_of_a_frame():
@@ -100,7 +100,7 @@ def test_a_strict_drive_lets_its_pdos_be_mapped_and_given_back():
         node.objects[0x1800 + number, 1] = ("<I", 0x40000381 + 0x100 * number)  # somebody's event-driven ones
     before = dict(node.objects)
     with StubBus(node) as bus:
-        objects = Objects(Link(bus, bus.clock, 1))
+        objects = SdoObjects(Link(bus, bus.clock, 1))
         with objects.lend() as lending:
             assert map_pdo(objects, lending, "receive", 0, ((0x6040, 0, 16), (0x6071, 0, 16))) == 0x201
             silence(objects, lending, "transmit", 2)

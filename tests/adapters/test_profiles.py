@@ -18,7 +18,7 @@ from beltcomm_adapters.link import Link
 from beltcomm_adapters.locks import ALWAYS
 from beltcomm_adapters.profiles import CONFIDENCES, UNSOURCED, choose_profile, load_profile
 from beltcomm_adapters.scaling import Scaling
-from beltcomm_adapters.sdo import Objects
+from beltcomm_adapters.sdo import SdoObjects
 
 NAMES = config_names("drives")
 #: Objects that the adapter's own code writes for the tests and the communication, by number in its sources.
@@ -28,8 +28,8 @@ WRITTEN = {int(number, 16) for number in re.findall(r"(?:lending\.set(?:_if_ther
 SHEET = [0x60F6, 0x6410, *range(0x2021, 0x2027), 0x604D, 0x6075, 0x6076]
 
 
-def locked_objects(name: str) -> Objects:
-    objects = Objects(Link(StubBus(StubNode()), StubBus().clock, 1))
+def locked_objects(name: str) -> SdoObjects:
+    objects = SdoObjects(Link(StubBus(StubNode()), StubBus().clock, 1))
     objects.locks.add(load_profile(name).never_write)
     return objects
 
@@ -74,20 +74,20 @@ def test_a_locked_object_is_refused_whoever_asks_and_no_frame_is_sent(name):
     parameters = Parameters(objects, load_profile(name), Scaling(1e-4, 1e-4, 1e-4, 1e-3, 65536, 1.0, 2.0))
     bus.sent.clear()
 
-    def write_object(objects: Objects, index: int, sub: int) -> None:
+    def write_object(objects: SdoObjects, index: int, sub: int) -> None:
         objects.write(index, sub, "uint16", 1)
 
-    def download(objects: Objects, index: int, sub: int) -> None:
+    def download(objects: SdoObjects, index: int, sub: int) -> None:
         objects._client.download(index, sub, b"\1\0")
 
-    def lend(objects: Objects, index: int, sub: int) -> None:
+    def lend(objects: SdoObjects, index: int, sub: int) -> None:
         bus.nodes[0].objects[index, sub] = ("<H", 7)
         objects.lend().set(index, sub, "uint16", 1)
 
-    def map_it(objects: Objects, index: int, sub: int) -> None:
+    def map_it(objects: SdoObjects, index: int, sub: int) -> None:
         objects.write(0x1600, 1, "uint32", index << 16 | sub << 8 | 16)
 
-    def write_beside(_objects: Objects, index: int, sub: int) -> None:
+    def write_beside(_objects: SdoObjects, index: int, sub: int) -> None:
         parameters.write_objects([ObjectValue(0x6072, 0, "uint16", 7), ObjectValue(index, sub, "uint16", 1)])
 
     ranges = [(lock.first, lock.last, lock.subindex) for lock in (*ALWAYS, *load_profile(name).never_write)]
@@ -147,7 +147,7 @@ def test_what_is_lent_is_backed_up_and_rolled_back_as_it_was_found():
     bus = StubBus(node)
     with connect(bus, bus.clock, 1, "cmmp-as", None, bus.shutdown) as drive:
         kept = {item.title: item.raw for item in drive.objects()}
-        assert (kept["6094h:1"], kept["6510h:10"], kept["60F9h:1"]) == (0x1000, 1, 256)
+        assert (kept["6094h:1"], kept["6510h:10h"], kept["60F9h:1"]) == (0x1000, 1, 256)
         assert node.get(0x6094, 1) == 1
         drive.write_objects([ObjectValue(0x6094, 1, "uint32", 0x800)])
         assert node.get(0x6094, 1) == 1  # lent until the end

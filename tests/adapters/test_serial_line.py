@@ -11,7 +11,7 @@ import struct
 import pytest
 
 from adapters.stub_line import StubClock, StubLine
-from beltcomm.errors import BeltcommError, BusError, DriveError, ObjectRefused
+from beltcomm.errors import BeltcommError, BusError, DriveError, ObjectLocked, ObjectRefused
 from beltcomm_adapters.serial_line import BITRATES, Abort, SerialLine, Text, Value, parse
 from beltcomm_adapters.serial_objects import SerialObjects
 
@@ -99,7 +99,7 @@ def test_a_refusal_has_its_code_and_is_believed_only_when_it_comes_twice(stub, o
 
 def test_texts_do_not_travel_and_motor_data_is_never_written(stub, objects):
     assert objects.read_text(0x1008) == ""
-    with pytest.raises(DriveError, match="never written"):
+    with pytest.raises(ObjectLocked, match="never written"):
         objects.write(0x6410, 3, "uint16", 1)
     assert stub.requests == []
 

@@ -71,6 +71,7 @@ class Options:
     hold: object = field(default=None, compare=False)
     simulate_first: bool = False
     wall_clock: object = field(default=None, compare=False)
+    drive: dict[str, Any] = field(default_factory=dict, compare=False)
 
 
 class StandIn(ModuleType):

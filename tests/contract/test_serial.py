@@ -268,7 +268,7 @@ def test_a_host_that_died_at_115200_is_found_again():
     from beltcomm_adapters.serial_drive import SerialDrive
 
     port.bitrate = 9600  # a new program opens the port as it always is
-    again = SerialDrive(port, clock, 115200, None, lambda: None)
+    again = SerialDrive(port, clock, 115200, "cmmp-as", lambda: None)
     assert again.backup() == machine.drive.backup()
     again.close()
     assert port._port.bitrate == 9600
@@ -354,7 +354,7 @@ def test_over_a_pseudo_terminal_with_pyserial():
         server = threading.Thread(target=served._terminal.serve, args=(lambda: not over.is_set(),))
         server.start()
         try:
-            with connect(served.reached_as.removeprefix("serial:"), 115200, None, False) as drive:
+            with connect(served.reached_as.removeprefix("serial:"), 115200, "cmmp-as", False) as drive:
                 assert isinstance(drive.version, str)
                 stored = _with_gains(drive, plant)
                 assert drive.backup() == stored
@@ -370,5 +370,6 @@ def test_over_a_pseudo_terminal_with_pyserial():
 
 
 def _with_gains(drive: Drive, plant: RigidPlant) -> dict[str, float]:
+    drive.calibrate({name: drive.capabilities.parameters[name].scale for name in drive.capabilities.uncalibrated})  # as the profile says
     kp = 100.0 * plant.inertia_kg_m2
     return {**drive.backup(), **drive.write({"kp_nm_s_rad": kp, "ki_nm_rad": 32.0 * kp, "kpp_1_s": 20.0})}

@@ -1,0 +1,23 @@
+"""``beltcomm bundle``: a run in one zip, for whoever helps."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from beltcomm.cli import options as shared
+from beltcomm.cli.frame import Frame, api
+from beltcomm.cli.traces import BUNDLE, private_words
+
+
+@click.command("bundle")
+@click.argument("run", type=click.Path(path_type=Path))
+@click.option("--out", type=click.Path(path_type=Path), metavar="FILE", help=f"The zip to write; RUN/{BUNDLE} when left out.")
+@click.option("--recordings", is_flag=True, help="With the rows of every record, which may be large.")
+@shared.output_options
+@click.pass_obj
+def command(frame: Frame, /, run: Path, out: Path | None, recordings: bool) -> int:
+    """Put a run into one zip for whoever helps: plan, journal, results, the bus's log and versions, but no paths and no user name."""
+    frame.run = run
+    return frame.show(api().bundle(run, out or run / BUNDLE, recordings=recordings, private=private_words()))

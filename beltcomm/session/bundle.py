@@ -1,0 +1,81 @@
+"""One zip with all that somebody who helps needs to know of a run, and nothing of whose machine it was made on."""
+
+from __future__ import annotations
+
+import platform
+import re
+import zipfile
+from collections.abc import Sequence
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+from beltcomm.errors import DataError, UsageError
+from beltcomm.result import Result
+
+#: What is in the zip beside the run folder's own files.
+VERSIONS = "versions.txt"
+PACKAGES = ("beltcomm", "numpy", "scipy", "numba", "python-can", "canopen", "pyserial", "PyYAML", "click", "ruckig")
+#: Files that a bundle has: text, which is scrubbed, and logs of the bus, which hold frames only.
+TEXTS = (".yaml", ".txt", ".log", ".csv", ".part", ".json")
+LOGS = (".gz",)
+#: Folders that are bulky: left out unless they are asked for.
+BULKY = ("recordings", "originals", "pictures")
+#: A path with at least two folders, but for devices, which say how the drive is connected.
+_PATH = re.compile(r"(?<![\w.:/])(?:/(?!dev/)[\w.+~-]+){2,}|\b[A-Za-z]:\\[^\s\"']+")
+
+_SEPARATOR = re.compile(r"[/\\]")
+
+
+def scrubbed(text: str, private: Sequence[str]) -> str:
+    """A text without the places of a machine: of each path only its last part stays, and no ``private`` word."""
+    text = _PATH.sub(lambda found: ".../" + _SEPARATOR.split(found[0].rstrip("/"))[-1], text)
+    for word in sorted(private, key=len, reverse=True):  # a user's name may be part of the machine's
+        if len(word) > 2:
+            text = re.sub(rf"(?<!\w){re.escape(word)}(?!\w)", "...", text)
+    return text
+
+
+def versions() -> str:
+    """Python, the kind of system, and the packages that matter, one per line."""
+    lines = [f"python {platform.python_version()}", f"system {platform.system()} {platform.release()} {platform.machine()}"]
+    for name in PACKAGES:
+        try:
+            lines.append(f"{name} {version(name)}")
+        except PackageNotFoundError:
+            lines.append(f"{name} is not installed")
+    return "\n".join(lines) + "\n"
+
+
+def write_bundle(run: Path, path: Path, *, recordings: bool = False, private: Sequence[str] = ()) -> list[str]:
+    """Write the zip and return the names in it.
+
+    recordings : with the rows of every record and foreign originals too; else their sidecars only.   private : words that are taken out.
+    Raises DataError when there is no such folder, UsageError when the zip cannot be written.
+    """
+    if not run.is_dir():
+        raise DataError(f"the run folder {run} does not exist; give the folder of a run")
+    chosen = [file for file in sorted(run.rglob("*")) if file.is_file() and _belongs(file.relative_to(run), recordings)]
+    try:
+        with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+            archive.writestr(VERSIONS, versions())
+            for file in chosen:
+                inside = file.relative_to(run).as_posix()
+                if file.suffix in LOGS:
+                    archive.writestr(inside, file.read_bytes())
+                else:
+                    archive.writestr(inside, scrubbed(file.read_text(encoding="utf-8", errors="replace"), private))
+            return archive.namelist()
+    except OSError as error:
+        raise UsageError(f"{path} cannot be written: {error.strerror or error}; make room or choose another place with --out") from error
+
+
+def bundle(run: Path, out: Path, *, recordings: bool = False, private: Sequence[str] = ()) -> Result:
+    """The command: a run in one zip; see :func:`write_bundle`."""
+    names = write_bundle(run, out, recordings=recordings, private=private)
+    return Result({"bundle": str(out), "files": names}, [f"{len(names)} files of {run} are in {out}, without paths and user names."])
+
+
+def _belongs(inside: Path, recordings: bool) -> bool:
+    if inside.suffix not in (*TEXTS, *LOGS) or inside.name.startswith("."):
+        return False
+    return recordings or inside.parts[0] not in BULKY or inside.suffix == ".yaml"

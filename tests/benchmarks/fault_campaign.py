@@ -1,0 +1,152 @@
+"""The fault campaign: seeded cases of faults in drive, bus, host and disk, in virtual time, each judged behind the bus.
+
+    python tests/benchmarks/fault_campaign.py                       (the table of 528 cases; less than 20 minutes on two cores)
+    python tests/benchmarks/fault_campaign.py --seed 17 [--seed N]  (these again, with all that was said)
+    python tests/benchmarks/fault_campaign.py --keep FOLDER         (keeps the healthy runs there, or takes them from there)
+
+A case is a command (identify, a commissioning that goes on, friction, verify, apply, move, rollback), a profile of the drive, a fault and
+its instant, drawn uniformly over the phases of a healthy run.  It is survived when the axis stands in the end (looked at behind the bus),
+the drive has its settings again or a backup brings them back, recordings can be read, exit code and sentence are right, and the carriage
+never left its travel by more than the predicted run-on (tests/campaign/judge.py).
+"""
+
+from __future__ import annotations
+
+import argparse
+import multiprocessing
+import os
+import pickle
+import resource
+import sys
+import tempfile
+import time
+import traceback
+from collections.abc import Sequence
+from pathlib import Path
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from campaign import sharing
+from campaign.cases import COMMANDS, KINDS, Case, Healthy, healthy_run, make_case
+from campaign.judge import Verdict, lay_out, run_case, words_of
+from campaign.rig import Rig
+
+CASES = 528
+PROFILES = ("reference", "cmmp-as")
+_prepared: dict[str, Path] = {}
+_healthy: dict[tuple[str, str], Healthy] = {}
+
+
+def prepare(profile: str, place: Path) -> None:
+    """A finished short commissioning of a profile, and a healthy run of each command on it."""
+    rig, run = Rig(profile), place / profile
+    outcome = rig.call("commission", "--drive", "virtual", "--run", run, "--yes", "--quick")
+    rig.close()
+    assert outcome.code in (0, 1), outcome.text
+    _prepared[profile] = run
+
+
+def healthy(command: str, profile: str) -> Healthy:
+    """Of a command on a profile, run once."""
+    if (command, profile) not in _healthy:
+        with tempfile.TemporaryDirectory(prefix="campaign-") as place:
+            run = Path(place) / "run"
+            lay_out(command, _prepared[profile], run)
+            rig = Rig(profile)
+            found, outcome = healthy_run(rig, words_of(command, run), run)
+            rig.close()
+        assert found.code in (0, 1, 3), outcome.text
+        print(f"healthy {command} on {profile}: exit code {found.code}, {found.machine_s:.1f} s, {found.transfers} transfers", flush=True)
+        _healthy[command, profile] = found
+    return _healthy[command, profile]
+
+
+def keep(place: Path) -> None:
+    """Healthy runs and what was computed for them, into a folder."""
+    sharing.save(place / "known.pickle")
+    (place / "healthy.pickle").write_bytes(pickle.dumps(_healthy))
+
+
+def recall(place: Path) -> None:
+    """What :func:`keep` has left there."""
+    place.mkdir(exist_ok=True)
+    _prepared.update({profile: place / profile for profile in PROFILES if (place / profile / "verdict.txt").is_file()})
+    if (place / "known.pickle").is_file():
+        sharing.load(place / "known.pickle")
+    if (place / "healthy.pickle").is_file():
+        _healthy.update(pickle.loads((place / "healthy.pickle").read_bytes()))
+
+
+def one(case: Case) -> Verdict:
+    """Run a case in a worker; what breaks the campaign itself is a failure too."""
+    try:
+        return run_case(case, _prepared.get(case.profile))
+    except BaseException:  # a worker that dies would be waited for in vain
+        return Verdict(case, None, "", ("the campaign itself broke",), None, None, traceback.format_exc())
+
+
+def told(verdict: Verdict, whole: bool) -> None:
+    """One line on a case, with what failed; the whole text when it is asked for."""
+    c = verdict.case
+    where = f"{c.command} on {c.profile}: {c.about} at {c.at_s:.3f} s"
+    print(f"seed {c.seed}: {c.kind}, {where} -> {verdict.code}: {verdict.sentence}", flush=True)
+    print("".join(f"    {failure}\n" for failure in verdict.failures), end="", flush=True)
+    if whole:
+        print(verdict.text, flush=True)
+
+
+def table(verdicts: Sequence[Verdict]) -> list[str]:
+    """Kinds against cases run and survived, worst stop of those that moved."""
+    lines = [f"{'fault':24} {'cases':>6} {'survived':>9} {'exit codes':26} {'longest way':>12} {'longest time':>13}"]
+    for kind in [*KINDS, "all"]:
+        of = [v for v in verdicts if kind in ("all", v.case.kind)]
+        codes = sorted({-1 if v.code is None else v.code for v in of})
+        counted = " ".join(f"{'dead' if c < 0 else c}:{sum((-1 if v.code is None else v.code) == c for v in of)}" for c in codes)
+        ways = [(v.stop_m, v.stop_s) for v in of if v.stop_m is not None and v.stop_s is not None]
+        way = f"{1e3 * max(m for m, _ in ways):9.1f} mm" if ways else f"{'-':>12}"
+        last = f"{1e3 * max(s for _, s in ways):10.0f} ms" if ways else f"{'-':>13}"
+        lines.append(f"{kind:24} {len(of):6} {sum(not v.failures for v in of):9} {counted:26} {way} {last}")
+    return lines
+
+
+def _cpu_s() -> float:
+    """Of this process and its workers."""
+    return sum(sum(resource.getrusage(who)[:2]) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+
+
+def main() -> int:
+    """All cases, or those asked for."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--seed", type=int, action="append", help="replay these cases")
+    parser.add_argument("--cases", type=int, default=CASES)
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--say", action="store_true", help="print every case's sentence")
+    parser.add_argument("--keep", type=Path, help="where healthy runs are kept for the next time; not across changes of the code")
+    given = parser.parse_args()
+    began = time.monotonic()
+    with tempfile.TemporaryDirectory(prefix="campaign-") as folder, sharing.shared():
+        place = given.keep or Path(folder)
+        recall(place)
+        for profile in PROFILES:
+            if profile not in _prepared:
+                prepare(profile, place)
+        keep(place)
+        cases = [make_case(seed, healthy) for seed in (given.seed or range(given.cases))]
+        keep(place)
+        print(f"prepared in {time.monotonic() - began:.0f} s", flush=True)
+        verdicts = []
+        # forked after all that is shared was computed; a worker's cache dies with it, so that it does not grow for ever
+        with multiprocessing.get_context("fork").Pool(given.workers, maxtasksperchild=60) as pool:
+            for verdict in pool.imap_unordered(one, cases):
+                verdicts.append(verdict)
+                if verdict.failures or given.seed or given.say:
+                    told(verdict, bool(given.seed))
+    print("\n".join(table(verdicts)))
+    failed = sum(bool(v.failures) for v in verdicts)
+    print(f"{len(verdicts)} cases, {failed} failed, {len(COMMANDS)} commands, {time.monotonic() - began:.0f} s, {_cpu_s():.0f} s CPU")
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
