@@ -37,7 +37,7 @@ def open_serial(address: str, options: Mapping[str, object], bitrate: int) -> Dr
     except BaseException:
         release()
         raise
-    drive.capabilities = replace(drive.capabilities, identity={**drive.capabilities.identity, "plant": plant})
+    drive.capabilities = replace(drive.capabilities, identity={**drive.capabilities.identity, "plant": plant, "hardware": "virtual"})
     return drive
 
 

@@ -190,6 +190,20 @@ def test_an_encoder_that_counts_the_wrong_way_round(make_bench: MakeBench, tmp_p
     assert bench.parameters() == bench.initial
 
 
+@pytest.mark.parametrize("command", [api.verify, api.friction])
+@pytest.mark.usefixtures("fitted")
+def test_the_sign_is_checked_before_any_loop_is_closed(
+    make_bench: MakeBench, copy_of_complete: Copy, command: Callable[..., object]
+) -> None:
+    """On the wrong sign a loop runs away, the quick stop's too: without the check this carriage ran 45 mm beyond its travel."""
+    bench = make_bench(faults=Faults(encoder_sign=-1), referenced=False)
+    with pytest.raises(DriveError, match=r"moves to \w+ under .* 607Eh|set the drive's polarity"):
+        command(bench.name, copy_of_complete(), options=replace(YES, position_m=0.25))
+    assert bench.stands_disabled()
+    assert abs(bench.plant.cart_position_m) < 5e-3
+    assert bench.parameters() == bench.initial
+
+
 def test_an_axis_that_does_not_move(make_bench: MakeBench, tmp_path: Path) -> None:
     bench = make_bench(faults=Faults(stuck_from_s=0.0))
     words = fails(Refused, bench, tmp_path / "run")

@@ -60,7 +60,7 @@ def test_a_fault_is_survived(make: MakeCase, complete: Complete, seed: int) -> N
     assert verdict.failures == (), f"{verdict.case}\n{verdict.text}"
 
 
-SHORT = ("move", "identify", "verify", "apply", "rollback")
+SHORT = ("move", "verify", "apply", "rollback")
 
 
 def test_an_instant_falls_into_every_phase(make: MakeCase) -> None:
