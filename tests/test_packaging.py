@@ -109,7 +109,7 @@ def test_the_installed_command_commissions_an_axis_within_its_times(site: Path, 
     result = json.loads(said)
     assert result["verdict"]["passed"]
     assert result["machine_seconds"] <= 75.0
-    assert used_s() - before < 60.0
+    assert used_s() - before < 120.0
     (folder,) = (tmp_path / "runs").iterdir()
     assert (tmp_path / result["run"]).samefile(folder)
     assert (folder / "designs" / "final.yaml").is_file()

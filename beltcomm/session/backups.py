@@ -116,7 +116,7 @@ def same_drive(backup: Backup, drive: Drive) -> None:
     apart = [
         f"{key} {backup.drive.get(key)} -> {here.get(key)}"
         for key in sorted({*backup.drive, *here})
-        if backup.drive.get(key) != here.get(key)
+        if backup.drive.get(key) and here.get(key) and backup.drive[key] != here[key]  # one of the two ports may not tell
     ]
     if backup.drive and apart:
         raise UsageError(f"{backup.path} is the backup of another drive ({'; '.join(apart)}); nothing is written")

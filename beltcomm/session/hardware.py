@@ -12,7 +12,7 @@ from typing import Any
 import platformdirs
 
 from beltcomm.configfiles import read_yaml, to_yaml, write_text
-from beltcomm.drive import Capabilities, simulated
+from beltcomm.drive import Capabilities
 from beltcomm.errors import UsageError
 
 #: What of an identity tells one drive from others.
@@ -47,7 +47,7 @@ class Hardware:
     @property
     def virtual(self) -> bool:
         """Whether it is a simulated drive, in this process or in another one."""
-        return self.identity.get("hardware", "").startswith(VIRTUAL) or simulated(self.name)
+        return self.identity.get("hardware", "").startswith(VIRTUAL)
 
     @property
     def forgetful(self) -> bool:

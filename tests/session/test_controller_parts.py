@@ -67,7 +67,7 @@ def test_a_controller_that_would_leave_the_travel_is_not_tried(make_bench: MakeB
     outcome = call("verify", *DRIVE, "--yes", "--run", run)
     assert outcome.exit_code == 1
     assert "the travel is -0.01..0.57 m; slow the move down or design other gains" in outcome.stderr
-    assert bench.plant.cart_position_m == 0.0
+    assert abs(bench.plant.cart_position_m) < 0.01  # the creep that shows which way the encoder counts, nothing else
     assert bench.parameters() == bench.initial
 
 

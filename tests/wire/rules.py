@@ -160,7 +160,8 @@ class Judge:
         if self._state in POWERED:
             guard_s = self._guard_time_s()
             silence_s = self._now_s - (self._now_s if self._life_s is None else self._life_s)
-            self.report.longest_silence_s = max(self.report.longest_silence_s, silence_s)
+            if not (self._proving or self._may_prove()):
+                self.report.longest_silence_s = max(self.report.longest_silence_s, silence_s)
             allowed_s = guard_s + (TOLERANCE_S if self._may_prove() else 0.0)
             if guard_s and silence_s > allowed_s + 1e-9 and not self._proving:
                 self._wrong(
@@ -184,7 +185,7 @@ class Judge:
 
     def _on_emergency(self, event: Event) -> None:
         silence_s = self._now_s - (self._life_s or 0.0)
-        if event.value == LIFE_GUARD and self._may_prove() and silence_s >= self._guard_time_s() - 1e-9:
+        if event.value == LIFE_GUARD and self._may_prove() and silence_s >= self._guard_time_s() - 2e-3:
             self._proven = self._proving = True
             self.report.counts["proof of guarding"] += 1
             return

@@ -26,6 +26,7 @@ def log_of(profile: str) -> list[Frame]:
     """A torque record, a motion in the position loop and gains written and put back, on the virtual bus."""
     seen: list[tuple[float, int, bytes, str]] = []
     with open_drive("virtual", {"profile": profile, "log": seen.append}) as drive:
+        drive.calibrate({name: drive.capabilities.parameters[name].scale for name in drive.capabilities.uncalibrated})
         period_s, n = drive.capabilities.sample_period_s, 150
         zero = np.zeros(n)
         torque = np.where(np.arange(n) // 10 % 2, 0.1, -0.1)
@@ -58,7 +59,9 @@ def test_nothing_is_wrong_with_our_own(profile, by_sync, request):
     report = judged(request.getfixturevalue(profile), by_sync=by_sync)
     assert report.findings == []
     enabling = ["switch on disabled", "ready", "switched on", "enabled", "quick stop"]
-    assert report.states == enabling + enabling + ["switch on disabled"]
+    proof = [*enabling[:4], "fault reaction", "fault"]  # of guarding, at standstill, before the first torque
+    assert report.states == proof + enabling + enabling + ["switch on disabled"]
+    assert report.counts["proof of guarding"] == 1
     assert report.counts["sync"] > 300
     assert report.counts["sent"] == 2 * report.counts["sync"]
     assert report.counts["received"] >= report.counts["sync"]

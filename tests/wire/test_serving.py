@@ -142,6 +142,7 @@ def host_of(request: pytest.FixtureRequest) -> CanopenDrive:
 def session(drive: CanopenDrive) -> list[tuple[float, ...]]:
     """Homing in 10 ms periods, three motions and a wait: rows that depend on every tick that has passed."""
     rows: list[tuple[float, ...]] = []
+    drive.calibrate({name: drive.capabilities.parameters[name].scale for name in drive.capabilities.uncalibrated})
     drive.home(LIMITS)
     drive.record(torque_motion(), LIMITS, rows.append)
     drive.clock.sleep_until(drive.clock.now() + 0.3)
@@ -167,7 +168,7 @@ def test_every_row_is_the_one_of_the_bus_in_one_process(rig, request, profile):
     report = Judge(by_sync=True, kept={(0x2100, 3), (0x60FB, 1)}).of(lockstep(rig.seen))
     assert report.findings == []
     assert report.longest_silence_s <= 0.025  # 15 ms, rounded up to the periods of 10 ms of homing
-    assert report.states.count("enabled") == 4
+    assert report.states.count("enabled") == 5  # homing, the proof of guarding, three motions
 
 
 def test_a_drive_of_the_wall_clock_is_not_taken_for_one(request):
