@@ -1,6 +1,8 @@
 """The fault campaign: seeded cases of faults in drive, bus, host and disk, in virtual time, each judged behind the bus.
 
     python tests/benchmarks/fault_campaign.py                       (the table of 528 cases; less than 20 minutes on two cores)
+    python tests/benchmarks/fault_campaign.py --accesses --cases 0  (every single SDO transfer of two commands, aborted and unanswered)
+    python tests/benchmarks/fault_campaign.py --kills 8 --cases 0   (processes killed by SIGKILL: what is left in their folders)
     python tests/benchmarks/fault_campaign.py --seed 17 [--seed N]  (these again, with all that was said)
     python tests/benchmarks/fault_campaign.py --keep FOLDER         (keeps the healthy runs there, or takes them from there)
 
@@ -28,8 +30,9 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from campaign import sharing
-from campaign.cases import COMMANDS, KINDS, Case, Healthy, healthy_run, make_case
+from campaign.cases import COMMANDS, FIRST_ACCESS, KINDS, Case, Healthy, access_cases, healthy_run, make_case
 from campaign.judge import Verdict, lay_out, run_case, words_of
+from campaign.killed import killed_folder
 from campaign.rig import Rig
 
 CASES = 528
@@ -78,6 +81,11 @@ def recall(place: Path) -> None:
         _healthy.update(pickle.loads((place / "healthy.pickle").read_bytes()))
 
 
+def made(seed: int) -> Case:
+    """The case of a seed, of either sequence."""
+    return make_case(seed, healthy) if seed < FIRST_ACCESS else access_cases(healthy)[seed - FIRST_ACCESS]
+
+
 def one(case: Case) -> Verdict:
     """Run a case in a worker; what breaks the campaign itself is a failure too."""
     try:
@@ -120,6 +128,8 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--seed", type=int, action="append", help="replay these cases")
     parser.add_argument("--cases", type=int, default=CASES)
+    parser.add_argument("--accesses", action="store_true", help="every single SDO transfer too")
+    parser.add_argument("--kills", type=int, default=0, help="processes to kill")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--say", action="store_true", help="print every case's sentence")
     parser.add_argument("--keep", type=Path, help="where healthy runs are kept for the next time; not across changes of the code")
@@ -132,7 +142,8 @@ def main() -> int:
             if profile not in _prepared:
                 prepare(profile, place)
         keep(place)
-        cases = [make_case(seed, healthy) for seed in (given.seed or range(given.cases))]
+        cases = [made(seed) for seed in (given.seed or range(given.cases))]
+        cases += access_cases(healthy) if given.accesses and not given.seed else []
         keep(place)
         print(f"prepared in {time.monotonic() - began:.0f} s", flush=True)
         verdicts = []
@@ -142,8 +153,12 @@ def main() -> int:
                 verdicts.append(verdict)
                 if verdict.failures or given.seed or given.say:
                     told(verdict, bool(given.seed))
+        kills = [killed_folder(seed, Path(folder)) for seed in range(given.kills)]
     print("\n".join(table(verdicts)))
-    failed = sum(bool(v.failures) for v in verdicts)
+    if kills:
+        sound = sum(not wrong for wrong in kills)
+        print(f"killed by SIGKILL: {len(kills)}, folders sound: {sound}", *(word for wrong in kills for word in wrong))
+    failed = sum(bool(v.failures) for v in verdicts) + sum(map(bool, kills))
     print(f"{len(verdicts)} cases, {failed} failed, {len(COMMANDS)} commands, {time.monotonic() - began:.0f} s, {_cpu_s():.0f} s CPU")
     return 1 if failed else 0
 

@@ -278,6 +278,27 @@ def make_case(
     return Case(seed, kind, profile, command, fault.about, at_s, fault.faults, fault.bus_faults, fault.disk, fault.dead, normal.code)
 
 
+#: Seeds of :func:`access_cases` begin here.
+FIRST_ACCESS = 1_000_000
+
+
+def access_cases(healthy: Callable[[str, str], Healthy]) -> list[Case]:
+    """Every single SDO transfer of a move and of writing gains, on both profiles: aborted once, and not answered three times."""
+    cases = []
+    for command in ("move", "apply"):
+        for profile in ("reference", "cmmp-as"):
+            normal = healthy(command, profile)
+            for number in range(1, normal.transfers + 1):
+                code = ABORTS[number % len(ABORTS)]
+                for kind, about, faults in (
+                    ("SDO abort", f"SDO transfer {number} aborted, {code:08X}h", {"sdo_abort": {number: code}}),
+                    ("SDO time-out", f"SDO transfers from {number} not answered", {"sdo_silent": frozenset(range(number, number + 3))}),
+                ):
+                    seed = FIRST_ACCESS + len(cases)
+                    cases.append(Case(seed, kind, profile, command, about, 0.0, faults, normal=normal.code))
+    return cases
+
+
 def standing_s(speed_m_s: Any, first: int, limit_m_s: float, for_ticks: int = 100) -> float:
     """s from a tick until the speed stays below a limit for so many ticks; inf when it does not."""
     slow = np.abs(np.asarray(speed_m_s)[first:]) < limit_m_s

@@ -2,11 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import signal
-import subprocess
-import sys
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -20,6 +15,7 @@ from beltcomm_adapters.sdo import Lending
 from campaign import sharing
 from campaign.cases import KINDS, Case, Healthy, healthy_run, make_case
 from campaign.judge import lay_out, run_case, words_of
+from campaign.killed import damages, killed_folder
 from campaign.rig import Rig
 from session.conftest import Complete
 
@@ -110,23 +106,10 @@ def test_the_judge_sees_an_axis_that_outlives_its_host(make: MakeCase, monkeypat
 
 
 def test_a_killed_process_leaves_records_that_can_be_read_and_gone_on_with(tmp_path: Path) -> None:
-    run = tmp_path / "run"
-    words = ["identify", "--drive", "virtual", "--yes", "--realtime", "--run", str(run)]
-    command = [sys.executable, "-c", "from beltcomm.cli.main import main; main()", *words]
-    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, cwd=tmp_path) as process:
-        give_up = time.monotonic() + 60.0
-        part = run / "recordings" / "amplitude_1.csv.part"
-        while not (part.exists() and part.stat().st_size > 2000):
-            assert process.poll() is None
-            assert time.monotonic() < give_up
-            time.sleep(0.02)
-        os.kill(process.pid, signal.SIGKILL)
-        process.wait(30.0)
-    folder = RunFolder.open(run)
-    assert folder.finished_names() == []
+    assert killed_folder(3, tmp_path) == []  # killed 1.0 s after its first record began
+    folder = RunFolder.open(tmp_path / "killed-3")
     assert folder.unfinished() == ["amplitude_1"]
-    assert "finished: false" in (run / "recordings" / "amplitude_1.yaml").read_text(encoding="utf-8")
-    lines = part.read_text(encoding="utf-8").splitlines()
-    assert all(len(line.split(",")) == len(lines[0].split(",")) for line in lines[:-1])
-    assert set(folder.load("results", "backup")) >= {"drive", "parameters", "objects"}
-    folder.occupy().close()  # the lock went with the process
+    (part,) = folder.recordings_folder.glob("*.part")
+    rows = part.read_text(encoding="utf-8").splitlines()
+    part.write_text("\n".join([rows[0], rows[1][:10], *rows[2:]]), encoding="utf-8")
+    assert damages(folder.path) == ["amplitude_1.csv.part is torn inside"]  # it would be seen
