@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import threading
 from collections.abc import Callable, Iterator
@@ -346,8 +347,22 @@ def test_a_speed_above_the_limit_is_refused_and_mode_1_must_be_there(opened):
 # -- a real port --------------------------------------------------------------------------------------------------------
 
 
+#: Tries of what runs at the wall clock.
+BUSY = 5
+
+
 def test_over_a_pseudo_terminal_with_pyserial():
-    """The same drive at the wall clock behind a real terminal: opened, read, moved, and back at 9600 bit/s."""
+    """The same drive at the wall clock behind a real terminal: opened, read, moved, and back at 9600 bit/s.
+
+    A computer that is busy may leave the drive's thread without time for longer than a moving axis may go unseen: then once more.
+    """
+    for _ in range(BUSY - 1):
+        with contextlib.suppress(BusError):
+            return over_a_pseudo_terminal()
+    return over_a_pseudo_terminal()
+
+
+def over_a_pseudo_terminal() -> None:
     plant = RigidPlant()
     with ServedSerial("", {"profile": "cmmp-as", "plant": plant, "referenced": False}) as served:
         over = threading.Event()
