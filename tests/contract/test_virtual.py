@@ -382,6 +382,8 @@ def test_shipped_plants_run_behind_the_drive(plant):
     ],
 )
 def test_wrong_names_and_options_are_refused(name, options, words, caplog):
+    gc.collect()  # what other tests left open
+    caplog.clear()
     with pytest.raises(UsageError, match=words):
         open_drive(name, options)
     gc.collect()  # the exception's frames held the bus, if one was left open
