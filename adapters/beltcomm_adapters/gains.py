@@ -11,6 +11,7 @@ from beltcomm.control import CascadeStructure
 from beltcomm.errors import BeltcommError, DriveError, ObjectRefused, Refused, UsageError
 from beltcomm.objects import GAIN, ObjectValue, ParameterObject, name_of, ordered, packed
 from beltcomm.parameters import LIMIT_NAMES
+from beltcomm_adapters.borrowed import LENT_TO_RECORDS, MODE
 from beltcomm_adapters.profiles import Profile
 from beltcomm_adapters.scaling import Scaling
 from beltcomm_adapters.sdo import Lending, Objects
@@ -83,12 +84,17 @@ class Parameters:
         return {name: self.table[name].value(raws[name], gain) for name in values}
 
     def objects(self) -> tuple[ObjectValue, ...]:
-        """What this drive had before the session, as far as it may be written for good: the parameters, and what is lent."""
+        """What this drive had before the session, as far as it may be written for good: the parameters, what is lent to the session,
+        and what single records borrow."""
         values = self.read(self.names)
-        own = [replace(self._value_of(name, self._read_raw(name)), value=values[name]) for name in self.names]
-        places = {item.place for item in own}
-        lent = [ObjectValue(*entry) for entry in self._session.lent()]
-        return (*own, *(item for item in lent if item.place not in places))
+        found = [replace(self._value_of(name, self._read_raw(name)), value=values[name]) for name in self.names]
+        found += [ObjectValue(*entry) for entry in self._session.lent()]
+        taken = {item.place for item in found}
+        places = [place for place in LENT_TO_RECORDS if place[:2] not in taken]
+        for place, raw in zip(places, self.read_objects(places), strict=True):
+            if raw is not None and (place != MODE or raw):
+                found.append(ObjectValue(*place, raw))
+        return tuple(found)
 
     def read_objects(self, places: Sequence[Place]) -> list[float | None]:
         """Raw values of objects, as the drive had them before the session; None where it has none or does not tell."""

@@ -37,7 +37,7 @@ class Supervised:
         self.clock: Clock = drive.clock
         self._yes, self._dry_run, self._hold = options.yes, options.dry_run, options.hold
         self._allowed = self._failed = self._noted = False
-        self._initial: dict[str, float] = {}
+        self._initial: tuple[ObjectValue, ...] = ()
         self._note = None if hardware.forgetful else unrestored.Note(hardware)
         self._heat = HeatStore(drive.capabilities.rated_torque_nm, drive.clock.now())
 
@@ -45,7 +45,7 @@ class Supervised:
         if self._note is not None:
             if self._settles:
                 unrestored.settle(self._drive, self._note, self._talk, yes=self._yes, dry_run=self._dry_run)
-            self._initial = self._drive.backup()
+            self._initial = self._drive.objects()
         return self
 
     def __exit__(self, *exc: object) -> None:
@@ -202,9 +202,9 @@ class Supervised:
             self._noted = True
 
     def _as_found(self) -> bool:
-        """Whether the drive has the parameters that it had at the beginning."""
+        """Whether the drive has the settings that it had at the beginning."""
         try:
-            return self._drive.backup() == self._initial
+            return [(item.place, item.raw) for item in self._drive.objects()] == [(item.place, item.raw) for item in self._initial]
         except BeltcommError:
             return False
 

@@ -1,28 +1,29 @@
 """A drive that a session has changed and not set back, because its process was killed or the cable was cut: noted and found again.
 
-Before the first parameter is written a note is put into the user's state folder: which run, which parameters.  It goes away when the drive
-is as it should be.  The note is locked as long as its session lives; the system gives the lock back whatever ends the process.
+Before the first setting is written a note is put into the user's state folder: which run, what stood in the drive.  It goes away when
+the drive is as it should be.  The note is locked as long as its session lives; the system gives the lock back whatever ends the process.
 """
 
 from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Mapping
+from collections.abc import Sequence
 from pathlib import Path
 from typing import IO, Any
 
 from beltcomm.configfiles import read_yaml, to_yaml
 from beltcomm.drive import Drive
 from beltcomm.errors import BeltcommError, UsageError
-from beltcomm.objects import object_values
+from beltcomm.objects import ObjectValue, object_from_dict
 from beltcomm.runfolder import RunFolder
 from beltcomm.session import gains
 from beltcomm.session.hardware import Hardware, state_folder
 from beltcomm.talk import Talk
 
-#: What is not in a backup because it is lent for single records only.
-LENT = "what was lent to a single record (mode, quick stop, end limits) comes back when the drive is switched off and on"
+
+#: What is in no backup: it is volatile in every drive.
+MAPPING = "which objects its PDOs carry comes back when the drive is switched off and on"
 
 
 class Note:
@@ -47,14 +48,14 @@ class Note:
         except UsageError:  # killed while it was written: before anything else was
             return {}
 
-    def put(self, run: Path | None, parameters: Mapping[str, float]) -> None:
+    def put(self, run: Path | None, objects: Sequence[ObjectValue]) -> None:
         """Write the note and keep it locked.   Raises UsageError when it cannot be kept: then nothing may be changed."""
         told = {
             "drive": self.hardware.name,
             "words": self.hardware.words,
             "run": str(run.resolve()) if run is not None else "",
             "process": os.getpid(),
-            "parameters": dict(parameters),
+            "objects": [item.to_dict() for item in objects],
         }
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
@@ -103,17 +104,15 @@ def settle(drive: Drive, note: Note, talk: Talk, *, yes: bool, dry_run: bool) ->
         return
     run = str(left.get("run") or "")
     which = f"the run {run}" if run else "an earlier command"
-    wanted = {str(n): float(v) for n, v in (left.get("parameters") or {}).items()}
-    offered = drive.capabilities.parameters
     # raw values: what they mean may not be known, what stood there is
-    owed = gains.differences(drive, object_values(offered, {name: value for name, value in wanted.items() if name in offered}))
+    owed = gains.differences(drive, [object_from_dict(entry) for entry in left.get("objects") or ()])
     if not owed.changes:
-        talk.say(f"{which[0].upper()}{which[1:]} ended without restoring this drive; its parameters are those from before all the same.")
+        talk.say(f"{which[0].upper()}{which[1:]} ended without restoring this drive; its settings are those from before all the same.")
         if not dry_run:
             note.remove()
         return
     talk.say(
-        "\n".join([f"{which[0].upper()}{which[1:]} ended without restoring this drive. Parameters, now -> before that run:", *owed.table()])
+        "\n".join([f"{which[0].upper()}{which[1:]} ended without restoring this drive. Settings, now -> before that run:", *owed.table()])
     )
     if dry_run:
         talk.say("They stay as they are (--dry-run).")
@@ -125,8 +124,8 @@ def settle(drive: Drive, note: Note, talk: Talk, *, yes: bool, dry_run: bool) ->
         note.remove()
         return
     drive.write_objects([one.wanted for one in owed.changes])
-    talk.say(f"{len(owed.changes)} parameters were rolled back and read back{' (--yes)' if yes else ''}; {LENT}.")
-    _journal(run, f"rolled back at a later connect: {len(owed.changes)} parameters, left by a session that was cut off")
+    talk.say(f"{len(owed.changes)} settings were rolled back and read back{' (--yes)' if yes else ''}; {MAPPING}.")
+    _journal(run, f"rolled back at a later connect: {len(owed.changes)} settings, left by a session that was cut off")
     note.remove()
 
 

@@ -135,6 +135,11 @@ class Bench:
         with self.open(self.name) as drive:
             return drive.backup()
 
+    def settings(self) -> dict[str, float]:
+        """What a backup would hold: raw values by object, read by a new connection."""
+        with self.open(self.name) as drive:
+            return {item.title: item.raw for item in drive.objects()}
+
     @property
     def now_s(self) -> float:
         return float(self._bus.clock.now()) if self._bus is not None else 0.0

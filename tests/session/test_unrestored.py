@@ -53,7 +53,7 @@ def test_a_killed_session_is_found_and_rolled_back(connect: Connect, tmp_path: P
     """SIGKILL in the second excitation, when new gains are in the drive: guarding stops the axis, the next command restores it."""
     bench = connect(HardwareBench())
     run = tmp_path / "run"
-    bench.parameters()  # switches the drive on
+    before = bench.settings()  # switches the drive on
     here, there = multiprocessing.Pipe()
 
     def job() -> None:
@@ -81,6 +81,8 @@ def test_a_killed_session_is_found_and_rolled_back(connect: Connect, tmp_path: P
     assert bench.state == "FAULT"
     assert bench.stands_disabled()
     assert bench.parameters()["kp_nm_s_rad"] != bench.initial["kp_nm_s_rad"]
+    left = bench.settings()
+    assert {name for name in before if left[name] != before[name]} >= {"6085h", "1016h:1"}  # borrowed by the record that was cut off
     (note,) = notes(state)
     assert str(run) in note.read_text(encoding="utf-8")
 
@@ -90,6 +92,8 @@ def test_a_killed_session_is_found_and_rolled_back(connect: Connect, tmp_path: P
     assert f"The run {run} ended without restoring this drive" in said
     assert "were rolled back and read back (--yes)" in said
     assert bench.parameters() == bench.initial  # limits that were lent to the record among them
+    after = bench.settings()
+    assert {name: after[name] for name in before} == before
     assert notes(state) == []
     assert "rolled back at a later connect" in (run / "journal.txt").read_text(encoding="utf-8")
 
@@ -135,7 +139,7 @@ def test_a_drive_switched_off_since_then_owes_nothing(connect: Connect, tmp_path
     bench.power_cycle()
     talk = Script()
     assert creep(YES, talk).exit_code == 0
-    assert any("its parameters are those from before all the same" in line for line in talk.said)
+    assert any("its settings are those from before all the same" in line for line in talk.said)
     assert notes(state) == []
 
 
