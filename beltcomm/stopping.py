@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.axis import Axis
-from beltcomm.control import Cascade, discrete_coefficients, new_state, reset_state, velocity_step
+from beltcomm.control import Cascade
 from beltcomm.model import Model
+from beltcomm.simulate.loop import LoopDrive, close_loop
 from beltcomm.simulate.plant import SimulatedPlant, substeps_needed
 
 Array = NDArray[np.float64]
@@ -195,32 +196,15 @@ def predict_stop(
     """
     ratio = model["transmission.ratio"]
     plant = SimulatedPlant(model, position_m, substeps_needed(model, position_m), speed_m_s=speed_m_s)
-    coefficients, state = discrete_coefficients(cascade, period_s, torque_limit_nm), new_state()
-    step, speed = 2.0 * math.pi / counts_per_rev, speed_m_s / ratio
-    reset_state(state, -speed * period_s, speed)
-    whole = math.floor(delay_s / period_s + 1e-9)
-    rest = max(delay_s - whole * period_s, 0.0)
-    waiting = [cascade.feedforward.offset_nm] * (whole + 1)  # the axis was held before
-    asked = round(SETTLE_S / period_s)
-    slope = math.copysign(deceleration_m_s2 / ratio * period_s, speed)
-    furthest, begun, force = 0.0, 0.0, 0.0
-    for k in range(asked + math.ceil(abs(speed / slope)) + round(REST_S / period_s)):
-        if k == asked:
-            begun = furthest = plant.cart_position_m
-        if k >= asked:
-            speed = speed - slope if abs(speed) > abs(slope) else 0.0
-        counted = math.floor(plant.position_rad / step + 0.5) * step
-        torque = velocity_step(coefficients, state, speed, 0.0, counted, 0.0)
-        before = waiting.pop(0)
-        waiting.append(torque)
-        if rest > 1e-9:
-            plant.step(before, rest)
-        if period_s - rest > 1e-9:
-            plant.step(waiting[0], period_s - rest)
-        if k >= asked:
-            force = max(force, abs(plant.belt_force_n))
-            furthest = max(furthest, plant.cart_position_m) if speed_m_s > 0.0 else min(furthest, plant.cart_position_m)
-    return Stop(abs(furthest - begun), force)
+    asked, speed = round(SETTLE_S / period_s), speed_m_s / ratio
+    steps = math.ceil(abs(speed) * ratio / (deceleration_m_s2 * period_s))
+    ramp = np.maximum(1.0 - np.arange(1, steps + round(REST_S / period_s) + 1) * deceleration_m_s2 * period_s / abs(speed_m_s), 0.0)
+    speeds = speed * np.append(np.ones(asked), ramp)
+    none = np.zeros(len(speeds))
+    loop = LoopDrive(period_s, delay_s, torque_limit_nm, counts_per_rev)
+    run = close_loop(plant, cascade, loop, "velocity", none, speeds, none, acceleration_rad_s2=none, speed_rad_s=speed)
+    ways = math.copysign(1.0, speed_m_s) * (run.cart_m[asked:] - run.cart_m[asked])
+    return Stop(float(ways.max()), float(run.belt_force_n[asked:].max()))
 
 
 def braked_by_loop(

@@ -9,11 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beltcomm.control import Cascade, CascadeStructure, cascade_step, discrete_coefficients, new_state, reset_state
+from beltcomm.control import Cascade, CascadeStructure
 from beltcomm.effects.tilt import GRAVITY_M_S2
 from beltcomm.errors import DataError
 from beltcomm.model import Model
 from beltcomm.recording import Recording
+from beltcomm.simulate.loop import LoopDrive, close_loop
 from beltcomm.simulate.plant import SimulatedPlant, substeps_needed
 from beltcomm.trajectory import Trajectory
 
@@ -125,47 +126,32 @@ def predict_move(
     extra_torque_nm : ndarray (n,), sent along with the reference and added to the drive's torque.   time_s : session's clock.
     The encoder counts as the drive sees them; the measurement noise of the torque signal does not enter the loop.
     """
-    ratio, structure, delay_s = model["transmission.ratio"], drive.structure, drive.delay_s
-    period_s = structure.period_s
-    reference = trajectory.position_m / ratio
-    velocity = trajectory.velocity_m_s / ratio
-    acceleration = np.diff(velocity, prepend=velocity[0]) / period_s
+    ratio, structure = model["transmission.ratio"], drive.structure
+    reference, n = trajectory.position_m / ratio, len(trajectory.position_m)
     start_m = float(trajectory.position_m[0])
     plant = plant or SimulatedPlant(model, start_m, substeps_needed(model, start_m), belt_stretch_m=belt_stretch_m)
     plant.time_s = time_s
-    coefficients = discrete_coefficients(cascade, period_s, drive.torque_limit_nm)
-    state = new_state()
-    start = float(reference[0])
-    reset_state(state, start)
-    step = 2.0 * math.pi / drive.counts_per_rev
-    whole = math.floor(delay_s / period_s + 1e-9)
-    rest = max(delay_s - whole * period_s, 0.0)
-    waiting = [cascade.feedforward.offset_nm] * (whole + 1)  # the axis was held before
-    n = len(reference)
-    motor, cart, torque = np.empty(n), np.empty(n), np.empty(n)
+    loop = LoopDrive(
+        structure.period_s,
+        drive.delay_s,
+        drive.torque_limit_nm,
+        drive.counts_per_rev,
+        structure.dead_zone_rad,
+        structure.output_limit_rad_s,
+    )
     added = np.zeros(n) if extra_torque_nm is None else extra_torque_nm
-    belt = fastest = 0.0
-    for k in range(n):
-        motor[k], cart[k] = plant.position_rad, plant.cart_position_m
-        counted = start + math.floor(plant.position_rad / step + 0.5) * step
-        seen = structure.position_error_seen(reference[k] - counted, cascade.kpp_1_s)
-        fastest = max(fastest, cascade.kpp_1_s * abs(seen))
-        torque[k] = cascade_step(coefficients, state, counted + seen, velocity[k], acceleration[k], counted, float(added[k]))
-        before = waiting.pop(0)
-        waiting.append(float(torque[k]))
-        if rest > 1e-9:
-            plant.step(before, rest)
-        if period_s - rest > 1e-9:
-            plant.step(waiting[0], period_s - rest)
-        belt = max(belt, abs(plant.belt_force_n))
-    at = trajectory.position_m[0]
+    run = close_loop(plant, cascade, loop, "position", reference, trajectory.velocity_m_s / ratio, added)
+    step = 2.0 * math.pi / drive.counts_per_rev
+    error = reference - (reference[0] + np.floor(run.position_rad / step + 0.5) * step)
+    fastest = cascade.kpp_1_s * max(float(np.abs(error).max()) - structure.dead_zone_rad, 0.0)
     saturated = []
-    if float(np.max(np.abs(torque))) >= drive.torque_limit_nm:
+    if float(np.max(np.abs(run.asked_nm))) >= drive.torque_limit_nm:
         saturated.append(f"the torque limit of {drive.torque_limit_nm:.3g} N m")
     if fastest >= structure.output_limit_rad_s * (1.0 - 1e-9):
         saturated.append(f"the bound of the position controller's output, {ratio * structure.output_limit_rad_s:.3g} m/s")
-    t_s = period_s * np.arange(n, dtype=np.float64)
-    return PredictedMove(t_s, at + ratio * motor, at + cart, torque, belt, tuple(saturated))
+    t_s = structure.period_s * np.arange(n, dtype=np.float64)
+    motor, cart = start_m + ratio * run.position_rad, start_m + run.cart_m
+    return PredictedMove(t_s, motor, cart, run.asked_nm, float(run.belt_force_n.max()), tuple(saturated))
 
 
 def predict_range(model: Model, predict: Callable[[Model, float], TrackingError]) -> tuple[TrackingError, TrackingError]:

@@ -21,7 +21,6 @@ from beltcomm.session import gains
 from beltcomm.session.hardware import Hardware, state_folder
 from beltcomm.talk import Talk
 
-
 #: What is in no backup: it is volatile in every drive.
 MAPPING = "which objects its PDOs carry comes back when the drive is switched off and on"
 

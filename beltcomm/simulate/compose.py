@@ -30,7 +30,7 @@ from beltcomm.simulate.fences import indented
 from beltcomm.simulate.writer import LOOK_AHEAD, MOVING_RAD_S, Writer
 
 #: Changes whenever the generated source changes shape, so that an old cache is never met.
-_VERSION = 15
+_VERSION = 16
 
 
 @dataclass(frozen=True)
@@ -41,6 +41,8 @@ class Kernel:
     advance(q, v, p, torque, t, h, n) -> belt force N: n sub-steps of h seconds with held motor torque, q and v in place.
     run(q, v, p, torque, t, sample, n, theta, omega, cart, belt): whole record, state at the start of each sample and the
         largest belt force in it.
+    follow(q, v, p, t, first, carriage, follows_position, coefficients, state, references, sensing, waiting, timing, out): a drive's loop
+        closed on the model, see :meth:`beltcomm.simulate.plant.SimulatedPlant.follow`.
     forces(q, v, p, t, out): smooth forces on all bodies.      levels(q, v, p, t, out): friction levels of all bodies.
     """
 
@@ -48,6 +50,7 @@ class Kernel:
     states: int
     advance: Callable[..., float]
     run: Callable[..., None]
+    follow: Callable[..., None]
     forces: Callable[..., None]
     levels: Callable[..., None]
 
@@ -62,7 +65,7 @@ def _kernel(base_bodies: tuple[str, ...], effects: tuple[str, ...]) -> Kernel:
     module = import_stable(kernel_source(base_bodies, effects))
     bodies = tuple(body.name for _, body in body_list(effects, base_bodies))
     states = len(bodies) + len(Writer(base_bodies, effects).onsets())
-    return Kernel(bodies, states, module.advance, module.run, module.forces, module.levels)
+    return Kernel(bodies, states, module.advance, module.run, module.follow, module.forces, module.levels)
 
 
 def kernel_source(base_bodies: tuple[str, ...], effects: tuple[str, ...]) -> str:
@@ -96,6 +99,26 @@ def kernel_source(base_bodies: tuple[str, ...], effects: tuple[str, ...]) -> str
         *indented(["for _ in range(n):", *indented([*substep, "peak = max(peak, abs(strand))"], 1), "belt[k] = peak"], 2),
         *indented(store, 1),
     ]  # fmt: skip
+    follow = [
+        "@compiled",
+        "def follow(q, v, p, t, first, carriage, follows_position, coefficients, state, references, sensing, waiting, timing, out):",
+        "    for k in range(references.shape[1]):",
+        *indented([
+            "out[0, k], out[1, k], out[2, k] = q[0] - first, v[0], q[carriage]",
+            "position, velocity, acceleration, added = references[:, k]",
+            "asked = setpoint(follows_position, coefficients, state, position, velocity, acceleration, q[0] - first, added, sensing)",
+            "before = waiting[0]",
+            "waiting[:-1] = waiting[1:]",
+            "waiting[-1] = asked",
+            "peak = 0.0",
+            "if timing[0] > 0.0:",
+            "    peak = abs(advance(q, v, p, before, t, timing[1], int(timing[2])))",
+            "    t += timing[0]",
+            "peak = max(peak, abs(advance(q, v, p, waiting[0], t, timing[4], int(timing[5]))))",
+            "t += timing[3]",
+            "out[3, k], out[4, k], out[5, k] = asked, before, peak",
+        ], 2),
+    ]  # fmt: skip
     forces = [
         "@compiled",
         "def forces(q, v, p, t, out):",
@@ -107,7 +130,7 @@ def kernel_source(base_bodies: tuple[str, ...], effects: tuple[str, ...]) -> str
         *indented([*constants, *load, *[f"l{i} = 0.0" for i in everyone], *writer.forces("v"), *writer.levels("v", everyone)], 1),
         *indented([f"out[{i}] = l{i}" for i in everyone], 1),
     ]
-    return writer.assemble([advance, run, forces, levels])
+    return writer.assemble([advance, run, follow, forces, levels])
 
 
 @dataclass(frozen=True)

@@ -1,47 +1,123 @@
-"""A closed loop on a model: the drive's cascade along a reference, with a torque added to its own."""
+"""A closed loop on a plant: the drive's cascade along a reference, with a torque added to its own."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from beltcomm.control import Cascade, cascade_step, discrete_coefficients, new_state, reset_state, velocity_step
+from beltcomm.control import Cascade, discrete_coefficients, new_state, reset_state
 from beltcomm.model import Model
+from beltcomm.plant import Plant
+from beltcomm.simulate.loop_kernel import setpoint
 from beltcomm.simulate.plant import SimulatedPlant, substeps_needed
 
 Array = NDArray[np.float64]
 LoopKind = Literal["velocity", "position"]
+#: s: a part of a period shorter than this is none.
+_NO_TIME_S = 1e-9
 
 
 @dataclass(frozen=True)
 class LoopDrive:
     """What a drive adds to its controller.   period_s : of its loops.   delay_s : torque setpoint to acting torque.
 
-    torque_limit_nm : motor shaft.   counts_per_rev : of the encoder.
+    torque_limit_nm : motor shaft.   counts_per_rev : of the encoder.   dead_zone_rad : position error that does not count.
+    output_limit_rad_s : of the position controller.
     """
 
     period_s: float
     delay_s: float
     torque_limit_nm: float
     counts_per_rev: int
+    dead_zone_rad: float = 0.0
+    output_limit_rad_s: float = math.inf
 
 
 @dataclass(frozen=True)
 class LoopRun:
-    """What the model did, (n,), at the start of each loop period.   position_rad, velocity_rad_s : motor shaft, from where it began.
+    """What the plant did, (n,), at the start of each loop period.   position_rad, velocity_rad_s : motor shaft, from where it began.
 
-    cart_m : carriage on the axis.   torque_nm : acting, motor shaft.   belt_force_n : largest within the period.
+    cart_m : carriage, from where it began.   asked_nm, torque_nm : torque setpoint and acting torque, motor shaft.
+    belt_force_n : largest within the period.
     """
 
     position_rad: Array
     velocity_rad_s: Array
     cart_m: Array
+    asked_nm: Array
     torque_nm: Array
     belt_force_n: Array
+
+
+def close_loop(
+    plant: Plant,
+    cascade: Cascade,
+    drive: LoopDrive,
+    kind: LoopKind,
+    position_rad: Array,
+    velocity_rad_s: Array,
+    added_nm: Array,
+    *,
+    acceleration_rad_s2: Array | None = None,
+    speed_rad_s: float = 0.0,
+) -> LoopRun:
+    """The drive's own loop on a plant, one reference per loop period.
+
+    kind : which loop is closed; "velocity" leaves the position free.   position_rad, velocity_rad_s, added_nm : (n,), references at the
+    motor shaft and torque added to the controller's; the plant stands at the first position.   acceleration_rad_s2 : (n,), that the
+    feedforward knows of; when left out the reference's own.   speed_rad_s : at which the loop finds the motor.
+    """
+    coefficients, state = discrete_coefficients(cascade, drive.period_s, drive.torque_limit_nm), new_state()
+    start_rad = float(position_rad[0])
+    reset_state(state, start_rad - speed_rad_s * drive.period_s, speed_rad_s)
+    if acceleration_rad_s2 is None:
+        acceleration_rad_s2 = np.diff(velocity_rad_s, prepend=velocity_rad_s[0]) / drive.period_s
+    references = np.stack([position_rad, velocity_rad_s, acceleration_rad_s2, added_nm])
+    bound = drive.output_limit_rad_s / cascade.kpp_1_s if cascade.kpp_1_s > 0.0 else math.inf
+    sensing = np.array([start_rad, 2.0 * math.pi / drive.counts_per_rev, drive.dead_zone_rad, bound])
+    whole = math.floor(drive.delay_s / drive.period_s + _NO_TIME_S)
+    late_s = max(drive.delay_s - whole * drive.period_s, 0.0)
+    late_s = late_s if late_s > _NO_TIME_S else 0.0
+    waiting = np.full(whole + 1, cascade.feedforward.offset_nm)  # the axis was held before
+    if type(plant) is SimulatedPlant and plant.plain:  # one that is derived may step otherwise
+        out = plant.follow(kind == "position", coefficients, state, references, sensing, waiting, drive.period_s, late_s)
+    else:
+        out = _stepped(plant, kind == "position", coefficients, state, references, sensing, waiting, drive.period_s, late_s)
+    angle, speed, cart, asked, before, belt = out
+    acting = (late_s * before + (drive.period_s - late_s) * np.append(before[1:], waiting[0])) / drive.period_s
+    return LoopRun(angle, speed, cart, asked, acting, belt)
+
+
+def _stepped(
+    plant: Plant,
+    follows_position: bool,
+    coefficients: Array,
+    state: Array,
+    references: Array,
+    sensing: Array,
+    waiting: Array,
+    period_s: float,
+    late_s: float,
+) -> Array:
+    """As :meth:`SimulatedPlant.follow`, for any plant."""
+    out = np.empty((6, references.shape[1]))
+    for k, (position, velocity, acceleration, added) in enumerate(references.T.tolist()):
+        out[:3, k] = plant.position_rad, plant.velocity_rad_s, plant.cart_position_m
+        asked = setpoint(follows_position, coefficients, state, position, velocity, acceleration, plant.position_rad, added, sensing)
+        before = float(waiting[0])
+        waiting[:-1] = waiting[1:]
+        waiting[-1] = asked
+        peak = 0.0
+        if late_s > 0.0:
+            plant.step(before, late_s)
+            peak = abs(plant.belt_force_n)
+        plant.step(float(waiting[0]), period_s - late_s)
+        out[3:, k] = asked, before, max(peak, abs(plant.belt_force_n))
+    return out
 
 
 def simulate_loop(
@@ -54,36 +130,7 @@ def simulate_loop(
     reference_rad_s: Array,
     added_nm: Array,
 ) -> LoopRun:
-    """The drive's own loop on a model that begins at rest, one reference per loop period.
-
-    kind : which loop is closed; "velocity" leaves the position free.   start_m : carriage, m.   reference_rad : (n,), motor shaft, from
-    where it began.   reference_rad_s, added_nm : (n,), speed asked for and torque added to the controller's.
-    """
-    n = len(added_nm)
+    """As :func:`close_loop`, on a model that begins at rest with the carriage at ``start_m``; ``cart_m`` is where it stands on the axis."""
     plant = SimulatedPlant(model, start_m, substeps_needed(model, start_m))
-    coefficients, state = discrete_coefficients(cascade, drive.period_s, drive.torque_limit_nm), new_state()
-    reset_state(state, 0.0)
-    acceleration = np.diff(reference_rad_s, prepend=reference_rad_s[0]) / drive.period_s
-    step = 2.0 * math.pi / drive.counts_per_rev
-    whole = math.floor(drive.delay_s / drive.period_s + 1e-9)
-    late = max(drive.delay_s - whole * drive.period_s, 0.0)
-    late = late if late > 1e-9 else 0.0
-    waiting = [0.0] * (whole + 1)
-    position, speed, cart, acting, belt = np.empty((5, n))
-    for k in range(n):
-        position[k], speed[k], cart[k] = plant.position_rad, plant.velocity_rad_s, plant.cart_position_m
-        counted = math.floor(plant.position_rad / step + 0.5) * step
-        if kind == "velocity":
-            asked = velocity_step(coefficients, state, reference_rad_s[k], acceleration[k], counted, added_nm[k])
-        else:
-            asked = cascade_step(coefficients, state, reference_rad[k], reference_rad_s[k], acceleration[k], counted, added_nm[k])
-        before = waiting.pop(0)
-        waiting.append(float(asked))
-        force = 0.0
-        if late:
-            plant.step(before, late)
-            force = abs(plant.belt_force_n)
-        plant.step(waiting[0], drive.period_s - late)
-        belt[k] = max(force, abs(plant.belt_force_n))
-        acting[k] = (late * before + (drive.period_s - late) * waiting[0]) / drive.period_s
-    return LoopRun(position, speed, start_m + cart, acting, belt)
+    found = close_loop(plant, cascade, drive, kind, reference_rad, reference_rad_s, added_nm)
+    return replace(found, cart_m=start_m + found.cart_m)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from beltcomm.errors import Refused, UsageError
 from beltcomm.linear import describes, fastest_rate, operating_point
@@ -12,6 +13,8 @@ from beltcomm.model import Model
 from beltcomm.simulate.compose import kernel_for
 from beltcomm.simulate.forward import LARGEST_STEP, at_rest, check_step
 from beltcomm.simulate.imperfect import angle_sensor, is_late, late_torque, memory_s
+
+Array = NDArray[np.float64]
 
 #: N/m and 1: rubber buffers at both ends; 3 N m on the rig (250 N) press them by 1.3 mm.  They belong to this plant and not to
 #: the model: they only keep a virtual axis from leaving the travel its model describes, and nothing identifies them.
@@ -56,7 +59,7 @@ class SimulatedPlant:
         carriage = kernel.bodies.index("cart") if "cart" in kernel.bodies else 0
         name, body = model.bodies()[carriage]
         self._model, self._known_m = model, 0.0
-        self._advance = kernel.advance
+        self._kernel, self._advance = kernel, kernel.advance
         self._p = model.vector()
         state = at_rest(model, position_m)
         self._q, self._v = state.positions, state.speeds
@@ -118,10 +121,53 @@ class SimulatedPlant:
         if abs(self.cart_position_m - self._known_m) > _LOOK_EVERY_M:
             self._look()
 
+    @property
+    def plain(self) -> bool:
+        """Whether :meth:`follow` can run it: torque acts when it is set, the angle is shown as it is, and no buffers stand at its ends."""
+        return not self._late and self._measured(1.0) == 1.0 and math.isinf(self._high - self._low)
+
+    def follow(
+        self,
+        follows_position: bool,
+        coefficients: Array,
+        state: Array,
+        references: Array,
+        sensing: Array,
+        waiting: Array,
+        period_s: float,
+        late_s: float,
+    ) -> Array:
+        """A drive's loop closed on this plant, compiled; the same as stepping it, period by period.
+
+        references : (4, n), position, speed, acceleration at the motor shaft, torque added.   sensing : as in ``loop_kernel``.   waiting :
+        torques on their way, the next one first, N m.   late_s : how much of a period the torque before goes on acting.
+        Returns (6, n): at the start of each period motor angle, speed, carriage, m; then torque asked for, torque before, largest belt
+        force, N.
+        Raises Refused when the carriage leaves what the model describes.
+        """
+        first, rest_s = max(1, math.ceil(late_s * self._substeps_per_s - 1e-6)), period_s - late_s
+        then = max(1, math.ceil(rest_s * self._substeps_per_s - 1e-6))
+        timing = np.array([late_s, late_s / first, first, rest_s, rest_s / then, then])
+        out = np.empty((6, references.shape[1]))
+        q, v, i = self._q, self._v, self._carriage
+        self._kernel.follow(
+            q, v, self._p, self.time_s, self._start_rad, i, follows_position, coefficients, state, references, sensing, waiting, timing, out
+        )
+        out[2] = out[2] * self._lever - self._start_m
+        self.time_s += period_s * references.shape[1]
+        self.position_rad, self.velocity_rad_s = q.item(0) - self._start_rad, v.item(0)
+        self.cart_position_m = q.item(i) * self._lever - self._start_m
+        for reached in (float(out[2].min()), float(out[2].max()), self.cart_position_m):
+            self._look_at(reached)
+        return out
+
     def _look(self) -> None:
         """Raise Refused when the carriage stands where the model means nothing."""
         self._known_m = self.cart_position_m
-        reached = self._start_m + self.cart_position_m
+        self._look_at(self.cart_position_m)
+
+    def _look_at(self, from_start_m: float) -> None:
+        reached = self._start_m + from_start_m
         if not describes(self._model, reached):
             raise Refused(f"the carriage ran to {reached:g} m, where model {self._model.name!r} has no belt; give it end stops")
 

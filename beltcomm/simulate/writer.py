@@ -11,6 +11,7 @@ import inspect
 import sys
 from collections.abc import Callable
 
+from beltcomm import cascade_kernel
 from beltcomm.effects import (
     BELT_DAMPING,
     BELT_SPRING,
@@ -24,6 +25,7 @@ from beltcomm.effects import (
     is_plain_belt,
 )
 from beltcomm.model import BASE_BODIES, body_list, effect_parameters, expected_parameters
+from beltcomm.simulate import loop_kernel
 from beltcomm.simulate.fences import fenced, indented
 from beltcomm.simulate.observer import observe
 from beltcomm.simulate.stick import stick_or_slide
@@ -367,6 +369,7 @@ class Writer:
             "from numba import njit",
             "",
             "from beltcomm.compiled import compiled",
+            "from beltcomm.simulate.loop_kernel import setpoint",
             "from beltcomm.simulate.mean import weighted",
             "from beltcomm.simulate.observer import contact",
             *imports,
@@ -374,5 +377,6 @@ class Writer:
             *laws,
         ]
         modules = sorted({law.__module__ for law in self.laws.values()})
-        text = "".join(inspect.getsource(sys.modules[module]) for module in modules)
+        used = [*(sys.modules[module] for module in modules), loop_kernel, cascade_kernel]
+        text = "".join(inspect.getsource(module) for module in used)
         return "\n".join(head) + "\n\n\n" + body + "\n# " + hashlib.sha256(text.encode()).hexdigest() + "\n"
