@@ -105,10 +105,10 @@ def kernel_source(base_bodies: tuple[str, ...], effects: tuple[str, ...]) -> str
         "    for k in range(references.shape[1]):",
         *indented([
             "out[0, k], out[1, k], out[2, k] = q[0] - first, v[0], q[carriage]",
-            "position, velocity, acceleration, added = references[:, k]",
-            "asked = setpoint(follows_position, coefficients, state, position, velocity, acceleration, q[0] - first, added, sensing)",
+            "asked = setpoint(follows_position, coefficients, state, references, k, q[0] - first, sensing)",
             "before = waiting[0]",
-            "waiting[:-1] = waiting[1:]",
+            "for i in range(1, waiting.shape[0]):",
+            "    waiting[i - 1] = waiting[i]",
             "waiting[-1] = asked",
             "peak = 0.0",
             "if timing[0] > 0.0:",

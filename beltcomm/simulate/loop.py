@@ -105,9 +105,9 @@ def _stepped(
 ) -> Array:
     """As :meth:`SimulatedPlant.follow`, for any plant."""
     out = np.empty((6, references.shape[1]))
-    for k, (position, velocity, acceleration, added) in enumerate(references.T.tolist()):
+    for k in range(references.shape[1]):
         out[:3, k] = plant.position_rad, plant.velocity_rad_s, plant.cart_position_m
-        asked = setpoint(follows_position, coefficients, state, position, velocity, acceleration, plant.position_rad, added, sensing)
+        asked = setpoint(follows_position, coefficients, state, references, k, plant.position_rad, sensing)
         before = float(waiting[0])
         waiting[:-1] = waiting[1:]
         waiting[-1] = asked

@@ -18,22 +18,21 @@ def setpoint(
     follows_position: bool,
     coefficients: Array,
     state: Array,
-    reference_rad: float,
-    reference_rad_s: float,
-    reference_rad_s2: float,
+    references: Array,
+    k: int,
     motor_rad: float,
-    added_nm: float,
     sensing: Array,
 ) -> float:
-    """Torque setpoint of one period, N m, for a motor that stands at ``motor_rad``; moves ``state`` on.
+    """Torque setpoint of period ``k``, N m, for a motor that stands at ``motor_rad``; moves ``state`` on.
 
-    coefficients, state : as in :mod:`beltcomm.cascade_kernel`.   sensing : ndarray (4,): angle of the encoder's zero and of one count,
+    coefficients, state : as in :mod:`beltcomm.cascade_kernel`.   references : ndarray (4, n): position, speed, acceleration at the motor
+    shaft, torque added.   sensing : ndarray (4,): angle of the encoder's zero and of one count,
     dead zone and bound of the position error, rad.
     """
-    start, step, dead, bound = sensing
-    counted = start + math.floor(motor_rad / step + 0.5) * step
+    step = sensing[1]
+    counted = sensing[0] + math.floor(motor_rad / step + 0.5) * step
     if not follows_position:
-        return velocity_step(coefficients, state, reference_rad_s, reference_rad_s2, counted, added_nm)
-    error = reference_rad - counted
-    seen = math.copysign(min(max(0.0, abs(error) - dead), bound), error)
-    return cascade_step(coefficients, state, counted + seen, reference_rad_s, reference_rad_s2, counted, added_nm)
+        return velocity_step(coefficients, state, references[1, k], references[2, k], counted, references[3, k])
+    error = references[0, k] - counted
+    seen = math.copysign(min(max(0.0, abs(error) - sensing[2]), sensing[3]), error)
+    return cascade_step(coefficients, state, counted + seen, references[1, k], references[2, k], counted, references[3, k])
