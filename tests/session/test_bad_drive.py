@@ -13,7 +13,7 @@ import pytest
 from beltcomm import api
 from beltcomm.axis import Axis, load_axis
 from beltcomm.drive import open_drive
-from beltcomm.errors import BeltcommError, BusError, DataError, DriveError, DriveFault, Refused, SafetyStop, UsageError
+from beltcomm.errors import BeltcommError, BusError, DriveError, DriveFault, Refused, SafetyStop, UsageError
 from beltcomm.runfolder import RunFolder
 from beltcomm.virtual.faults import Faults
 from session.bench import Bench, Listener
@@ -60,15 +60,6 @@ def test_a_drive_that_refuses_the_torque_mode(make_bench: MakeBench, tmp_path: P
     bench = make_bench(faults=Faults(refused_modes=frozenset({10})))
     assert "mode of operation 10" in fails(DriveError, bench, tmp_path / "run")
     assert bench.plant.cart_position_m == 0.0
-    assert bench.parameters() == bench.initial
-
-
-@pytest.mark.usefixtures("fitted")
-def test_a_drive_that_refuses_the_position_mode_late_in_the_job(make_bench: MakeBench, copy_of_complete: Copy) -> None:
-    run, bench = copy_of_complete("sweep", "move_1"), make_bench(faults=Faults(refused_modes=frozenset({8})))
-    with pytest.raises(DriveError, match="mode of operation 8"):
-        api.commission(bench.name, AXIS, run, options=replace(YES, resume=True))
-    assert bench.stands_disabled()
     assert bench.parameters() == bench.initial
 
 
@@ -213,24 +204,6 @@ def test_an_axis_that_does_not_move(make_bench: MakeBench, tmp_path: Path) -> No
     assert bench.parameters() == bench.initial
 
 
-@pytest.mark.usefixtures("fitted")
-def test_an_axis_that_gets_stuck_during_the_excitation(make_bench: MakeBench, tmp_path: Path) -> None:
-    faults = Faults()
-    bench = make_bench(faults=faults)
-
-    def block(index: int) -> None:
-        if index == 3:
-            faults.stuck_from_s = bench.now_s
-
-    with pytest.raises(DataError, match="the axis did not move"):
-        api.identify(bench.name, AXIS, tmp_path / "run", options=YES, talk=Listener(at_phase=block))
-    faults.stuck_from_s = None
-    assert bench.stands_disabled()
-    assert bench.parameters() == bench.initial
-    # set free again: what cannot be used is recorded anew, and not kept for ever as finished
-    assert api.identify(bench.name, AXIS, tmp_path / "run", options=replace(YES, resume=True)).exit_code == 0
-
-
 def test_a_wrong_inertia_in_the_axis_file_ends_the_rise_in_the_first_step(make_bench: MakeBench, tmp_path: Path) -> None:
     """A hundred times too large: the first record leaves its prediction, is stopped there, and the reason is measured and named."""
     axis, talk = load_axis(AXIS), Listener()
@@ -354,17 +327,3 @@ def test_a_feed_force_that_cannot_overcome_friction(make_bench: MakeBench, tmp_p
     assert "feed_force_n" in words or "axis.yaml" in words
     assert abs(bench.plant.belt_force_n).max() < 2.0 * force_n + 0.1 / 0.01242
     assert bench.parameters() == bench.initial
-
-
-@pytest.mark.usefixtures("fitted")
-def test_the_limit_that_was_lowered_is_kept(make_bench: MakeBench, tmp_path: Path) -> None:
-    """A travel of 40 mm: what the excitation may do is bound by it, should the computer die, not by the belt."""
-    axis = load_axis(AXIS)
-    bench = make_bench()
-    narrow = replace(axis, travel=replace(axis.travel, min_m=0.23, max_m=0.27))
-    talk = Listener()
-    api.identify(bench.name, narrow, tmp_path / "run", options=YES, talk=talk)
-    places = bench.start_m + bench.plant.cart_m(0, len(bench.plant.torque_nm))
-    assert places.min() >= 0.23
-    assert places.max() <= 0.27
-    assert any("bound by travel" in line for line in talk.said)

@@ -53,9 +53,8 @@ def state_after(bench: Bench, run: Path) -> dict[str, bytes]:
         (2, "amplitude_1", "", 0.5),  # creeping
         (3, "amplitude_2", "amplitude_2", 5.0),
         (4, "frf_1", "frf_1", 5.0),
-        (6, "frf_2", "", 30.0),  # on the way to the place
         (6, "sweep", "sweep", 60.0),
-        (8, "move_1", "", 20.0),  # on the way to the start
+        (8, "move_1", "", 20.0),  # on the way to the start, with gains that are not the drive's own
         (8, "move_1", "move_1", 105.0),
     ],
 )
@@ -90,7 +89,7 @@ def test_ctrl_c_while_the_axis_moves(
     assert RunFolder.open(run).unfinished() == ([begun] if begun else [])
 
 
-@pytest.mark.parametrize(("phase", "name"), [(3, "amplitude_1"), (6, "frf_3"), (6, "reversals_1"), (8, "move_1")])
+@pytest.mark.parametrize(("phase", "name"), [(3, "amplitude_1"), (6, "frf_3"), (8, "move_1")])
 @pytest.mark.usefixtures("fitted")
 def test_ctrl_c_in_a_record_keeps_its_rows(
     make_bench: MakeBench, copy_of_complete: Copy, monkeypatch: pytest.MonkeyPatch, phase: int, name: str
@@ -113,7 +112,7 @@ def test_ctrl_c_in_a_record_keeps_its_rows(
     assert len(rows) - 1 == int(found[1]) == round(listener.fractions[-1] * int(found[2]))
 
 
-@pytest.mark.parametrize("phase", [1, 5, 7])
+@pytest.mark.parametrize("phase", [1, 7])
 @pytest.mark.usefixtures("fitted")
 def test_ctrl_c_in_a_phase_without_motion(
     make_bench: MakeBench, copy_of_complete: Copy, monkeypatch: pytest.MonkeyPatch, phase: int
@@ -147,7 +146,7 @@ def sends_object(frame: Frame) -> bool:
     return frame[1] == 0x601
 
 
-@pytest.mark.parametrize("moment", [sends_object, reads_state, writes_gain])
+@pytest.mark.parametrize("moment", [sends_object, writes_gain])
 @pytest.mark.usefixtures("fitted")
 def test_a_second_ctrl_c_does_not_keep_the_drive_from_being_restored(
     make_bench: MakeBench, copy_of_complete: Copy, monkeypatch: pytest.MonkeyPatch, moment: Callable[[Frame], bool]
