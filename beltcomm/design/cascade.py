@@ -67,19 +67,37 @@ def design_cascade(plants: Sequence[DesignPlant], structure: CascadeStructure, s
     Raises Infeasible (a Refused) with what binds and the nearest feasible request; UsageError without plants.
     """
     specification = specification or Specification()
-    if not plants:
-        raise UsageError("the design has no plant; state at least one position and payload")
-    search = sample_plants(plants, structure.period_s, _SEARCH_POINTS)
-    proof = sample_plants(plants, structure.period_s, PROOF_POINTS)
-    found = _best_cascade(search, proof, structure, specification)
+    search, proof = _sampled(plants, structure)
+    found = _designed(search, proof, structure, specification)
     if found is None:
         raise _infeasible(search, proof, structure, specification)
+    return found
+
+
+def feasible_cascade(plants: Sequence[DesignPlant], structure: CascadeStructure, specification: Specification) -> DesignResult | None:
+    """As :func:`design_cascade`; None, without looking for the reason, when nothing meets the specification."""
+    return _designed(*_sampled(plants, structure), structure, specification)
+
+
+def _sampled(plants: Sequence[DesignPlant], structure: CascadeStructure) -> tuple[SampledPlants, SampledPlants]:
+    """The plants for the search, and for the proof."""
+    if not plants:
+        raise UsageError("the design has no plant; state at least one position and payload")
+    return sample_plants(plants, structure.period_s, _SEARCH_POINTS), sample_plants(plants, structure.period_s, PROOF_POINTS)
+
+
+def _designed(
+    search: SampledPlants, proof: SampledPlants, structure: CascadeStructure, specification: Specification
+) -> DesignResult | None:
+    found = _best_cascade(search, proof, structure, specification)
+    if found is None:
+        return None
     cascade, achieved = found
     return DesignResult(
         cascade,
         structure,
         specification,
-        tuple(plants),
+        proof.plants,
         achieved,
         _binding(cascade, achieved, structure, specification),
         _remarks(cascade, search, proof, structure, specification),

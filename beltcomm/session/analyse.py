@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from beltcomm.control import Cascade, CascadeStructure, PrefilterKind
-from beltcomm.design.cascade import DesignResult, design_cascade
-from beltcomm.design.cautious import cautious_cascade
+from beltcomm.design.cascade import DesignResult, design_cascade, feasible_cascade
+from beltcomm.design.cautious import cautious_cascade, cautious_specification, uncertain_plants
 from beltcomm.design.design_plant import DesignPlant, with_friction_fractions
 from beltcomm.design.feedforward import FeedforwardKind, SentFeedforward, feedforward_from
 from beltcomm.design.specification import PRODUCT_SPECIFICATION, Infeasible, Specification
@@ -248,13 +248,16 @@ def first_loop(
     Raises Refused (Infeasible) when even a model known to 5 % leaves less than ``LEAST_PHASE_MARGIN_DEG``.
     """
     plant = design_plants(model, [position_m], [model["cart.mass"]], dead_time_s, apparent_damping_nm_s_rad)[-1]
-    for uncertainty in UNCERTAINTIES:
-        try:
-            return cautious_cascade(plant, structure, uncertainty)
-        except Infeasible as refusal:
-            nearest, last = refusal.nearest, refusal
-    if nearest is None or nearest.phase_margin_deg < LEAST_PHASE_MARGIN_DEG:
-        raise last
+    for uncertainty in UNCERTAINTIES[:-1]:
+        found = feasible_cascade(uncertain_plants(plant, uncertainty), structure, cautious_specification())
+        if found is not None:
+            return found
+    try:
+        return cautious_cascade(plant, structure, UNCERTAINTIES[-1])
+    except Infeasible as refusal:
+        nearest = refusal.nearest
+        if nearest is None or nearest.phase_margin_deg < LEAST_PHASE_MARGIN_DEG:
+            raise
     return cautious_cascade(plant, structure, UNCERTAINTIES[-1], nearest)
 
 
