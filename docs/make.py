@@ -94,7 +94,7 @@ def page(effect: Effect, experiment: str) -> str:
     lines = [f"# {effect.title[0].upper()}{effect.title[1:]} (`{effect.name}`)", ""]
     lines += [f"**What you see:** {effect.seen}.", ""]
     lines += [f"![{effect.title}: {experiment}](pictures/{effect.name}.svg)", ""]
-    lines += [f"Simulated on the shipped heavy rig without noise ({experiment}); grey without the effect, coloured with it.", ""]
+    lines += [f"Simulated ([how](../effects.md)): {experiment}; grey without the effect, coloured with it.", ""]
     lines += [
         "## On the machine",
         "",
