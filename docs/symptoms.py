@@ -171,10 +171,10 @@ def response_of(model: Model, place: float, amplitude_rad: float = 0.0) -> NDArr
     return np.asarray(found)
 
 
-def two_panels(curves: list[tuple[str, bool, bool, Array, NDArray[np.complex128]]]) -> tuple[Panel, Panel]:
-    """Magnitude and phase of responses."""
+def two_panels(curves: list[tuple[str, bool, bool, Array, NDArray[np.complex128]]], *, unwrap: bool = True) -> tuple[Panel, Panel]:
+    """Magnitude and phase of responses.   unwrap : the phase may run on below -180 degrees; not for estimates that scatter."""
     size = tuple(Line(n, f, 20.0 * np.log10(np.abs(h)), e, s) for n, e, s, f, h in curves)
-    phase = tuple(Line(n, f, np.degrees(np.unwrap(np.angle(h))), e, s) for n, e, s, f, h in curves)
+    phase = tuple(Line(n, f, np.degrees(np.unwrap(np.angle(h)) if unwrap else np.angle(h)), e, s) for n, e, s, f, h in curves)
     return Panel("frequency in Hz", "speed/torque in dB", size, True), Panel("frequency in Hz", "phase in degrees", phase, True)
 
 
@@ -221,7 +221,7 @@ def response_by_amplitude(base: Model, changed: Model, small: float, large: floa
             keep = log_spaced_lines(found.freq_hz, 70, 4.0, 200.0)
             h = found.h[keep] * 2j * np.pi * found.freq_hz[keep]
             curves.append((f"{WITH if effect else WITHOUT}, ±{amplitude:g} N m", effect, second, found.freq_hz[keep], h))
-    return Symptom("frequency response from a PRBS at two amplitudes of the torque", two_panels(curves))
+    return Symptom("frequency response from a PRBS at two amplitudes of the torque", two_panels(curves, unwrap=False))
 
 
 def reversals(base: Model, changed: Model, amplitude: float = 3e-4, seconds: float = 1.0) -> Symptom:
