@@ -15,19 +15,13 @@ from beltcomm.control import Cascade, CascadeStructure, cascade_step, discrete_c
 from beltcomm.drive import Adapter, Capabilities, Clock, Drive, ExchangeReport, Guarding, Limits, Motion, Row, Sink
 from beltcomm.errors import DriveError, DriveFault, Refused, SafetyStop, UsageError
 from beltcomm.objects import ObjectValue
+from beltcomm.parameters import cascade_to_parameters, parameters_to_cascade
 from beltcomm.plant import Plant
 
 PERIOD_S, COUNTS, STEP_NM, RATED_NM, PEAK_NM, TOP_RAD_S = 1e-3, 65536, 1e-3, 1.43, 3.1, 400.0
 DISABLED, ENABLED, FAULT = 1.0, 4.0, 8.0  # numbers of CiA 402: Switch On Disabled, Operation Enabled, Fault
-GAINS = ("kp_nm_s_rad", "ki_nm_rad", "kpp_1_s", "velocity_filter_s")
-FACTORY = {
-    "kp_nm_s_rad": 0.1,
-    "ki_nm_rad": 0.5,
-    "kpp_1_s": 10.0,
-    "velocity_filter_s": 1e-3,
-    "torque_limit_nm": 3.1,
-    "speed_limit_rad_s": 400.0,
-}
+#: Its gains under the names of beltcomm.parameters, and its two limits.  Translate here where your drive has other units.
+FACTORY = cascade_to_parameters(Cascade(0.1, 0.5, 10.0, 1e-3)) | {"torque_limit_nm": PEAK_NM, "speed_limit_rad_s": TOP_RAD_S}
 NO_VELOCITY = "this amplifier closes its speed loop only inside the position loop; use a motion of kind 'position'."
 
 
@@ -68,8 +62,7 @@ class Amplifier:
         applied = 0.0
         if self.state == ENABLED:
             if loop is not None:
-                kp, ki, kpp, lag = (self.stored[name] for name in GAINS)
-                numbers = discrete_coefficients(Cascade(kp, ki, kpp, lag), PERIOD_S, self.stored["torque_limit_nm"])
+                numbers = discrete_coefficients(parameters_to_cascade(self.stored), PERIOD_S, self.stored["torque_limit_nm"])
                 torque_nm = cascade_step(numbers, self._loop, *loop, self.position_rad(), torque_nm)
             applied = STEP_NM * round(float(np.clip(torque_nm, -self.stored["torque_limit_nm"], self.stored["torque_limit_nm"])) / STEP_NM)
         elif abs(self.machine.velocity_rad_s) > 1e-3:  # its brake chopper
@@ -109,7 +102,14 @@ class ExampleDrive:
             counts_per_rev=COUNTS,
             torque_step_nm=STEP_NM,
             torque_sampling="over",
-            structure=CascadeStructure("example", PERIOD_S, velocity_feedforward=True, torque_feedforward=True),
+            structure=CascadeStructure(
+                "example",
+                PERIOD_S,
+                prefilters=("none", "notch", "butterworth"),
+                velocity_feedforward=True,
+                torque_feedforward=True,
+                reference_filter=True,
+            ),
             rated_torque_nm=RATED_NM,
             peak_torque_nm=PEAK_NM,
             rated_current_a=2.2,
