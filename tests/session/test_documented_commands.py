@@ -133,8 +133,8 @@ def runnable() -> list[tuple[str, list[str]]]:
         for one in words:
             if (len(one) == 1 and verb in RUN - {"effects", "drives", "doctor"}) or (verb in PLANNED and "--drive" not in one):
                 continue  # a verb that a sentence names
-            found.append((command, [*one, "--dry-run"] if verb in PLANNED and "--dry-run" not in one else one))
-    return found
+            found.append((command, [*(w for w in one if w not in ("--yes", "--dry-run")), *(["--dry-run"] if verb in PLANNED else [])]))
+    return [one for k, one in enumerate(found) if one[1] not in [words for _, words in found[:k]]]
 
 
 def alternatives(command: str) -> list[str]:
