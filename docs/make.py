@@ -10,6 +10,7 @@ import json
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 import numpy as np
@@ -19,9 +20,9 @@ from matplotlib.figure import Figure
 sys.path.insert(0, str(Path(__file__).parent))
 from symptoms import SYMPTOMS, Panel, Symptom
 
-from beltcomm.effects import EFFECTS, Effect, Parameter
-from beltcomm.effects._effect import BELT_DAMPING, BELT_STIFFNESS
+from beltcomm.effects import BELT_DAMPING, BELT_SPRING, BELT_STIFFNESS, EFFECTS, Effect, Parameter
 from beltcomm.report.style import MEASURED, SEVERE, styled
+from beltcomm.simulate.writer import USUAL
 
 FOLDER = Path(__file__).parent / "effects"
 INDEX = Path(__file__).parent / "effects.md"
@@ -33,7 +34,9 @@ STYLE: Mapping[str, Any] = {
     "font.family": "DejaVu Sans",
     "path.simplify_threshold": 0.3,
 }
-#: Left of the equals sign in docstrings of laws: what a reader wants, without the words for programmers.
+#: Letters of a line of a page; of a line of a docstring that has no room for another word.
+WIDTH, FULL = 110, 100
+#: Sides of the gearbox in words.
 SIDES = {"motor": "motor shaft", "cart": "carriage", "belt": "belt line", "drive": "drive"}
 
 
@@ -64,8 +67,19 @@ def laws(effect: Effect) -> list[str]:
     """What its functions say of themselves, once each: equation, symbols, units, source."""
     functions: list[Callable[..., object]] = [effect.law] if effect.law else []
     functions += [element.law for element in effect.elements]
-    texts = [inspect.getdoc(function) or "" for function in functions]
-    return list(dict.fromkeys(texts))
+    texts = [(inspect.getdoc(function) or "").replace("``", "") for function in functions]
+    return [readable(text) for text in dict.fromkeys(texts)]
+
+
+def readable(text: str) -> str:
+    """A docstring at the width of a page: a line that was full goes on in the next one."""
+    whole: list[str] = []
+    for line, before in zip(text.splitlines(), ["", *text.splitlines()], strict=False):
+        if len(before) > FULL and line:
+            whole[-1] += " " + line
+        else:
+            whole.append(line)
+    return "\n".join(fill(line, WIDTH, break_on_hyphens=False, break_long_words=False) for line in whole)
 
 
 def used(name: str) -> str:
@@ -80,12 +94,26 @@ def row(parameter: Parameter, owner: str) -> str:
     return f"| `{owner}.{parameter.name}` | {parameter.meaning} | {parameter.unit} | {SIDES[parameter.side]} | {bounds} | {how} |"
 
 
-def commands(effect: Effect) -> list[str]:
-    """What to type."""
+def commands(effect: Effect) -> tuple[list[str], str]:
+    """What to type, and what is to be said of it."""
+    name = effect.name
     if effect.bound:
-        return ["beltcomm diagnose RUN", f"beltcomm effects {effect.name}"]
-    tried = ["beltcomm diagnose RUN", "beltcomm diagnose RUN --next"] if effect.trials else []
-    return [f"beltcomm effects {effect.name}", *tried, f"beltcomm add {effect.name} RUN", f"beltcomm remove {effect.name} RUN"]
+        return [f"beltcomm effects {name}", "beltcomm diagnose RUN"], "`diagnose` shows it as a bound and never adds it."
+    if name in USUAL:
+        return [f"beltcomm effects {name}", "beltcomm fit RUN"], "It belongs to the base model: every fit gives its value with an interval."
+    if effect.group == BELT_SPRING and effect.bodies:
+        return [
+            f"beltcomm effects {name}",
+            "beltcomm fit RUN --model three-mass",
+        ], "It takes the place of `belt_stiffness` in a fit of its own."
+    if effect.group == BELT_SPRING:
+        return [f"beltcomm effects {name}", "beltcomm fit RUN"], "The fit takes it in place of `belt_stiffness` where the places disagree."
+    brought = [e.name for e in EFFECTS if e.group != BELT_SPRING and effect.body in {body.name for body in e.bodies}]
+    words = [f"beltcomm effects {name}"]
+    words += ["beltcomm diagnose RUN", "beltcomm diagnose RUN --next"] if effect.trials else []
+    words += [f"beltcomm add {one} RUN" for one in (*brought, name)] + [f"beltcomm remove {name} RUN"]
+    said = "" if effect.trials else "`diagnose` does not put it on trial; `add` fits it."
+    return words, f"{said} It acts on a body that `{brought[0]}` brings." if brought else said
 
 
 def page(effect: Effect, experiment: str) -> str:
@@ -109,7 +137,8 @@ def page(effect: Effect, experiment: str) -> str:
     lines += [""] if effect.alike else []
     if not effect.twins and not effect.alike:
         lines += ["Nothing else in the catalogue.", ""]
-    lines += ["## Physics", "", inspect.getdoc(inspect.getmodule(effect.law or effect.elements[0].law)) or "", "", "```text"]
+    about = inspect.getdoc(inspect.getmodule(effect.law or effect.elements[0].law)) or ""
+    lines += ["## Physics", "", about.replace("``", "`"), "", "```text"]
     lines += ["\n\n".join(laws(effect)), "```", ""]
     lines += [f"Slot `{effect.slot}` ([what that means](../effects.md)), source {effect.source}."]
     lines += [f"It uses {', '.join(map(used, effect.uses))}."] if effect.uses else []
@@ -117,11 +146,8 @@ def page(effect: Effect, experiment: str) -> str:
     lines += [f"The same law for further orders: {', '.join(f'`{name}`' for name in family)}."] if family else []
     lines += ["", "| parameter | meaning | unit | side | bounds | in a fit |", "|---|---|---|---|---|---|"]
     lines += [row(body.inertia, body.name) for body in effect.bodies] + [row(p, effect.name) for p in effect.parameters]
-    lines += ["", "## Commands", "", "```sh", *commands(effect), "```", ""]
-    if not effect.trials:
-        lines += ["`diagnose` does not put it on trial: it belongs to the base model, or needs data that no search has; `add` does.", ""]
-    if effect.bound:
-        lines += ["`diagnose` shows it as a bound and never adds it.", ""]
+    typed, said = commands(effect)
+    lines += ["", "## Commands", "", "```sh", *typed, "```", "", *([said.strip(), ""] if said else [])]
     lines += ["*Made from the effect's declaration by docs/make.py; see [all effects](../effects.md).*", ""]
     return "\n".join(lines)
 
