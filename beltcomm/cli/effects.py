@@ -24,7 +24,12 @@ def command(frame: Frame, /, name: str | None) -> int:
                 "title": effect.title,
                 "slot": effect.slot,
                 "seen": effect.seen,
+                "causes": effect.causes,
                 "check": effect.check,
+                "remedy": effect.remedy,
+                "twins": list(effect.twins),
+                "separate": effect.separate,
+                "alike": dict(effect.alike),
                 "source": effect.source,
                 "parameters": [
                     {"name": p.name, "unit": p.unit, "side": p.side, "low": p.low, "high": p.high, "meaning": p.meaning}
@@ -43,7 +48,11 @@ def command(frame: Frame, /, name: str | None) -> int:
         [
             f"{effect.name}: {effect.title}",
             f"What you see: {effect.seen}",
+            f"Usual causes: {effect.causes}",
             f"What to check: {effect.check}",
+            f"Remedy: {effect.remedy}",
+            *([f"Looks alike in the records: {', '.join(effect.twins)}; to tell apart: {effect.separate}"] if effect.twins else []),
+            *(f"Looks like {other}: {how}" for other, how in effect.alike.items()),
             *(f"  {p.name}, {p.unit} ({p.side} side), {p.low:g} to {p.high:g}: {p.meaning}" for p in effect.parameters),
             f"Source: {effect.source}",
         ],

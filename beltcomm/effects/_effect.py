@@ -162,10 +162,11 @@ class Effect:
     body : the body a force or a friction level acts on.     elements, bodies : what an element or body effect brings.
     slope : linearisation; for ``force``: (position, speed, t, *p) -> (d force/d position, d force/d speed); for
     ``friction_level``: (speed, position, t, *p) -> d level/d speed.
-    group : effects of one group exclude each other.     seen, causes, check : for the technician.     source : origin of the law.
+    group : effects of one group exclude each other.     seen, causes, check, remedy : for the technician.     source : origin of the law.
     trials : how a diagnosis switches it on, from what is known of the axis; None: it is not put on trial (base effects and laws
     that need data of their own).    twins : effects that no motion of this axis can tell from it, or hardly.    separate : the
-    experiment that tells the twins apart.    causes : usual causes.    harmonic : a sine and a cosine of the motor angle times the
+    experiment that tells the twins apart.    alike : what else looks like it to a person, by name, each with the experiment that tells them
+    apart; no diagnosis uses these.    harmonic : a sine and a cosine of the motor angle times the
     first parameter, added to the load or to the gain of the torque (so that all orders can be searched in one pass).    rattles : the
     carriage is free at times, within a gap that is the first parameter, m: only the torque says where it is then.    bound : it only
     says how much any law of its kind could explain; a diagnosis never adds it.
@@ -191,6 +192,8 @@ class Effect:
     twins: tuple[str, ...] = ()
     separate: str = ""
     causes: str = ""
+    remedy: str = ""
+    alike: Mapping[str, str] = field(default_factory=dict)
     bound: bool = False
 
     def full_names(self) -> tuple[str, ...]:

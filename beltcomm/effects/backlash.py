@@ -41,5 +41,10 @@ EFFECT = Effect(
     seen="the belt looks softer at small amplitudes; a jump in position at reversals; rattling",
     causes="loose key, worn teeth, loose clamp",
     check="hold the motor and move the carriage by hand against a dial gauge",
+    remedy="tighten the key or clamping set of the pulley and the clamp at the carriage; replace belt and pulley with worn teeth together",
+    alike={
+        "belt_slack": "excite at two amplitudes: a gap makes the belt softer at the small one, a slack strand at the large one",
+        "presliding": "let the torque turn round slowly: in a gap the motor turns freely, elastic friction holds it like a spring",
+    },
     source="data sheet",
 )

@@ -31,6 +31,13 @@ EFFECT = Effect(
     elements=(Element((DRIVING_END, "cart"), force, slope),),
     trials=trials,
     seen="width of the resonance",
+    causes="losses in rubber and cords: every belt has them",
     check="nothing; every belt has it",
+    remedy="none needed",
+    alike={
+        "cart_friction": (
+            "excite while the carriage travels (identify --loop direct): friction no longer poses as damping, the belt's stays"
+        ),
+    },
     source="(2.25), (2.27)",
 )

@@ -52,6 +52,12 @@ EFFECT = Effect(
     ),
     group=BELT_SPRING,
     seen="a second resonance above the first one, the same at all amplitudes",
+    causes="inertia of the idler and the returning span",
     check="mass and bearing of the idler",
+    remedy="none needed; a lighter end pulley moves the second resonance up",
+    alike={
+        "end_pulley": "the same physics without lengths: only the lengths of the data sheet, or records at three places, prefer this one",
+        "coupling": "excite near both ends of the travel: the mode of the end pulley moves with the carriage, that of a coupling stays",
+    },
     source="(2.11)-(2.20)",
 )

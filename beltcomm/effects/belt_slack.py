@@ -71,5 +71,12 @@ EFFECT = Effect(
     seen="the belt looks softer at large amplitudes and in fast moves",
     causes="pretension too low",
     check="tension meter, or frequency of the plucked strand",
+    remedy="raise the pretension to the value of the belt's data sheet, at least half of the largest force in the belt",
+    alike={
+        "backlash": "excite at two amplitudes: a slack strand makes the belt softer at the large one, a gap at the small one",
+        "torque_saturation": (
+            "hold the motor and pull the carriage with a spring balance: the way over the force bends where a strand goes slack"
+        ),
+    },
     source="data sheet of the belt",
 )

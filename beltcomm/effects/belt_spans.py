@@ -43,6 +43,11 @@ EFFECT = Effect(
     elements=(Element((DRIVING_END, "cart"), force, slope),),
     group=BELT_SPRING,
     seen="antiresonance and resonance move with the carriage position",
+    causes="free belt lengths change with the place: every belt axis has it",
     check="belt path, position of the clamp",
+    remedy="none needed: the design must hold at both ends of the travel",
+    alike={
+        "stiffness_position": "the same law for a belt whose lengths are not known well; the data sheet of the axis decides",
+    },
     source="(2.26)",
 )

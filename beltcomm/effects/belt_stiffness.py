@@ -23,6 +23,11 @@ EFFECT = Effect(
     elements=(Element((DRIVING_END, "cart"), force, slope),),
     group=BELT_SPRING,
     seen="antiresonance and resonance in the frequency response",
+    causes="the belt itself, its clamp and its teeth: every belt axis has it",
     check="belt tension, clamp at the carriage; compare with the data sheet",
+    remedy="pretension by the belt's data sheet, tighten the clamp; a wider or stiffer belt moves the resonance up",
+    alike={
+        "coupling": "excite near both ends of the travel: the stiffness of a belt changes with the place, that of a coupling does not",
+    },
     source="(2.25)",
 )

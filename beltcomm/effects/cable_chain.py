@@ -37,5 +37,10 @@ EFFECT = Effect(
     seen="torque changes in proportion to the place, the same in both directions",
     causes="bent cable chain, hose, energy chain that stands up",
     check="unhook the chain and repeat the slow strokes",
+    remedy="let the chain roll freely: larger bending radius, longer hose, guide trough; what stays is sent along",
+    alike={
+        "tilt": "slow strokes over the whole travel: a tilt pulls the same everywhere, a chain changes with the place",
+        "friction_position": "compare both directions: friction turns its sign with the motion, the pull of a chain does not",
+    },
     source="data sheet",
 )

@@ -48,6 +48,11 @@ def numbered(index: int) -> Effect:
         seen="slow strokes ripple with the motor angle, by the same torque at any load",
         causes="slots and poles of the motor",
         check="number of poles and slots in the motor's data sheet; compare with the order",
+        remedy="none at the motor; the ripple is sent along, a motor with skewed slots has less of it",
+        alike={
+            "torque_ripple": "repeat the slow strokes with a force on the carriage: torque ripple grows with the torque, cogging does not",
+            "encoder_eccentricity": "repeat at twice the speed: cogging stays as large, an error of the angle needs four times the torque",
+        },
         source="data sheet of the motor",
     )
 

@@ -37,5 +37,9 @@ EFFECT = Effect(
     seen="more torque in one direction than in the other, at every speed",
     causes="axis not level, seal lip or skewed carriage, offset of the current sensor",
     check="spirit level; push the carriage both ways with a spring balance; torque reading with the stage off",
+    remedy="level the axis, set the carriage and its seals straight, let the drive calibrate its current sensors",
+    alike={
+        "cable_chain": "slow strokes over the whole travel: the pull of a chain changes with the place, an offset does not",
+    },
     source="(2.22)",
 )

@@ -12,6 +12,24 @@ _TITLE = {
     "end_pulley": "Coulomb friction of the end pulley",
     "load": "Coulomb friction of the load behind the shaft",
 }
+_REMEDY = {
+    "motor": "replace dry or worn bearings and seals; what belongs to the motor is sent along",
+    "cart": "clean and grease the guide, replace its wipers, a carriage of lower preload",
+    "end_pulley": "replace the bearing of the end pulley",
+    "load": "replace dry or worn bearings and seals of the load",
+}
+_ELSEWHERE = (
+    "excite around the antiresonance at two amplitudes: friction of the carriage fills the notch at the small one, the motor's does not"
+)
+_ALIKE = {
+    "motor": {
+        "cart_friction": _ELSEWHERE,
+        "holding_brake": "slow strokes over several turns: friction of bearings is even, a brake rubs once per turn",
+    },
+    "cart": {"coulomb": _ELSEWHERE},
+    "end_pulley": {"cart_friction": "take the belt off and turn the end pulley by hand; no motion of the axis tells the two apart well"},
+    "load": {"coulomb": "open the coupling and turn motor and load by hand, one after the other"},
+}
 _CHECK = {
     "motor": "motor bearings, shaft seal, gearbox; turn the shaft by hand with the belt off",
     "cart": "guide, seals and grease of the carriage; push it by hand with the belt slack",
@@ -68,6 +86,8 @@ def on(body: str) -> Effect:
         body=body,
         seen="the torque steps when the direction changes; small torques do not move the axis",
         check=_CHECK[body],
+        remedy=_REMEDY[body],
+        alike=_ALIKE[body],
         trials=_TRIALS.get(body),
         causes="guide and its seals" if body == "cart" else "bearings, seals",
         source="(2.21), (2.23); measured by (3.36)",

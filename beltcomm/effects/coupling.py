@@ -33,6 +33,12 @@ EFFECT = Effect(
     ),
     elements=(Element(("motor", "driving_pulley"), torque, slope, angular=True),),
     seen="a stiff belt looks softer than its data sheet; another mode at some hundred hertz",
+    causes="elastomer or bellows of the coupling, a long shaft",
     check="clamping screws and elastomer of the coupling",
+    remedy="tighten the clamping screws, replace a worn elastomer, or take a stiffer coupling",
+    alike={
+        "belt_stiffness": "excite near both ends of the travel: what a coupling adds to the compliance is the same everywhere",
+        "end_pulley": "excite near both ends of the travel: the mode of a coupling stays where it is, that of the end pulley moves",
+    },
     source="thesis table A.3; data sheet",
 )

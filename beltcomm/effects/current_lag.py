@@ -54,5 +54,11 @@ EFFECT = Effect(
     seen="phase of the frequency response falls, and its magnitude with the square of frequency",
     causes="slow current loop, torque filter",
     check="gains of the current loop, torque filter of the drive",
+    remedy="raise the gains of the current loop by the maker's procedure, take the torque filter out",
+    alike={
+        "measurement_lag": (
+            "look at a step of the current at standstill with the drive's own scope: does the current lag, or only its report?"
+        ),
+    },
     source="data sheet of the drive",
 )

@@ -46,5 +46,11 @@ EFFECT = Effect(
     seen="phase of the frequency response falls in proportion to frequency, at all amplitudes",
     causes="bus cycle, time stamps, filters, an angle that is read late; a recording whose torque is a sample off",
     check="PDO mapping, synchronous mode, time stamps",
+    remedy="synchronous mode with setpoint and position on the same SYNC, shorter bus cycle, fewer filters",
+    alike={
+        "end_pulley": (
+            "excite up to 250 Hz at another place: the phase of a second resonance moves with the carriage, that of a dead time stays"
+        ),
+    },
     source="(3.27)",
 )

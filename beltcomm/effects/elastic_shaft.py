@@ -54,5 +54,9 @@ EFFECT = Effect(
     seen="antiresonance and resonance in the motor's response; above them the motor turns alone",
     causes="long shaft, coupling, screw between motor and load",
     check="clamping screws, coupling, bearings of the screw",
+    remedy="tighten the coupling; a shorter or thicker shaft, a stiffer coupling",
+    alike={
+        "payload_mode": "take the payload off: its mode goes, that of the shaft stays",
+    },
     source="(2.38) for a shaft instead of a belt; data sheet",
 )

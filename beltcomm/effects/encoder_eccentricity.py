@@ -51,6 +51,10 @@ def numbered(index: int) -> Effect:
         seen=f"torque {'twice' if oval else 'once'} per turn that grows with the square of speed",
         causes="encoder disc tilted on its shaft" if oval else "encoder disc off centre, coupling of the encoder",
         check="spin the motor without the belt; mounting of the encoder",
+        remedy="mount the disc or the encoder's coupling anew, or use the correction table of the drive",
+        alike={
+            "cogging": "repeat at twice the speed: an error of the angle needs four times the torque, cogging the same",
+        },
         source="data sheet of the encoder",
     )
 

@@ -70,5 +70,10 @@ EFFECT = Effect(
     seen="a second resonance above the first one, the same at all amplitudes",
     causes="inertia of the idler and the returning span",
     check="mass and bearing of the idler",
+    remedy="none needed; a lighter end pulley moves the second resonance up",
+    alike={
+        "coupling": "excite near both ends of the travel: the mode of the end pulley moves with the carriage, that of a coupling stays",
+        "payload_mode": "take the payload off: its mode goes, that of the end pulley stays",
+    },
     source="(2.11)-(2.20)",
 )

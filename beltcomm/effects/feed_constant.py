@@ -25,5 +25,9 @@ EFFECT = Effect(
     seen="a scale at the carriage and the motor angle drift apart in proportion to the way",
     causes="worn or wrong pulley, belt that creeps, a wrong data sheet",
     check="dial gauge or tape over the whole travel; number of teeth and pitch of the belt",
+    remedy="write the measured travel per turn into axis.yaml; replace a worn pulley",
+    alike={
+        "pulley_eccentricity": "measure over several turns: run-out comes back after each turn, a wrong feed constant adds up",
+    },
     source="(2.16); data sheet of the pulley",
 )

@@ -40,5 +40,9 @@ EFFECT = Effect(
     seen="around a reversal, before it and after it, the axis needs less torque than the friction of slow strokes says",
     causes="rolling elements and preload that give way before they slide, thin grease, friction that needs speed to build up",
     check="slow strokes at 1, 2, 5, 10, 20 mm/s both ways",
+    remedy="less preload or a thinner grease where slow moves matter; else it is sent along",
+    alike={
+        "stribeck": "slow strokes at 1 to 20 mm/s: with a dip the slowest need least torque, with Stribeck friction most",
+    },
     source="(2.21) with a term of its own; effects-and-diagnosis sheet, section 12",
 )

@@ -66,5 +66,6 @@ EFFECT = Effect(
     seen="how far any law of friction over speed and direction could lower the error",
     causes="none: it is a bound for the named laws of friction",
     check="which named law comes near it",
+    remedy="none: it names no cause; look for the named law that comes near it",
     source="(2.21) with a term of its own; effects-and-diagnosis sheet, section 12",
 )

@@ -49,5 +49,10 @@ EFFECT = Effect(
     seen="torque of slow strokes rises at one place, in both directions",
     causes="bent rail, dirt, tight carriage",
     check="rail around the place: wipe it, look at its straightness and at the joints",
+    remedy="clean, grease and straighten the rail there, set its joint even, replace a damaged carriage",
+    alike={
+        "cable_chain": "compare both directions: friction turns its sign with the motion, the pull of a chain does not",
+        "holding_brake": "look at the distance: a tight spot stands at one place, a brake rubs again after every turn of the motor",
+    },
     source="data sheet",
 )

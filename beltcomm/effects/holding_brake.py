@@ -47,5 +47,9 @@ EFFECT = Effect(
     seen="friction varies once per turn of the motor, with the direction of motion; the brake gets warm",
     causes="brake voltage too low, worn release spring, air gap out of adjustment, disc that runs out",
     check="voltage at the brake while released, air gap, temperature of the brake after ten minutes",
+    remedy="restore the brake's voltage, adjust its air gap, replace the spring or the brake",
+    alike={
+        "coulomb": "slow strokes over several turns: friction of bearings is even, a brake rubs once per turn",
+    },
     source="data sheet of the brake",
 )

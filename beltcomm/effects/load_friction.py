@@ -34,5 +34,9 @@ EFFECT = Effect(
     seen="accelerating needs more and braking less torque than the moving mass says",
     causes="gearbox or screw of low efficiency, bearings under load, tooth flanks",
     check="efficiency of the gearbox in its data sheet; bearings of the driving pulley",
+    remedy="grease or replace the bearings of the driving pulley, set the pretension right, a gearbox of better efficiency",
+    alike={
+        "coulomb": "brake and accelerate with two payloads: Coulomb friction stays, this one grows with the torque",
+    },
     source="data sheet of the gearbox",
 )

@@ -55,5 +55,6 @@ EFFECT = Effect(
     seen="ripples come late by a time, not by a way; fast changes of the torque are read too small",
     causes="report filter of the drive, a slow logger, a filter of the current sensor",
     check="filter constants of the reported current or torque; step of the current at standstill",
+    remedy="shorten or remove the report filter of the drive or logger",
     source="effects-and-diagnosis sheet, section 12; data sheet of the drive",
 )

@@ -45,5 +45,10 @@ EFFECT = Effect(
     seen="a second notch and peak in the frequency response; ringing after moves at low frequency",
     causes="soft gripper, mast, liquid",
     check="mounting screws; knock on the payload and listen",
+    remedy="stiffen the gripper or mast, tighten its screws, baffles in a tank; else move with less jerk",
+    alike={
+        "end_pulley": "take the payload off: its mode goes, that of the end pulley stays",
+        "coupling": "take the payload off: its mode goes, that of the coupling stays",
+    },
     source="(2.25) with one more mass",
 )

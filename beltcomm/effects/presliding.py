@@ -48,6 +48,11 @@ MOTOR = Effect(
     seen="after a reversal friction does not jump but grows over some tens of micrometres",
     causes="elastic seal lips, bearing preload",
     check="normally nothing; it limits the smallest moves",
+    remedy="none needed; seals with less grip where moves below that distance matter",
+    alike={
+        "backlash": "let the torque turn round slowly: elastic friction holds the motor like a spring, in a gap it turns freely",
+        "friction_dip": "strokes at constant low speed: presliding is over within its distance, a dip stays as long as the motion is slow",
+    },
     source="data sheet of seals",
 )
 CART = Effect(
@@ -64,6 +69,7 @@ CART = Effect(
     seen="small excitations find the carriage held by a spring and not stuck",
     causes="preloaded balls of the guide, wipers",
     check="normally nothing; preload class of the guide",
+    remedy="none needed; a lower preload class where the smallest moves matter",
     source="data sheet of the guide",
 )
 EFFECTS = (MOTOR, CART)

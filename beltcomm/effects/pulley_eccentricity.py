@@ -56,6 +56,11 @@ def numbered(index: int) -> Effect:
         seen=f"torque varies {'twice' if oval else 'once'} per turn, more with load and acceleration",
         causes="pulley out of round, clamped askew" if oval else "pulley run-out, bent shaft",
         check="dial gauge on the pulley",
+        remedy="true or replace the pulley, clamp it straight, straighten the shaft",
+        alike={
+            "cogging": "repeat with more acceleration: run-out grows with the load, cogging does not",
+            "holding_brake": "turn slowly forward and backward: drag turns its sign with the direction, run-out does not",
+        },
         source="data sheet of the pulley",
     )
 

@@ -32,5 +32,9 @@ EFFECT = Effect(
     seen="fast strokes need more torque than viscous friction says",
     causes="air drag, large covers, bellows, seals",
     check="take covers or bellows off and repeat the fast strokes",
+    remedy="vents or smaller covers, bellows with more room for the air; else a lower top speed",
+    alike={
+        "viscous": "strokes at four speeds up to the fastest: viscous friction is a straight line, drag bends upwards",
+    },
     source="data sheet",
 )

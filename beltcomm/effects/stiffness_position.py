@@ -111,5 +111,10 @@ EFFECT = Effect(
     seen="antiresonance and resonance move with the carriage position",
     causes="free belt lengths change with the place: every belt axis has it more or less",
     check="belt path, position of the clamp; nothing to repair",
+    remedy="nothing to repair: the design must hold at both ends of the travel",
+    alike={
+        "belt_slack": "excite at one place at two amplitudes: the place does not matter then, a slack strand does",
+        "backlash": "excite at one place at two amplitudes: a gap shows at the small one, the place at neither",
+    },
     source="(2.26)",
 )

@@ -38,5 +38,12 @@ EFFECT = Effect(
     seen="slow strokes need more torque than the friction of faster ones says; stick-slip at creeping speed",
     causes="boundary lubrication, new seals, carriage preload",
     check="grease, seals, preload of the carriage",
+    remedy="grease of the right viscosity, run in new seals, less preload of the carriage",
+    alike={
+        "friction_dip": "slow strokes at 1 to 20 mm/s: with Stribeck friction the slowest need most torque, with a dip least",
+        "presliding": (
+            "strokes at constant low speed: Stribeck friction stays as long as the motion is slow, presliding is over within its distance"
+        ),
+    },
     source="(2.21)",
 )

@@ -34,6 +34,12 @@ EFFECT = Effect(
     body="cart",
     uses=("cart.mass",),
     seen="more torque in one direction than in the other, at every speed; grows with the payload",
+    causes="axis mounted at an angle, or not level",
     check="spirit level; the same picture comes from a current offset or from skewed seals",
+    remedy="level the axis, or state mounting.tilt_deg in axis.yaml where it is meant to be tilted",
+    alike={
+        "constant_offset": "slow strokes with a second known payload: only a tilt grows with the mass",
+        "cable_chain": "slow strokes over the whole travel: a chain changes with the place, a tilt does not",
+    },
     source="(2.22)",
 )

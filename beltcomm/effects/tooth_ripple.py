@@ -34,5 +34,9 @@ EFFECT = Effect(
     seen="torque ripples with the pitch of the belt",
     causes="mesh of belt and pulley",
     check="belt tension, wear of the pulley, dirt in its grooves",
+    remedy="pretension by the data sheet, clean the grooves, replace worn belt and pulley; else it is sent along",
+    alike={
+        "pulley_eccentricity": "count the periods per turn: one is run-out, as many as the pulley has teeth is the mesh",
+    },
     source="data sheet of the belt",
 )

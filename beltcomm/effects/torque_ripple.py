@@ -36,5 +36,9 @@ EFFECT = Effect(
     seen="ripple with the motor angle that grows with torque",
     causes="gain of one current sensor, commutation angle",
     check="calibration of the current sensors, commutation offset",
+    remedy="let the drive calibrate its current sensors and find its commutation offset anew",
+    alike={
+        "cogging": "repeat the slow strokes with a force on the carriage: torque ripple grows with the torque, cogging does not",
+    },
     source="data sheet of the drive",
 )

@@ -28,5 +28,12 @@ EFFECT = Effect(
     seen="large torques accelerate less than small ones",
     causes="saturation of the iron, field weakening, hot magnets",
     check="torque constant against current at standstill, at rated and at peak current",
+    remedy="keep the torque below where it begins, let the motor cool, or take a larger one",
+    alike={
+        "load_friction": (
+            "drive and brake at the same torque: a lost torque works against the torque both times, friction against the motion"
+        ),
+        "belt_slack": "hold the motor and pull the carriage with a spring balance: only a slack strand bends the way over the force",
+    },
     source="data sheet of the motor",
 )

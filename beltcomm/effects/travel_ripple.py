@@ -52,5 +52,6 @@ EFFECT = Effect(
     seen="slow strokes ripple with the position, by the same force in both directions",
     causes="run-out of a screw, balls entering the nut, magnets of a linear motor, teeth",
     check="lead of the screw or pitch of the magnets against the period",
+    remedy="replace a bent screw or a worn nut; what repeats exactly is sent along",
     source="data sheet of the screw or motor",
 )

@@ -13,6 +13,16 @@ _TITLE = {
     "load": "viscous friction of the load behind the shaft",
 }
 
+_ALIKE = {
+    "motor": {
+        "quadratic_drag": "strokes at four speeds up to the fastest: viscous friction is a straight line, drag bends upwards",
+        "warmup": "repeat the fast strokes after ten minutes of running: what has gone was cold grease",
+    },
+    "cart": {"viscous": "take the belt off and turn the motor alone: what is left is the motor's"},
+    "end_pulley": {"viscous_cart": "take the belt off and turn the end pulley by hand; no motion of the axis tells the two apart well"},
+    "load": {"viscous": "open the coupling and turn the motor alone: what is left is the motor's"},
+}
+
 
 def force(position: float, speed: float, t: float, damping: float) -> float:
     """Force on the body:  force = -damping speed.
@@ -60,7 +70,10 @@ def on(body: str) -> Effect:
         body=body,
         trials=_TRIALS.get(body),
         seen="the torque of a constant-speed stroke grows with speed",
+        causes="grease, seals, bearings",
         check="grease, seals, bearing preload; repeat warm",
+        remedy="grease by the data sheet, less preload; what is usual for the axis is sent along",
+        alike=_ALIKE[body],
         source="(2.21), (2.23); measured by (3.36)",
     )
 

@@ -36,5 +36,9 @@ EFFECT = Effect(
     seen="torque of strokes grows faster with speed in one direction than in the other",
     causes="wear of a screw or gearbox on one flank, a seal lip, a guide under a skewed carriage",
     check="strokes at several speeds, forward against backward; flanks of the screw, skew of the carriage",
+    remedy="set the carriage and its seals straight, turn or replace a screw that is worn on one flank",
+    alike={
+        "constant_offset": "strokes at several speeds: an offset is the same at all of them, this one grows with speed",
+    },
     source="EMPS: Janot, Gautier, Brunot 2019, friction by direction; data sheet",
 )

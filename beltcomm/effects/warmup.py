@@ -38,5 +38,9 @@ EFFECT = Effect(
     seen="fast strokes at the end of the session need less torque than at its start",
     causes="cold grease",
     check="repeat after ten minutes of running",
+    remedy="run the axis warm before commissioning; a grease for lower temperatures",
+    alike={
+        "viscous": "repeat the fast strokes after ten minutes of running: what is still there is viscous friction",
+    },
     source="data sheet of the grease",
 )

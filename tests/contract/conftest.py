@@ -1,10 +1,13 @@
-"""Every contract test runs on both profiles of the virtual drive, on its bus and on its RS-232 port, and on the drive of ``--drive``."""
+"""Every contract test runs on both profiles of the virtual drive, on its bus and on its RS-232 port, on the adapter that
+docs/adapter-guide.md shows, and on the drive of ``--drive``."""
 
 from __future__ import annotations
 
+import importlib.util
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -46,7 +49,7 @@ class Machine:
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     if "machine" in metafunc.fixturenames:
-        names = ["virtual-reference", "virtual-cmmp-as", "serial:virtual-reference", "serial:virtual-cmmp-as"]
+        names = ["virtual-reference", "virtual-cmmp-as", "serial:virtual-reference", "serial:virtual-cmmp-as", "example"]
         if real := metafunc.config.getoption("--drive"):
             names.append(real)
         metafunc.parametrize("machine", names, indirect=True)
@@ -63,6 +66,20 @@ def open_virtual(profile: str, plant: RigidPlant | None = None, name: str = "vir
     return Machine(drive, Limits(here - 30.0, here + 30.0, 100.0, 1.5), plant)
 
 
+def _open_example() -> Machine:
+    """The drive of the adapter guide, found in the guide's own file: it belongs to no installed package."""
+    spec = importlib.util.spec_from_file_location("example_drive", Path(__file__).parents[2] / "docs" / "example_drive.py")
+    assert spec
+    assert spec.loader
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    plant = RigidPlant()
+    drive = module.ADAPTER.open("", {"plant": plant})
+    kp = 100.0 * plant.inertia_kg_m2
+    drive.write({"kp_nm_s_rad": kp, "ki_nm_rad": 32.0 * kp, "kpp_1_s": 20.0})
+    return Machine(drive, Limits(-30.0, 30.0, 100.0, 1.5), plant)
+
+
 def _open_real(config: pytest.Config, name: str) -> Machine:
     window = config.getoption("--drive-window-rad")
     speed, torque = config.getoption("--drive-speed-rad-s"), config.getoption("--drive-torque-nm")
@@ -76,6 +93,9 @@ def _open_real(config: pytest.Config, name: str) -> Machine:
 def machine(request: pytest.FixtureRequest) -> Iterator[Machine]:
     name: str = request.param
     drive, virtual, profile = name.partition("virtual-")
-    machine = open_virtual(profile, name=f"{drive}virtual") if virtual else _open_real(request.config, name)
+    if name == "example":
+        machine = _open_example()
+    else:
+        machine = open_virtual(profile, name=f"{drive}virtual") if virtual else _open_real(request.config, name)
     with machine.drive:
         yield machine
