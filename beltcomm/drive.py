@@ -280,7 +280,7 @@ class Drive(Protocol):
 
 
 class Service(Protocol):
-    """A simulated drive that other processes find on a CAN interface.   Use as a context manager."""
+    """A simulated drive that other processes find on an interface.   Use as a context manager."""
 
     #: What another process gives as ``--drive``, and in words what is served there.
     reached_as: str

@@ -113,6 +113,10 @@ def _examine(address: str, options: Mapping[str, object]) -> Iterator[Finding]:
 
 
 def _serve(address: str, on: str, options: Mapping[str, object]) -> Service:
+    if on == "rs232":
+        from beltcomm_adapters.virtual_serial import ServedSerial
+
+        return ServedSerial(address, options)
     from beltcomm_adapters.virtual_service import Served
 
     return Served(address, on, options)

@@ -16,13 +16,13 @@ from beltcomm.cli.frame import Frame, api, options_of
     required=True,
     metavar="INTERFACE",
     help="slcan: a pseudo-terminal that looks like a serial CAN adapter; socket:PORT: the same over TCP on this computer; can0, vcan0: "
-    "SocketCAN; any other interface that --drive knows.",
+    "SocketCAN; any other interface that --drive knows; rs232: the drive's RS-232 port on a pseudo-terminal, always at the wall clock.",
 )
 @shared.serving_options
 @shared.output_options
 @click.pass_obj
 def command(frame: Frame, /, drive: str, on: str, **given: Any) -> int:
-    """Let other processes reach the virtual drive over a CAN interface, until Ctrl-C.
+    """Let other processes reach the virtual drive over a CAN interface or RS-232, until Ctrl-C.
 
     Time is the drive's own: each SYNC is one of its periods, and it stands in between, however slow the computer is. With --realtime it
     runs at 1 kHz of the wall clock instead, as a real drive does.

@@ -9,9 +9,10 @@ from beltcomm.talk import Silence, Talk
 
 
 def serve(drive: str, on: str, *, options: Options | None = None, talk: Talk | None = None) -> Result:
-    """Serve the simulated ``drive`` on a CAN interface until KeyboardInterrupt; ``talk`` hears first where it is found.
+    """Serve the simulated ``drive`` on an interface until KeyboardInterrupt; ``talk`` hears first where it is found.
 
-    on : ``slcan`` (a pseudo-terminal), ``socket:PORT`` (TCP on this computer), ``can0`` and whatever else an adapter opens.
+    on : ``slcan`` (a pseudo-terminal), ``socket:PORT`` (TCP on this computer), ``can0`` and whatever else an adapter opens; ``rs232``
+    (the other port of the drive, on a pseudo-terminal).
     Raises UsageError for a drive that is not simulated or an interface that is none, BusError for one that cannot be used.
     """
     options, talk = options or Options(), talk or Silence()

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from beltcomm.drive import Drive, Limits, Motion, Row, able, open_drive
+from beltcomm.drive import Drive, Limits, Motion, Row, able, open_drive, serve_drive
 from beltcomm.errors import BeltcommError, BusError, DriveError, DriveFault, Refused, SafetyStop, UsageError
 from beltcomm.identify.friction import find_plateaus, fit_friction
 from beltcomm.virtual.faults import Faults
@@ -364,7 +364,8 @@ def test_over_a_pseudo_terminal_with_pyserial():
 
 def over_a_pseudo_terminal() -> None:
     plant = RigidPlant()
-    with ServedSerial("", {"profile": "cmmp-as", "plant": plant, "referenced": False}) as served:
+    with serve_drive("virtual", "rs232", {"profile": "cmmp-as", "plant": plant, "referenced": False}) as served:
+        assert isinstance(served, ServedSerial)
         over = threading.Event()
         server = threading.Thread(target=served._terminal.serve, args=(lambda: not over.is_set(),))
         server.start()
