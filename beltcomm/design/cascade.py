@@ -16,7 +16,7 @@ from beltcomm.design.design_plant import DesignPlant
 from beltcomm.design.loops import SampledPlants, loop_shape, open_loops, open_velocity_loop, position_path, sample_plants
 from beltcomm.design.margins import PROOF_POINTS, Margins, margins_on
 from beltcomm.design.prefilters import butterworth_cutoff_rad_s, notch_width
-from beltcomm.design.search import Gains, best_gains, highest_position_gain
+from beltcomm.design.search import best_gains, highest_position_gain
 from beltcomm.design.specification import GROUPS, Infeasible, Specification, describe, relaxed
 from beltcomm.errors import UsageError
 
@@ -228,7 +228,9 @@ def _stiffness(cascade: Cascade) -> float:
     return cascade.ki_nm_rad * cascade.kpp_1_s
 
 
-def binding_conditions(cascade: Cascade, achieved: Sequence[Margins], structure: CascadeStructure, specification: Specification) -> tuple[str, ...]:
+def binding_conditions(
+    cascade: Cascade, achieved: Sequence[Margins], structure: CascadeStructure, specification: Specification
+) -> tuple[str, ...]:
     """The conditions met with less than a degree or 0.3 dB to spare, with the plant, and the bounds of the drive reached."""
     lines = []
     for words, name, limit, unit, sign, near in (

@@ -1,8 +1,9 @@
 """The three knobs (4.4) held on all plants at once: gains as functions of the knobs, for one prefilter and one T_R.
 
-Where :mod:`beltcomm.design.cascade` looks for the largest K_I K_PP inside bounds, here every knob sets one gain, as in the thesis:
-the suppression sets K_P,  the velocity phase margin T_N = K_P/K_I (the shortest that leaves it),  the position phase margin K_PP;
-each on the plant where it is hardest, on the loops as they run.   Gain margin and sensitivity bound both loops beside them.
+Where :mod:`beltcomm.design.cascade` looks for the largest K_I K_PP inside bounds of all three, here the suppression sets K_P as in the
+thesis.   The velocity phase margin is what T_N = K_P/K_I must leave at least, the position phase margin sets K_PP, and T_N is the one with
+the largest K_I K_PP: the shortest that leaves the velocity loop its margin would leave the position loop next to nothing where that asks
+for much.   Each on the plant where it is hardest, on the loops as they run; gain margin and sensitivity bound both loops beside them.
 """
 
 from __future__ import annotations
@@ -24,8 +25,8 @@ from beltcomm.design.specification import Specification
 from beltcomm.errors import Refused
 
 Array = NDArray[np.float64]
-#: T_N tried at first, and halvings of the gap to the one before the first that holds: 2 ms to 5 s in steps of 1.4, then to 0.02 %.
-_TIMES, _HALVINGS = 24, 11
+#: T_N tried at first, 2 ms to 5 s in steps of 1.7; how often, and with how many, around the best again: to 1 %.
+_TIMES, _ZOOMS, _ZOOM_TIMES = 16, 3, 5
 Limit = Literal["velocity", "position", "drive"]
 
 
@@ -91,9 +92,16 @@ def suppression_range(shape: LoopShape, structure: CascadeStructure, specificati
     return possible
 
 
-def highest_position_margin(shape: LoopShape, cascade: Cascade, structure: CascadeStructure, specification: Specification) -> float:
-    """The largest position phase margin that some K_PP of the drive leaves, to a quarter of a degree; 0 where none leaves any."""
-    path = position_path(open_velocity_loop(shape, cascade.kp_nm_s_rad, cascade.ki_nm_rad), shape.estimator)
+def highest_position_margin(shape: LoopShape, structure: CascadeStructure, specification: Specification) -> float:
+    """The largest position phase margin that some K_PP of the drive leaves, to a quarter of a degree; 0 where none leaves any.
+
+    At the longest T_N with suppression and velocity phase margin of ``specification``: the integrator costs the position loop phase only.
+    """
+    at = [(time, kp) for time in _times(shape, structure) if (kp := _at(shape, structure, specification, time)) is not None]
+    if not at:
+        return 0.0
+    time, kp = at[-1]
+    path = position_path(kp * unit_loop(shape, time), shape.estimator)
     low, high = 0.0, 90.0
     while high - low > 0.25:
         middle = 0.5 * (low + high)
@@ -109,7 +117,7 @@ def _quantised(
 ) -> list[Cascade]:
     """The cascade of these bounds on the drive's steps, rounded each way, the stiffest first.   Raises OutOfReach."""
     structure = plants.structure
-    kp, time = _velocity_gains(shape, structure, inside)
+    kp, time = _stiffest(shape, structure, inside)
     forward = Feedforward(velocity=1.0 if structure.velocity_feedforward else 0.0)
     found = []
     for rounded, ki in quantised_pi(kp, time, structure):
@@ -122,25 +130,23 @@ def _quantised(
     return sorted(found, key=lambda cascade: cascade.ki_nm_rad * cascade.kpp_1_s, reverse=True)
 
 
-def _velocity_gains(shape: LoopShape, structure: CascadeStructure, inside: Specification) -> tuple[float, float]:
-    """K_P, N m s/rad, and the shortest T_N, s, with which the loop has suppression and phase margin.   Raises OutOfReach."""
-    before = 0.0
-    for time in _times(shape, structure):
-        if _at(shape, structure, inside, time) is not None:
-            break
-        before = time
-    else:
-        words = f"{inside.phase_margin_deg:.1f} degrees of phase margin at {inside.suppression_db:.1f} dB of suppression"
-        raise OutOfReach(f"no integral time leaves the velocity loop {words}", "velocity")
-    for _ in range(_HALVINGS if before else 0):
-        middle = math.sqrt(before * time)
-        if _at(shape, structure, inside, middle) is None:
-            before = middle
-        else:
-            time = middle
-    kp = _at(shape, structure, inside, time)
-    assert kp is not None
-    return kp, time
+def _stiffest(shape: LoopShape, structure: CascadeStructure, inside: Specification) -> tuple[float, float]:
+    """K_P, N m s/rad, and the T_N, s, with the largest K_I K_PP that the margins allow.   Raises OutOfReach."""
+    times, found = _times(shape, structure), {}
+    for _ in range(1 + _ZOOMS):
+        for time in times:
+            if (kp := _at(shape, structure, inside, time)) is not None:
+                path = position_path(kp * unit_loop(shape, time), shape.estimator)
+                found[float(time)] = (kp / time * _position_gain(path, shape, structure, inside), kp)
+        if not found:
+            words = f"{inside.phase_margin_deg:.1f} degrees of phase margin at {inside.suppression_db:.1f} dB of suppression"
+            raise OutOfReach(f"no integral time leaves the velocity loop {words}", "velocity")
+        best, ratio = max(found, key=lambda time: found[time][0]), times[1] / times[0] if len(times) > 1 else 1.0
+        low, high = integral_time_bounds(structure, structure.period_s)
+        times = np.clip(np.geomspace(best / ratio, best * ratio, _ZOOM_TIMES), low, high)
+    if not found[best][0]:
+        raise OutOfReach(f"no K_PP leaves the position loop {inside.position_phase_margin_deg:.1f} degrees of phase margin", "position")
+    return found[best][1], best
 
 
 def _at(shape: LoopShape, structure: CascadeStructure, inside: Specification, time: float) -> float | None:

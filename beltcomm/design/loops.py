@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import expm
 
 from beltcomm.control import (
     Cascade,
@@ -139,12 +138,9 @@ def closed_loop_inputs(plant: DesignPlant, cascade: Cascade, period_s: float) ->
     """
     advance, new, old, whole = plant.sampled(period_s)
     period = _period(advance, new, old, whole, cascade, period_s)
+    _, at_once, nothing, _ = replace(plant, dead_time_s=0.0).sampled(period_s)
     torque = np.zeros(len(period))
-    space, drive = plant.state_space()
-    n = len(drive)
-    block = np.zeros((n + 1, n + 1))
-    block[:n, :n], block[:n, n] = space, drive
-    torque[:n] = expm(block * period_s)[:n, n]
+    torque[: len(at_once)] = at_once + nothing
     return period[:, :-1], period[:, -1], torque
 
 
