@@ -95,18 +95,17 @@ def suppression_range(shape: LoopShape, structure: CascadeStructure, specificati
 def highest_position_margin(shape: LoopShape, structure: CascadeStructure, specification: Specification) -> float:
     """The largest position phase margin that some K_PP of the drive leaves, to a quarter of a degree; 0 where none leaves any.
 
-    At the longest T_N with suppression and velocity phase margin of ``specification``: the integrator costs the position loop phase only.
+    With suppression and velocity phase margin of ``specification``, at any T_N.
     """
-    at = [(time, kp) for time in _times(shape, structure) if (kp := _at(shape, structure, specification, time)) is not None]
-    if not at:
-        return 0.0
-    time, kp = at[-1]
-    path = position_path(kp * unit_loop(shape, time), shape.estimator)
+    gains = [(time, kp) for time in _times(shape, structure) if (kp := _at(shape, structure, specification, time)) is not None]
+    paths = [position_path(kp * unit_loop(shape, time), shape.estimator) for time, kp in gains]
     low, high = 0.0, 90.0
-    while high - low > 0.25:
+    while paths and high - low > 0.25:
         middle = 0.5 * (low + high)
-        if _position_gain(path, shape, structure, replace(specification, position_phase_margin_deg=middle)) > 0.0:
-            low = middle
+        asked = replace(specification, position_phase_margin_deg=middle)
+        able = [path for path in paths if _position_gain(path, shape, structure, asked) > 0.0]
+        if able:
+            low, paths = middle, able
         else:
             high = middle
     return low

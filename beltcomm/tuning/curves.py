@@ -38,7 +38,7 @@ class Responses:
     """Over t_s, ndarray (n,).
 
     position : motor angle on a step of its reference, without feedforward, as a share of it.   velocity : the same of the velocity loop
-    alone.   disturbance_m : motor, at the carriage, on ``DISTURBANCE_NM`` at the motor, m.
+    alone, the step not filtered.   disturbance_m : motor, at the carriage, on ``DISTURBANCE_NM`` at the motor, m.
     """
 
     t_s: Array

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hmac
 import json
 import re
+import socket
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -51,11 +52,10 @@ class Page:
 
 @dataclass(frozen=True)
 class Served:
-    """A page that is served.   address : for a browser on this computer.   run : answers until KeyboardInterrupt.   close : ends it."""
+    """A page that is served.   address : for a browser on this computer.   run : answers until KeyboardInterrupt."""
 
     address: str
     run: Callable[[], None]
-    close: Callable[[], None]
 
 
 def application(page: Page, answers: Answers, token: str) -> WSGIApplication:
@@ -94,18 +94,23 @@ def application(page: Page, answers: Answers, token: str) -> WSGIApplication:
 @contextmanager
 def serve(page: Page, answers: Answers, token: str, port: int = 0) -> Iterator[Served]:
     """A page on 127.0.0.1.   token : secret part of its address.   port : 0 takes a free one.   Raises UsageError for one that is taken."""
+    from waitress import wasyncore
     from waitress.server import create_server
 
     try:
-        server: Any = create_server(application(page, answers, token), host=HOST, port=port, threads=THREADS, ident=None)
+        listening = socket.create_server((HOST, port))
     except OSError as problem:
         raise UsageError(
             f"port {port} of {HOST} cannot be used: {problem.strerror or problem}; leave --port out to take a free one"
         ) from None
+    connected: dict[int, Any] = {}
+    server = create_server(application(page, answers, token), map=connected, sockets=[listening], threads=THREADS, ident=None)
     try:
-        yield Served(f"http://{HOST}:{server.effective_port}/{token}/", server.run, server.close)
+        yield Served(f"http://{HOST}:{listening.getsockname()[1]}/{token}/", server.run)
     finally:
-        server.close()
+        server.task_dispatcher.shutdown()
+        wasyncore.close_all(connected)
+        listening.close()
 
 
 def _own(request: Request) -> None:

@@ -6,12 +6,13 @@ import os
 import shutil
 import threading
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import pytest
 
 from beltcomm.runfolder import RunFolder
+from beltcomm.session.proof import doubts
 from beltcomm.session.tune_job import Tuning
 from beltcomm.web.server import Page, serve
 
@@ -102,16 +103,13 @@ def browser(complete: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator
         options.add_argument(argument)
     options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
     with serve(Page("tune"), tuning.answers(), "secret") as served:
-        answering = threading.Thread(target=served.run, daemon=True)
-        answering.start()
+        threading.Thread(target=served.run, daemon=True).start()
         driver = webdriver.Chrome(options=options, service=Service(DRIVER))
         try:
             driver.get(served.address)
             yield Browser(driver, tuning, RunFolder.open(run))
         finally:
             driver.quit()
-            served.close()
-            answering.join(10.0)
 
 
 def test_page_opens_at_the_present_design(browser: Browser) -> None:
@@ -124,3 +122,98 @@ def test_page_opens_at_the_present_design(browser: Browser) -> None:
     for plot in ("gain", "phase", "step", "disturbance", "tracking"):
         assert len(browser.curve(plot).split()) > 100, plot
     assert browser.complaints() == []
+    loaded = browser.driver.execute_script("return performance.getEntriesByType('resource').map((one) => one.name)")
+    assert all(one.startswith((browser.driver.current_url, "data:")) for one in loaded), loaded
+
+
+def test_a_slider_by_keyboard_moves_the_curves(browser: Browser) -> None:
+    """The page shows the gains that the same knobs have in Python."""
+    from selenium.webdriver.common.keys import Keys
+
+    before, curve = browser.value(KNOB), browser.curve("gain")
+    browser.at(KNOB).send_keys(Keys.ARROW_LEFT * 30)
+    browser.settled()
+    assert browser.value(KNOB) == pytest.approx(before - 3.0)
+    assert browser.value(f"box-{KNOB}") == browser.value(KNOB)
+    assert browser.curve("gain") != curve
+    assert "velocity phase margin" in browser.text("summary")
+    setting = replace(browser.tuning.bench.start(0.0, browser.value("position") / 1e3), phase_margin_deg=browser.value(KNOB))
+    cascade = browser.tuning.bench.design(setting).cascade
+    shown = {row.split(" ")[0]: float(row.split(" ")[2]) for row in browser.text("changes").splitlines() if row.startswith("K_")}
+    assert shown["K_PP"] == pytest.approx(cascade.kpp_1_s, rel=0.01)
+    assert shown["K_I"] == pytest.approx(cascade.ki_nm_rad, rel=0.01)
+    spent = browser.driver.execute_script("return timings")
+    print(f"ms from event to drawing: curves {spent['update']}, predicted error {spent['track']}")  # noqa: T201
+
+
+def test_what_is_not_possible_is_said_and_shown(browser: Browser) -> None:
+    browser.type("box-suppression_db", -3.0)
+    assert browser.at("refusal").is_displayed()
+    assert "no integral time leaves the velocity loop" in browser.text("refusal")
+    assert not browser.at("save").is_enabled()
+    browser.picture("impossible")
+    low, high = (
+        float(number) for number in browser.text("range-suppression_db").removeprefix("possible: ").removesuffix(" dB").split(" to ")
+    )
+    assert f"the suppression at most {high:.1f} dB" in browser.text("refusal")
+    track, piece = browser.at("track-suppression_db"), browser.driver.find_element("css selector", "#track-suppression_db i")
+    assert piece.size["width"] / track.size["width"] == pytest.approx((high - low) / 39.0, abs=0.03)
+    browser.type("box-suppression_db", high - 0.5)
+    assert not browser.at("refusal").is_displayed()
+    assert browser.at("save").is_enabled()
+
+
+def test_presets_set_the_sliders(browser: Browser) -> None:
+    browser.until("presets are computed", lambda: browser.driver.execute_script("return document.body.dataset.presets"))
+    browser.picture("presets")
+    bandwidths = []
+    for pace in ("robust", "balanced", "fast"):
+        browser.at(f"preset-long-{pace}").click()
+        browser.settled()
+        assert not browser.at("refusal").is_displayed()
+        bandwidths.append(
+            next(float(row.split(" ")[3]) for row in browser.text("changes").splitlines() if row.startswith("position bandwidth"))
+        )
+    assert bandwidths == sorted(set(bandwidths))
+    assert browser.at("preset-stiff-robust").text == "not possible"
+    assert browser.complaints() == []
+
+
+def test_page_fits_a_narrow_window_in_the_dark(browser: Browser) -> None:
+    """Nothing sticks out sideways; colours follow the system's."""
+    browser.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": [{"name": "prefers-color-scheme", "value": "dark"}]})
+    browser.driver.execute_cdp_cmd(
+        "Emulation.setDeviceMetricsOverride", {"width": 390, "height": 800, "deviceScaleFactor": 1, "mobile": False}
+    )
+    inside = "return [document.documentElement.scrollWidth, innerWidth, getComputedStyle(document.body).backgroundColor]"
+    width, window, paper = browser.until("the page is narrow", lambda: (found := browser.driver.execute_script(inside))[1] == 390 and found)
+    browser.picture("narrow")
+    browser.driver.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+    browser.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": []})
+    assert width <= window
+    assert paper == "rgb(21, 24, 27)"
+
+
+def test_saving_makes_it_the_design_of_the_run(browser: Browser) -> None:
+    """What is saved is what the sliders stand for, the one before is kept, and nothing reaches a drive without a proof."""
+    before, wanted = browser.folder.load("designs", "final"), browser.value(KNOB)
+    browser.at("save").click()
+    browser.until("the design is saved", lambda: "Saved" in browser.text("saved") or "Not saved" in browser.text("saved"))
+    browser.picture("saved")
+    assert browser.text("saved").startswith("Saved")
+    assert f"beltcomm verify --drive DRIVE --run {browser.folder.path}" in browser.text("saved")
+    assert browser.folder.load("designs", "replaced_1") == before
+    saved = browser.folder.load("designs", "final")
+    assert saved["tuned"]["phase_margin_deg"] == wanted
+    assert saved["parameters"]["ff_inertia_kg_m2"] == before["parameters"]["ff_inertia_kg_m2"]
+    assert saved["parameters"]["kpp_1_s"] != before["parameters"]["kpp_1_s"]
+    assert min(one["phase_margin_deg"] for one in saved["margins"]) >= wanted - 0.1
+    assert doubts(browser.folder) == [*saved["proof"]["doubts"], "no verification move was driven with these gains"]
+
+
+def test_a_payload_takes_part(browser: Browser) -> None:
+    browser.type("box-suppression_db", -20.0)
+    browser.type("payload", 5)
+    assert browser.at("loaded").is_selected()
+    assert not browser.at("refusal").is_displayed()
+    assert "18.4" in browser.text("binding") or "13.4" in browser.text("binding")
