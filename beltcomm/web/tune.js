@@ -93,6 +93,10 @@ function drawUpdate(found) {
   $("summary").textContent = found.sentence;
   $("binding").textContent = found.binding.length ? `Bound by: ${found.binding.join("; ")}.` : "";
   rows([...found.changes, ...(tracked && tracked.changes ? tracked.changes : [])]);
+  for (const name of Object.keys(NAMES)) {
+    const has = found.new.worst[name], spare = name === "suppression_db" ? setting[name] - has : has - setting[name];
+    $(`has-${name}`).textContent = spare > 0.6 ? `It has ${has.toFixed(1)} ${NAMES[name][1]}: less need not be asked for, other conditions bind.` : "";
+  }
   plots();
 }
 
@@ -251,7 +255,8 @@ function knob(name) {
   box.addEventListener("change", () => turn({ [name]: Math.min(Math.max(Number(box.value) || 0, low), high) }));
   $("knobs").append(element("div", { className: "knob", id: `knob-${name}` },
     element("div", { className: "pair" }, element("label", { htmlFor: name }, title), element("span", {}, box, ` ${unit}`)),
-    slider, element("div", { className: "track", id: `track-${name}` }), element("div", { className: "small range", id: `range-${name}` }, "what is possible is being computed …")));
+    slider, element("div", { className: "track", id: `track-${name}` }), element("div", { className: "small range", id: `range-${name}` }, "what is possible is being computed …"),
+    element("div", { className: "small", id: `has-${name}` })));
 }
 
 function prefilterName(one) {
@@ -311,6 +316,7 @@ async function save() {
     $("saved").className = "doubtful";
     $("saved").textContent = `Not saved: ${problem.message}`;
   }
+  $("saved").scrollIntoView({ block: "nearest" });
   saving = false;
   $("save").disabled = !$("refusal").hidden;
 }

@@ -130,14 +130,14 @@ def test_a_slider_by_keyboard_moves_the_curves(browser: Browser) -> None:
     """The page shows the gains that the same knobs have in Python."""
     from selenium.webdriver.common.keys import Keys
 
-    before, curve = browser.value(KNOB), browser.curve("gain")
-    browser.at(KNOB).send_keys(Keys.ARROW_LEFT * 30)
+    before, curve, name = browser.value("suppression_db"), browser.curve("gain"), "suppression_db"
+    browser.at(name).send_keys(Keys.ARROW_LEFT * 30)
     browser.settled()
-    assert browser.value(KNOB) == pytest.approx(before - 3.0)
-    assert browser.value(f"box-{KNOB}") == browser.value(KNOB)
+    assert browser.value(name) == pytest.approx(before - 3.0)
+    assert browser.value(f"box-{name}") == browser.value(name)
     assert browser.curve("gain") != curve
-    assert "velocity phase margin" in browser.text("summary")
-    setting = replace(browser.tuning.bench.start(0.0, browser.value("position") / 1e3), phase_margin_deg=browser.value(KNOB))
+    assert f"open loop at the resonance {before:.1f}".rstrip("0").rstrip(".") in browser.text("summary")
+    setting = replace(browser.tuning.bench.start(0.0, browser.value("position") / 1e3), suppression_db=browser.value(name))
     cascade = browser.tuning.bench.design(setting).cascade
     shown = {row.split(" ")[0]: float(row.split(" ")[2]) for row in browser.text("changes").splitlines() if row.startswith("K_")}
     assert shown["K_PP"] == pytest.approx(cascade.kpp_1_s, rel=0.01)
