@@ -52,10 +52,11 @@ class Page:
 
 @dataclass(frozen=True)
 class Served:
-    """A page that is served.   address : for a browser on this computer.   run : answers until KeyboardInterrupt."""
+    """A page that is served.   address : for a browser on this computer.   run : answers until KeyboardInterrupt.   end : from another thread."""
 
     address: str
     run: Callable[[], None]
+    end: Callable[[], None]
 
 
 def application(page: Page, answers: Answers, token: str) -> WSGIApplication:
@@ -104,12 +105,16 @@ def serve(page: Page, answers: Answers, token: str, port: int = 0) -> Iterator[S
             f"port {port} of {HOST} cannot be used: {problem.strerror or problem}; leave --port out to take a free one"
         ) from None
     connected: dict[int, Any] = {}
+
+    def disconnect() -> None:
+        wasyncore.close_all(connected)  # with nobody left to listen to, the server's loop ends
+
     server = create_server(application(page, answers, token), map=connected, sockets=[listening], threads=THREADS, ident=None)
     try:
-        yield Served(f"http://{HOST}:{listening.getsockname()[1]}/{token}/", server.run)
+        yield Served(f"http://{HOST}:{listening.getsockname()[1]}/{token}/", server.run, lambda: server.trigger.pull_trigger(disconnect))
     finally:
         server.task_dispatcher.shutdown()
-        wasyncore.close_all(connected)
+        disconnect()
         listening.close()
 
 

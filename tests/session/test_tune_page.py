@@ -103,13 +103,16 @@ def browser(complete: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator
         options.add_argument(argument)
     options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
     with serve(Page("tune"), tuning.answers(), "secret") as served:
-        threading.Thread(target=served.run, daemon=True).start()
+        answering = threading.Thread(target=served.run, daemon=True)
+        answering.start()
         driver = webdriver.Chrome(options=options, service=Service(DRIVER))
         try:
             driver.get(served.address)
             yield Browser(driver, tuning, RunFolder.open(run))
         finally:
             driver.quit()
+            served.end()
+            answering.join(10.0)
 
 
 def test_page_opens_at_the_present_design(browser: Browser) -> None:
