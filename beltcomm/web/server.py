@@ -52,7 +52,7 @@ class Page:
 
 @dataclass(frozen=True)
 class Served:
-    """A page that is served.   address : for a browser on this computer.   run : answers until KeyboardInterrupt.   end : from another thread."""
+    """A page that is served.   address : for a browser here.   run : until KeyboardInterrupt.   end : the same from another thread."""
 
     address: str
     run: Callable[[], None]

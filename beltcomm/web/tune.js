@@ -50,10 +50,11 @@ async function work() {
     while (drawn !== version) {
       const now = version, began = changedAt;
       const found = await ask("update", setting);
+      const following = now === version && ask("track", setting); // computed while the curves are drawn
       drawUpdate(found);
       window.timings.update.push(performance.now() - began);
-      if (now !== version) continue;
-      const path = await ask("track", setting);
+      if (!following) continue;
+      const path = await following;
       if (now !== version) continue;
       drawTracked(path);
       window.timings.track.push(performance.now() - began);
