@@ -132,8 +132,12 @@ def _quantised(
 def _stiffest(shape: LoopShape, structure: CascadeStructure, inside: Specification) -> tuple[float, float]:
     """K_P, N m s/rad, and the T_N, s, with the largest K_I K_PP that the margins allow.   Raises OutOfReach."""
     times, found = _times(shape, structure), {}
+    tried: set[float] = set()
     for _ in range(1 + _ZOOMS):
         for time in times:
+            if (rounded := float(f"{time:.9g}")) in tried:
+                continue  # the middle and the ends of a zoom are known from before
+            tried.add(rounded)
             if (kp := _at(shape, structure, inside, time)) is not None:
                 path = position_path(kp * unit_loop(shape, time), shape.estimator)
                 found[float(time)] = (kp / time * _position_gain(path, shape, structure, inside), kp)
