@@ -28,7 +28,7 @@ from beltcomm.session.backups import chosen
 from beltcomm.session.bundle import bundle as bundle
 from beltcomm.session.commission import Findings
 from beltcomm.session.convert import convert as convert
-from beltcomm.session.design_job import examined
+from beltcomm.session.design_job import basis_of, delivered
 from beltcomm.session.doctor import doctor as doctor
 from beltcomm.session.experiment import run_experiment
 from beltcomm.session.export import export as export
@@ -43,7 +43,6 @@ from beltcomm.session.move_file import trajectory as trajectory
 from beltcomm.session.options import Options, claim, settings_of
 from beltcomm.session.orders import wanted as wanted_sweeps
 from beltcomm.session.plan import commission_plan, identify_plan
-from beltcomm.session.proof import doubts, thin_margins
 from beltcomm.session.reporting.job import report as report
 from beltcomm.session.scale import ruler as ruler
 from beltcomm.session.serve import serve as serve
@@ -51,6 +50,7 @@ from beltcomm.session.sign import check_sign
 from beltcomm.session.store import drive_to_dict
 from beltcomm.session.supervised import supervised
 from beltcomm.session.thesis import thesis as thesis
+from beltcomm.session.tune_job import tune as tune
 from beltcomm.session.verify_job import verify_with
 from beltcomm.session.write_job import admitted, apply_to, backup_list, roll_back
 from beltcomm.talk import Silence, Talk
@@ -181,36 +181,14 @@ def design(
     pictures : the open loops into ``RUN/pictures``.   Raises Refused with what binds, DataError.
     """
     options, talk = options or Options(), talk or Silence()
-    folder = RunFolder.open(run)
-    model, revision, which = offline.trusted(folder)
-    findings = Findings()
-    recordings = folder.recordings()
-    analyse.check_whole(recordings)
-    sequence.measure_delay_and_damping(findings, [r for r in recordings if r.sidecar.experiment == "frf"], model)
-    structure = offline.structure_of(folder, findings)
-    analyse.offered(structure, options.prefilter, options.feedforward)
+    basis = basis_of(run)
+    analyse.offered(basis.structure, options.prefilter, options.feedforward)
     settings = replace(settings_of(options), specification=specification)
-    findings.design, findings.cascade = sequence.design_for(folder.axis, model, structure, findings, settings)
-    along = compensated(model) if structure.torque_feedforward and settings.feedforward == "nonlinear" else ()
-    if not offline.place_known(recordings):
-        findings.design = replace(findings.design, remarks=(*findings.design.remarks, offline.ONE_PLACE))
-    if (remark := referencing.slow_payload(folder.axis, model["cart.mass"], options.payload_kg)) is not None:
-        findings.remarks.append(remark)
-    proven = examined(folder, model, revision, findings, settings.payloads_kg, options.seed or 0, pictures, command)
-    mapping = {**outcome.design_dict(findings), "revision": revision, "compensated": list(along), "proof": proven.data}
-    sound = "final" in folder.names("designs") and not doubts(folder)
-    folder.save_design("final", mapping)
-    if sound and doubts(folder):
-        findings.remarks.append("the gains before were proven by a move and are replaced; these are not proven yet, verify them")
-    text = [
-        *words.design_lines(findings.design, findings.cascade),
-        *words.knowledge_lines(model, along, which),
-        *proven.lines,
-        *words.remarks_lines(findings.remarks),
-        *(f"This design is in doubt: {why}." for why in (*thin_margins(findings.design.margins), *proven.doubts)),
-        f"Next: beltcomm verify --drive DRIVE --run {run}",
-    ]
-    return Result({"run": str(run), **mapping, "pictures": proven.pictures}, text, 1 if findings.design.relaxed or proven.failed else 0)
+    found = basis.findings
+    found.design, found.cascade = sequence.design_for(basis.folder.axis, basis.model, basis.structure, found, settings)
+    compensating = basis.structure.torque_feedforward and settings.feedforward == "nonlinear"
+    along = compensated(basis.model) if compensating else ()
+    return delivered(basis, along, options.payload_kg, seed=options.seed or 0, pictures=pictures, command=command)
 
 
 def verify(
@@ -375,5 +353,6 @@ __all__ = [
     "ruler",
     "simulate",
     "trajectory",
+    "tune",
     "verify",
 ]

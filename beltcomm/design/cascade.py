@@ -16,7 +16,7 @@ from beltcomm.design.design_plant import DesignPlant
 from beltcomm.design.loops import SampledPlants, loop_shape, open_loops, open_velocity_loop, position_path, sample_plants
 from beltcomm.design.margins import PROOF_POINTS, Margins, margins_on
 from beltcomm.design.prefilters import butterworth_cutoff_rad_s, notch_width
-from beltcomm.design.search import Gains, best_gains, highest_position_gain
+from beltcomm.design.search import best_gains, highest_position_gain
 from beltcomm.design.specification import GROUPS, Infeasible, Specification, describe, relaxed
 from beltcomm.errors import UsageError
 
@@ -89,7 +89,7 @@ def _sampled(plants: Sequence[DesignPlant], structure: CascadeStructure) -> tupl
 def _designed(
     search: SampledPlants, proof: SampledPlants, structure: CascadeStructure, specification: Specification
 ) -> DesignResult | None:
-    found = _best_cascade(search, proof, structure, specification)
+    found = best_cascade(search, proof, structure, specification)
     if found is None:
         return None
     cascade, achieved = found
@@ -99,7 +99,7 @@ def _designed(
         specification,
         proof.plants,
         achieved,
-        _binding(cascade, achieved, structure, specification),
+        binding_conditions(cascade, achieved, structure, specification),
         _remarks(cascade, search, proof, structure, specification),
     )
 
@@ -145,9 +145,10 @@ def candidate_prefilters(plants: Sequence[DesignPlant], structure: CascadeStruct
     return result
 
 
-def _best_cascade(
+def best_cascade(
     search: SampledPlants, proof: SampledPlants, structure: CascadeStructure, specification: Specification
 ) -> tuple[Cascade, tuple[Margins, ...]] | None:
+    """The proven cascade with the largest K_I K_PP and its margins on ``proof``; None where there is none."""
     best: tuple[Cascade, tuple[Margins, ...]] | None = None
     for prefilter in candidate_prefilters(search.plants, structure, specification):
         for lag in _velocity_filters(search.plants, structure, specification):
@@ -170,18 +171,18 @@ def _proven(
     lag: float,
     reserve: float,
 ) -> tuple[Cascade, tuple[Margins, ...]] | None:
-    inside = _with_reserve(specification, reserve)
+    inside = with_reserve(specification, reserve)
     shape = loop_shape(search, prefilter, lag)
     gains = best_gains(shape, structure.period_s, structure, inside)
     if gains is None:
         return None
     forward = Feedforward(velocity=1.0 if structure.velocity_feedforward else 0.0)
     quantised = []
-    for kp, ki in _quantised_pi(gains, structure):
+    for kp, ki in quantised_pi(gains.kp, gains.tn, structure):
         velocity = open_velocity_loop(shape, kp, ki)
         highest = structure.highest.get("kpp_1_s", math.inf)
         kpp = highest_position_gain(position_path(velocity, shape.estimator), shape, inside, highest)
-        kpp = _on_step(kpp, structure.steps.get("kpp_1_s", 0.0), math.floor)
+        kpp = on_step(kpp, structure.steps.get("kpp_1_s", 0.0), math.floor)
         if kpp > 0.0 and kpp >= structure.lowest.get("kpp_1_s", 0.0):
             quantised.append(Cascade(kp, ki, kpp, lag, prefilter, forward, structure.reference_filter))
     for cascade in sorted(quantised, key=_stiffness, reverse=True):
@@ -191,7 +192,8 @@ def _proven(
     return None
 
 
-def _with_reserve(specification: Specification, factor: float) -> Specification:
+def with_reserve(specification: Specification, factor: float) -> Specification:
+    """A little more than is asked for, so that a finer grid and rounded gains still have it."""
     degrees, decibels = factor * _RESERVE_DEG, factor * _RESERVE_DB
     return replace(
         specification,
@@ -203,22 +205,23 @@ def _with_reserve(specification: Specification, factor: float) -> Specification:
     )
 
 
-def _quantised_pi(gains: Gains, structure: CascadeStructure) -> list[tuple[float, float]]:
-    """K_P and K_I on the drive's steps, rounded each way, within its bounds."""
-    kps = {_on_step(gains.kp, structure.steps.get("kp_nm_s_rad", 0.0), way) for way in (math.floor, math.ceil)}
+def quantised_pi(kp: float, tn: float, structure: CascadeStructure) -> list[tuple[float, float]]:
+    """K_P and K_I on the drive's steps, rounded each way, within its bounds.   tn : K_P/K_I, s."""
+    kps = {on_step(kp, structure.steps.get("kp_nm_s_rad", 0.0), way) for way in (math.floor, math.ceil)}
     pairs = []
     for kp, way in itertools.product(sorted(kps), (math.floor, math.ceil)):
         if "integral_time_s" in structure.highest:
-            tn = _on_step(gains.tn, structure.steps.get("integral_time_s", 0.0), way)
-            ki = kp / tn if structure.lowest.get("integral_time_s", 0.0) <= tn <= structure.highest["integral_time_s"] else 0.0
+            time = on_step(tn, structure.steps.get("integral_time_s", 0.0), way)
+            ki = kp / time if structure.lowest.get("integral_time_s", 0.0) <= time <= structure.highest["integral_time_s"] else 0.0
         else:
-            ki = _on_step(gains.kp / gains.tn, structure.steps.get("ki_nm_rad", 0.0), way)
+            ki = on_step(kp / tn, structure.steps.get("ki_nm_rad", 0.0), way)
         if ki > 0.0 and _within(kp, "kp_nm_s_rad", structure) and _within(ki, "ki_nm_rad", structure):
             pairs.append((kp, ki))
     return sorted(set(pairs))
 
 
-def _on_step(value: float, step: float, way: object) -> float:
+def on_step(value: float, step: float, way: object) -> float:
+    """The value on a multiple of ``step``, by ``math.floor`` or ``math.ceil``; itself where the step is 0."""
     if step <= 0.0:
         return value
     # A value that already lies on a step must not lose one to rounding.
@@ -236,14 +239,16 @@ def _velocity_filters(plants: Sequence[DesignPlant], structure: CascadeStructure
     low = structure.lowest.get("velocity_filter_s", 0.0)
     high = structure.highest.get("velocity_filter_s", math.inf)
     step = structure.steps.get("velocity_filter_s", 0.0)
-    return sorted({_on_step(min(max(lag, low), high), step, math.floor) for lag in lags})
+    return sorted({on_step(min(max(lag, low), high), step, math.floor) for lag in lags})
 
 
 def _stiffness(cascade: Cascade) -> float:
     return cascade.ki_nm_rad * cascade.kpp_1_s
 
 
-def _binding(cascade: Cascade, achieved: Sequence[Margins], structure: CascadeStructure, specification: Specification) -> tuple[str, ...]:
+def binding_conditions(
+    cascade: Cascade, achieved: Sequence[Margins], structure: CascadeStructure, specification: Specification
+) -> tuple[str, ...]:
     """The conditions met with less than a degree or 0.3 dB to spare, with the plant, and the bounds of the drive reached."""
     lines = []
     for words, name, limit, unit, sign, near in (
@@ -284,7 +289,7 @@ def _remarks(
     remarks = []
     lacking = tuple(k for k in _LACKABLE if k not in structure.prefilters)
     for kind in lacking:
-        found = _best_cascade(search, proof, replace(structure, prefilters=(kind,)), replace(specification, prefilters=(kind,)))
+        found = best_cascade(search, proof, replace(structure, prefilters=(kind,)), replace(specification, prefilters=(kind,)))
         if found is not None and _stiffness(found[0]) > 1.05 * _stiffness(cascade):
             factor = _stiffness(found[0]) / _stiffness(cascade)
             remarks.append(f"with a {kind} prefilter the drive could have reached {factor:.1f} times the stiffness K_I K_PP")
@@ -363,7 +368,7 @@ def _nearest(
             low = middle
     while high <= 1.0:
         request = relaxed(specification, groups, high)
-        if _best_cascade(search, proof, structure, request) is not None:
+        if best_cascade(search, proof, structure, request) is not None:
             return high, request
         high += 0.04
     return None
@@ -371,7 +376,7 @@ def _nearest(
 
 def _within_reach(search: SampledPlants, structure: CascadeStructure, specification: Specification) -> bool:
     """Whether the search finds gains with any prefilter and T_R, steps and proof aside."""
-    inside = _with_reserve(specification, 1.0)
+    inside = with_reserve(specification, 1.0)
     return any(
         best_gains(loop_shape(search, prefilter, lag), structure.period_s, structure, inside, zooms=0) is not None
         for prefilter in candidate_prefilters(search.plants, structure, specification)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -126,17 +126,36 @@ def closed_loop_matrix(advance: Array, new: Array, old: Array, whole: int, casca
 
     State: plant (4, or two per body), torque setpoints under way (n + 1), last angle, measured velocity, prefilter (2), integrator,
     additional low-pass (2) where there is one.
-    The matrix is one period of the loop applied to the unit vectors.
     """
+    return _period(advance, new, old, whole, cascade, period_s)[..., :-1]
+
+
+def closed_loop_inputs(plant: DesignPlant, cascade: Cascade, period_s: float) -> tuple[Array, Array, Array]:
+    """The closed cascade of one plant with what drives it: x[k+1] = M x[k] + b ω_d[k] + g τ[k].
+
+    Returns M (N, N) as :func:`closed_loop_matrix`;  b (N,), of a reference velocity, rad/s (a reference angle φ_d enters as K_PP φ_d);
+    g (N,), of a torque that acts on the motor at once, N m.
+    """
+    advance, new, old, whole = plant.sampled(period_s)
+    period = _period(advance, new, old, whole, cascade, period_s)
+    _, at_once, nothing, _ = replace(plant, dead_time_s=0.0).sampled(period_s)
+    torque = np.zeros(len(period))
+    torque[: len(at_once)] = at_once + nothing
+    return period[:, :-1], period[:, -1], torque
+
+
+def _period(advance: Array, new: Array, old: Array, whole: int, cascade: Cascade, period_s: float) -> Array:
+    """One period of the loop applied to the unit vectors of its state, and last to a reference velocity of 1: (..., N, N + 1)."""
     n = advance.shape[-1]
     low_pass = cascade.prefilter.roll_off_rad_s > 0.0
-    state = np.eye(n + whole + 1 + (7 if low_pass else 5))
+    size = n + whole + 1 + (7 if low_pass else 5)
+    state, reference = np.eye(size, size + 1), np.eye(1, size + 1, size)[0]
     plant_state, line, rest = state[:n], state[n : n + 1 + whole], state[n + 1 + whole :]
     last_angle, velocity, memory_1, memory_2, integral = rest[:5]
     lag = cascade.velocity_filter_s
     angle = plant_state[0]
     measured = (lag * velocity + angle - last_angle) / (lag + period_s)
-    raw_error = -cascade.kpp_1_s * angle - measured
+    raw_error = reference - cascade.kpp_1_s * angle - measured
     b0, b1, b2, a1, a2 = prefilter_coefficients(cascade.prefilter, period_s)
     filtered = error = b0 * raw_error + memory_1
     behind = []

@@ -76,12 +76,12 @@ def highest_position_gain(path: ComplexArray, shape: LoopShape, specification: S
 
     path : ndarray (p, n), see ``loops.position_path``.   Returns K_PP, 1/s; 0 where no K_PP does.
     """
-    allowed = _allowed_gains(path, shape, specification.position_phase_margin_deg, specification)
+    allowed = allowed_gains(path, shape, specification.position_phase_margin_deg, specification)
     return allowed.highest(limit) if allowed is not None else 0.0
 
 
 @dataclass(frozen=True)
-class _AllowedGains:
+class AllowedGains:
     """Gains below ``top`` and in none of the intervals; lows, highs : ndarray (m,), sorted, disjoint."""
 
     top: float
@@ -101,7 +101,7 @@ class _AllowedGains:
         return float(self.lows[place]) if place >= 0 and gain < self.highs[place] else gain
 
 
-def _allowed_gains(unit: ComplexArray, shape: LoopShape, phase_margin_deg: float, specification: Specification) -> _AllowedGains | None:
+def allowed_gains(unit: ComplexArray, shape: LoopShape, phase_margin_deg: float, specification: Specification) -> AllowedGains | None:
     """Gains K for which every loop K × unit, ndarray (p, n), meets its margins; None when there are none.
 
     A crossover may lie where the unwrapped phase holds the margin, below the antiresonance; from the last such frequency on
@@ -139,7 +139,7 @@ def _allowed_gains(unit: ComplexArray, shape: LoopShape, phase_margin_deg: float
 
     sensitivity_part = _sensitivity_intervals(unit, level, 10.0 ** (-specification.sensitivity_db / 20.0))
     lows, highs = (np.concatenate(parts) for parts in zip(phase_part, gain_part, sensitivity_part, strict=True))
-    return _AllowedGains(top, *_merged(lows, highs))
+    return AllowedGains(top, *_merged(lows, highs))
 
 
 def _level_at(level: Array, phase: Array, limit: float) -> Array:
@@ -181,19 +181,19 @@ def _best_on(
     extremes = shape.rows([0, -1])
     least_kpp = max(structure.lowest.get("kpp_1_s", 0.0), structure.steps.get("kpp_1_s", 0.0))
     for tn in tn_grid:
-        unit = _unit(shape, tn)
-        top = _highest_kp(unit, shape, structure, specification, float(tn))
+        unit = unit_loop(shape, tn)
+        top = highest_kp(unit, shape, structure, specification, float(tn))
         bottom = max(structure.lowest.get("kp_nm_s_rad", 0.0), structure.lowest.get("ki_nm_rad", 0.0) * tn)
         if top <= bottom:
             continue
         grid = np.geomspace(max(bottom, 0.01 * top), top, _COARSE_KP) if kp_grid is None else np.minimum(kp_grid, top)
-        velocity_allowed = _allowed_gains(unit, shape, specification.phase_margin_deg, specification)
+        velocity_allowed = allowed_gains(unit, shape, specification.phase_margin_deg, specification)
         if velocity_allowed is None:
             continue
         for kp in velocity_allowed.of(np.unique(grid[grid >= bottom]))[::-1]:
             # More plants only lower K_PP: a K_P that two of them already reject need not be tried on all.
             for part in (extremes, shape):
-                path = position_path(kp * _unit(part, tn), part.estimator)
+                path = position_path(kp * unit_loop(part, tn), part.estimator)
                 found = Gains(float(kp), float(tn), highest_position_gain(path, part, specification, highest_kpp))
                 better = found.kpp >= least_kpp and found.stiffness > (best.stiffness if best is not None else 0.0)
                 if not better:
@@ -203,12 +203,12 @@ def _best_on(
     return best
 
 
-def _unit(shape: LoopShape, tn: float) -> ComplexArray:
+def unit_loop(shape: LoopShape, tn: float) -> ComplexArray:
     """The velocity loop for K_P = 1."""
     return np.asarray((1.0 + shape.integrator / tn) * shape.without_pi)
 
 
-def _highest_kp(unit: ComplexArray, shape: LoopShape, structure: CascadeStructure, specification: Specification, tn: float) -> float:
+def highest_kp(unit: ComplexArray, shape: LoopShape, structure: CascadeStructure, specification: Specification, tn: float) -> float:
     """K_P that the resonance suppression and the drive's bounds allow at this T_N."""
     peaks = resonance_or_peak(unit, shape.omega_rad_s, shape.resonance_rad_s)
     top = 10.0 ** (specification.suppression_db / 20.0) / float(np.max(np.where(peaks, np.abs(unit), 1e-300)))

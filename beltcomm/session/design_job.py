@@ -1,52 +1,94 @@
-"""What ``beltcomm design`` adds to a design: its proof on the run's own data, in words, numbers and pictures."""
+"""What ``design`` and ``tune`` share: what a design rests on in a run, its proof on the run's own data, and keeping it."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
+from beltcomm.control import CascadeStructure
 from beltcomm.model import Model
+from beltcomm.recording import Recording
+from beltcomm.result import Result
 from beltcomm.runfolder import RunFolder
+from beltcomm.session import analyse, offline, outcome, referencing, words
 from beltcomm.session import pictures as drawn
-from beltcomm.session.commission import Findings
+from beltcomm.session.commission import Findings, measure_delay_and_damping
 from beltcomm.session.design_proof import grounds_of, prove
 from beltcomm.session.design_proof_words import proof_lines
+from beltcomm.session.proof import doubts, thin_margins
 
 
 @dataclass(frozen=True)
-class Examined:
-    """data : for programs.   lines : for people.   doubts : what speaks against the gains, ``failed`` when they are not to be used.
+class Basis:
+    """What a design of a run rests on.   which : a sentence on the model's ``revision``.   findings : delay and damping, no design yet."""
 
-    pictures : paths in the run folder.
+    folder: RunFolder
+    model: Model
+    revision: str
+    which: str
+    findings: Findings
+    structure: CascadeStructure
+    recordings: Sequence[Recording]
+
+
+def basis_of(run: Path) -> Basis:
+    """The trusted model of a run, its drive, delay and damping.   Raises DataError."""
+    folder = RunFolder.open(run)
+    model, revision, which = offline.trusted(folder)
+    findings = Findings()
+    recordings = folder.recordings()
+    analyse.check_whole(recordings)
+    measure_delay_and_damping(findings, [r for r in recordings if r.sidecar.experiment == "frf"], model)
+    return Basis(folder, model, revision, which, findings, offline.structure_of(folder, findings), recordings)
+
+
+def delivered(
+    basis: Basis,
+    along: Sequence[str],
+    payload_kg: float | None,
+    *,
+    seed: int = 0,
+    pictures: bool = False,
+    command: str = "",
+    noted: Mapping[str, Any] | None = None,
+) -> Result:
+    """The design in the findings, proven on the run's own data and kept as ``designs/final.yaml``.   Exit code 1 for one not to be used.
+
+    along : effects that ``verify`` compensates.   payload_kg : heaviest further load.   seed : of the draws.   noted : what else is kept.
     """
-
-    data: dict[str, Any]
-    lines: list[str]
-    doubts: tuple[str, ...]
-    failed: bool
-    pictures: list[str]
-
-
-def examined(
-    folder: RunFolder,
-    model: Model,
-    revision: str,
-    findings: Findings,
-    payloads_kg: Sequence[float],
-    seed: int,
-    pictures: bool,
-    command: str,
-) -> Examined:
-    """The proof of the design in ``findings`` on the records of its run.   revision : of the model.   seed : of the draws."""
+    folder, findings = basis.folder, basis.findings
     assert findings.design is not None
     assert findings.cascade is not None
-    recordings = folder.recordings()
-    grounds = grounds_of(folder, model, revision, findings, payloads_kg)
-    proof = prove(grounds, findings.design, findings.cascade, recordings, seed=seed)
+    if not offline.place_known(basis.recordings):
+        findings.design = replace(findings.design, remarks=(*findings.design.remarks, offline.ONE_PLACE))
+    if (remark := referencing.slow_payload(folder.axis, basis.model["cart.mass"], payload_kg)) is not None:
+        findings.remarks.append(remark)
+    grounds = grounds_of(folder, basis.model, basis.revision, findings, (payload_kg,) if payload_kg else ())
+    proof = prove(grounds, findings.design, findings.cascade, basis.recordings, seed=seed)
     lines = proof_lines(proof, grounds, findings.design.specification)
     made: list[str] = []
     if pictures:
-        made, remarks = drawn.proof_picture(folder, findings.design, findings.cascade, proof, recordings, grounds.delay_s, command)
-        lines += [f"  {line}" for line in drawn.lines(folder, made, remarks)]
-    return Examined(proof.to_dict(), lines, proof.doubts, proof.failed, made)
+        made, unmade = drawn.proof_picture(folder, findings.design, findings.cascade, proof, basis.recordings, grounds.delay_s, command)
+        lines += [f"  {line}" for line in drawn.lines(folder, made, unmade)]
+    mapping = {
+        **outcome.design_dict(findings),
+        "revision": basis.revision,
+        "compensated": list(along),
+        "proof": proof.to_dict(),
+        **(noted or {}),
+    }
+    sound = "final" in folder.names("designs") and not doubts(folder)
+    folder.save_design("final", mapping)
+    if sound and doubts(folder):
+        findings.remarks.append("the gains before were proven by a move and are replaced; these are not proven yet, verify them")
+    text = [
+        *words.design_lines(findings.design, findings.cascade),
+        *words.knowledge_lines(basis.model, along, basis.which),
+        *lines,
+        *words.remarks_lines(findings.remarks),
+        *(f"This design is in doubt: {why}." for why in (*thin_margins(findings.design.margins), *proof.doubts)),
+        f"Next: beltcomm verify --drive DRIVE --run {folder.path}",
+    ]
+    return Result({"run": str(folder.path), **mapping, "pictures": made}, text, 1 if findings.design.relaxed or proof.failed else 0)

@@ -15,9 +15,7 @@ from beltcomm.drive import Drive, Limits, Motion, Row, open_drive
 from beltcomm.errors import BusError, DriveError, DriveFault, SafetyStop, UsageError
 from beltcomm.virtual.bus import FrameHash
 from beltcomm.virtual.faults import Faults
-from beltcomm_adapters.sdo import Lending
 from contract.conftest import Machine, RigidPlant, open_virtual
-from contract.test_drive import stroke
 
 T = 1e-3
 PROFILES = ("reference", "cmmp-as")
@@ -42,32 +40,6 @@ def binary(n: int, amplitude_nm: float, seed: int = 3) -> Motion:
     signs = np.random.default_rng(seed).choice([-1.0, 1.0], n // 8 + 1)
     values = amplitude_nm * np.repeat(np.stack([signs, -signs, -signs, signs], axis=1).ravel(), 2)[:n]
     return Motion("torque", T, np.zeros(n), np.zeros(n), values)
-
-
-@pytest.mark.parametrize("name", ["virtual", "serial:virtual"])
-def test_whatever_a_record_borrows_was_read_before(profile, name, opened, monkeypatch):
-    """Then the backup and the note of a killed session hold it."""
-    machine = open_virtual(profile, name=name)
-    opened.append(machine)
-    drive = machine.drive
-    before = {item.place for item in drive.objects()}
-    borrowed: set[tuple[int, int]] = set()
-    give_back = Lending.give_back
-
-    def noted(lending: Lending) -> list[str]:
-        borrowed.update((index, subindex) for index, subindex, *_ in lending.lent())
-        return give_back(lending)
-
-    monkeypatch.setattr(Lending, "give_back", noted)
-    at_rest = np.zeros(100)
-    here = np.full(100, drive.read(["position_rad"])["position_rad"])
-    limits = replace(machine.limits, deceleration_rad_s2=500.0, lag_rad=5.0)
-    for kind in sorted(drive.capabilities.kinds):
-        motion = stroke(machine, 1.0, 0.5) if kind == "profile" else Motion(kind, machine.period_s, here, at_rest, at_rest)
-        drive.record(motion, limits, lambda row: None)
-    assert {(0x6085, 0), (0x607D, 1)} <= borrowed
-    # which objects its PDOs carry is not among them: it is volatile, and comes back with the next reset of the communication
-    assert {place for place in borrowed if not 0x1400 <= place[0] < 0x1C00} <= before
 
 
 def test_torque_and_motion_are_aligned_to_less_than_50_us(profile, opened):

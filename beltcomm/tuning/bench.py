@@ -1,0 +1,231 @@
+"""From settings to designs, curves and predictions; what is expensive is computed once per payload, prefilter and T_R."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, TypeVar
+
+import numpy as np
+
+from beltcomm.control import Cascade, Prefilter
+from beltcomm.design.cascade import DesignResult, best_cascade, candidate_prefilters
+from beltcomm.design.design_plant import DesignPlant
+from beltcomm.design.held_knobs import KnobPlants, held
+from beltcomm.design.knobs import Knobs
+from beltcomm.design.loops import sample_plants
+from beltcomm.design.margins import Margins, margins_on
+from beltcomm.design.specification import Specification
+from beltcomm.errors import Refused, UsageError
+from beltcomm.tuning.curves import OpenLoops, Responses, open_loop_curves, responses, span_s
+from beltcomm.tuning.ground import RANGES, Ground, Setting, key_of
+from beltcomm.tuning.reach import Reach, reach_of, table_of
+from beltcomm.verify import TrackingError, predict_move, tracking_error
+
+#: Grid points per plant of the search and of the margins shown; a design that is saved is proven on more.
+_SEARCH_POINTS, _SHOWN_POINTS = 220, 500
+#: deg and dB by which knobs stand below what gains have, tried in turn: a corner of what is possible is no place for a slider.
+_INSIDE = (0.0, 0.3, 1.0, 3.0)
+#: Points of a tracking error that is drawn.
+_DRAWN = 400
+
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Worst:
+    """The least favourable margins of a cascade over all variants, the frequency, Hz, up to which both loops act at least."""
+
+    phase_margin_deg: float
+    position_phase_margin_deg: float
+    suppression_db: float
+    gain_margin_db: float
+    sensitivity_db: float
+    crossover_hz: float
+    position_crossover_hz: float
+    stable: bool
+
+
+@dataclass(frozen=True)
+class Shown:
+    """One cascade: gains, worst margins, curves on the plant that is looked at."""
+
+    cascade: Cascade
+    worst: Worst
+    open_loops: OpenLoops
+    responses: Responses
+
+
+@dataclass(frozen=True)
+class Tracked:
+    """Predicted errors of the move, and how they run, mm over s, at motor and carriage.   saturated : bounds of the drive reached."""
+
+    error: TrackingError
+    cart_error: TrackingError
+    t_s: np.ndarray
+    motor_mm: np.ndarray
+    cart_mm: np.ndarray
+    speed_m_s: np.ndarray
+    saturated: tuple[str, ...]
+
+
+class Bench:
+    """One run on the bench.   Safe to use from several threads."""
+
+    def __init__(self, ground: Ground) -> None:
+        self.ground = ground
+        self._kept: dict[tuple[Any, ...], Any] = {}
+        self._locks: dict[tuple[Any, ...], threading.Lock] = {}
+        self._lock = threading.Lock()
+        self._last: tuple[Setting, DesignResult] | None = None
+
+    def prefilters(self, payload_kg: float) -> dict[str, Prefilter]:
+        """The prefilters of the drive, laid out for this payload, by key."""
+        plants = self._plants(payload_kg).proof.plants
+        centre = min(plant.resonance_rad_s for plant in plants)
+        return {key_of(p, centre): p for p in candidate_prefilters(plants, self.ground.structure, Specification())}
+
+    def design(self, setting: Setting) -> DesignResult:
+        """The gains of the knobs on all variants.   Raises OutOfReach with the limit, UsageError for a prefilter that the drive lacks."""
+        key = replace(setting, loaded=False, position_m=0.0)
+        last = self._last
+        if last is None or last[0] != key:
+            found = held(self._plants(setting.payload_kg), self._prefilter(setting), setting.velocity_filter_s, setting.knobs)
+            self._last = last = (key, found)
+        return last[1]
+
+    def shown(self, setting: Setting) -> tuple[DesignResult, Shown, Shown]:
+        """The design of a setting, its curves and those of the run's present design, over the same times.   Raises as :meth:`design`."""
+        design = self.design(setting)
+        present = self.ground.present
+        span = max(span_s(design.cascade), span_s(present))
+        return design, self._shown(design.cascade, design.margins, setting, span), self.present(setting, span)
+
+    def present(self, setting: Setting, span: float | None = None) -> Shown:
+        """The run's present design where the setting looks."""
+        cascade, place = self.ground.present, (setting.payload_kg, setting.shown_kg, setting.position_m)
+        span = span or span_s(cascade)
+        margins = self.once(("margins", setting.payload_kg), lambda: margins_on(cascade, self._plants(setting.payload_kg).proof))
+        return self.once(("present", *place, span), lambda: self._shown(cascade, margins, setting, span))
+
+    def tracked(self, cascade: Cascade, shown_kg: float) -> Tracked:
+        """The tracking error of the move with the gains of a cascade and the feedforward of what is mounted."""
+        ground = self.ground
+        model = ground.model.with_values({"cart.mass": ground.model["cart.mass"] + shown_kg}) if shown_kg else ground.model
+        path = predict_move(model, ground.with_feedforward(cascade), ground.move, ground.loop)
+        wanted = ground.move.position_m
+        every = max(len(wanted) // _DRAWN, 1)
+        return Tracked(
+            tracking_error(path.t_s, wanted, path.motor_m),
+            tracking_error(path.t_s, wanted, path.cart_m),
+            path.t_s[::every],
+            1e3 * (wanted - path.motor_m)[::every],
+            1e3 * (wanted - path.cart_m)[::every],
+            ground.move.velocity_m_s[::every],
+            path.saturated,
+        )
+
+    def present_tracked(self, shown_kg: float) -> Tracked:
+        """:meth:`tracked` of the run's present design."""
+        return self.once(("tracked", shown_kg), lambda: self.tracked(self.ground.present, shown_kg))
+
+    def reach(self, setting: Setting) -> Reach:
+        """Where each slider may stand while the others stay, and advice where the setting has no design."""
+        prefilter, lag, plants = self._prefilter(setting), setting.velocity_filter_s, self._plants(setting.payload_kg)
+        table = self.once(("table", setting.payload_kg, prefilter, lag), lambda: table_of(plants, prefilter, lag))
+        return reach_of(table, setting, plants, prefilter)
+
+    def start(self, payload_kg: float, position_m: float) -> Setting:
+        """The setting at which the sliders give the run's present design, as nearly as they can."""
+        cascade = self.ground.present
+        centre = min(plant.resonance_rad_s for plant in self._plants(payload_kg).proof.plants)
+        named = key_of(cascade.prefilter, centre)
+        found = Setting(60.0, 80.0, -10.0, named, cascade.velocity_filter_s, payload_kg, payload_kg > 0.0, position_m)
+        if named not in self.prefilters(payload_kg):
+            found = replace(found, prefilter=next(iter(self.prefilters(payload_kg))))
+        return self.standing(found, margins_on(cascade, self._plants(payload_kg).proof))
+
+    def standing(self, setting: Setting, margins: tuple[Margins, ...]) -> Setting:
+        """The setting with the knobs where they give gains of these margins back, a little inside what is possible where they must be."""
+        worst = worst_of(margins)
+        for inside in _INSIDE:
+            wanted = Knobs(worst.phase_margin_deg - inside, worst.position_phase_margin_deg - inside, worst.suppression_db - 0.3 * inside)
+            placed = setting.turned(_placed(wanted))
+            try:
+                self.design(placed)
+            except Refused:
+                continue
+            return placed
+        return placed
+
+    def best(self, setting: Setting, asked: Specification) -> Setting | None:
+        """The setting of the stiffest loop that meets a specification with one of its prefilters; None where there is none."""
+        plants = self._plants(setting.payload_kg)
+        found = best_cascade(plants.search, plants.proof, self.ground.structure, asked)
+        if found is None:
+            return None
+        cascade, margins = found
+        centre = min(plant.resonance_rad_s for plant in plants.proof.plants)
+        named = replace(setting, prefilter=key_of(cascade.prefilter, centre), velocity_filter_s=cascade.velocity_filter_s)
+        return self.standing(named, margins)
+
+    def _shown(self, cascade: Cascade, margins: tuple[Margins, ...], setting: Setting, span: float) -> Shown:
+        plant, period = self._looked_at(setting), self.ground.structure.period_s
+        return Shown(cascade, worst_of(margins), open_loop_curves(plant, cascade, period), responses(plant, cascade, period, span))
+
+    def _looked_at(self, setting: Setting) -> DesignPlant:
+        """The plant at the place and with the load that is looked at, with the friction of the moving axis."""
+        place = (setting.position_m, setting.shown_kg)
+        plants = self.once(("place", *place), lambda: self.ground.plants([place[0]], [place[1]]))
+        return plants[1] if len(plants) > 2 else plants[0]
+
+    def _plants(self, payload_kg: float) -> KnobPlants:
+        """All variants, those that are the same but for their name once."""
+
+        def sampled() -> KnobPlants:
+            extra = [0.0, payload_kg] if payload_kg else [0.0]
+            single = {replace(plant, name=""): plant for plant in self.ground.plants(self.ground.ends_m, extra)}
+            plants, period = list(single.values()), self.ground.structure.period_s
+            shown = sample_plants(plants, period, _SHOWN_POINTS)
+            return KnobPlants(sample_plants(plants, period, _SEARCH_POINTS), shown, self.ground.structure)
+
+        return self.once(("plants", payload_kg), sampled)
+
+    def _prefilter(self, setting: Setting) -> Prefilter:
+        known = self.prefilters(setting.payload_kg)
+        if setting.prefilter not in known:
+            raise UsageError(f"there is no prefilter {setting.prefilter!r} here; choose {' or '.join(known)}")
+        return known[setting.prefilter]
+
+    def once(self, key: tuple[Any, ...], make: Callable[[], T]) -> T:
+        """What ``make`` gives, made once; whoever comes meanwhile waits."""
+        with self._lock:
+            lock = self._locks.setdefault(key, threading.Lock())
+        with lock:
+            if key not in self._kept:
+                self._kept[key] = make()
+        kept: T = self._kept[key]
+        return kept
+
+
+def worst_of(margins: tuple[Margins, ...]) -> Worst:
+    """The least favourable of all variants."""
+    return Worst(
+        min(one.phase_margin_deg for one in margins),
+        min(one.position_phase_margin_deg for one in margins),
+        max(one.suppression_db for one in margins),
+        min(min(one.gain_margin_db, one.position_gain_margin_db) for one in margins),
+        max(max(one.sensitivity_db, one.position_sensitivity_db) for one in margins),
+        min(one.crossover_rad_s for one in margins) / (2.0 * math.pi),
+        min(one.position_crossover_rad_s for one in margins) / (2.0 * math.pi),
+        all(one.stable and one.velocity_stable for one in margins),
+    )
+
+
+def _placed(knobs: Knobs) -> Knobs:
+    """On the sliders' steps of 0.1, on the safe side, within their ranges."""
+    values = {name: float(np.clip(math.floor(10.0 * getattr(knobs, name)) / 10.0, *limits)) for name, limits in RANGES.items()}
+    return Knobs(**values)

@@ -1,0 +1,104 @@
+"""What tuning of one run rests on, and what the page's controls hold."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+from beltcomm.control import Cascade, CascadeStructure, Prefilter
+from beltcomm.design.design_plant import DesignPlant
+from beltcomm.design.knobs import Knobs
+from beltcomm.errors import UsageError
+from beltcomm.model import Model
+from beltcomm.trajectory import Trajectory
+from beltcomm.verify import Loop
+
+#: What the sliders reach.  Below 30 degrees a design is in doubt; the position loop alone, an integrator, has less than 90.
+RANGES = {"phase_margin_deg": (30.0, 88.0), "position_phase_margin_deg": (30.0, 89.0), "suppression_db": (-40.0, -1.0)}
+UNITS = {"phase_margin_deg": "deg", "position_phase_margin_deg": "deg", "suppression_db": "dB"}
+TITLES = {
+    "phase_margin_deg": "the velocity loop's phase margin",
+    "position_phase_margin_deg": "the position loop's phase margin",
+    "suppression_db": "the suppression",
+}
+#: kg: more is no payload of a belt axis.
+MOST_PAYLOAD_KG = 1000.0
+
+
+@dataclass(frozen=True)
+class Ground:
+    """Of one run.
+
+    plants : of places, m, and payloads beyond what is mounted, kg: every variant a design must hold for.   with_feedforward : completes a
+    cascade.   ends_m : of the travel.   move : that the tracking error is predicted for, with its rest.   loop : what the drive adds.
+    present : the design in the run.   velocity_filters_s : T_R to choose from.
+    """
+
+    model: Model
+    structure: CascadeStructure
+    plants: Callable[[Sequence[float], Sequence[float]], list[DesignPlant]]
+    with_feedforward: Callable[[Cascade], Cascade]
+    ends_m: tuple[float, float]
+    move: Trajectory
+    loop: Loop
+    present: Cascade
+    velocity_filters_s: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What the controls hold.
+
+    prefilter : its key, see :func:`key_of`.   velocity_filter_s : T_R.   payload_kg : heaviest load beyond what is mounted; the design
+    holds for it and for none.   loaded : the curves are drawn with it.   position_m : where they are drawn.
+    """
+
+    phase_margin_deg: float
+    position_phase_margin_deg: float
+    suppression_db: float
+    prefilter: str
+    velocity_filter_s: float
+    payload_kg: float
+    loaded: bool
+    position_m: float
+
+    @property
+    def knobs(self) -> Knobs:
+        """The three of the thesis."""
+        return Knobs(self.phase_margin_deg, self.position_phase_margin_deg, self.suppression_db)
+
+    @property
+    def shown_kg(self) -> float:
+        """Payload of the curves, kg."""
+        return self.payload_kg if self.loaded else 0.0
+
+    def turned(self, knobs: Knobs) -> Setting:
+        """The same with other knobs."""
+        return replace(
+            self,
+            phase_margin_deg=knobs.phase_margin_deg,
+            position_phase_margin_deg=knobs.position_phase_margin_deg,
+            suppression_db=knobs.suppression_db,
+        )
+
+
+def key_of(prefilter: Prefilter, centre_rad_s: float) -> str:
+    """Name of a prefilter among those of a run: its kind, and the low-pass behind it as a multiple of its centre."""
+    return prefilter.kind if not prefilter.roll_off_rad_s else f"{prefilter.kind}+{prefilter.roll_off_rad_s / centre_rad_s:.0f}"
+
+
+def setting_from(data: Any, ground: Ground) -> Setting:
+    """The controls as a program sent them.   Raises UsageError, naming the entry, for anything missing, of another kind or out of range."""
+    if not isinstance(data, dict) or set(data) != {field.name for field in fields(Setting)}:
+        raise UsageError(f"the controls are {', '.join(field.name for field in fields(Setting))}; send these and no others")
+    low, high = ground.ends_m
+    ranges = RANGES | {"payload_kg": (0.0, MOST_PAYLOAD_KG), "position_m": (low, high), "velocity_filter_s": (0.0, 1.0)}
+    for name, (least, most) in ranges.items():
+        value = data[name]
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not least - 1e-9 <= value <= most + 1e-9:
+            raise UsageError(f"{name} is {value!r}; it must be a number from {least:g} to {most:g}")
+    if not isinstance(data["loaded"], bool) or not isinstance(data["prefilter"], str):
+        raise UsageError("loaded must be true or false, prefilter a name")
+    numbers = {name: float(data[name]) for name in ranges}
+    return Setting(**numbers, loaded=data["loaded"], prefilter=data["prefilter"])

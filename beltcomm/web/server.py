@@ -1,0 +1,150 @@
+"""A page for the browser of this computer alone: 127.0.0.1, a secret in its address, and no name but its own."""
+
+from __future__ import annotations
+
+import hmac
+import json
+import re
+import socket
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from importlib.resources import files
+from typing import TYPE_CHECKING, Any
+
+from werkzeug.exceptions import BadRequest, Forbidden, HTTPException, NotFound, UnsupportedMediaType
+from werkzeug.routing import Map, Rule
+from werkzeug.wrappers import Request, Response
+
+from beltcomm.errors import BeltcommError, UsageError
+from beltcomm.result import jsonable
+
+if TYPE_CHECKING:
+    from _typeshed.wsgi import WSGIApplication
+
+HOST = "127.0.0.1"
+#: Names under which this computer's own browser knows the page.  Another one is a foreign site whose name was bent to this computer.
+OWN_NAMES = (HOST, "localhost")
+#: Bytes of a question at most; threads that answer.
+LONGEST, THREADS = 65536, 4
+KINDS = {"html": "text/html; charset=utf-8", "css": "text/css; charset=utf-8", "js": "text/javascript; charset=utf-8"}
+HEADERS = {
+    "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src data:; "
+    "base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cache-Control": "no-store",
+}
+_PORT = re.compile(r":\d+\Z")
+Answers = Mapping[str, Callable[[Any], Mapping[str, Any]]]
+
+
+@dataclass(frozen=True)
+class Page:
+    """NAME.html, NAME.css and NAME.js of this package, and no other file."""
+
+    name: str
+
+    def text(self, kind: str) -> str:
+        """The file of a kind."""
+        return files("beltcomm.web").joinpath(f"{self.name}.{kind}").read_text(encoding="utf-8")
+
+
+@dataclass(frozen=True)
+class Served:
+    """A page that is served.   address : for a browser here.   run : until KeyboardInterrupt.   end : the same from another thread."""
+
+    address: str
+    run: Callable[[], None]
+    end: Callable[[], None]
+
+
+def application(page: Page, answers: Answers, token: str) -> WSGIApplication:
+    """The page under /TOKEN/, its files beside it, and every answer to a POST of JSON to /TOKEN/NAME.
+
+    An answer that raises BeltcommError becomes 422 with the sentence.   Anything without the token is not found, under another host's name
+    or from another site's page forbidden.
+    """
+    rules = [Rule("/<secret>/", endpoint="html", methods=["GET"])]
+    rules += [Rule(f"/<secret>/{page.name}.{kind}", endpoint=kind, methods=["GET"]) for kind in ("css", "js")]
+    rules += [Rule(f"/<secret>/{name}", endpoint=f"answer {name}", methods=["POST"]) for name in answers]
+    places = Map(rules, strict_slashes=True, redirect_defaults=False)
+
+    def answered(request: Request) -> Response:
+        _own(request)
+        endpoint, values = places.bind_to_environ(request.environ).match()
+        if not hmac.compare_digest(values["secret"].encode(), token.encode()):
+            raise NotFound
+        if not endpoint.startswith("answer "):
+            return Response(page.text(endpoint), content_type=KINDS[endpoint])
+        return _answer(answers[endpoint.removeprefix("answer ")], _asked(request))
+
+    @Request.application
+    def serve_one(request: Request) -> Response:
+        request.max_content_length = LONGEST
+        try:
+            response = answered(request)
+        except HTTPException as problem:
+            response = Response(f"{problem.description}\n", problem.code, content_type="text/plain; charset=utf-8")
+        response.headers.update(HEADERS)
+        return response
+
+    return serve_one
+
+
+@contextmanager
+def serve(page: Page, answers: Answers, token: str, port: int = 0) -> Iterator[Served]:
+    """A page on 127.0.0.1.   token : secret part of its address.   port : 0 takes a free one.   Raises UsageError for one that is taken."""
+    from waitress import wasyncore
+    from waitress.server import create_server
+
+    try:
+        listening = socket.create_server((HOST, port))
+    except OSError as problem:
+        raise UsageError(
+            f"port {port} of {HOST} cannot be used: {problem.strerror or problem}; leave --port out to take a free one"
+        ) from None
+    connected: dict[int, Any] = {}
+
+    def disconnect() -> None:
+        wasyncore.close_all(connected)  # with nobody left to listen to, the server's loop ends
+
+    server = create_server(application(page, answers, token), map=connected, sockets=[listening], threads=THREADS, ident=None)
+    try:
+        yield Served(f"http://{HOST}:{listening.getsockname()[1]}/{token}/", server.run, lambda: server.trigger.pull_trigger(disconnect))
+    finally:
+        server.task_dispatcher.shutdown()
+        disconnect()
+        listening.close()
+
+
+def _own(request: Request) -> None:
+    """Raise Forbidden for a foreign name of this computer, and for a page of another site that asks."""
+    host = request.headers.get("Host", "")
+    if _PORT.sub("", host) not in OWN_NAMES:
+        raise Forbidden(f"this page is for {HOST} only")
+    origin = request.headers.get("Origin")
+    if origin is not None and origin != f"http://{host}":
+        raise Forbidden("another site asks; this page answers its own only")
+
+
+def _asked(request: Request) -> Any:
+    if request.mimetype != "application/json":
+        raise UnsupportedMediaType("questions are JSON")
+    try:
+        return json.loads(request.get_data())
+    except ValueError:
+        raise BadRequest("this is no JSON") from None
+
+
+def _answer(answer: Callable[[Any], Mapping[str, Any]], asked: Any) -> Response:
+    status = 200
+    try:
+        found: Mapping[str, Any] = answer(asked)
+    except BeltcommError as problem:
+        found, status = {"error": str(problem)}, 422
+    try:
+        text = json.dumps(found, allow_nan=False)
+    except (TypeError, ValueError):  # numbers that are not finite, arrays: rare, and looking for them takes longer than the rest
+        text = json.dumps(jsonable(found), allow_nan=False)
+    return Response(text, status, content_type="application/json")
