@@ -11,6 +11,11 @@ from pathlib import Path
 import pytest
 
 from beltcomm import api
+from beltcomm.laboratory.diagnosis import fitted_base
+from beltcomm.runfolder import RunFolder
+from beltcomm.session.kept_fit import FILE, fitted_to
+from beltcomm.session.laboratory import records_of
+from beltcomm.session.revisions import current_model
 from session.conftest import Complete
 
 #: What the page may weigh, bytes.
@@ -62,7 +67,7 @@ def test_it_needs_nothing_from_outside(page: str, complete: Complete) -> None:
 
 def test_every_figure_names_its_command_and_data(page: str) -> None:
     captions = Seen(page).text["figcaption"]
-    assert len(captions) == page.count("<figure>") == 8
+    assert len(captions) == page.count("<figure>") == 9
     for caption in captions:
         assert re.match(r"beltcomm \w+ .* · data: run/", caption)
 
@@ -77,7 +82,34 @@ def test_the_first_screen_has_the_numbers_of_the_run(page: str, complete: Comple
     assert float(model["value"].split()[0]) == pytest.approx(max(numbers["ratio"].values()), abs=0.006)
     assert 40.0 < float(margin["value"].rstrip("°")) < 60.0
     assert any("beltcomm apply" in step for step in numbers["next"])
-    assert numbers["sections"] == ["tracking", "gains", "loops", "model", "responses", "friction", "model-error", "journal"]
+    assert numbers["sections"] == [
+        "safety", "responses", "friction", "model", "model-error", "loops", "tracking", "gains", "journal",
+    ]  # fmt: skip
+
+
+def test_a_fit_that_was_kept_is_the_one_that_was_found(page: str, copy_of_complete: Callable[..., Path]) -> None:
+    run = copy_of_complete(name="again")
+    folder = RunFolder.open(run)
+    records, model = records_of(folder).recordings, current_model(folder)
+    assert page and model is not None and run.joinpath(*FILE).is_file()
+    data, again = fitted_to(folder, records, model)
+    fresh_data, fresh = fitted_base(records, folder.axis, model)
+    assert again.ratio == pytest.approx(fresh.ratio, rel=1e-9)
+    assert again.held_ratio == pytest.approx(fresh.held_ratio, rel=1e-9)
+    assert [p.rounding for p in data.fitted] == [p.rounding for p in fresh_data.fitted]
+    sidecar = run / "recordings" / "frf_1.yaml"
+    sidecar.write_text(sidecar.read_text(encoding="utf-8") + "held_out: true\n", encoding="utf-8")
+    changed = fitted_to(folder, records_of(folder).recordings, model)[0]
+    assert len(changed.fitted) < len(data.fitted)
+
+
+def test_gains_stand_beside_the_numbers_of_the_drive(page: str, complete: Complete) -> None:
+    designed = complete.folder.load("designs", "final")["parameters"]
+    row = next(line for line in page.split("<tr>") if "K_P, velocity loop" in line)
+    cells = re.findall(r"<td[^>]*>(.*?)</td>", row)
+    assert float(cells[2]) == pytest.approx(designed["kp_nm_s_rad"], rel=1e-5)
+    assert cells[4] == "2100h:1"
+    assert float(cells[-1]) == pytest.approx(designed["kp_nm_s_rad"], rel=1e-6)
 
 
 def test_what_is_missing_names_the_command_that_makes_it(copy_of_complete: Callable[..., Path]) -> None:

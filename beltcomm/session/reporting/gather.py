@@ -65,7 +65,7 @@ def gathered(run: Path, talk: Talk) -> Gathered:
     results = {name: found for name in folder.names("results") if (found := folder.load_result(name)) is not None}
     return Gathered(
         folder,
-        folder.recordings(),
+        laboratory.records.recordings if laboratory is not None else folder.recordings(),
         current_model(folder),
         laboratory,
         comparison,

@@ -9,7 +9,7 @@ from typing import Any
 from beltcomm.configfiles import write_text
 from beltcomm.report.page import Page, render
 from beltcomm.result import Result, jsonable, plain
-from beltcomm.session.reporting import axis, first, loops, model, model_error, record, tracking
+from beltcomm.session.reporting import axis, first, gains, loops, model, model_error, safety, tracking
 from beltcomm.session.reporting.gather import Gathered, gathered
 from beltcomm.talk import Silence, Talk
 
@@ -17,14 +17,15 @@ from beltcomm.talk import Silence, Talk
 NAME = "report.html"
 #: Every part of the page, in the order shown.
 PARTS = (
-    tracking.section,
-    record.gains,
-    loops.section,
-    model.section,
+    safety.section,
     axis.frequency,
     axis.sliding,
+    model.section,
     model_error.section,
-    record.journal,
+    loops.section,
+    tracking.section,
+    gains.section,
+    safety.journal,
 )
 
 

@@ -8,8 +8,9 @@ from beltcomm.axis import Axis
 from beltcomm.model import Value
 from beltcomm.report.page import Picture, Section, Table, Words
 from beltcomm.session.cross_check_words import sheet_lines
+from beltcomm.session.pictures import middle_of
 from beltcomm.session.reporting.gather import Gathered
-from beltcomm.session.words import number
+from beltcomm.session.words import SHOWN, number
 
 
 def section(run: Gathered) -> Section:
@@ -18,9 +19,10 @@ def section(run: Gathered) -> Section:
         return Section("model", "Model", missing=f"There is no model yet; beltcomm fit {run.name} makes one.")
     rows = []
     for name, value in run.model.parameters.items():
-        sheet = _sheet(run.folder.axis, name)
+        sheet = _sheet(run.folder.axis, name, middle_of(run.folder))
         factor = "" if sheet is None else f"{value.value / sheet:.2f}"
-        rows.append((name, _shown(value), value.unit, value.origin, "" if sheet is None else f"{sheet:.4g}", factor))
+        words, unit, scale = SHOWN.get(name, (name, value.unit, 1.0))
+        rows.append((words, _shown(value, scale), unit, value.origin, "" if sheet is None else f"{scale * sheet:.4g}", factor))
     marks = ", ".join(f"{name} {hz:.2f} Hz" for name, hz in run.landmarks.items())
     parts: list[Words | Table | Picture] = [
         Words([f"Effects: {', '.join(run.model.effects)}.", *([f"In the middle of the travel: {marks}."] if marks else [])]),
@@ -35,16 +37,18 @@ def section(run: Gathered) -> Section:
     return Section("model", "Model", parts)
 
 
-def _shown(value: Value) -> str:
+def _shown(value: Value, scale: float) -> str:
     if value.interval is not None and not math.isfinite(value.interval):
-        return f"{value.value:.4g}, not told by these data"
-    return number(value.value, value.interval, "").strip()
+        return f"{scale * value.value:.4g}, not told by these data"
+    return number(scale * value.value, None if value.interval is None else scale * value.interval, "").strip()
 
 
-def _sheet(axis: Axis, name: str) -> float | None:
+def _sheet(axis: Axis, name: str, middle_m: float) -> float | None:
     """What axis.yaml expects of a parameter, None where it says nothing."""
     if name == "motor.inertia":
         return axis.motor_side_inertia_kg_m2
     if name == "transmission.ratio":
         return axis.transmission_m_rad
+    if name == "belt_stiffness.stiffness" and axis.get("belt.specific_stiffness_n") and axis.get("belt.pulley_distance_m"):
+        return axis.belt_stiffness_n_m(middle_m)
     return None
