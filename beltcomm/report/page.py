@@ -90,7 +90,10 @@ class Section:
 
 @dataclass(frozen=True)
 class Page:
-    """What is shown.   verdict : the first sentence.   next_steps : commands, in the order in which they help."""
+    """What is shown.   verdict : the first sentence.   next_steps : commands, in the order in which they help.
+
+    changes : since another run, in words.
+    """
 
     title: str
     subtitle: str
@@ -100,6 +103,7 @@ class Page:
     next_steps: Sequence[str]
     sections: Sequence[Section] = ()
     notes: Sequence[str] = field(default=())
+    changes: Sequence[str] = field(default=())
 
 
 def picture_of(figure: Figure) -> Picture:

@@ -343,7 +343,7 @@ def test_a_dry_run_moves_and_writes_nothing(make_bench: MakeBench, copy_of_compl
 @pytest.mark.usefixtures("fitted")
 def test_commission_prints_one_json_object(make_bench: MakeBench, copy_of_complete: Copy) -> None:
     make_bench()
-    outcome = call("commission", *DRIVE, "--yes", "--run", copy_of_complete(), "--resume", "--json")
+    outcome = call("commission", *DRIVE, "--yes", "--no-report", "--run", copy_of_complete(), "--resume", "--json")
     data = json_of(outcome)
     assert data["verdict"]["passed"] is True
     assert data["model"]["parameters"]["cart.mass"]["value"] == pytest.approx(13.44, rel=0.03)

@@ -91,14 +91,16 @@ def test_a_fit_that_was_kept_is_the_one_that_was_found(page: str, copy_of_comple
     run = copy_of_complete(name="again")
     folder = RunFolder.open(run)
     records, model = records_of(folder).recordings, current_model(folder)
-    assert page and model is not None and run.joinpath(*FILE).is_file()
+    assert page
+    assert model is not None
+    assert run.joinpath(*FILE).is_file()
     data, again = fitted_to(folder, records, model)
     fresh_data, fresh = fitted_base(records, folder.axis, model)
     assert again.ratio == pytest.approx(fresh.ratio, rel=1e-9)
     assert again.held_ratio == pytest.approx(fresh.held_ratio, rel=1e-9)
     assert [p.rounding for p in data.fitted] == [p.rounding for p in fresh_data.fitted]
     sidecar = run / "recordings" / "frf_1.yaml"
-    sidecar.write_text(sidecar.read_text(encoding="utf-8") + "held_out: true\n", encoding="utf-8")
+    sidecar.write_text(sidecar.read_text(encoding="utf-8").replace("held_out: false", "held_out: true"), encoding="utf-8")
     changed = fitted_to(folder, records_of(folder).recordings, model)[0]
     assert len(changed.fitted) < len(data.fitted)
 

@@ -52,8 +52,8 @@ class Gathered:
         return {name.removeprefix("verify_"): result for name, result in self.results.items() if name.startswith("verify_")}
 
 
-def gathered(run: Path, talk: Talk) -> Gathered:
-    """Everything of a run.   Raises DataError for a folder that is none."""
+def gathered(run: Path, talk: Talk, against: Path | None = None) -> Gathered:
+    """Everything of a run.   against : another run that the command names.   Raises DataError for a folder that is none."""
     folder = RunFolder.open(run)
     remarks = []
     laboratory = comparison = None
@@ -72,6 +72,6 @@ def gathered(run: Path, talk: Talk) -> Gathered:
         revisions(folder),
         results,
         folder.load("designs", "final") if "final" in folder.names("designs") else {},
-        f"beltcomm report {folder.path.resolve().name}",
+        f"beltcomm report {folder.path.resolve().name}" + (f" --against {against.resolve().name}" if against is not None else ""),
         tuple(remarks),
     )
