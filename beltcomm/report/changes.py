@@ -33,7 +33,7 @@ def changes_figure(bars: Sequence[Bar], before: str, now: str, caption: style.Ca
         axes = made.subplots()
         for row, bar in enumerate(bars):
             usual = min(bar.usual, end)
-            axes.barh(row, 2.0 * usual, left=-usual, height=0.7, color=style.NO_DATA, label="usual, nothing wrong" if row == 0 else None)
+            axes.barh(row, 2.0 * usual, left=-usual, height=0.7, color=style.NO_DATA)
             colour = style.SEVERE if bar.state == "changed" else style.MEASURED
             at = min(max(bar.change, -end), end)
             if bar.interval is not None:
@@ -41,16 +41,12 @@ def changes_figure(bars: Sequence[Bar], before: str, now: str, caption: style.Ca
                     [max(bar.change - bar.interval, -end), min(bar.change + bar.interval, end)], [row, row], color=colour, linewidth=2.2
                 )
             axes.plot([at], [row], "D" if bar.interval is None else "o", color=colour, markersize=6)
-            side = "right" if at > 0.6 * end else "left"
-            axes.annotate(
-                f"{bar.change:+.3g} %", (at, row), xytext=(-8 if side == "right" else 8, 0), textcoords="offset points",
-                ha=side, va="center", fontsize=8, color=colour,
-            )  # fmt: skip
+            text = f"{bar.change:+.3g}" + ("" if bar.interval is None else f" ± {bar.interval:.2g}")
+            axes.annotate(f"  {text} %", (1.0, row), xycoords=("axes fraction", "data"), va="center", fontsize=8, color=colour)
         axes.axvline(0.0, color=style.FAINT, linewidth=1.2, zorder=0.5)
         axes.set_yticks(range(len(bars)), [bar.words for bar in bars])
         axes.set_ylim(len(bars) - 0.4, -0.6)
         axes.set_xlim(-end, end)
-        axes.set_xlabel("change in % (diamond: interval not known)")
+        axes.set_xlabel("change in %; grey: usual, with nothing wrong; diamond: interval not known")
         axes.grid(False, axis="y")
-        axes.legend(loc="lower right", fontsize=8)
     return made

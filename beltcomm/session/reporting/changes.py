@@ -102,8 +102,8 @@ def _doubts(before: Gathered, now: Gathered) -> list[str]:
             f"another drive: serial number {serials[0]} before, {serials[1]} now; the scale of its torque may differ by some per cent"
         )
     for run in (before, now):
-        if run.comparison is not None and run.comparison.ratio > 1.1:
-            lines.append(f"the model of {run.name} misses {run.comparison.ratio:.2f} times the noise: its intervals are too narrow")
+        if (run.results.get("fit") or {}).get("suspect"):
+            lines.append(f"the model of {run.name} does not explain its records: its intervals are too narrow")
     return lines
 
 
