@@ -30,6 +30,7 @@ FOLLOWING = {
     "#e4e4e4": "--grid",
     "#cccccc": "--faint",
     style.NO_DATA: "--nothing",
+    style.RESIDUAL: "--blue",
 }
 #: Dots per inch of what is too dense for lines, as maps are.
 DENSE_DPI = 110

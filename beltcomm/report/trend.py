@@ -44,6 +44,7 @@ def trend_figure(followed: Sequence[Followed], caption: style.Caption) -> Figure
         grid = made.subplots(rows, 2, squeeze=False, sharex=True).ravel()
         for axes in grid[len(followed) :]:
             axes.set_axis_off()
+        grid[len(followed) - 2].tick_params(labelbottom=True)  # the lowest of its column, also where the last row is half empty
         for axes, one in zip(grid, followed, strict=False):
             days = one.t_s / DAY_S
             known = np.isfinite(one.intervals)
@@ -56,6 +57,7 @@ def trend_figure(followed: Sequence[Followed], caption: style.Caption) -> Figure
                 line, half = one.course.at(t_s)
                 axes.fill_between(t_s / DAY_S, line - half, line + half, color=style.MODEL, alpha=0.3, linewidth=0.0)
                 axes.plot(t_s / DAY_S, line, color=style.MODEL, linewidth=1.4)
+                shown += [float(line[0]), float(line[-1])]
             for limit in one.limits:
                 if limit is not None:
                     axes.axhline(limit, color=style.SEVERE, linewidth=1.2, linestyle=(0, (5, 3)))

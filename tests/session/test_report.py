@@ -13,6 +13,7 @@ import pytest
 from beltcomm import api
 from beltcomm.laboratory.diagnosis import fitted_base
 from beltcomm.runfolder import RunFolder
+from beltcomm.session import kept_fit
 from beltcomm.session.kept_fit import FILE, fitted_to
 from beltcomm.session.laboratory import records_of
 from beltcomm.session.revisions import current_model
@@ -87,7 +88,9 @@ def test_the_first_screen_has_the_numbers_of_the_run(page: str, complete: Comple
     ]  # fmt: skip
 
 
-def test_a_fit_that_was_kept_is_the_one_that_was_found(page: str, copy_of_complete: Callable[..., Path]) -> None:
+def test_a_fit_that_was_kept_is_the_one_that_was_found(
+    page: str, copy_of_complete: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
     run = copy_of_complete(name="again")
     folder = RunFolder.open(run)
     records, model = records_of(folder).recordings, current_model(folder)
@@ -101,8 +104,9 @@ def test_a_fit_that_was_kept_is_the_one_that_was_found(page: str, copy_of_comple
     assert [p.rounding for p in data.fitted] == [p.rounding for p in fresh_data.fitted]
     sidecar = run / "recordings" / "frf_1.yaml"
     sidecar.write_text(sidecar.read_text(encoding="utf-8").replace("held_out: false", "held_out: true"), encoding="utf-8")
-    changed = fitted_to(folder, records_of(folder).recordings, model)[0]
-    assert len(changed.fitted) < len(data.fitted)
+    monkeypatch.setattr(kept_fit, "fitted_base", lambda *_: pytest.fail("searched anew"))
+    with pytest.raises(pytest.fail.Exception, match="searched anew"):
+        fitted_to(folder, records, model)
 
 
 def test_gains_stand_beside_the_numbers_of_the_drive(page: str, complete: Complete) -> None:

@@ -126,7 +126,7 @@ def test_limits_can_be_set_and_one_that_is_reached_fails(months: Months) -> None
     assert result.exit_code == 1
     assert "has reached its limit" in result.to_json()["quantities"]["coulomb_total"]["text"]
     for wrong in ("coulomb=+10%", "coulomb_total:10", "coulomb_total=ten"):
-        with pytest.raises(UsageError, match="coulomb_total|KEY="):
+        with pytest.raises(UsageError, match=r"coulomb_total|KEY="):
             api.trend(runs, limits=(wrong,))
     with pytest.raises(UsageError, match="1 dates for 2 runs"):
         api.trend(runs, dates=("2025-01-01",))

@@ -21,11 +21,14 @@ from beltcomm.result import Result, jsonable, plain
 from beltcomm.runfolder import RunFolder
 from beltcomm.session.reporting.quantities import Quantity, quantities_of
 from beltcomm.session.revisions import current_model
+from beltcomm.session.words import number
 from beltcomm.verify import DYNAMIC_TARGET_M, STATIC_TARGET_M
 
 NAME = "trend.html"
 #: Times the time observed, from which on an extrapolation is called one.
 FAR = 3.0
+#: What is told first.
+STATES = ("reached", "drifts", "unsure", "steady")
 #: Per cent a year that nobody speaks of.
 MINUTE = 1e-3
 #: The year 2200: dates beyond it are no dates of a machine.
@@ -111,15 +114,17 @@ def trend(runs: Sequence[Path], *, limits: Sequence[str] = (), dates: Sequence[s
     known = {key for one in dated for key in one.found}
     if unknown := sorted(set(_given(limits)) - known):
         raise UsageError(f"no run knows {unknown[0]}{did_you_mean(unknown[0], sorted(known))}; there are {', '.join(sorted(known))}")
-    remarks = _remarks(runs, dated)
+    folders = [RunFolder.open(run) for run in runs]
+    remarks = _remarks(folders, dated)
     followed = [
         one
         for key in dict.fromkeys(k for d in dated for k in d.found)
         if (one := _followed(key, dated, bounds.get(key), len(known))) is not None
     ]
+    followed.sort(key=lambda one: STATES.index(one.state))
     if not followed:
         raise DataError("no two of these runs know the same quantity; make models with beltcomm fit")
-    page = _page(followed, dated, remarks)
+    page = _page(folders[0].axis.name or "Axis", followed, dated, remarks)
     newest = max(runs, key=lambda run: next(d.t_s for d in dated if d.name == run.resolve().name))
     where = out or newest / NAME
     write_text(where, render(page))
@@ -175,9 +180,8 @@ def _time_of(folder: RunFolder, date: str | None) -> tuple[float, str]:
     return min(files), "the files' own date"
 
 
-def _remarks(runs: Sequence[Path], dated: Sequence[Dated]) -> list[str]:
+def _remarks(folders: Sequence[RunFolder], dated: Sequence[Dated]) -> list[str]:
     """What else than time differs between the runs."""
-    folders = [RunFolder.open(run) for run in runs]
     remarks = []
     if any(one.source == "the files' own date" for one in dated):
         names = ", ".join(one.name for one in dated if one.source == "the files' own date")
@@ -239,7 +243,7 @@ def _said(
         least = f" (seen would be {seen:.2g} % a year)" if seen > MINUTE else ""
         return "steady", f"{last.words}: no drift that these runs show{least}", None
     year = 365.25 * DAY_S
-    rate = f"{_number(last, course.slope * year)} ± {_number(last, course.slope_interval * year, digits=2)} a year"
+    rate = f"{number(last.scale * course.slope * year, last.scale * course.slope_interval * year, last.unit)} a year"
     text = f"{last.more if course.slope > 0.0 else last.less}: {last.words} drifts by {rate}"
     bound = high if course.slope > 0.0 else low
     if bound is None:
@@ -252,8 +256,8 @@ def _said(
     return "drifts", f"{text}; {when}" + (", far beyond the time observed: cannot tell" if far else ""), reach
 
 
-def _number(item: Quantity, value: float, digits: int = 3) -> str:
-    return f"{item.scale * value:.{digits}g} {item.unit}"
+def _number(item: Quantity, value: float) -> str:
+    return f"{item.scale * value:.3g} {item.unit}"
 
 
 def _date(t_s: float) -> str:
@@ -263,7 +267,7 @@ def _date(t_s: float) -> str:
     return str(np.datetime64(int(t_s), "s").astype("datetime64[D]"))
 
 
-def _page(followed: Sequence[Line], dated: Sequence[Dated], remarks: Sequence[str]) -> Page:
+def _page(axis: str, followed: Sequence[Line], dated: Sequence[Dated], remarks: Sequence[str]) -> Page:
     names = [one.name for one in dated]
     caption = Caption(f"beltcomm trend {' '.join(names)}", f"models and results of {len(names)} runs")
     reached = [one for one in followed if one.state == "reached"]
@@ -329,7 +333,7 @@ def _page(followed: Sequence[Line], dated: Sequence[Dated], remarks: Sequence[st
         Section("runs", "Runs", [Table(("run", "date", "from"), [(d.name, _date(d.t_s), d.source) for d in dated])]),
     ]
     return Page(
-        "Axis: trend", f"{names[0]} to {names[-1]}", verdict, state, facts, steps, sections, [f"Made by: {caption.command}", *remarks]
+        f"{axis}: trend", f"{names[0]} to {names[-1]}", verdict, state, facts, steps, sections, [f"Made by: {caption.command}", *remarks]
     )
 
 
