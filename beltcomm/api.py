@@ -44,9 +44,9 @@ from beltcomm.session.options import Options, claim, settings_of
 from beltcomm.session.orders import wanted as wanted_sweeps
 from beltcomm.session.plan import commission_plan, identify_plan
 from beltcomm.session.proof import doubts, thin_margins
-from beltcomm.session.reporting.job import at_the_end
-from beltcomm.session.reporting.job import report as report
-from beltcomm.session.reporting.trend import trend as trend
+from beltcomm.session.reporting import at_the_end
+from beltcomm.session.reporting import report as report
+from beltcomm.session.reporting import trend as trend
 from beltcomm.session.scale import ruler as ruler
 from beltcomm.session.serve import serve as serve
 from beltcomm.session.sign import check_sign

@@ -53,17 +53,6 @@ def report(run: Path, *, against: Path | None = None, out: Path | None = None, t
     return Result({**data, "page": str(where)}, [page.verdict, *facts, *since, f"Report: {where}, numbers in {beside.name}"])
 
 
-def at_the_end(run: Path) -> tuple[str | None, str]:
-    """The page of a run that was just commissioned, and a line on it; None and why where there is none.
-
-    Whatever is wrong with a page, the verdict it is about stands.
-    """
-    try:
-        return str(report(run).data["page"]), f"Report: {run / NAME}"
-    except Exception as problem:  # an axis was commissioned, and its gains may be in the drive
-        return None, f"Note: there is no report ({type(problem).__name__}: {problem}); beltcomm report {run} makes one"
-
-
 def page_of(found: Gathered, before: Gathered | None = None) -> Page:
     """The whole page.   before : the earlier run that it is compared with."""
     changed = changes.compared(before, found) if before is not None else []
