@@ -80,7 +80,7 @@ def test_every_figure_names_its_command_and_data(page: str) -> None:
     captions = Seen(page).text["figcaption"]
     assert len(captions) == page.count("<figure>") == 13
     for caption in captions:
-        assert re.match(r"beltcomm \w+ .* · data: run/", caption)
+        assert re.match(r"beltcomm \w+ .* · data: (run/|last_year and run: )", caption)
 
 
 def test_the_first_screen_has_the_numbers_of_the_run(page: str, complete: Complete) -> None:

@@ -44,6 +44,12 @@ def test_a_change_is_named_by_what_its_interval_allows(now: float, interval: flo
     assert words in change.words()
 
 
+def test_runs_of_one_day_make_no_course(months: Months) -> None:
+    found = api.trend(months({"coulomb_total": lambda i: 1.0 + 0.1 * i}, 3), dates=("2025-01-01T08", "2025-01-01T10", "2025-01-01T12"))
+    assert found.to_json()["quantities"]["coulomb_total"]["state"] == "unsure"
+    assert "1 days" in found.to_json()["quantities"]["coulomb_total"]["text"]
+
+
 def test_the_interval_of_a_ratio_covers_it() -> None:
     draws = np.random.default_rng(1).normal([2.0, 3.0], [0.05, 0.06], (4000, 2))
     (change,) = changes_of(quantity(2.0, 1.96 * 0.05), quantity(3.0, 1.96 * 0.06))

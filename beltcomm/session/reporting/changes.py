@@ -79,7 +79,8 @@ def _digits(interval: float | None) -> int:
 
 def named(changes: Sequence[Change], before: Gathered, now: Gathered) -> list[str]:
     """What changed, in words, the largest first: what the first screen says."""
-    clear = sorted((c for c in changes if c.state == "changed"), key=lambda c: -abs(c.share) / c.now.usual)
+    told = [c for c in changes if c.state in ("changed", "unsure")]
+    clear = sorted(told, key=lambda c: (c.state == "unsure", -abs(c.share) / c.now.usual))
     lines = [change.words() for change in clear] or ["Nothing changed that these two runs show beyond what an axis changes by itself."]
     return [*lines, *_effects(before, now), *_doubts(before, now)]
 

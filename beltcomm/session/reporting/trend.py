@@ -203,10 +203,7 @@ def _followed(key: str, dated: Sequence[Dated], limit: Limit | None, looked_at: 
     t_s, values = np.array([one.t_s for one in here]), np.array([item.value for item in items])
     intervals = np.array([math.nan if item.interval is None else item.interval for item in items])
     low, high = limit.values(values[0]) if limit is not None else (None, None)
-    try:
-        course: Course | None = course_of(t_s, values, intervals, looked_at)
-    except DataError:
-        course = None
+    course = course_of(t_s, values, intervals, looked_at) if _days(t_s) >= FEWEST else None
     state, text, reach = _said(items, t_s, course, (low, high))
     return Line(
         items[-1],
@@ -236,7 +233,7 @@ def _said(
             return "reached", f"{last.words} {word}: {last.shown()}, limit {_number(last, bound)}", None
     if course is None:
         change = 100.0 * (last.value / first.value - 1.0) if first.value else math.nan
-        few = f"cannot tell a course from chance yet ({len(set(t_s.tolist()))} dates, {FEWEST} are needed)"
+        few = f"cannot tell a course from chance yet ({_days(t_s)} days, {FEWEST} are needed)"
         return "unsure", f"{last.words}: {change:+.2g} % from {first.shown()} to {last.shown()}; {few}", None
     if not course.drifts:
         seen = 100.0 * course.sure_interval * 365.25 * DAY_S / abs(course.level) if course.level else 0.0
@@ -254,6 +251,11 @@ def _said(
     far = by_line - float(t_s[-1]) > FAR * float(np.ptp(t_s))
     when = f"limit {_number(last, bound)} by the line on {_date(by_line)} ({_date(early)} to {_date(late)})"
     return "drifts", f"{text}; {when}" + (", far beyond the time observed: cannot tell" if far else ""), reach
+
+
+def _days(t_s: np.ndarray) -> int:
+    """Number of days with a run: several runs of one day show how they scatter, no course."""
+    return len(np.unique(np.floor(t_s / DAY_S)))
 
 
 def _number(item: Quantity, value: float) -> str:
@@ -281,7 +283,7 @@ def _page(axis: str, followed: Sequence[Line], dated: Sequence[Dated], remarks: 
         if drifting
         else "Nothing drifts that these runs show."
         if any(one.course is not None for one in followed)
-        else "Cannot tell: three runs at different dates are needed to tell a course from chance."
+        else "Cannot tell: runs of three different days are needed to tell a course from chance."
     )
     days = (dated[-1].t_s - dated[0].t_s) / DAY_S
     facts = [
