@@ -27,8 +27,8 @@ FOLLOWING = {
     "#555555": "--soft",
     "#777777": "--soft",
     style.FAINT: "--faint",
-    "#e4e4e4": "--grid",
-    "#cccccc": "--faint",
+    "#E4E4E4": "--grid",
+    "#CCCCCC": "--faint",
     style.NO_DATA: "--nothing",
     style.RESIDUAL: "--blue",
 }
@@ -147,11 +147,16 @@ def svg_of(figure: Figure) -> str:
     text = re.sub(r'width="[\d.]+pt" height="[\d.]+pt" ', "", text, count=1)
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
     text = re.sub(r"font: ([\d.]+)px [^;\"]*", r"font: \1px var(--font)", text)
-    text = re.sub(r"(?<=[ \"(])(-?\d+\.\d\d)\d+(?=[ \n\")])", r"\1", text)  # a hundredth of a point is more than a printer shows
-    for colour, name in FOLLOWING.items():
-        text = re.sub(rf"(?i)(fill|stroke): {colour}\b", rf"\1: var({name})", text)
+    text = re.sub(r"(?<=\.\d\d)\d+", "", text)  # a hundredth of a point is more than a printer shows
+    text = re.sub(r"(fill|stroke): (#[0-9a-fA-F]{6})", _following, text)
     # text without a colour of its own is black
     return text.replace("<text ", '<text fill="var(--ink)" ').replace("\n", " ")
+
+
+def _following(found: re.Match[str]) -> str:
+    """A colour, or the name under which the page holds it."""
+    name = FOLLOWING.get(found[2].upper())
+    return found[0] if name is None else f"{found[1]}: var({name})"
 
 
 def _thin(axes: Axes, line: Line2D) -> None:
