@@ -43,7 +43,9 @@ from beltcomm.session.move_file import trajectory as trajectory
 from beltcomm.session.options import Options, claim, settings_of
 from beltcomm.session.orders import wanted as wanted_sweeps
 from beltcomm.session.plan import commission_plan, identify_plan
-from beltcomm.session.reporting.job import report as report
+from beltcomm.session.reporting import at_the_end
+from beltcomm.session.reporting import report as report
+from beltcomm.session.reporting import trend as trend
 from beltcomm.session.scale import ruler as ruler
 from beltcomm.session.serve import serve as serve
 from beltcomm.session.sign import check_sign
@@ -90,7 +92,11 @@ def commission(drive: str, axis: Axis | str, run: Path, *, options: Options | No
                 outcome.save(folder, findings)
     text = outcome.commission_text(folder, findings, drive)
     outcome.keep_text(folder, text)
-    return Result({**outcome.data(folder, findings), "visible": plan.visible}, text, 0 if findings.succeeded else 1)
+    page = None
+    if options.report:
+        page, line = at_the_end(run)
+        text = [*text[:-1], line, text[-1]]
+    return Result({**outcome.data(folder, findings), "visible": plan.visible, "page": page}, text, 0 if findings.succeeded else 1)
 
 
 def identify(drive: str, axis: Axis | str, run: Path, *, options: Options | None = None, talk: Talk | None = None) -> Result:

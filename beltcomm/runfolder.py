@@ -10,6 +10,7 @@
       originals/               foreign files as they were, for recordings made by `beltcomm import`
       journal.txt              what the session did, one line each
       bus/NAME.log.gz          frames of the CAN bus (candump -L)
+      kept/                    what took long to find and is found again when it is missing
 
 A folder made by hand needs ``axis.yaml`` and ``recordings`` only.  Files are written whole or not at all.
 """

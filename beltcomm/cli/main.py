@@ -38,6 +38,7 @@ VERBS = {
     "add": "One more effect in the model: error before and after.",
     "remove": "One effect less.",
     "report": "Everything known of a run, as one page.",
+    "trend": "One axis over many runs: what drifts, and when it reaches its limit.",
     "ladder": "All revisions of a model, down to the noise.",
     "simulate": "A virtual experiment from a model or plant into a run folder.",
     "import": "Foreign measurements into a run folder.",

@@ -12,10 +12,11 @@ from beltcomm.cli.frame import Frame, api
 
 @click.command("report")
 @shared.run_argument
+@click.option("--against", type=click.Path(path_type=Path, file_okay=False), help="An earlier run of the same axis: what changed since.")
 @click.option("--out", type=click.Path(path_type=Path, dir_okay=False), help="Where the page goes (RUN/report.html).")
 @shared.output_options
 @click.pass_obj
-def command(frame: Frame, /, run: Path, out: Path | None) -> int:
+def command(frame: Frame, /, run: Path, against: Path | None, out: Path | None) -> int:
     """Write a page on RUN that explains itself: one file of HTML, made for screen and paper, and its numbers beside it."""
     frame.run = run
-    return frame.show(api().report(run, out=out, talk=frame.talk()))
+    return frame.show(api().report(run, against=against, out=out, talk=frame.talk()))

@@ -160,3 +160,21 @@ def figures(
         if len(of) > 1:
             made[f"friction_clock_{number}"] = clock_figure(of, None if isinstance(drift, str) else drift, caption)
     return made
+
+
+def compared_figure(runs: Sequence[tuple[str, FrictionFit]], caption: Caption) -> Figure:
+    """Friction over speed of several runs on one scale, points with their scatter and laws.   runs : name, friction."""
+    with styled():
+        shown = figure("Friction over speed, run by run", 4.4, caption)
+        axes = shown.subplots()
+        for (name, fit), colour in zip(runs, (MEASURED, SEVERE, RESIDUAL), strict=False):
+            speed = np.array([p.speed_rad_s for p in fit.points])
+            torque = np.array([p.torque_nm for p in fit.points])
+            scatter = np.array([p.scatter_nm or 0.0 for p in fit.points])
+            axes.errorbar(speed, 1e3 * torque, yerr=1e3 * scatter, fmt=".", color=colour, markersize=5, capsize=2, linewidth=1.0)
+            for side in (-1.0, 1.0):
+                grid = side * np.linspace(0.05, float(np.max(np.abs(speed))), 20)
+                axes.plot(grid, 1e3 * fit.torque_nm(grid), color=colour, linewidth=1.0, label=name if side > 0.0 else None)
+        axes.set(xlabel="motor speed in rad/s", ylabel="torque in mN m")
+        axes.legend(loc="upper left", fontsize=9)
+    return shown

@@ -10,10 +10,14 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from matplotlib import rc_context
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path
 
 from beltcomm.report import style
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
 
@@ -23,14 +27,17 @@ FOLLOWING = {
     "#555555": "--soft",
     "#777777": "--soft",
     style.FAINT: "--faint",
-    "#e4e4e4": "--grid",
-    "#cccccc": "--faint",
+    "#E4E4E4": "--grid",
+    "#CCCCCC": "--faint",
     style.NO_DATA: "--nothing",
+    style.RESIDUAL: "--blue",
 }
 #: Dots per inch of what is too dense for lines, as maps are.
 DENSE_DPI = 110
 #: Pixels at 100 dpi that a line may be off, and within which points cover each other; the number of points from which that is looked at.
 LINE_PX, POINT_PX, MANY = 0.3, 1.5, 200
+#: Diameter of a "." over its marker size, without its edge.
+DOT_SHARE = 0.5
 State = Literal["good", "bad", "note", ""]
 
 
@@ -84,7 +91,10 @@ class Section:
 
 @dataclass(frozen=True)
 class Page:
-    """What is shown.   verdict : the first sentence.   next_steps : commands, in the order in which they help."""
+    """What is shown.   verdict : the first sentence.   next_steps : commands, in the order in which they help.
+
+    changes : since another run, in words.
+    """
 
     title: str
     subtitle: str
@@ -94,6 +104,7 @@ class Page:
     next_steps: Sequence[str]
     sections: Sequence[Section] = ()
     notes: Sequence[str] = field(default=())
+    changes: Sequence[str] = field(default=())
 
 
 def picture_of(figure: Figure) -> Picture:
@@ -120,33 +131,56 @@ def svg_of(figure: Figure) -> str:
         if axes.get_facecolor()[:3] == (1.0, 1.0, 1.0):
             axes.patch.set_alpha(0.0)
     stream = io.StringIO()
+    figure.set_dpi(DENSE_DPI)
+    canvas = FigureCanvasSVG(figure)
     with rc_context({"svg.fonttype": "none", "svg.hashsalt": "beltcomm", "path.simplify_threshold": LINE_PX}):
-        figure.draw_without_rendering()  # the axes must have their size before points can be told apart on it
-        figure.set_layout_engine("none")  # and keep it: the layout costs as much as the drawing
+        if (layout := figure.get_layout_engine()) is not None:
+            layout.execute(figure)  # once: it costs as much as a drawing; then points can be told apart on the axes
+        figure.set_layout_engine("none")
         for axes in figure.get_axes():
-            for line in axes.get_lines():
-                _thin(line)
-        figure.savefig(stream, format="svg", dpi=DENSE_DPI, metadata={"Date": None, "Creator": None})
+            for line in list(axes.get_lines()):
+                _thin(axes, line)
+        # savefig would draw everything twice
+        canvas.print_svg(stream, metadata={"Date": None, "Creator": None})  # type: ignore[no-untyped-call]
     text = stream.getvalue()
     text = text[text.index("<svg") :]
     text = re.sub(r'width="[\d.]+pt" height="[\d.]+pt" ', "", text, count=1)
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
     text = re.sub(r"font: ([\d.]+)px [^;\"]*", r"font: \1px var(--font)", text)
-    for colour, name in FOLLOWING.items():
-        text = re.sub(rf"(?i)(fill|stroke): {colour}\b", rf"\1: var({name})", text)
+    text = re.sub(r"(?<=\.\d\d)\d+", "", text)  # a hundredth of a point is more than a printer shows
+    text = re.sub(r"(fill|stroke): (#[0-9a-fA-F]{6})", _following, text)
     # text without a colour of its own is black
     return text.replace("<text ", '<text fill="var(--ink)" ').replace("\n", " ")
 
 
-def _thin(line: Line2D) -> None:
-    """Of points that cover each other keep one: a cloud of thousands would make the page heavy and look the same."""
+def _following(found: re.Match[str]) -> str:
+    """A colour, or the name under which the page holds it."""
+    name = FOLLOWING.get(found[2].upper())
+    return found[0] if name is None else f"{found[1]}: var({name})"
+
+
+def _thin(axes: Axes, line: Line2D) -> None:
+    """Of points that cover each other keep one, and draw all as one path of round dots: thousands of marks would make the page heavy."""
     points = line.get_transform().transform(np.column_stack([line.get_xdata(), line.get_ydata()]).astype(float))
     if line.get_linestyle() != "None" or len(points) < MANY:
         return
-    known = np.flatnonzero(np.isfinite(points).all(axis=1))
+    box = axes.bbox.extents
+    with np.errstate(invalid="ignore"):
+        inside = ((points >= box[:2]) & (points <= box[2:])).all(axis=1)
+    known = np.flatnonzero(inside)
     _, first = np.unique(np.round(points[known] / POINT_PX).astype(int), axis=0, return_index=True)
     kept = known[np.sort(first)]
-    line.set_data(np.asarray(line.get_xdata())[kept], np.asarray(line.get_ydata())[kept])
+    if line.get_marker() != ".":
+        line.set_data(np.asarray(line.get_xdata())[kept], np.asarray(line.get_ydata())[kept])
+        return
+    line.set_data([], [])  # stays for the legend
+    dots = Path(np.repeat(axes.transAxes.inverted().transform(points[kept]), 2, axis=0), [Path.MOVETO, Path.LINETO] * len(kept))
+    dots.should_simplify = False  # strokes of no length are what shows
+    wide = DOT_SHARE * line.get_markersize() + line.get_markeredgewidth()
+    axes.add_artist(
+        PathPatch(dots, transform=axes.transAxes, fill=False, edgecolor=line.get_color(), linewidth=wide, capstyle="round",
+                  alpha=line.get_alpha(), zorder=line.get_zorder())
+    )  # fmt: skip
 
 
 def render(page: Page) -> str:

@@ -1,4 +1,7 @@
-"""The proof of a design: open loops of all model variants and of the measured responses, beside the disc that the margins keep free."""
+"""The proof of a design: open loops of all model variants and of the measured responses, beside the disc that the margins keep free.
+
+Above in the plane, below over frequency, with the margins of the variant that has least of them.
+"""
 
 from __future__ import annotations
 
@@ -32,25 +35,27 @@ class Shown:
 
 
 def proof_figure(design: DesignResult, shown: Sequence[Shown], sentences: Sequence[str], caption: style.Caption) -> Figure:
-    """Nyquist plots over gains, velocity loop on the left, position loop on the right."""
+    """Nyquist plots over Bode plots, velocity loop on the left, position loop on the right."""
     nyquist = 0.999 * math.pi / design.structure.period_s
     omega = np.geomspace(1.0, nyquist, POINTS)
     curves = [design.open_loops(i, omega) for i in range(len(design.plants))]
     disc = 10.0 ** (-design.specification.sensitivity_db / 20.0)
     with style.styled():
         rows = 1 + math.ceil((len(shown) + 3) / 3)
-        made = style.figure("Proof of the design: open loops by model and as measured", 8.6 + 0.2 * rows, caption, sentences)
-        grid = made.subplots(3, 2, height_ratios=[4.6, 3.1, 0.2 * rows])
+        made = style.figure("Open loops by model and as measured: Nyquist and Bode", 10.8 + 0.2 * rows, caption, sentences)
+        grid = made.subplots(4, 2, height_ratios=[4.6, 3.1, 2.2, 0.2 * rows])
         for column, name in enumerate(("velocity", "position")):
             loops = [pair[column] for pair in curves]
             measured = [one.loop.velocity if column == 0 else one.loop.position for one in shown]
             _plane(grid[0, column], f"{name} loop", loops, measured, disc, design.specification.sensitivity_db)
             _gain(grid[1, column], omega, loops, shown, measured, name)
+            _phase(grid[2, column], omega, loops, shown, measured)
+            _margins(grid[1, column], grid[2, column], omega / (2.0 * math.pi), loops)
         handles, labels = grid[1, 0].get_legend_handles_labels()
         top = grid[0, 0].get_legend_handles_labels()
-        for axes in grid[2]:
+        for axes in grid[3]:
             axes.set_axis_off()
-        legend = grid[2, 0].legend(top[0] + handles, top[1] + labels, loc="upper left", bbox_to_anchor=(-0.1, 1.0), ncols=3, fontsize=8)
+        legend = grid[3, 0].legend(top[0] + handles, top[1] + labels, loc="upper left", bbox_to_anchor=(-0.1, 1.0), ncols=3, fontsize=8)
         legend.set_in_layout(False)  # it spans both columns; its row keeps its height
     return made
 
@@ -97,14 +102,81 @@ def _gain(
             one.loop.freq_hz, 20.0 * np.log10(np.abs(loop)), _marker(k), color=_colour(k), markersize=3.0, label=f"measured: {one.label}"
         )
     axes.axhline(0.0, color=style.FAINT, linewidth=1.2, zorder=0.5)
-    axes.set_xscale("log")
-    axes.set_xlim(0.5, hz[-1])
+    _over_frequency(axes, hz[-1])
+    axes.tick_params(labelbottom=False)
     axes.set_ylim(FLOOR_DB, 30.0)
-    axes.set_xticks([t for t in (1, 2, 5, 10, 20, 50, 100, 200, 500) if t <= hz[-1]])
+    axes.set_ylabel(f"open {name} loop in dB")
+
+
+def _phase(
+    axes: Axes,
+    omega: NDArray[np.float64],
+    loops: Sequence[NDArray[np.complex128]],
+    shown: Sequence[Shown],
+    measured: Sequence[NDArray[np.complex128]],
+) -> None:
+    hz = omega / (2.0 * math.pi)
+    phases = [_unwrapped(loop) for loop in loops]
+    axes.fill_between(hz, np.min(phases, axis=0), np.max(phases, axis=0), color=style.MODEL, alpha=0.35, linewidth=0.0)
+    for k, (one, loop) in enumerate(zip(shown, measured, strict=True)):
+        axes.plot(one.loop.freq_hz, np.degrees(np.angle(-loop)) - 180.0, _marker(k), color=_colour(k), markersize=3.0)
+    axes.axhline(-180.0, color=style.FAINT, linewidth=1.2, zorder=0.5)
+    _over_frequency(axes, hz[-1])
+    axes.set_ylim(-400.0, 20.0)
+    axes.set_yticks([-360, -270, -180, -90, 0])
+    axes.set_xlabel("frequency in Hz")
+    axes.set_ylabel("phase in degrees")
+
+
+def _margins(gain: Axes, phase: Axes, hz: NDArray[np.float64], loops: Sequence[NDArray[np.complex128]]) -> None:
+    """The least phase margin and the least gain margin of all variants, where they are met."""
+    found = [margin for loop in loops if (margin := _phase_margin(hz, loop)) is not None]
+    if found:
+        degrees, at = min(found)
+        phase.plot([at, at], [-180.0, -180.0 + degrees], color=style.MEASURED, linewidth=1.6)
+        phase.annotate(f" {degrees:.0f}° at {at:.2g} Hz", (at, -180.0), xytext=(3, 3), textcoords="offset points", fontsize=8)
+        gain.plot([at], [0.0], "o", color=style.MEASURED, markersize=4)
+    gains = [margin for loop in loops if (margin := _gain_margin(hz, loop)) is not None]
+    if gains:
+        decibels, at = min(gains)
+        gain.plot([at, at], [-decibels, 0.0], color=style.MEASURED, linewidth=1.6)
+        gain.annotate(f" {decibels:.1f} dB at {at:.3g} Hz", (at, 0.0), xytext=(3, 3), textcoords="offset points", fontsize=8)
+
+
+def _phase_margin(hz: NDArray[np.float64], loop: NDArray[np.complex128]) -> tuple[float, float] | None:
+    """Smallest phase margin in degrees over the crossovers, and where, Hz; None without any."""
+    level = np.log(np.abs(loop))
+    found = []
+    for i in np.flatnonzero(np.diff(np.sign(level))):
+        share = level[i] / (level[i] - level[i + 1])
+        between = loop[i] * (loop[i + 1] / loop[i]) ** share
+        found.append((float(np.degrees(np.angle(-between))), float(hz[i] * (hz[i + 1] / hz[i]) ** share)))
+    return min(found, key=lambda pair: abs(pair[0])) if found else None
+
+
+def _gain_margin(hz: NDArray[np.float64], loop: NDArray[np.complex128]) -> tuple[float, float] | None:
+    """Smallest gain in dB above 0 to a crossing of the negative axis, and where, Hz; None without any."""
+    found = []
+    for i in np.flatnonzero((np.diff(np.sign(loop.imag)) != 0) & (loop.real[1:] < 0.0)):
+        share = loop.imag[i] / (loop.imag[i] - loop.imag[i + 1])
+        size = abs(loop[i] + share * (loop[i + 1] - loop[i]))
+        if 0.0 < size < 1.0:
+            found.append((-20.0 * math.log10(size), float(hz[i] + share * (hz[i + 1] - hz[i]))))
+    return min(found) if found else None
+
+
+def _unwrapped(loop: NDArray[np.complex128]) -> NDArray[np.float64]:
+    """Phase over frequency without jumps, degrees, beginning between -360 and 0."""
+    phase = np.degrees(np.unwrap(np.angle(loop)))
+    return np.asarray(phase - 360.0 * math.ceil(phase[0] / 360.0))
+
+
+def _over_frequency(axes: Axes, highest_hz: float) -> None:
+    axes.set_xscale("log")
+    axes.set_xlim(0.5, highest_hz)
+    axes.set_xticks([t for t in (1, 2, 5, 10, 20, 50, 100, 200, 500) if t <= highest_hz])
     axes.xaxis.set_major_formatter(style.plain_numbers())
     axes.minorticks_off()
-    axes.set_xlabel("frequency in Hz")
-    axes.set_ylabel(f"open {name} loop in dB")
 
 
 def _colour(k: int) -> str:

@@ -16,7 +16,7 @@ from beltcomm.session import backups
 from beltcomm.talk import Talk
 
 #: Units of named parameters, as shown.
-_UNITS = {
+UNITS = {
     "kp_nm_s_rad": "N m s/rad",
     "ki_nm_rad": "N m/rad",
     "kpp_1_s": "1/s",
@@ -52,7 +52,7 @@ class Change:
             "raw": wanted.raw,
             "before": self.before_si,
             "value": wanted.value,
-            "unit": _UNITS.get(wanted.name, ""),
+            "unit": UNITS.get(wanted.name, ""),
         }
 
 
@@ -67,7 +67,7 @@ class Differences:
         """As plain text: object, raw values, and SI values where the object holds a parameter."""
         lines = []
         for one in self.changes:
-            name, unit = one.wanted.name, _UNITS.get(one.wanted.name, "")
+            name, unit = one.wanted.name, UNITS.get(one.wanted.name, "")
             meant = f"{_shown(name, one.before_si)} -> {_shown(name, one.wanted.value)} {unit}".rstrip() if name else ""
             lines.append(f"  {one.wanted.title:9} {_raw(one.before):>11} -> {_raw(one.wanted.raw):<11} {name:24} {meant}".rstrip())
         head = [f"  {'object':9} {'raw, now':>11} -> {'then':<11} {'parameter':24} now -> then"] if lines else ["  nothing differs"]

@@ -13,7 +13,7 @@ from beltcomm.errors import UsageError
 from beltcomm.laboratory.compare import Comparison, compare, landmarks, worst
 from beltcomm.laboratory.cross_checks import SheetDoubt
 from beltcomm.laboratory.data import Data
-from beltcomm.laboratory.diagnosis import NEXT_ITERATIONS, Diagnosis, again, diagnose, fitted_base, settled
+from beltcomm.laboratory.diagnosis import NEXT_ITERATIONS, Diagnosis, again, diagnose, settled
 from beltcomm.laboratory.fitting import Fitted, fit
 from beltcomm.laboratory.intervals import with_intervals
 from beltcomm.laboratory.place_words import in_words
@@ -31,6 +31,7 @@ from beltcomm.session import ladder_words as words
 from beltcomm.session import pictures as drawn
 from beltcomm.session.cost import cost_lines, cost_or_reason
 from beltcomm.session.cross_check_words import as_data, check_lines, cross_checked, doubts_of, sheet_lines
+from beltcomm.session.kept_fit import fitted_to
 from beltcomm.session.next_plan import NAME, plan_for, recorded_sets
 from beltcomm.session.response_table import table_lines, table_of
 from beltcomm.session.revisions import Revision, as_mapping, changed_recordings, current_model, current_revision, new_revision, revisions
@@ -69,7 +70,7 @@ def opened(run: Path, talk: Talk) -> Opened:
     talk.phase(1, 1, "fit of the present model")
     model = current_model(folder)
     start = model if model is not None else start_model(folder.axis, records.recordings)
-    data, fitted = fitted_base(records.recordings, folder.axis, start)
+    data, fitted = fitted_to(folder, records.recordings, start)
     return Opened(folder, data, fitted, records)
 
 

@@ -34,6 +34,7 @@ class Options:
     first_motion : serial number (or what it has instead) of a drive whose first motion is confirmed beforehand; ``yes`` does not do that.
     hold : a key that must stay held while the axis moves.   simulate_first : the plan is played on a twin before anything moves.
     wall_clock : date and time in s, to know how much later a run goes on; the core has no clock of its own.
+    report : a page on the run at the end of ``commission``; the command line asks for it.
     sample_period_s : of records; None is the shortest that drive and bus allow.   drive : further options for the adapter, by name.
     """
 
@@ -53,6 +54,7 @@ class Options:
     loop: Way = "open"
     base_speed_m_s: float | None = None
     pictures: bool = True
+    report: bool = False
     force: bool = False
     prefilter: PrefilterKind | None = None
     feedforward: SentFeedforward | None = None

@@ -16,21 +16,21 @@ from beltcomm.model import Model
 from beltcomm.session.analyse import Characteristic, Nonlinearity
 from beltcomm.verify import Demand, Verdict
 
-#: (name in the model, words, unit shown, factor)
-_SHOWN = (
-    ("motor.inertia", "motor-side inertia", "kg mm²", 1e6),
-    ("cart.mass", "carriage mass", "kg", 1.0),
-    ("belt_stiffness.stiffness", "belt stiffness", "kN/m", 1e-3),
-    ("belt_spans.specific_stiffness", "belt specific stiffness EA", "kN", 1e-3),
-    ("belt_spans.offset", "free belt at position 0", "mm", 1e3),
-    ("belt_damping.damping", "belt damping", "N s/m", 1.0),
-    ("viscous.damping", "viscous friction, motor", "mN m s/rad", 1e3),
-    ("viscous_cart.damping", "viscous friction, carriage", "N s/m", 1.0),
-    ("coulomb.level", "Coulomb friction, motor", "mN m", 1e3),
-    ("cart_friction.level", "Coulomb friction, carriage", "N", 1.0),
-    ("dead_time.time", "dead time, reported torque to motion", "ms", 1e3),
-    ("constant_offset.torque", "constant torque: tilt, friction by direction, current offset", "mN m", 1e3),
-)
+#: Name in the model -> words, unit shown, factor.
+SHOWN = {
+    "motor.inertia": ("motor-side inertia", "kg mm²", 1e6),
+    "cart.mass": ("carriage mass", "kg", 1.0),
+    "belt_stiffness.stiffness": ("belt stiffness", "kN/m", 1e-3),
+    "belt_spans.specific_stiffness": ("belt specific stiffness EA", "kN", 1e-3),
+    "belt_spans.offset": ("free belt at position 0", "mm", 1e3),
+    "belt_damping.damping": ("belt damping", "N s/m", 1.0),
+    "viscous.damping": ("viscous friction, motor", "mN m s/rad", 1e3),
+    "viscous_cart.damping": ("viscous friction, carriage", "N s/m", 1.0),
+    "coulomb.level": ("Coulomb friction, motor", "mN m", 1e3),
+    "cart_friction.level": ("Coulomb friction, carriage", "N", 1.0),
+    "dead_time.time": ("dead time, reported torque to motion", "ms", 1e3),
+    "constant_offset.torque": ("constant torque: tilt, friction by direction, current offset", "mN m", 1e3),
+}
 _DERIVED = (
     ("resonance", "resonance", "Hz", 1.0),
     ("antiresonance", "antiresonance", "Hz", 1.0),
@@ -50,7 +50,7 @@ def number(value: float, interval: float | None, unit: str) -> str:
 def model_lines(fit: InverseFit, characteristics: Mapping[str, Characteristic]) -> list[str]:
     """The fitted model with 95 % intervals, its misfit and what to know of it."""
     lines = ["Model (95 % intervals):"]
-    for name, words, unit, factor in _SHOWN:
+    for name, (words, unit, factor) in SHOWN.items():
         item = fit.model.parameters.get(name)
         if item is not None:
             half = None if item.interval is None else item.interval * factor
@@ -68,7 +68,7 @@ def model_lines(fit: InverseFit, characteristics: Mapping[str, Characteristic]) 
 
 def _named(remark: str) -> str:
     """A remark with the parameters' names as in the table above it."""
-    for name, words, *_ in _SHOWN:
+    for name, (words, *_) in SHOWN.items():
         remark = remark.replace(name, words)
     return remark
 

@@ -22,7 +22,7 @@ COMMANDS: Mapping[str, tuple[str, ...]] = {
     "verify": ("verify", "--drive", "virtual", "--run", "RUN", "--yes"),
     "apply": ("apply", "--drive", "virtual", "--run", "RUN", "--yes", "--force"),
     "rollback": ("rollback", "--drive", "virtual", "--run", "RUN", "--yes"),
-    "commission": ("commission", "--drive", "virtual", "--run", "RUN", "--yes", "--quick", "--resume"),
+    "commission": ("commission", "--drive", "virtual", "--run", "RUN", "--yes", "--quick", "--resume", "--no-report"),
 }
 #: How often each is drawn: what it takes on the machine makes it seldom.
 SHARES: Mapping[str, int] = {"move": 4, "identify": 5, "friction": 2, "verify": 5, "apply": 2, "rollback": 2, "commission": 1}

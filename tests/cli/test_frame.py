@@ -56,6 +56,7 @@ class Options:
     loop: str = "open"
     base_speed_m_s: float | None = None
     pictures: bool = True
+    report: bool = True
     force: bool = False
     prefilter: str | None = None
     feedforward: str | None = None

@@ -14,7 +14,9 @@ from click.testing import CliRunner, Result
 from beltcomm.cli.main import cli
 from beltcomm.parameters import GAIN_NAMES
 from beltcomm.recording import load_recording
+from beltcomm.result import Result as Answer
 from beltcomm.runfolder import RunFolder
+from beltcomm.session import reporting
 from session.bench import RATIO, Bench
 from session.conftest import Complete
 
@@ -341,13 +343,15 @@ def test_a_dry_run_moves_and_writes_nothing(make_bench: MakeBench, copy_of_compl
 
 
 @pytest.mark.usefixtures("fitted")
-def test_commission_prints_one_json_object(make_bench: MakeBench, copy_of_complete: Copy) -> None:
+def test_commission_prints_one_json_object(make_bench: MakeBench, copy_of_complete: Copy, monkeypatch: pytest.MonkeyPatch) -> None:
     make_bench()
+    monkeypatch.setattr(reporting, "report", lambda run: Answer({"page": str(run / "report.html")}, []))
     outcome = call("commission", *DRIVE, "--yes", "--run", copy_of_complete(), "--resume", "--json")
     data = json_of(outcome)
     assert data["verdict"]["passed"] is True
     assert data["model"]["parameters"]["cart.mass"]["value"] == pytest.approx(13.44, rel=0.03)
     assert {"run", "machine_seconds", "remarks", "model", "fit", "friction", "design", "verdict"} <= set(data)
+    assert data["page"].endswith("report.html")
     assert "[8/8] verification" in outcome.stderr
 
 

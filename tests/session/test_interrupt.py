@@ -27,7 +27,9 @@ Copy = Callable[..., Path]
 
 def commission(run: Path, listener: Listener, monkeypatch: pytest.MonkeyPatch, *words: str) -> Result:
     monkeypatch.setattr(talk, "terminal_talk", lambda _verbose: listener)
-    return CliRunner().invoke(cli, ["commission", "--drive", "virtual:g_a", "--run", str(run), "--resume", "--yes", "--seed", "1", *words])
+    return CliRunner().invoke(
+        cli, ["commission", "--drive", "virtual:g_a", "--run", str(run), "--resume", "--yes", "--no-report", "--seed", "1", *words]
+    )
 
 
 def writes_gain(frame: Frame) -> bool:

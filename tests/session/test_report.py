@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 from collections.abc import Callable
 from html.parser import HTMLParser
 from pathlib import Path
@@ -11,6 +12,15 @@ from pathlib import Path
 import pytest
 
 from beltcomm import api
+from beltcomm.configfiles import read_yaml, to_yaml
+from beltcomm.errors import DataError, UsageError
+from beltcomm.laboratory.diagnosis import fitted_base
+from beltcomm.runfolder import RunFolder
+from beltcomm.session import kept_fit
+from beltcomm.session.kept_fit import FILE, fitted_to
+from beltcomm.session.laboratory import records_of
+from beltcomm.session.reporting import at_the_end
+from beltcomm.session.revisions import current_model
 from session.conftest import Complete
 
 #: What the page may weigh, bytes.
@@ -45,8 +55,14 @@ class Seen(HTMLParser):
 
 
 @pytest.fixture(scope="module")
-def page(complete: Complete) -> str:
-    api.report(complete.path)
+def page(complete: Complete, tmp_path_factory: pytest.TempPathFactory) -> str:
+    """The report of a run against one that had a softer belt."""
+    before = tmp_path_factory.mktemp("before") / "last_year"
+    shutil.copytree(complete.path, before)
+    model = read_yaml(before / "models" / "final.yaml", DataError)
+    model["parameters"]["belt_stiffness.stiffness"]["value"] *= 0.88
+    (before / "models" / "final.yaml").write_text(to_yaml(model), encoding="utf-8")
+    api.report(complete.path, against=before)
     return (complete.path / "report.html").read_text(encoding="utf-8")
 
 
@@ -62,9 +78,9 @@ def test_it_needs_nothing_from_outside(page: str, complete: Complete) -> None:
 
 def test_every_figure_names_its_command_and_data(page: str) -> None:
     captions = Seen(page).text["figcaption"]
-    assert len(captions) == page.count("<figure>") == 8
+    assert len(captions) == page.count("<figure>") == 13
     for caption in captions:
-        assert re.match(r"beltcomm \w+ .* · data: run/", caption)
+        assert re.match(r"beltcomm \w+ .* · data: (run/|last_year and run: )", caption)
 
 
 def test_the_first_screen_has_the_numbers_of_the_run(page: str, complete: Complete) -> None:
@@ -77,11 +93,61 @@ def test_the_first_screen_has_the_numbers_of_the_run(page: str, complete: Comple
     assert float(model["value"].split()[0]) == pytest.approx(max(numbers["ratio"].values()), abs=0.006)
     assert 40.0 < float(margin["value"].rstrip("°")) < 60.0
     assert any("beltcomm apply" in step for step in numbers["next"])
-    assert numbers["sections"] == ["tracking", "gains", "loops", "model", "responses", "friction", "model-error", "journal"]
+    assert numbers["sections"] == [
+        "changes", "safety", "responses", "friction", "model", "model-error", "loops", "tracking", "gains", "journal",
+    ]  # fmt: skip
+
+
+def test_a_fit_that_was_kept_is_the_one_that_was_found(
+    page: str, copy_of_complete: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run = copy_of_complete(name="again")
+    folder = RunFolder.open(run)
+    records, model = records_of(folder).recordings, current_model(folder)
+    assert page
+    assert model is not None
+    assert run.joinpath(*FILE).is_file()
+    data, again = fitted_to(folder, records, model)
+    fresh_data, fresh = fitted_base(records, folder.axis, model)
+    assert again.ratio == pytest.approx(fresh.ratio, rel=1e-9)
+    assert again.held_ratio == pytest.approx(fresh.held_ratio, rel=1e-9)
+    assert [p.rounding for p in data.fitted] == [p.rounding for p in fresh_data.fitted]
+    sidecar = run / "recordings" / "frf_1.yaml"
+    sidecar.write_text(sidecar.read_text(encoding="utf-8").replace("held_out: false", "held_out: true"), encoding="utf-8")
+    monkeypatch.setattr(kept_fit, "fitted_base", lambda *_: pytest.fail("searched anew"))
+    with pytest.raises(pytest.fail.Exception, match="searched anew"):
+        fitted_to(folder, records, model)
+
+
+def test_what_changed_since_another_run_stands_on_the_first_screen(page: str, complete: Complete) -> None:
+    numbers = json.loads((complete.path / "report.json").read_text(encoding="utf-8"))
+    changed = {c["now"]["key"]: c for c in numbers["against"]["changes"]}
+    assert numbers["against"]["run"] == "last_year"
+    assert changed["belt_stiffness.stiffness"]["share"] == pytest.approx(1.0 / 0.88 - 1.0)
+    assert {key for key, change in changed.items() if change["state"] == "changed"} == {"belt_stiffness.stiffness"}
+    assert re.search(r"belt stiffer by 13\.\d+ ± 0\.\d+ %", page[: page.index("What to do next")])
+    with pytest.raises(UsageError, match="with itself"):
+        api.report(complete.path, against=complete.path)
+
+
+def test_a_page_that_cannot_be_made_costs_no_commissioning_its_verdict(tmp_path: Path) -> None:
+    where, line = at_the_end(tmp_path / "nothing")
+    assert where is None
+    assert "there is no report" in line
+    assert "does not exist" in line
+
+
+def test_gains_stand_beside_the_numbers_of_the_drive(page: str, complete: Complete) -> None:
+    designed = complete.folder.load("designs", "final")["parameters"]
+    row = next(line for line in page.split("<tr>") if "K_P, velocity loop" in line)
+    cells = re.findall(r"<td[^>]*>(.*?)</td>", row)
+    assert float(cells[2]) == pytest.approx(designed["kp_nm_s_rad"], rel=1e-5)
+    assert cells[4] == "2100h:1"
+    assert float(cells[-1]) == pytest.approx(designed["kp_nm_s_rad"], rel=1e-6)
 
 
 def test_what_is_missing_names_the_command_that_makes_it(copy_of_complete: Callable[..., Path]) -> None:
-    run = copy_of_complete(name="bare")
+    run = copy_of_complete("frf_2", "frf_3", "sweep_2", "moves_1", name="bare")
     for kind in ("models", "designs", "results"):
         for file in (run / kind).glob("*.yaml"):
             file.unlink()

@@ -1,1 +1,38 @@
-"""The report of a run: one file per part of the page, each a function from what the run folder holds to a section."""
+"""The report of a run: one file per part of the page, each a function from what the run folder holds to a section.
+
+The functions here import what draws only when they are called: it takes longer to import than a command without pictures may last.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from beltcomm.result import Result
+from beltcomm.talk import Talk
+
+
+def report(run: Path, *, against: Path | None = None, out: Path | None = None, talk: Talk | None = None) -> Result:
+    """The page on a run and its numbers beside it: :func:`beltcomm.session.reporting.job.report`."""
+    from beltcomm.session.reporting.job import report as made
+
+    return made(run, against=against, out=out, talk=talk)
+
+
+def at_the_end(run: Path) -> tuple[str | None, str]:
+    """The page of a run that was just commissioned, and a line on it; None and why where there is none.
+
+    Whatever is wrong with a page, the verdict it is about stands.
+    """
+    try:
+        page = str(report(run).data["page"])
+    except Exception as problem:  # an axis was commissioned, and its gains may be in the drive
+        return None, f"Note: there is no report ({type(problem).__name__}: {problem}); beltcomm report {run} makes one"
+    return page, f"Report: {page}"
+
+
+def trend(runs: Sequence[Path], *, limits: Sequence[str] = (), dates: Sequence[str] = (), out: Path | None = None) -> Result:
+    """One axis over many runs: :func:`beltcomm.session.reporting.trend.trend`."""
+    from beltcomm.session.reporting.trend import trend as made
+
+    return made(runs, limits=limits, dates=dates, out=out)

@@ -2,14 +2,24 @@
 
 from __future__ import annotations
 
-from beltcomm.errors import BeltcommError
-from beltcomm.report import bode, friction, responses
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from beltcomm.distortion import distortion, line_scatter
+from beltcomm.errors import BeltcommError, DataError
+from beltcomm.report import bode, friction, levels, responses
 from beltcomm.report.page import Picture, Section, Table, Words, picture_of
 from beltcomm.report.style import Caption
+from beltcomm.session.analyse import nonlinearities
 from beltcomm.session.friction_study import study_of
 from beltcomm.session.reporting.gather import Gathered
-from beltcomm.session.response_table import table_lines, table_of
-from beltcomm.session.words import friction_lines
+from beltcomm.session.response_table import Row, table_lines, table_of
+from beltcomm.session.words import friction_lines, nonlinearity_lines
+
+#: Records of which distortion and noise are drawn.
+SPLIT = 2
 
 
 def frequency(run: Gathered) -> Section:
@@ -28,7 +38,44 @@ def frequency(run: Gathered) -> Section:
         shown = [(f"{row.condition.record}, {row.condition.words()}", row.response, row.landmarks) for row in table.rows]
         parts.append(picture_of(responses.responses_figure(shown, [f"by {d.cause}: {d.text}" for d in table.differences], caption)))
         parts.append(Words(table_lines(table), typed=True))
+        parts.append(picture_of(levels.levels_figure([_levels(run, row) for row in _split(table.rows)], caption)))
+        parts.append(Words(_distortion_words(run), listed=True))
     return Section("responses", title, parts)
+
+
+def _split(rows: Sequence[Row]) -> list[Row]:
+    """The loudest response and the quietest, where they differ."""
+    ordered = sorted(rows, key=lambda row: (-row.condition.amplitude_nm, -row.response.n_periods))
+    ends = [ordered[0], ordered[-1]]
+    return ends if ends[-1].condition.amplitude_nm < 0.9 * ends[0].condition.amplitude_nm else ends[:1]
+
+
+def _levels(run: Gathered, row: Row) -> levels.Levels:
+    response = row.response
+    made = levels.Levels(
+        f"{row.condition.record}, {row.condition.words()}",
+        response.freq_hz,
+        np.abs(response.h),
+        response.error_radius(),
+        line_scatter(response),
+    )
+    record = next(r for r in run.recordings if r.name == row.condition.record)
+    note = record.sidecar.excitation
+    if note is None or note.kind != "multisine" or not note.period_samples or record.sidecar.closed_loop:
+        return made
+    try:
+        split = distortion(record.torque, record.position, record.sample_period_s, note.period_samples, note.first_sample, t_s=record.t_s)
+    except DataError:
+        return made
+    return replace(made, odd=split.odd, even=split.even)
+
+
+def _distortion_words(run: Gathered) -> list[str]:
+    lines = nonlinearity_lines(nonlinearities(run.recordings))
+    return lines or [
+        "This excitation has no silent lines: friction, backlash and the like show as scatter from line to line that every period "
+        f"repeats; odd and even cannot be told apart. beltcomm identify --drive DRIVE --run {run.name} --excitation multisine does that."
+    ]
 
 
 def sliding(run: Gathered) -> Section:

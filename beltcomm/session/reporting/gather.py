@@ -52,26 +52,30 @@ class Gathered:
         return {name.removeprefix("verify_"): result for name, result in self.results.items() if name.startswith("verify_")}
 
 
-def gathered(run: Path, talk: Talk) -> Gathered:
-    """Everything of a run.   Raises DataError for a folder that is none."""
+def gathered(run: Path, talk: Talk, against: Path | None = None, *, compared: bool = True) -> Gathered:
+    """Everything of a run.   against : another run that the command names.   compared : the model with the records.
+
+    Raises DataError for a folder that is none.
+    """
     folder = RunFolder.open(run)
     remarks = []
     laboratory = comparison = None
     try:
-        laboratory = opened(run, talk)
-        comparison = compare(laboratory.data, laboratory.fitted)
+        if compared:
+            laboratory = opened(run, talk)
+            comparison = compare(laboratory.data, laboratory.fitted)
     except BeltcommError as problem:
         remarks.append(f"model and measurement were not compared: {problem}")
     results = {name: found for name in folder.names("results") if (found := folder.load_result(name)) is not None}
     return Gathered(
         folder,
-        folder.recordings(),
+        laboratory.records.recordings if laboratory is not None else folder.recordings(),
         current_model(folder),
         laboratory,
         comparison,
         revisions(folder),
         results,
         folder.load("designs", "final") if "final" in folder.names("designs") else {},
-        f"beltcomm report {folder.path.resolve().name}",
+        f"beltcomm report {folder.path.resolve().name}" + (f" --against {against.resolve().name}" if against is not None else ""),
         tuple(remarks),
     )

@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from beltcomm.configfiles import write_text
+from beltcomm.errors import UsageError
 from beltcomm.report.page import Page, render
 from beltcomm.result import Result, jsonable, plain
-from beltcomm.session.reporting import axis, first, loops, model, model_error, record, tracking
+from beltcomm.session.reporting import axis, changes, first, gains, loops, model, model_error, safety, tracking
 from beltcomm.session.reporting.gather import Gathered, gathered
 from beltcomm.talk import Silence, Talk
 
@@ -17,37 +18,45 @@ from beltcomm.talk import Silence, Talk
 NAME = "report.html"
 #: Every part of the page, in the order shown.
 PARTS = (
-    tracking.section,
-    record.gains,
-    loops.section,
-    model.section,
+    safety.section,
     axis.frequency,
     axis.sliding,
+    model.section,
     model_error.section,
-    record.journal,
+    loops.section,
+    tracking.section,
+    gains.section,
+    safety.journal,
 )
 
 
-def report(run: Path, *, out: Path | None = None, talk: Talk | None = None) -> Result:
+def report(run: Path, *, against: Path | None = None, out: Path | None = None, talk: Talk | None = None) -> Result:
     """Write the report of a run and its numbers beside it; returns where they are.
 
+    against : an earlier run of the same axis; the page begins with what changed since.
     out : of the page, ``RUN/report.html`` unless told.   Raises DataError for a folder that is none, UsageError for a place that cannot be
     written.
     """
-    found = gathered(run, talk or Silence())
-    page = page_of(found)
+    if against is not None and against.resolve() == run.resolve():
+        raise UsageError(f"{run} cannot be compared with itself; give an earlier run of the same axis behind --against")
+    found = gathered(run, talk or Silence(), against)
+    before = gathered(against, talk or Silence(), compared=False) if against is not None else None
+    page = page_of(found, before)
     where = out or run / NAME
     beside = where.with_suffix(".json")
     # a page may be sent to anybody: it names no folder of the machine that it was made on
     write_text(where, render(page).replace(f"{run.resolve()}/", ""))
-    data = numbers_of(found, page)
+    data = numbers_of(found, page, before)
     write_text(beside, json.dumps(jsonable(data), indent=1) + "\n")
     facts = [f"  {fact.name}: {fact.value} ({fact.words})" for fact in page.facts]
-    return Result({**data, "page": str(where)}, [page.verdict, *facts, f"Report: {where}, numbers in {beside.name}"])
+    since = [f"Since {before.name}:", *(f"  {line}" for line in page.changes)] if before is not None else []
+    return Result({**data, "page": str(where)}, [page.verdict, *facts, *since, f"Report: {where}, numbers in {beside.name}"])
 
 
-def page_of(found: Gathered) -> Page:
-    """The whole page."""
+def page_of(found: Gathered, before: Gathered | None = None) -> Page:
+    """The whole page.   before : the earlier run that it is compared with."""
+    changed = changes.compared(before, found) if before is not None else []
+    first_part = [changes.section(before, found, changed)] if before is not None else []
     sentence, state = first.verdict(found)
     name, drive = found.folder.axis.name, found.folder.drive
     subtitle = ", ".join(filter(None, [name, drive.get("device_name", ""), f"run {found.name}"]))
@@ -58,12 +67,13 @@ def page_of(found: Gathered) -> Page:
         state,
         first.facts(found),
         first.next_steps(found),
-        [part(found) for part in PARTS],
+        [*first_part, *(part(found) for part in PARTS)],
         [f"Made by: {found.command}", *found.remarks],
+        changes.named(changed, before, found) if before is not None else (),
     )
 
 
-def numbers_of(found: Gathered, page: Page) -> dict[str, Any]:
+def numbers_of(found: Gathered, page: Page, before: Gathered | None = None) -> dict[str, Any]:
     """What the page shows, for programs."""
     comparison = found.comparison
     return {
@@ -75,4 +85,5 @@ def numbers_of(found: Gathered, page: Page) -> dict[str, Any]:
         "sections": [section.key for section in page.sections],
         "ratio": None if comparison is None else {"overall": comparison.ratio, "held_out": comparison.held_out},
         "results": plain(dict(found.results)),
+        "against": None if before is None else {"run": before.name, "changes": plain(changes.compared(before, found))},
     }

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 
-from beltcomm.axis import Axis
+import numpy as np
+
 from beltcomm.model import Value
 from beltcomm.report.page import Picture, Section, Table, Words
 from beltcomm.session.cross_check_words import sheet_lines
 from beltcomm.session.reporting.gather import Gathered
-from beltcomm.session.words import number
+from beltcomm.session.words import SHOWN, number
 
 
 def section(run: Gathered) -> Section:
@@ -18,9 +19,12 @@ def section(run: Gathered) -> Section:
         return Section("model", "Model", missing=f"There is no model yet; beltcomm fit {run.name} makes one.")
     rows = []
     for name, value in run.model.parameters.items():
-        sheet = _sheet(run.folder.axis, name)
-        factor = "" if sheet is None else f"{value.value / sheet:.2f}"
-        rows.append((name, _shown(value), value.unit, value.origin, "" if sheet is None else f"{sheet:.4g}", factor))
+        words, unit, scale = SHOWN.get(name, (name, value.unit, 1.0))
+        sheet, expected, factor = _sheet(run, name), "", ""
+        if sheet is not None:
+            expected = " to ".join(dict.fromkeys(f"{scale * end:.4g}" for end in sheet))
+            factor = f"{value.value / min(max(value.value, sheet[0]), sheet[1]):.2f}"
+        rows.append((words, _shown(value, scale), unit, value.origin, expected, factor))
     marks = ", ".join(f"{name} {hz:.2f} Hz" for name, hz in run.landmarks.items())
     parts: list[Words | Table | Picture] = [
         Words([f"Effects: {', '.join(run.model.effects)}.", *([f"In the middle of the travel: {marks}."] if marks else [])]),
@@ -35,16 +39,26 @@ def section(run: Gathered) -> Section:
     return Section("model", "Model", parts)
 
 
-def _shown(value: Value) -> str:
+def _shown(value: Value, scale: float) -> str:
     if value.interval is not None and not math.isfinite(value.interval):
-        return f"{value.value:.4g}, not told by these data"
-    return number(value.value, value.interval, "").strip()
+        return f"{scale * value.value:.4g}, not told by these data"
+    return number(scale * value.value, None if value.interval is None else scale * value.interval, "").strip()
 
 
-def _sheet(axis: Axis, name: str) -> float | None:
-    """What axis.yaml expects of a parameter, None where it says nothing."""
+def _sheet(run: Gathered, name: str) -> tuple[float, float] | None:
+    """What axis.yaml expects of a parameter, from and to, None where it says nothing.
+
+    A stiffness for the places in the middle of those that were recorded, as :func:`beltcomm.laboratory.cross_checks.sheet_doubts` has it.
+    """
+    axis = run.folder.axis
     if name == "motor.inertia":
-        return axis.motor_side_inertia_kg_m2
+        return axis.motor_side_inertia_kg_m2, axis.motor_side_inertia_kg_m2
     if name == "transmission.ratio":
-        return axis.transmission_m_rad
+        return axis.transmission_m_rad, axis.transmission_m_rad
+    places = [
+        r.sidecar.start_position_m for r in run.recordings if r.sidecar.experiment == "frf" and r.sidecar.start_position_m is not None
+    ]
+    if name == "belt_stiffness.stiffness" and places and axis.get("belt.specific_stiffness_n") and axis.get("belt.pulley_distance_m"):
+        both = [axis.belt_stiffness_n_m(float(place)) for place in np.percentile(places, [25.0, 75.0])]
+        return min(both), max(both)
     return None

@@ -40,6 +40,12 @@ def section(run: Gathered) -> Section:
     return Section("tracking", title, parts)
 
 
+def last(run: Gathered) -> Tracked | None:
+    """The last move of a run; None where none was driven."""
+    moves = [r for r in run.recordings if f"verify_{r.name}" in run.results and r.reference_position is not None]
+    return _tracked(run, moves[-1]) if moves else None
+
+
 def _row(name: str, result: Mapping[str, Any]) -> tuple[str, ...]:
     measured, predicted, spread = result["measured"], result["predicted"], result.get("predicted_range")
     between = "" if not spread else f"{1e6 * spread[0]['dynamic_m']:.0f} to {1e6 * spread[1]['dynamic_m']:.0f}"

@@ -1,0 +1,91 @@
+"""The course of a quantity over many runs: a line through values with intervals, and when it reaches a limit."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from beltcomm.errors import DataError
+
+Array = NDArray[np.float64]
+
+#: Runs from which on their scatter can be told from a course.
+FEWEST = 3
+#: Half of a 95 % interval over a standard deviation.
+NORMAL = 1.96
+
+
+@dataclass(frozen=True)
+class Course:
+    """y = level + slope (t - middle_s).   half widths : 95 %, of level and slope, which are independent of each other.
+
+    sure_interval : of the slope, so wide that of all quantities looked at together hardly one seems to drift by chance.
+
+    scatter : rms of the values around the line over what their intervals let expect; 1 where they scatter as these say, nan where no
+    interval is known.
+    """
+
+    middle_s: float
+    level: float
+    slope: float
+    level_interval: float
+    slope_interval: float
+    sure_interval: float
+    scatter: float
+
+    @property
+    def drifts(self) -> bool:
+        """Whether the slope differs from none, however many others were looked at."""
+        return abs(self.slope) > self.sure_interval
+
+    def at(self, t_s: Array) -> tuple[Array, Array]:
+        """The line, and half the width of its 95 % band, at times t_s (n,)."""
+        u = t_s - self.middle_s
+        return self.level + self.slope * u, np.hypot(self.level_interval, self.slope_interval * u)
+
+    def reaches(self, limit: float) -> tuple[float, float, float] | None:
+        """When the line, and the edges of its band, cross a limit: (earliest, by the line, latest), s; None without a drift.
+
+        (level + slope u - limit)² = level_interval² + slope_interval² u²   with u = t - middle: both roots are finite while the slope
+        differs from none.     Source: Fieller, J. R. Stat. Soc. B 16 (1954) 175.
+        """
+        if not self.drifts:
+            return None
+        away = self.level - limit
+        square = self.slope**2 - self.slope_interval**2
+        half = self.slope * away
+        inner = math.sqrt(max(half**2 - square * (away**2 - self.level_interval**2), 0.0))
+        first, last = sorted(((-half - inner) / square, (-half + inner) / square))
+        return self.middle_s + first, self.middle_s - away / self.slope, self.middle_s + last
+
+
+def course_of(t_s: Array, values: Array, intervals: Array, looked_at: int = 1) -> Course:
+    """A line by weighted least squares.   t_s, values (n,); intervals (n,): half widths, 95 %, nan where they are not known.
+
+    looked_at : quantities of which this is one; a drift is sure with 1 - 0.05/looked_at (Bonferroni).
+
+    Where the values scatter more than their intervals say, runs differ by more than one run knows of itself: then their own scatter makes
+    the intervals, by Student's t with n - 2 degrees of freedom.   Raises DataError for fewer than three runs or for one and the same time.
+    """
+    if len(values) < FEWEST or float(np.ptp(t_s)) <= 0.0:
+        raise DataError(f"a course needs {FEWEST} runs at different times; there are {len(values)}")
+    known = bool(np.all(np.isfinite(intervals)) and np.all(intervals > 0.0))
+    weights = (NORMAL / intervals) ** 2 if known else np.ones(len(values))
+    middle = float(np.sum(weights * t_s) / np.sum(weights))
+    u = t_s - middle
+    spread = float(np.sum(weights * u**2))
+    level, slope = float(np.sum(weights * values) / np.sum(weights)), float(np.sum(weights * u * values) / spread)
+    freedom = len(values) - 2
+    square = float(np.sum(weights * (values - level - slope * u) ** 2)) / freedom
+
+    def wide(level_of_chance: float) -> float:
+        own, by_scatter = stats.norm.ppf(1.0 - 0.5 * level_of_chance), stats.t.ppf(1.0 - 0.5 * level_of_chance, freedom) * math.sqrt(square)
+        return float(max(own, by_scatter) if known else by_scatter)
+
+    level_interval, slope_interval = wide(0.05) / math.sqrt(float(np.sum(weights))), wide(0.05) / math.sqrt(spread)
+    sure = wide(0.05 / looked_at) / math.sqrt(spread)
+    return Course(middle, level, slope, level_interval, slope_interval, sure, math.sqrt(square) if known else math.nan)

@@ -1,0 +1,68 @@
+"""A fitted base model kept beside a run, so that what was found once is evaluated again and not searched for again."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from functools import cache
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+
+from beltcomm.axis import Axis
+from beltcomm.identify.following import follows
+from beltcomm.laboratory.data import Data, made
+from beltcomm.laboratory.fitting import Fitted, held_objective, judged, problem_of
+from beltcomm.model import Model, model_from_dict
+from beltcomm.recording import Recording
+
+#: What the fit rests on: programs of these packages, beside records, axis and model.
+PROGRAMS = ("beltcomm.laboratory", "beltcomm.identify", "beltcomm.simulate", "beltcomm.effects", "beltcomm")
+
+
+def key_of(records: Mapping[str, str], axis: Axis, start: Model) -> str:
+    """Equal only where the same programs would fit the same model to the same records.   records : name -> SHA-256, sidecars too."""
+    text = json.dumps([dict(sorted(records.items())), axis.fingerprint(), start.to_dict(), _programs()], sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+@cache
+def _programs() -> str:
+    """Hash of the source text that a fit runs through."""
+    found = hashlib.sha256()
+    for package in PROGRAMS:
+        for file in sorted(files(package).iterdir(), key=lambda item: item.name):
+            if file.name.endswith(".py"):
+                found.update(file.read_bytes())
+    return found.hexdigest()
+
+
+def kept(data: Data, fitted: Fitted) -> dict[str, Any] | None:
+    """What :func:`restored` needs; None for a model with an observer, whose gains go with the way of the search."""
+    if follows(fitted.model):
+        return None
+    return {
+        "made_by": fitted.problem.model.to_dict(),
+        "unknowns": [float(x) for x in fitted.x],
+        "shares": {piece.record: [float(share) for share in piece.rounding] for piece in (*data.fitted, *data.held_out)},
+        "noise_nm": float(data.noise_nm),
+        "step_rad": float(data.step_rad),
+    }
+
+
+def restored(recordings: Sequence[Recording], found: Mapping[str, Any]) -> tuple[Data, Fitted]:
+    """The fit at its minimum: one evaluation, no search.   Raises KeyError, TypeError or ValueError for damaged contents."""
+    model = model_from_dict(found["made_by"])
+    shares = {str(name): (float(white), float(slow)) for name, (white, slow) in found["shares"].items()}
+    timed = [r for r in recordings if not r.is_static_map]
+    data = made(timed, model, float(found["noise_nm"]), float(found["step_rad"]), shares)
+    problem = problem_of(data, model)
+    x = np.array(found["unknowns"], dtype=np.float64)
+    if x.shape != problem.scale.shape:
+        raise ValueError(f"{len(x)} unknowns kept, {len(problem.scale)} needed")
+    residual = problem.residual(x)
+    best = problem.model_at(x, "laboratory")
+    held = tuple(judged(piece, best) for piece in data.held_out)
+    return data, Fitted(best, problem, x, residual, problem.objective(residual), held, held_objective(data, held))

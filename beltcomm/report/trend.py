@@ -1,0 +1,71 @@
+"""Quantities of one axis over the dates of its runs: values with intervals, the line and its band, limits."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from beltcomm.identify.course import Course
+from beltcomm.report import style
+
+Array = NDArray[np.float64]
+DAY_S = 86400.0
+#: Share of the time observed that the line is drawn beyond the last run.
+AHEAD = 0.5
+
+
+@dataclass(frozen=True)
+class Followed:
+    """One quantity.   t_s : since 1970, s, (n,).   values, intervals : as shown, (n,); nan where no interval is known.
+
+    limits : low and high, None for none.   course : in the same unit, None where there is none.
+    """
+
+    words: str
+    unit: str
+    t_s: Array
+    values: Array
+    intervals: Array
+    limits: tuple[float | None, float | None]
+    course: Course | None
+
+
+def trend_figure(followed: Sequence[Followed], caption: style.Caption) -> Figure:
+    """Two columns of courses; the axis of every quantity holds its limits, so that what is small looks small."""
+    rows = math.ceil(len(followed) / 2)
+    with style.styled():
+        made = style.figure("What the runs say of the axis, over their dates", 0.6 + 2.5 * rows, caption)
+        grid = made.subplots(rows, 2, squeeze=False, sharex=True).ravel()
+        for axes in grid[len(followed) :]:
+            axes.set_axis_off()
+        grid[len(followed) - 2].tick_params(labelbottom=True)  # the lowest of its column, also where the last row is half empty
+        for axes, one in zip(grid, followed, strict=False):
+            days = one.t_s / DAY_S
+            known = np.isfinite(one.intervals)
+            axes.errorbar(
+                days, one.values, yerr=np.where(known, one.intervals, 0.0), fmt="o", color=style.MEASURED, markersize=4, capsize=2
+            )
+            shown = [float(np.min(one.values)), float(np.max(one.values))]
+            if one.course is not None:
+                t_s = np.linspace(one.t_s.min(), one.t_s.max() + AHEAD * np.ptp(one.t_s), 60)
+                line, half = one.course.at(t_s)
+                axes.fill_between(t_s / DAY_S, line - half, line + half, color=style.MODEL, alpha=0.3, linewidth=0.0)
+                axes.plot(t_s / DAY_S, line, color=style.MODEL, linewidth=1.4)
+                shown += [float(line[0]), float(line[-1])]
+            for limit in one.limits:
+                if limit is not None:
+                    axes.axhline(limit, color=style.SEVERE, linewidth=1.2, linestyle=(0, (5, 3)))
+                    shown.append(limit)
+            room = 0.12 * (max(shown) - min(shown)) or 0.1 * abs(shown[0]) or 1.0
+            axes.set_ylim(min(shown) - room, max(shown) + room)
+            axes.set_title(f"{one.words} in {one.unit}", fontsize=9)
+            locator = AutoDateLocator(minticks=3, maxticks=6)  # type: ignore[no-untyped-call]
+            axes.xaxis.set_major_locator(locator)
+            axes.xaxis.set_major_formatter(ConciseDateFormatter(locator))  # type: ignore[no-untyped-call]
+    return made

@@ -1,0 +1,46 @@
+"""The present model fitted to a run's records: from ``RUN/kept/fit.json`` where that is still valid, else anew and kept there."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Sequence
+
+from beltcomm.configfiles import write_text
+from beltcomm.errors import BeltcommError
+from beltcomm.laboratory.data import Data
+from beltcomm.laboratory.diagnosis import fitted_base
+from beltcomm.laboratory.fitting import Fitted
+from beltcomm.laboratory.kept import kept, key_of, restored
+from beltcomm.model import Model
+from beltcomm.recording import Recording
+from beltcomm.runfolder import RunFolder
+
+#: Where it stands in a run folder: nothing that anybody must keep.
+FILE = ("kept", "fit.json")
+
+
+def fitted_to(folder: RunFolder, recordings: Sequence[Recording], start: Model) -> tuple[Data, Fitted]:
+    """:func:`beltcomm.laboratory.diagnosis.fitted_base`, of which a second call with nothing changed costs one evaluation."""
+    path, key = folder.path.joinpath(*FILE), key_of(_hashes(folder), folder.axis, start)
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+        if found["key"] == key:
+            return restored(recordings, found["fit"])
+    except (OSError, ValueError, KeyError, TypeError, BeltcommError):
+        pass  # nothing there, or nothing that can be used: it is made again
+    data, fitted = fitted_base(recordings, folder.axis, start)
+    if (fit := kept(data, fitted)) is not None:
+        try:
+            path.parent.mkdir(exist_ok=True)
+            write_text(path, json.dumps({"key": key, "fit": fit}) + "\n")
+        except (OSError, BeltcommError):
+            pass  # a folder that cannot be written serves its results all the same
+    return data, fitted
+
+
+def _hashes(folder: RunFolder) -> dict[str, str]:
+    """SHA-256 of every file of every complete recording."""
+    stems = set(folder.finished_names())
+    files = (path for path in folder.recordings_folder.iterdir() if path.stem in stems and path.suffix in (".csv", ".yaml"))
+    return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
