@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from beltcomm.identify.whitening import noise_path, noises
 from beltcomm.linear import matrices, operating_point
 from beltcomm.model import Model
-from beltcomm.simulate.inverse import FineMotion, acting_torque, followed, part_of_load, true_motion
+from beltcomm.simulate.inverse import FineMotion, acting_torque, followed, motor_load, true_motion
 from beltcomm.simulate.observer import Watch, filtered
 from beltcomm.simulate.writer import catalogue_bodies
 
@@ -19,9 +19,15 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Follower:
-    """The observer of one stretch.   watch : its filter, with gains, deviations and shares as worked out near the right model."""
+    """The observer of one stretch.   watch : its filter, with gains, deviations and shares as worked out near the right model.
+
+    model, motion, torque : those it was worked out with; what it found on the way stands in ``watch`` as well.
+    """
 
     watch: Watch
+    model: Model
+    motion: FineMotion
+    torque: Array
 
     def white(self, torque: Array, keep: NDArray[np.bool_]) -> Array:
         """What changes of the residual, N m, (n,) or (n, k), change of the innovations to first order, over their deviation."""
@@ -37,6 +43,9 @@ class Follower:
 
         wanted : :func:`left_for_bodies`, N m, (n,), where it is known.
         """
+        same = wanted is None and motion is self.motion and torque is self.torque and model.effects == self.model.effects
+        if same and np.array_equal(vector, self.model.vector()):
+            return self.watch.white, self.watch.left
         true = true_motion(model, motion, vector)
         n = motion.samples
         if wanted is None:
@@ -55,7 +64,7 @@ def follows(model: Model) -> bool:
 
 def left_for_bodies(model: Model, motion: FineMotion, torque: Array, vector: Array) -> Array:
     """Load that the torque leaves for everything beyond the motor, N m, (n,).   motion : true."""
-    left = acting_torque(model, motion, torque, vector) - part_of_load(model, motion, vector, 0.0, "motor")
+    left = acting_torque(model, motion, torque, vector) - motor_load(model, motion, vector)
     left[1:-1] -= vector[model.index("motor.inertia")] * np.diff(motion.theta[:: motion.substeps], 2) / motion.sample_s**2
     return left
 
@@ -114,4 +123,4 @@ def follower_for(
         white=np.zeros(n),
     )
     followed(model, true, vector, watch)
-    return Follower(watch._replace(learning=False))
+    return Follower(watch._replace(learning=False), model, motion, torque)

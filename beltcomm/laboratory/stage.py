@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from beltcomm.compiled import in_one_thread
 from beltcomm.effects import EFFECTS, Effect, Ground
 from beltcomm.errors import UsageError
 from beltcomm.identify.following import follows
@@ -222,6 +223,7 @@ def grown(data: Data, base: Fitted, way: Scored) -> Fitted:
     return fit(data, model, FOLLOWED_ITERATIONS if follows(base.model) else ITERATIONS, offsets=offsets, enough=ENOUGH)
 
 
+@in_one_thread
 def with_effect(data: Data, base: Fitted, ground: Ground, effect: Effect) -> Fitted:
     """The model with an effect that was asked for, whatever speaks for it."""
     scorer = Scorer(base)
