@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 from beltcomm.identify.whitening import noise_path, noises
 from beltcomm.linear import matrices, operating_point
 from beltcomm.model import Model
-from beltcomm.simulate.inverse import FineMotion, acting_torque, followed, motor_load, true_motion
+from beltcomm.simulate.inverse import FineMotion, acting_torque, followed, followed_beside, motor_load, true_motion
 from beltcomm.simulate.observer import Watch, filtered
 from beltcomm.simulate.writer import catalogue_bodies
 
@@ -44,7 +45,7 @@ class Follower:
         wanted : :func:`left_for_bodies`, N m, (n,), where it is known.
         """
         same = wanted is None and motion is self.motion and torque is self.torque and model.effects == self.model.effects
-        if same and np.array_equal(vector, self.model.vector()):
+        if same and np.allclose(vector, self.model.vector(), rtol=1e-12, atol=0.0):
             return self.watch.white, self.watch.left
         true = true_motion(model, motion, vector)
         n = motion.samples
@@ -53,6 +54,10 @@ class Follower:
         watch = self.watch._replace(wanted=wanted, s=np.zeros_like(self.watch.s), left=np.zeros(n), white=np.zeros(n))
         followed(model, true, vector, watch)
         return watch.white, watch.left
+
+    def beside(self, model: Model, motion: FineMotion, vectors: Sequence[Array], wanted: Array) -> Array:
+        """ν over its deviation, (n, k), of several vectors that leave one load to the bodies.   motion : true."""
+        return followed_beside(model, motion, vectors, self.watch._replace(wanted=wanted))
 
 
 def follows(model: Model) -> bool:
@@ -121,6 +126,7 @@ def follower_for(
         shares=np.zeros(n),
         left=np.zeros(n),
         white=np.zeros(n),
+        room=np.zeros((4, size, size)),
     )
     followed(model, true, vector, watch)
     return Follower(watch._replace(learning=False), model, motion, torque)

@@ -94,7 +94,9 @@ class Problem:
         self.ends = np.cumsum([0, *(len(piece.counted) for piece in self.pieces)])
         self.blocks = time_blocks(self.pieces, block_s)
         self.count = np.bincount(self.blocks).astype(np.float64)
+        # What was worked out last of each piece: the search asks for it again.
         self.last: dict[int, tuple[tuple[bytes, float], Parts]] = {}
+        self.seen: dict[int, tuple[bytes, Array]] = {}
 
     @property
     def samples(self) -> int:
@@ -130,7 +132,11 @@ class Problem:
     def one(self, i: int, x: Array) -> Array:
         """Whitened residual of piece i."""
         if self.pieces[i].follower is not None:
-            return followed(self.pieces[i], self.model, self.full(x))
+            known, white = self.seen.get(i, (b"", None))
+            if white is None or known != x[: len(self.free)].tobytes():
+                white = followed(self.pieces[i], self.model, self.full(x))
+                self.seen[i] = (x[: len(self.free)].tobytes(), white)
+            return white
         offset = OFFSET_M * float(x[len(self.free) + i]) if self.movable else 0.0
         key = (x[: len(self.free)].tobytes(), offset)
         parts = self.balance(i, x, offset)
@@ -186,7 +192,7 @@ class Problem:
         for i, piece in enumerate(self.pieces):
             follows = piece.follower is not None
             old = self.balance(i, x, float(offsets[i]))
-            here, seen = old.residual, self.one(i, x) if follows else np.zeros(0)
+            here = old.residual
             changes: dict[int, Array] = {}
             belts: dict[int, tuple[float, Array, float]] = {}
             for j in asked:
@@ -198,16 +204,19 @@ class Problem:
                 ahead = x.copy()
                 ahead[j] = x[j] + step
                 touch: Touch = self.touches[j] if j < own else "belt"
-                if follows and touch in ("belt", "all"):
-                    there = followed(piece, self.model, self.full(ahead), -here if touch == "belt" else None)
-                    columns[self.ends[i] : self.ends[i + 1], j] = (there - seen) / step
+                if follows and touch == "all":
+                    columns[self.ends[i] : self.ends[i + 1], j] = (followed(piece, self.model, self.full(ahead)) - self.one(i, x)) / step
                     continue
                 offset = OFFSET_M * float(ahead[own + i]) if self.movable else 0.0
                 if touch == "belt":
                     belts[j] = (step, self.full(ahead), offset)
                 else:
                     changes[j] = (self.beside(i, ahead, offset, old, touch).residual - here) / step
-            if belts:
+            if belts and piece.follower is not None:
+                steps, vectors, _ = zip(*belts.values(), strict=True)
+                white = piece.follower.beside(self.model, old.motion, (vector, *vectors), -here)[piece.keep]
+                columns[self.ends[i] : self.ends[i + 1], list(belts)] = piece.grouped((white[:, 1:] - white[:, :1]) / np.array(steps))
+            elif belts:
                 steps, vectors, places = zip(*belts.values(), strict=True)
                 loads = belt_loads(self.model, old.motion, vectors, places)
                 for k, j in enumerate(belts):

@@ -169,19 +169,22 @@ def inverse_source() -> str:
         *indented([line for i in others for line in writer.with_body(i, [f"q{i} += h * v{i}"])], 2),
         "        t += h",
     ]  # fmt: skip
+    rubbing = [f"s{writer.switch[e.name]}" for e in writer.with_level(0) if e.slot == "friction_level"]
     motor = [
         "@compiled",
         "def motor(theta, omega, p, on, t, h, bristle, load, level):",
         *indented(writer.constants(), 1),
         "    load[:] = 0.0", "    level[:] = 0.0",
         *indented(writer.motor_alone(), 1),
-        "    z0, q0 = 0.0, theta[0]",
-        "    for k in range(theta.shape[0]):",
+        f"    if {' or '.join(rubbing)}:",
+        "        z0, q0, turning = 0.0, theta[0], 1.0 / bristle",
+        "        for k in range(theta.shape[0]):",
         *indented([
             "step = ratio * (theta[k] - q0)", "q0 = theta[k]",
-            f"if s{writer.switch[writer.onsets()[0].name]}:", "    " + writer.turn(0, "step"), "else:", "    " + turn,
+            f"if s{writer.switch[writer.onsets()[0].name]}:", "    " + writer.turn(0, "step"),
+            "else:", "    z0 = min(1.0, max(-1.0, z0 + step * turning))",
             "load[k] += max(level[k], 0.0) * z0",
-        ], 2),
+        ], 3),
     ]  # fmt: skip
     path = []
     for effect in writer.chosen("torque_path"):

@@ -32,6 +32,7 @@ from beltcomm.simulate.compose import inverse_kernel
 from beltcomm.simulate.mean import triangular_mean
 from beltcomm.simulate.observer import NOTHING, Watch
 from beltcomm.simulate.plain_belt import PLAIN, plain_belt
+from beltcomm.simulate.plain_gap import plain_gap
 from beltcomm.simulate.writer import LOOK_AHEAD, MOVING_RAD_S, catalogue_parameters
 
 Array = NDArray[np.float64]
@@ -133,8 +134,8 @@ class Switchboard:
     those that act on the motor alone, and for the others: the load is the sum of both.
     delays : effects between reported and acting torque, with their places in the model's vector.     readings : the same for those
     between the torque and its reading.     bent : whether the torque path, corrected : whether the angle is touched by an effect.
-    plain : places in the model's vector of what ``plain_belt`` asks for, -1 for what is off; () where it does not know all that there is
-    beyond the motor.
+    plain, gap : places in the model's vector of what ``plain_belt`` or ``plain_gap`` asks for, -1 for what is off; () where it does not
+    know all that there is beyond the motor.
     """
 
     places: NDArray[np.intp]
@@ -146,6 +147,7 @@ class Switchboard:
     bent: bool
     corrected: bool
     plain: tuple[int, ...]
+    gap: tuple[int, ...]
 
     def spread(self, vector: Array) -> Array:
         """The vector of the masked kernel."""
@@ -178,14 +180,17 @@ def switchboard(base_bodies: tuple[str, ...], effects: tuple[str, ...]) -> Switc
         any(e.slot == "torque_path" for e in chosen),
         any(e.slot == "sensor" for e in chosen),
         _plain_places(base_bodies, chosen, own),
+        _plain_places(base_bodies, chosen, own, ("backlash",)),
     )
 
 
-def _plain_places(base_bodies: tuple[str, ...], chosen: Sequence[Effect], own: Sequence[str]) -> tuple[int, ...]:
+def _plain_places(
+    base_bodies: tuple[str, ...], chosen: Sequence[Effect], own: Sequence[str], needed: tuple[str, ...] = ()
+) -> tuple[int, ...]:
     beyond = {e.name for e in chosen if not acts_on_motor(e) and e.slot not in BEFORE_THE_LOAD}
-    if base_bodies != ("motor", "cart") or "belt_stiffness" not in beyond or not beyond <= set(PLAIN):
+    if base_bodies != ("motor", "cart") or not {"belt_stiffness", *needed} <= beyond or not beyond <= {*PLAIN, *needed}:
         return ()
-    names = [effect_named(name).full_names()[0] for name in PLAIN]
+    names = [name for effect in (*PLAIN, *needed) for name in effect_named(effect).full_names()]
     names.insert(2, "cart.mass")
     return tuple(own.index(name) if name in own else -1 for name in names)
 
@@ -277,6 +282,26 @@ def followed(model: Model, motion: FineMotion, vector: Array, watch: Watch) -> N
     load, cart = _SCRATCH.rows(len(motion.theta))
     h, p = motion.sample_s / motion.substeps, board.spread(vector)
     inverse_kernel().load(motion.theta, motion.omega, p, board.belt, motion.time_s, h, motion.bristle_m, 0.0, load, cart, watch)
+
+
+def followed_beside(model: Model, motion: FineMotion, vectors: Sequence[Array], watch: Watch) -> Array:
+    """Innovations over their deviation, (n, k), of several vectors by an observer that does not learn.
+
+    One load is ``wanted`` and one transmission is theirs.
+    """
+    board = switchboard(model.base_bodies, model.effects)
+    h = motion.sample_s / motion.substeps
+    if board.gap and watch.places[1] >= 0:
+        ratio = float(vectors[0][model.index("transmission.ratio")])
+        padded = np.array([(*vector, 0.0) for vector in vectors])
+        values = np.vstack((padded[:, board.gap].T, np.zeros(len(vectors))))
+        return plain_gap(motion.theta, motion.omega, h, ratio, first_speed(motion), values, watch)
+    white = []
+    for vector in vectors:
+        here = watch._replace(s=np.zeros_like(watch.s), left=np.zeros(motion.samples), white=np.zeros(motion.samples))
+        followed(model, motion, vector, here)
+        white.append(here.white)
+    return np.stack(white, axis=1)
 
 
 def acting_torque(model: Model, motion: FineMotion, torque: Array, vector: Array | None = None) -> Array:
