@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from beltcomm.compiled import compiled, in_lanes
 from beltcomm.linear import matrices, operating_point
 from beltcomm.model import Model
-from beltcomm.simulate.observer import filtered
+from beltcomm.simulate.observer import filtered, lanes_for
 
 Array = NDArray[np.float64]
 
@@ -33,8 +33,8 @@ Array = NDArray[np.float64]
 SLOW_HZ = 40.0
 #: Relative change of the gains from one sample to the next below which they stay as they are.
 SETTLED = 1e-8
-#: States of the path with one body behind the motor, without slow rounding; columns that are filtered side by side at most.
-ONE_BODY, ROOM = 5, 16
+#: States of the path with one body behind the motor, without slow rounding.
+ONE_BODY = 5
 #: What is 0 of its F, slow rounding in front: s = (slow rounding, x, v, q, what x and q leave, w).
 ONE_BODY_ZEROS = np.array([[0, 1, 1, 1, 1, 1], [0, 0, 0, 0, 1, 1], [0, 0, 0, 0, 1, 1], [0, 1, 1, 1, 1, 1], [0, 0, 0, 0, 1, 1], [1] * 6]) > 0
 #: Terms of Taylor's series for a norm below one half: 0.5^15/15! is below the machine precision.
@@ -174,8 +174,7 @@ class Whitener:
             f, h = np.zeros((ONE_BODY + 1, ONE_BODY + 1)), np.zeros(ONE_BODY + 1)
             f[1 - slow :, 1 - slow :], h[1 - slow :] = self.path.F, self.path.H
             if not f[ONE_BODY_ZEROS].any():
-                columns = max(residual.shape[1], 1)
-                lanes = 4 * -(-columns // (4 * -(-columns // ROOM)))
+                lanes = lanes_for(residual.shape[1])
                 return _one_body(np.ascontiguousarray(residual), keep, f, h, self.gains, self.deviations, slow, lanes)
         f, h = np.stack([self.path.F] * 2), np.stack([self.path.H] * 2)  # one path, however much of a sample nothing is closed
         return filtered(np.ascontiguousarray(residual), keep, f, h, self.gains, self.deviations, np.zeros(len(keep)))

@@ -75,8 +75,15 @@ def _nothing() -> Watch:
 LOST = 3.5
 #: Share of a sample in which a gap is closed up to which the torque is no news of where in the gap the carriage is.
 OPEN = 0.05
+#: Columns or models in lock step: registers of four, and at most as many as there is room for.
+REGISTER, ROOM = 4, 16
 #: A watch that sees nothing.
 NOTHING = _nothing()
+
+
+def lanes_for(number: int) -> int:
+    """Lanes in lock step that take so many columns or models in rounds as even as possible."""
+    return REGISTER * max(1, -(-number // (-(-number // ROOM) * REGISTER))) if number else REGISTER
 
 
 def observe(n: int, left: float, closed: float, w: Watch) -> None:

@@ -11,13 +11,12 @@ from numpy.typing import NDArray
 
 from beltcomm.compiled import in_lanes
 from beltcomm.simulate.mean import ABSURD_NM
+from beltcomm.simulate.observer import lanes_for
 
 Array = NDArray[np.float64]
 
 #: Effects beyond the motor that this file knows; each is off where its parameter is 0.
 PLAIN = ("belt_stiffness", "belt_damping", "viscous_cart", "cart_friction")
-#: Models in lock step: registers of four, and at most as many as there is room for.
-REGISTER, ROOM = 4, 16
 
 
 def plain_belt(theta: Array, omega: Array, step_s: float, substeps: int, ratio: float, first: float, values: Array) -> Array:
@@ -27,10 +26,8 @@ def plain_belt(theta: Array, omega: Array, step_s: float, substeps: int, ratio: 
     values : (6, models): stiffness N/m, damping N s/m, carriage's mass kg, its viscous N s/m and Coulomb friction N, offset m at the start.
     """
     models = values.shape[1]
-    rounds = -(-models // ROOM)
-    lanes = REGISTER * -(-models // (rounds * REGISTER))
     mean = np.zeros(((theta.shape[0] - 1) // substeps + 1, models))
-    _plain_belt(theta, omega, step_s, substeps, ratio, first, values, lanes, mean)
+    _plain_belt(theta, omega, step_s, substeps, ratio, first, values, lanes_for(models), mean)
     return mean
 
 

@@ -14,8 +14,7 @@ from beltcomm.compiled import in_lanes
 from beltcomm.effects._corner import REACH
 from beltcomm.effects.backlash import LEAST_WIDTH_M
 from beltcomm.simulate.mean import ABSURD_NM
-from beltcomm.simulate.observer import LOST, OPEN, Watch
-from beltcomm.simulate.plain_belt import REGISTER, ROOM
+from beltcomm.simulate.observer import LOST, OPEN, Watch, lanes_for
 
 Array = NDArray[np.float64]
 
@@ -27,11 +26,9 @@ def plain_gap(theta: Array, omega: Array, step_s: float, ratio: float, first: fl
     values : (8, models): those of ``plain_belt``, the offset last, with gap, m, and its rounding before it.
     """
     models = values.shape[1]
-    rounds = -(-models // ROOM)
-    lanes = REGISTER * -(-models // (rounds * REGISTER))
     white = np.zeros((len(watch.wanted), models))
     carriage = (int(watch.places[1]), int(watch.places[1]) + watch.behind)
-    _plain_gap(theta, omega, step_s, ratio, first, values, lanes, watch, carriage, white)
+    _plain_gap(theta, omega, step_s, ratio, first, values, lanes_for(models), watch, carriage, white)
     return white
 
 
