@@ -1,11 +1,16 @@
-"""Compilation of numeric loops, on every machine: cached where a folder can be written, in memory where none can."""
+"""Compilation of numeric loops, on every machine: cached where a folder can be written, in memory where none can; linear
+algebra in one thread."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import ParamSpec, TypeVar, cast
+from functools import lru_cache, wraps
+from typing import TYPE_CHECKING, ParamSpec, TypeVar, cast
 
 import numba
+
+if TYPE_CHECKING:
+    from threadpoolctl import ThreadpoolController
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
@@ -21,3 +26,37 @@ def compiled(function: Callable[_P, _R]) -> Callable[_P, _R]:
         return cast("Callable[_P, _R]", numba.njit(cache=True)(function))
     except RuntimeError:  # "no locator available": numba has found no place for its cache
         return cast("Callable[_P, _R]", numba.njit(function))
+
+
+def in_lanes(function: Callable[_P, _R]) -> Callable[_P, _R]:
+    """The same for loops over neighbours that do not know each other: no test for a division by zero, multiply and add in one.
+
+    With the test the compiler cannot put the neighbours into one register.
+    """
+    try:
+        return cast("Callable[_P, _R]", numba.njit(cache=True, error_model="numpy", fastmath={"contract"})(function))
+    except RuntimeError:
+        return cast("Callable[_P, _R]", numba.njit(error_model="numpy", fastmath={"contract"})(function))
+
+
+def in_one_thread(function: Callable[_P, _R]) -> Callable[_P, _R]:
+    """A function whose linear algebra stays in its thread.
+
+    Its matrices are small: threads that wait for each other took as much time as all the rest of a diagnosis, and the last digits of
+    a sum depended on how many there were.
+    """
+
+    @wraps(function)
+    def alone(*args: _P.args, **kwargs: _P.kwargs) -> _R:
+        with _pools().limit(limits=1, user_api="blas"):
+            return function(*args, **kwargs)
+
+    return alone
+
+
+@lru_cache(maxsize=1)
+def _pools() -> ThreadpoolController:
+    import scipy.linalg  # noqa: F401  numpy's and scipy's libraries are two; what is not loaded yet is not found
+    from threadpoolctl import ThreadpoolController
+
+    return ThreadpoolController()  # type: ignore[no-untyped-call]

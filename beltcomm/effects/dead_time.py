@@ -2,25 +2,29 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
+from beltcomm.compiled import compiled
 from beltcomm.effects._effect import Effect, Ground, Parameter, Trial
 
 Array = NDArray[np.float64]
 
 
+@compiled
 def delayed(cells: Array, h: float, time: float) -> Array:
     """Torque averaged over cells of ``h`` seconds, ``time`` seconds later (earlier when negative).
 
     cells : ndarray (n,), N m, mean over each cell.   Before the first cell the torque is taken as that of the first.
     """
-    shift = time / h
-    whole = int(np.floor(shift))
-    part = shift - whole
-    place = np.arange(len(cells)) - whole
-    last = len(cells) - 1
-    return np.asarray((1.0 - part) * cells[np.clip(place, 0, last)] + part * cells[np.clip(place - 1, 0, last)])
+    whole = math.floor(time / h)
+    part, last = time / h - whole, cells.shape[0] - 1
+    out = np.empty_like(cells)
+    for k in range(cells.shape[0]):
+        out[k] = (1.0 - part) * cells[min(max(k - whole, 0), last)] + part * cells[min(max(k - whole - 1, 0), last)]
+    return out
 
 
 def response(omega: Array, time: float) -> NDArray[np.complex128]:

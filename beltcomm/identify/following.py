@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 from beltcomm.identify.whitening import noise_path, noises
 from beltcomm.linear import matrices, operating_point
 from beltcomm.model import Model
-from beltcomm.simulate.inverse import FineMotion, acting_torque, followed, part_of_load, true_motion
+from beltcomm.simulate.inverse import FineMotion, acting_torque, followed, followed_beside, motor_load, true_motion
 from beltcomm.simulate.observer import Watch, filtered
 from beltcomm.simulate.writer import catalogue_bodies
 
@@ -19,9 +20,15 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Follower:
-    """The observer of one stretch.   watch : its filter, with gains, deviations and shares as worked out near the right model."""
+    """The observer of one stretch.   watch : its filter, with gains, deviations and shares as worked out near the right model.
+
+    model, motion, torque : those it was worked out with; what it found on the way stands in ``watch`` as well.
+    """
 
     watch: Watch
+    model: Model
+    motion: FineMotion
+    torque: Array
 
     def white(self, torque: Array, keep: NDArray[np.bool_]) -> Array:
         """What changes of the residual, N m, (n,) or (n, k), change of the innovations to first order, over their deviation."""
@@ -37,6 +44,9 @@ class Follower:
 
         wanted : :func:`left_for_bodies`, N m, (n,), where it is known.
         """
+        same = wanted is None and motion is self.motion and torque is self.torque and model.effects == self.model.effects
+        if same and np.allclose(vector, self.model.vector(), rtol=1e-12, atol=0.0):
+            return self.watch.white, self.watch.left
         true = true_motion(model, motion, vector)
         n = motion.samples
         if wanted is None:
@@ -44,6 +54,10 @@ class Follower:
         watch = self.watch._replace(wanted=wanted, s=np.zeros_like(self.watch.s), left=np.zeros(n), white=np.zeros(n))
         followed(model, true, vector, watch)
         return watch.white, watch.left
+
+    def beside(self, model: Model, motion: FineMotion, vectors: Sequence[Array], wanted: Array) -> Array:
+        """ν over its deviation, (n, k), of several vectors that leave one load to the bodies.   motion : true."""
+        return followed_beside(model, motion, vectors, self.watch._replace(wanted=wanted))
 
 
 def follows(model: Model) -> bool:
@@ -55,7 +69,7 @@ def follows(model: Model) -> bool:
 
 def left_for_bodies(model: Model, motion: FineMotion, torque: Array, vector: Array) -> Array:
     """Load that the torque leaves for everything beyond the motor, N m, (n,).   motion : true."""
-    left = acting_torque(model, motion, torque, vector) - part_of_load(model, motion, vector, 0.0, "motor")
+    left = acting_torque(model, motion, torque, vector) - motor_load(model, motion, vector)
     left[1:-1] -= vector[model.index("motor.inertia")] * np.diff(motion.theta[:: motion.substeps], 2) / motion.sample_s**2
     return left
 
@@ -112,6 +126,7 @@ def follower_for(
         shares=np.zeros(n),
         left=np.zeros(n),
         white=np.zeros(n),
+        room=np.zeros((4, size, size)),
     )
     followed(model, true, vector, watch)
-    return Follower(watch._replace(learning=False))
+    return Follower(watch._replace(learning=False), model, motion, torque)

@@ -14,10 +14,22 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from beltcomm.compiled import in_one_thread
 from beltcomm.effects import effect_named
 from beltcomm.identify.residual import Stretch, followed, in_noise
 from beltcomm.model import Model, expected_parameters
-from beltcomm.simulate.inverse import Lags, acting_torque, acts_on_motor, as_read, part_of_load, reading_lags, true_motion
+from beltcomm.simulate.inverse import (
+    FineMotion,
+    Lags,
+    acting_torque,
+    acts_on_motor,
+    as_read,
+    belt_load,
+    belt_loads,
+    motor_load,
+    reading_lags,
+    true_motion,
+)
 
 Array = NDArray[np.float64]
 
@@ -35,7 +47,7 @@ Touch = Literal["inertia", "motor", "belt", "path", "all"]
 class Parts:
     """The torque balance of one stretch, N m, (n,) each:  residual = inertia + motor + belt, as read, - acting.
 
-    lags : of the torque's reading.
+    motion : true.   lags : of the torque's reading.
     """
 
     inertia: Array
@@ -43,13 +55,13 @@ class Parts:
     belt: Array
     acting: Array
 
-    sample_s: float
+    motion: FineMotion
     lags: Lags = ()
 
     @property
     def residual(self) -> Array:
         """What is left over, N m, (n,)."""
-        return as_read(self.inertia + self.motor + self.belt, float(self.acting[1]), self.sample_s, self.lags) - self.acting
+        return as_read(self.inertia + self.motor + self.belt, float(self.acting[1]), self.motion.sample_s, self.lags) - self.acting
 
 
 @dataclass(frozen=True)
@@ -82,6 +94,9 @@ class Problem:
         self.ends = np.cumsum([0, *(len(piece.counted) for piece in self.pieces)])
         self.blocks = time_blocks(self.pieces, block_s)
         self.count = np.bincount(self.blocks).astype(np.float64)
+        # What was worked out last of each piece: the search asks for it again.
+        self.last: dict[int, tuple[tuple[bytes, float], Parts]] = {}
+        self.seen: dict[int, tuple[bytes, Array]] = {}
 
     @property
     def samples(self) -> int:
@@ -116,32 +131,52 @@ class Problem:
 
     def one(self, i: int, x: Array) -> Array:
         """Whitened residual of piece i."""
-        offset = OFFSET_M * float(x[len(self.free) + i]) if self.movable else 0.0
         if self.pieces[i].follower is not None:
-            return followed(self.pieces[i], self.model, self.full(x))
-        return in_noise(self.pieces[i], self.model, self.full(x), self.balance(i, x, offset).residual)
+            known, white = self.seen.get(i, (b"", None))
+            if white is None or known != x[: len(self.free)].tobytes():
+                white = followed(self.pieces[i], self.model, self.full(x))
+                self.seen[i] = (x[: len(self.free)].tobytes(), white)
+            return white
+        offset = OFFSET_M * float(x[len(self.free) + i]) if self.movable else 0.0
+        key = (x[: len(self.free)].tobytes(), offset)
+        parts = self.balance(i, x, offset)
+        self.last[i] = (key, parts)
+        return in_noise(self.pieces[i], self.model, self.full(x), parts.residual)
 
-    def balance(self, i: int, x: Array, offset_m: float, old: Parts | None = None, touch: Touch = "all") -> Parts:
-        """The torque balance of piece i; parts that are not touched are taken from ``old``."""
+    def balance(self, i: int, x: Array, offset_m: float) -> Parts:
+        """The torque balance of piece i; the same object as the last :meth:`one` made, where it was asked for the same."""
+        key, parts = self.last.get(i, (None, None))
+        if parts is not None and key == (x[: len(self.free)].tobytes(), offset_m):
+            return parts
         piece, vector = self.pieces[i], self.full(x)
         motion = true_motion(self.model, piece.motion, vector)
-        if old is None or touch == "all":
-            inertia = np.zeros(motion.samples)
-            inertia[1:-1] = vector[self.inertia] * np.diff(motion.theta[:: motion.substeps], 2) / motion.sample_s**2
-            motor = part_of_load(self.model, motion, vector, offset_m, "motor")
-            follows = piece.follower is not None  # then the belt's part is only known sample by sample, see ``one``
-            belt = np.zeros(motion.samples) if follows else part_of_load(self.model, motion, vector, offset_m, "belt")
-            acting = acting_torque(self.model, motion, piece.torque, vector)
-            return Parts(inertia, motor, belt, acting, motion.sample_s, reading_lags(self.model, vector))
+        follows = piece.follower is not None  # then the belt's part is only known sample by sample, see ``one``
+        return Parts(
+            self.inertia_of(motion, vector),
+            motor_load(self.model, motion, vector),
+            np.zeros(motion.samples) if follows else belt_load(self.model, motion, vector, offset_m),
+            acting_torque(self.model, motion, piece.torque, vector),
+            motion,
+            reading_lags(self.model, vector),
+        )
+
+    def inertia_of(self, motion: FineMotion, vector: Array) -> Array:
+        """Torque that the motor's inertia takes, N m, (n,)."""
+        inertia = np.zeros(motion.samples)
+        inertia[1:-1] = vector[self.inertia] * np.diff(motion.theta[:: motion.substeps], 2) / motion.sample_s**2
+        return inertia
+
+    def beside(self, i: int, x: Array, offset_m: float, old: Parts, touch: Touch) -> Parts:
+        """The same at neighbouring unknowns; parts that are not touched are taken from ``old``."""
+        vector, motion = self.full(x), old.motion
         if touch == "inertia":
-            inertia = np.zeros(motion.samples)
-            inertia[1:-1] = vector[self.inertia] * np.diff(motion.theta[:: motion.substeps], 2) / motion.sample_s**2
-            return replace(old, inertia=inertia)
+            return replace(old, inertia=self.inertia_of(motion, vector))
         if touch == "motor":
-            return replace(old, motor=part_of_load(self.model, motion, vector, offset_m, "motor"))
-        if touch == "belt":
-            return replace(old, belt=part_of_load(self.model, motion, vector, offset_m, "belt"))
-        return replace(old, acting=acting_torque(self.model, motion, piece.torque, vector), lags=reading_lags(self.model, vector))
+            return replace(old, motor=motor_load(self.model, motion, vector))
+        if touch == "path":
+            acting = acting_torque(self.model, motion, self.pieces[i].torque, vector)
+            return replace(old, acting=acting, lags=reading_lags(self.model, vector))
+        return self.balance(i, x, offset_m)
 
     def residual(self, x: Array) -> Array:
         """Whitened residual of all pieces, (n,)."""
@@ -157,8 +192,9 @@ class Problem:
         for i, piece in enumerate(self.pieces):
             follows = piece.follower is not None
             old = self.balance(i, x, float(offsets[i]))
-            here, seen = old.residual, self.one(i, x) if follows else np.zeros(0)
-            numbers, changes = [], []
+            here = old.residual
+            changes: dict[int, Array] = {}
+            belts: dict[int, tuple[float, Array, float]] = {}
             for j in asked:
                 if j >= own and (j - own != i or follows):
                     continue  # an observer knows itself how the carriage may stand at first
@@ -168,15 +204,26 @@ class Problem:
                 ahead = x.copy()
                 ahead[j] = x[j] + step
                 touch: Touch = self.touches[j] if j < own else "belt"
-                if follows and touch in ("belt", "all"):
-                    there = followed(piece, self.model, self.full(ahead), -here if touch == "belt" else None)
-                    columns[self.ends[i] : self.ends[i + 1], j] = (there - seen) / step
+                if follows and touch == "all":
+                    columns[self.ends[i] : self.ends[i + 1], j] = (followed(piece, self.model, self.full(ahead)) - self.one(i, x)) / step
                     continue
                 offset = OFFSET_M * float(ahead[own + i]) if self.movable else 0.0
-                numbers.append(j)
-                changes.append((self.balance(i, ahead, offset, old, touch).residual - here) / step)
-            if numbers:
-                columns[self.ends[i] : self.ends[i + 1], numbers] = in_noise(piece, self.model, vector, np.stack(changes, axis=1))
+                if touch == "belt":
+                    belts[j] = (step, self.full(ahead), offset)
+                else:
+                    changes[j] = (self.beside(i, ahead, offset, old, touch).residual - here) / step
+            if belts and piece.follower is not None:
+                steps, vectors, _ = zip(*belts.values(), strict=True)
+                white = piece.follower.beside(self.model, old.motion, (vector, *vectors), -here)[piece.keep]
+                columns[self.ends[i] : self.ends[i + 1], list(belts)] = piece.grouped((white[:, 1:] - white[:, :1]) / np.array(steps))
+            elif belts:
+                steps, vectors, places = zip(*belts.values(), strict=True)
+                loads = belt_loads(self.model, old.motion, vectors, places)
+                for k, j in enumerate(belts):
+                    changes[j] = (replace(old, belt=loads[:, k]).residual - here) / steps[k]
+            if changes:
+                white = in_noise(piece, self.model, vector, np.stack(list(changes.values()), axis=1))
+                columns[self.ends[i] : self.ends[i + 1], list(changes)] = white
         return columns
 
     def block_means(self, residual: Array) -> Array:
@@ -193,6 +240,7 @@ class Problem:
         """Square root of φ'(c) of every sample's block, (n,)."""
         return np.asarray((1.0 / np.sqrt(np.maximum(1.0, self.block_means(residual))))[self.blocks])
 
+    @in_one_thread
     def minimise(self, x: Array, iterations: int, held: Sequence[int] = (), enough: float = 0.02) -> Minimum:
         """Levenberg-Marquardt on O with the weights of each place; unknowns that push against a bound stay there.
 

@@ -17,6 +17,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from beltcomm.compiled import compiled
 from beltcomm.identify.following import Follower, follower_for, follows
 from beltcomm.identify.whitening import NoisePath, Whitener, noise_path, whiten
 from beltcomm.linear import matrices, operating_point
@@ -94,7 +95,7 @@ class Stretch:
         """Values of the kept samples, (kept,) or (kept, k), put together group by group."""
         if self.group == 1:
             return single
-        return np.asarray(sum(single[self.firsts + i] for i in range(self.group)) / math.sqrt(self.group))
+        return _together(single.reshape(len(single), -1), self.firsts, self.group).reshape(-1, *single.shape[1:])
 
 
 def stretches(
@@ -289,8 +290,24 @@ def grouped(keep: NDArray[np.bool_], size: int) -> NDArray[np.intp]:
     that a slow motion shows nothing but the encoder's rounding.   Source: Haar's low-pass.
     """
     kept = np.flatnonzero(keep)
-    runs = np.split(np.arange(len(kept)), np.flatnonzero(np.diff(kept) > 1) + 1)
-    return np.concatenate([run[: len(run) // size * size : size] for run in runs]).astype(np.intp)
+    begins = np.flatnonzero(np.diff(kept, prepend=-2) > 1)
+    lengths = np.diff(begins, append=len(kept))
+    place, left = np.arange(len(kept)) - np.repeat(begins, lengths), np.repeat(begins + lengths, lengths) - np.arange(len(kept))
+    return np.flatnonzero((place % size == 0) & (left >= size))
+
+
+@compiled
+def _together(single: Array, firsts: NDArray[np.intp], size: int) -> Array:
+    """Sums of so many rows from each of the places on, over √size; (n, k) -> (groups, k)."""
+    out = np.empty((firsts.shape[0], single.shape[1]))
+    scale = 1.0 / math.sqrt(size)
+    for g in range(firsts.shape[0]):
+        for c in range(single.shape[1]):
+            total = single[firsts[g], c]
+            for i in range(1, size):
+                total += single[firsts[g] + i, c]
+            out[g, c] = scale * total
+    return out
 
 
 def path_of(stretch: Stretch, model: Model) -> NoisePath:

@@ -22,10 +22,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beltcomm.compiled import compiled
+from beltcomm.compiled import compiled, in_lanes
 from beltcomm.linear import matrices, operating_point
 from beltcomm.model import Model
-from beltcomm.simulate.observer import filtered
+from beltcomm.simulate.observer import filtered, lanes_for
 
 Array = NDArray[np.float64]
 
@@ -33,6 +33,10 @@ Array = NDArray[np.float64]
 SLOW_HZ = 40.0
 #: Relative change of the gains from one sample to the next below which they stay as they are.
 SETTLED = 1e-8
+#: States of the path with one body behind the motor, without slow rounding.
+ONE_BODY = 5
+#: What is 0 of its F, slow rounding in front: s = (slow rounding, x, v, q, what x and q leave, w).
+ONE_BODY_ZEROS = np.array([[0, 1, 1, 1, 1, 1], [0, 0, 0, 0, 1, 1], [0, 0, 0, 0, 1, 1], [0, 1, 1, 1, 1, 1], [0, 0, 0, 0, 1, 1], [1] * 6]) > 0
 #: Terms of Taylor's series for a norm below one half: 0.5^15/15! is below the machine precision.
 TERMS = 14
 
@@ -165,6 +169,13 @@ class Whitener:
         """
         if residual.ndim == 1:
             return _filtered(residual, keep, self.path.F, self.path.H, self.gains, self.deviations)
+        slow = len(self.path.H) - ONE_BODY
+        if slow in (0, 1):
+            f, h = np.zeros((ONE_BODY + 1, ONE_BODY + 1)), np.zeros(ONE_BODY + 1)
+            f[1 - slow :, 1 - slow :], h[1 - slow :] = self.path.F, self.path.H
+            if not f[ONE_BODY_ZEROS].any():
+                lanes = lanes_for(residual.shape[1])
+                return _one_body(np.ascontiguousarray(residual), keep, f, h, self.gains, self.deviations, slow, lanes)
         f, h = np.stack([self.path.F] * 2), np.stack([self.path.H] * 2)  # one path, however much of a sample nothing is closed
         return filtered(np.ascontiguousarray(residual), keep, f, h, self.gains, self.deviations, np.zeros(len(keep)))
 
@@ -231,6 +242,51 @@ def _filtered(e: Array, keep: NDArray[np.bool_], f: Array, h: Array, gains: Arra
                 ahead[i] += gains[n, i] * innovation
         for i in range(size):
             s[i] = ahead[i]
+    return out
+
+
+@in_lanes
+def _one_body(e: Array, keep: NDArray[np.bool_], f: Array, h: Array, gains: Array, deviations: Array, slow: int, lanes: int) -> Array:
+    # The filter of ``filtered`` for a path of one body, without what is always 0.  One block of memory, so that nothing can overlap.
+    z, x, v, q, p, w, nu = 0, 16, 32, 48, 64, 80, 96
+    s = np.zeros(112)
+    out = np.empty((keep.sum(), e.shape[1]))
+    first = 1 - slow
+    kz = 0.0
+    for begin in range(0, e.shape[1], lanes):
+        width = min(lanes, e.shape[1] - begin)
+        s[:] = 0.0
+        number = 0
+        for n in range(e.shape[0]):
+            if keep[n]:
+                share = 1.0 / deviations[n]
+                if slow == 1:
+                    kz = gains[n, 0]
+                kx, kv, kq, kp, kw = gains[n, 1 - first], gains[n, 2 - first], gains[n, 3 - first], gains[n, 4 - first], gains[n, 5 - first]
+                for c in range(width):
+                    s[nu + c] = e[n, begin + c]
+                for c in range(lanes):
+                    sz, sx, sv, sq = s[z + c], s[x + c], s[v + c], s[q + c]
+                    new = s[nu + c] - h[0] * sz - h[1] * sx - h[2] * sv - h[3] * sq - h[4] * s[p + c] - h[5] * s[w + c]
+                    s[z + c] = f[0, 0] * sz + kz * new
+                    s[x + c] = f[1, 0] * sz + f[1, 1] * sx + f[1, 2] * sv + f[1, 3] * sq + kx * new
+                    s[v + c] = f[2, 0] * sz + f[2, 1] * sx + f[2, 2] * sv + f[2, 3] * sq + kv * new
+                    s[q + c] = f[3, 0] * sz + kq * new
+                    s[p + c] = f[4, 0] * sz + f[4, 1] * sx + f[4, 2] * sv + f[4, 3] * sq + kp * new
+                    s[w + c] = kw * new
+                    s[nu + c] = share * new
+                for c in range(width):
+                    out[number, begin + c] = s[nu + c]
+                number += 1
+            else:
+                for c in range(lanes):
+                    sz, sx, sv, sq = s[z + c], s[x + c], s[v + c], s[q + c]
+                    s[z + c] = f[0, 0] * sz
+                    s[x + c] = f[1, 0] * sz + f[1, 1] * sx + f[1, 2] * sv + f[1, 3] * sq
+                    s[v + c] = f[2, 0] * sz + f[2, 1] * sx + f[2, 2] * sv + f[2, 3] * sq
+                    s[q + c] = f[3, 0] * sz
+                    s[p + c] = f[4, 0] * sz + f[4, 1] * sx + f[4, 2] * sv + f[4, 3] * sq
+                    s[w + c] = 0.0
     return out
 
 

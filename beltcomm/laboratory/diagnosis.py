@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 
 from beltcomm.axis import Axis
+from beltcomm.compiled import in_one_thread
 from beltcomm.effects import EFFECTS
 from beltcomm.errors import UsageError
 from beltcomm.identify.following import follows
@@ -73,6 +74,7 @@ class Diagnosis:
         return self.steps[-1].after if self.steps else self.base
 
 
+@in_one_thread
 def fitted_base(recordings: Sequence[Recording], axis: Axis, start: Model) -> tuple[Data, Fitted]:
     """The start model fitted to the records, and the records as it sees them."""
     data = prepare(recordings, axis, start)
@@ -93,6 +95,7 @@ def again(data: Data, fitted: Fitted, iterations: int, substeps: int = SUBSTEPS)
     return ahead, fit(ahead, fitted.model, iterations, offsets=fitted.offsets)
 
 
+@in_one_thread
 def diagnose(
     recordings: Sequence[Recording],
     axis: Axis,

@@ -69,7 +69,14 @@ def fit(
 
     offsets : scaled start offsets to begin with.   enough : gain of O that is not worth another iteration, nats.
     """
-    problem = problem_of(data, model, fixed)
+    return fit_of(problem_of(data, model, fixed), data, iterations, offsets=offsets, fixed=fixed, enough=enough)
+
+
+def fit_of(
+    problem: Problem, data: Data, iterations: int, *, offsets: Array | None = None, fixed: Sequence[str] = (), enough: float = ENOUGH
+) -> Fitted:
+    """The same of a problem made already by :func:`problem_of`."""
+    model = problem.model
     following = follows(model)  # then an observer knows itself how the carriage may stand at first
     start = problem.start(None if following else offsets)
     found = problem.minimise(start, min(iterations, AT_A_TIME) if following else iterations, enough=enough)

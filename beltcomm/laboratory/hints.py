@@ -5,14 +5,17 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from beltcomm.identify.following import follows
-from beltcomm.identify.problem import OFFSET_M
-from beltcomm.identify.residual import Stretch, dressed, whitened
+from beltcomm.identify.problem import OFFSET_M, Problem
+from beltcomm.identify.residual import Stretch, dressed, in_noise, whitened
 from beltcomm.laboratory.data import SUBSTEPS
 from beltcomm.laboratory.fitting import BLOCK_S, Fitted
-from beltcomm.simulate.inverse import fine_load, true_motion
+from beltcomm.simulate.inverse import belt_loads, fine_load, true_motion
+
+Array = NDArray[np.float64]
 
 #: m; a record whose carriage stays within this is taken at one place.
 ONE_PLACE_M = 0.06
@@ -80,22 +83,34 @@ def likeliest(fitted: Fitted, piece: Stretch) -> float | None:
     """The stiffness that explains a record best, N/m; None where half and double of it explain it as well."""
     rough = replace(piece, motion=piece.motion.coarser(min(SUBSTEPS, piece.motion.substeps)))
     vector, place = fitted.model.vector(), fitted.model.index(STIFFNESS)
-    start = vector[place]
     size = max(1, int(BLOCK_S / piece.motion.sample_s))
     blocks = np.arange(0, len(piece.counted), size)
+    counts = np.diff([*blocks, len(piece.counted)])
+    problem = Problem([rough], fitted.model, (), BLOCK_S)
+    parts = problem.balance(0, problem.start(), 0.0)
 
-    def cost(logarithm: float) -> float:
-        vector[place] = start * np.exp(logarithm)
-        model = fitted.model.with_vector(vector)
-        squares = whitened(dressed(rough, model), model, vector) ** 2
-        means = np.add.reduceat(squares, blocks) / np.diff([*blocks, len(squares)])
-        return float(np.sum(np.log(np.maximum(means, 1.0))))
+    def at(logarithm: float) -> Array:
+        there = vector.copy()
+        there[place] *= np.exp(logarithm)
+        return there
+
+    def costs(logarithms: Array) -> list[float]:
+        vectors = [at(logarithm) for logarithm in logarithms]
+        if follows(fitted.model):
+            models = [fitted.model.with_vector(there) for there in vectors]
+            white = np.stack([whitened(dressed(rough, m), m, v) for m, v in zip(models, vectors, strict=True)], axis=1)
+        else:
+            belts = belt_loads(fitted.model, parts.motion, vectors, [0.0] * len(vectors))
+            white = in_noise(rough, fitted.model, vector, np.stack([replace(parts, belt=belt).residual for belt in belts.T], axis=1))
+        means = np.add.reduceat(white**2, blocks) / counts[:, None]
+        return [float(total) for total in np.sum(np.log(np.maximum(means, 1.0)), axis=0)]
 
     grid = np.linspace(-np.log(RANGE), np.log(RANGE), GRID)
-    values = [cost(point) for point in grid]
+    values = costs(grid)
     best = int(np.argmin(values))
     if best in (0, GRID - 1) or min(max(values[:best]), max(values[best + 1 :])) - values[best] < CLEAR:
         return None
     step = grid[1] - grid[0]
-    inner = minimize_scalar(cost, bounds=(grid[best] - step, grid[best] + step), method="bounded", options={"xatol": 1e-3})
-    return float(start * np.exp(inner.x))
+    around = (grid[best] - step, grid[best] + step)
+    inner = minimize_scalar(lambda point: costs(np.array([point]))[0], bounds=around, method="bounded", options={"xatol": 1e-3})
+    return float(at(inner.x)[place])

@@ -71,17 +71,22 @@ class Nearby:
         weighted = columns * self.weights[:, None]
         shared = self.weighted.T @ columns
         slope = weighted.T @ self.rest
+        squares, rest = self._squares(weighted, columns, shared)
         drops = np.zeros(columns.shape[1] // group)
         for g in range(len(drops)):
             own = slice(g * group, (g + 1) * group)
-            square = weighted[:, own].T @ columns[:, own]
-            left = square - shared[:, own].T @ self.inverse @ shared[:, own]
+            square, left = squares[own, own], rest[own, own]
             if np.all(np.isfinite(left)) and np.all(np.diag(left) > IMITATED * np.diag(square)) and np.all(np.diag(square) > 0.0):
                 # Sine and cosine of an order may look alike where the axis hardly turns.
                 amounts = -np.linalg.pinv(left, rcond=1e-12, hermitian=True) @ slope[own]
                 if signed or group > 1 or amounts[0] > 0.0:
                     drops[g] = -float(amounts @ slope[own])
         return drops
+
+    def _squares(self, weighted: Array, columns: Array, shared: Array) -> tuple[Array, Array]:
+        """Products of columns with each other, and what is left of them beside everything fitted; (k, k) each."""
+        squares = weighted.T @ columns
+        return squares, squares - shared.T @ self.inverse @ shared
 
     def best(self, change: Array | None = None, columns: Array | None = None) -> Near:
         """The minimum beside a change c, (n,), of the residual and columns C, (n, k)."""
@@ -106,12 +111,11 @@ class Nearby:
     def power(self, columns: Array, group: int) -> Array:
         """Fall of O that each group of neighbouring columns would bring if it were there, with the phase that shows least; (k/group,)."""
         weighted = columns * self.weights[:, None]
-        shared = self.weighted.T @ columns
+        squares, rest = self._squares(weighted, columns, self.weighted.T @ columns)
         falls = np.zeros(columns.shape[1] // group)
         for g in range(len(falls)):
             own = slice(g * group, (g + 1) * group)
-            square = weighted[:, own].T @ columns[:, own]
-            left = square - shared[:, own].T @ self.inverse @ shared[:, own]
+            square, left = squares[own, own], rest[own, own]
             if np.all(np.isfinite(left)) and np.all(np.diag(left) > IMITATED * np.diag(square)):
                 falls[g] = max(float(np.linalg.eigvalsh(left)[0]), 0.0)
         return falls

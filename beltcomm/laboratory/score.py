@@ -24,7 +24,7 @@ from beltcomm.laboratory.harmonics import gain_means, load_means
 from beltcomm.laboratory.hints import explained_stretch, stiffness_by_record
 from beltcomm.laboratory.nearby import Nearby
 from beltcomm.model import Model, on_side
-from beltcomm.simulate.inverse import FineMotion, acting_torque, acts_on_motor, as_read, load_of, part_of_load, reading_lags, true_motion
+from beltcomm.simulate.inverse import FineMotion, acting_torque, acts_on_motor, as_read, belt_load, motor_load, reading_lags, true_motion
 
 Array = NDArray[np.float64]
 
@@ -118,15 +118,15 @@ class Scorer:
             some = [wanted[order] for order in orders if order in wanted]
             parts = []
             for i, (piece, scan) in enumerate(zip(self.problem.pieces, scans, strict=True)):
-                means = np.empty((piece.motion.samples, 2, len(some)))
+                means = np.empty((piece.motion.samples, len(some), 2))
                 place = 0
                 for order in orders:
                     sine, cosine = next(scan)
                     if order in wanted:
                         for k, mean in enumerate((sine, cosine)):
-                            means[:, k, place] = self.shown(i, mean) if load else mean
+                            means[:, place, k] = self.shown(i, mean) if load else mean
                         place += 1
-                parts.append(in_noise(piece, self.model, self.vector, means.transpose(0, 2, 1).reshape(len(means), -1)))
+                parts.append(in_noise(piece, self.model, self.vector, means.reshape(len(means), -1)))
             if some:
                 sizes = [(1.0 if load else -1.0) * trial.values[name] for trial in some for name in trial.amplitudes]
                 yield some, np.concatenate(parts) * sizes
@@ -206,18 +206,18 @@ class Scorer:
         if effect.slot == "sensor":
             return Problem([piece], extended, (), 1.0).balance(0, np.zeros(1), offset).residual - old.residual
         if acts_on_motor(effect) and effect.slot != "friction_onset":
-            return self.shown(i, load_of(extended, motion, vector, effect.name))
+            return self.shown(i, motor_load(extended, motion, vector, effect.name))
         if acts_on_motor(effect):
-            return self.shown(i, part_of_load(extended, motion, vector, offset, "motor") - old.motor)
+            return self.shown(i, motor_load(extended, motion, vector) - old.motor)
         if effect.slot in ("torque_path", "torque_delay"):
             return old.acting - acting_torque(extended, motion, piece.torque, vector)
         if effect.slot == "torque_reading":
             return replace(old, lags=reading_lags(extended, vector)).residual - old.residual
-        return self.shown(i, part_of_load(extended, motion, vector, offset, "belt") - old.belt)
+        return self.shown(i, belt_load(extended, motion, vector, offset) - old.belt)
 
     def shown(self, i: int, torque: Array) -> Array:
         """A change of the torque that piece i needs as its reading shows it, N m, (n,)."""
-        return as_read(torque, 0.0, self.parts[i].sample_s, self.parts[i].lags)
+        return as_read(torque, 0.0, self.parts[i].motion.sample_s, self.parts[i].lags)
 
 
 def switched_on(effect: Effect, trial: Trial) -> Iterator[dict[str, float]]:

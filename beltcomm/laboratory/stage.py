@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from beltcomm.compiled import in_one_thread
 from beltcomm.effects import EFFECTS, Effect, Ground
 from beltcomm.errors import UsageError
 from beltcomm.identify.following import follows
@@ -27,7 +28,7 @@ from beltcomm.laboratory.acceptance import (
     refuted,
 )
 from beltcomm.laboratory.data import Data
-from beltcomm.laboratory.fitting import Fitted, fit, problem_of
+from beltcomm.laboratory.fitting import Fitted, fit, fit_of, problem_of
 from beltcomm.laboratory.refine import refined
 from beltcomm.laboratory.score import Scored, Scorer
 from beltcomm.model import Model
@@ -217,11 +218,12 @@ def grown(data: Data, base: Fitted, way: Scored) -> Fitted:
     for x in (moved, beside):
         model = here.model_at(x, "trial").with_effect(way.effect.name, way.values)
         problem = problem_of(data, model)
-        starts.append((problem.objective(problem.residual(problem.start(here.offsets(x)))), model, here.offsets(x)))
-    _, model, offsets = min(starts, key=lambda start: start[0])
-    return fit(data, model, FOLLOWED_ITERATIONS if follows(base.model) else ITERATIONS, offsets=offsets, enough=ENOUGH)
+        starts.append((problem.objective(problem.residual(problem.start(here.offsets(x)))), problem, here.offsets(x)))
+    _, problem, offsets = min(starts, key=lambda start: start[0])
+    return fit_of(problem, data, FOLLOWED_ITERATIONS if follows(base.model) else ITERATIONS, offsets=offsets, enough=ENOUGH)
 
 
+@in_one_thread
 def with_effect(data: Data, base: Fitted, ground: Ground, effect: Effect) -> Fitted:
     """The model with an effect that was asked for, whatever speaks for it."""
     scorer = Scorer(base)

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from beltcomm.compiled import in_one_thread
 from beltcomm.effects import EFFECTS, Effect, Ground, Trial
 from beltcomm.laboratory.acceptance import EVIDENCE
 from beltcomm.laboratory.fitting import Fitted
@@ -49,6 +50,7 @@ class Sight:
         return self.hardest <= TYPICAL
 
 
+@in_one_thread
 def visible(fitted: Fitted, ground: Ground) -> list[Sight]:
     """Every effect that the model could still take, the least visible first."""
     scorer = Scorer(fitted)

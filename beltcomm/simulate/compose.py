@@ -140,11 +140,14 @@ class Inverse:
     load(theta, omega, p, on, t, h, bristle, offset, load, cart, watch): load torque at the motor shaft, N m, that the given motor
         motion needs besides the motor's own inertia; cart position, m.  ``bristle`` : m, in which motor friction turns round.
         ``watch`` : see ``observer``.
+    motor(theta, omega, p, on, t, h, bristle, load, level): the same for effects that act on the motor alone, one after the other over
+        the whole motion; ``level`` is memory, as long as ``load``.
     torque(cells, theta, p, on, t, h, out): acting torque of each cell between two points of ``theta``.
     angle(theta, omega, p, on): measured motion made true, in place.
     """
 
     load: Callable[..., None]
+    motor: Callable[..., None]
     torque: Callable[..., None]
     angle: Callable[..., None]
 
@@ -153,7 +156,7 @@ class Inverse:
 def inverse_kernel() -> Inverse:
     """The masked inverse of the whole catalogue; compiled once per machine."""
     module = import_stable(inverse_source())
-    return Inverse(module.load, module.torque, module.angle)
+    return Inverse(module.load, module.motor, module.torque, module.angle)
 
 
 def inverse_source() -> str:
@@ -189,6 +192,23 @@ def inverse_source() -> str:
         *indented([line for i in others for line in writer.with_body(i, [f"q{i} += h * v{i}"])], 2),
         "        t += h",
     ]  # fmt: skip
+    rubbing = [f"s{writer.switch[e.name]}" for e in writer.with_level(0) if e.slot == "friction_level"]
+    motor = [
+        "@compiled",
+        "def motor(theta, omega, p, on, t, h, bristle, load, level):",
+        *indented(writer.constants(), 1),
+        "    load[:] = 0.0", "    level[:] = 0.0",
+        *indented(writer.motor_alone(), 1),
+        f"    if {' or '.join(rubbing)}:",
+        "        z0, q0, turning = 0.0, theta[0], 1.0 / bristle",
+        "        for k in range(theta.shape[0]):",
+        *indented([
+            "step = ratio * (theta[k] - q0)", "q0 = theta[k]",
+            f"if s{writer.switch[writer.onsets()[0].name]}:", "    " + writer.turn(0, "step"),
+            "else:", "    z0 = min(1.0, max(-1.0, z0 + step * turning))",
+            "load[k] += max(level[k], 0.0) * z0",
+        ], 3),
+    ]  # fmt: skip
     path = []
     for effect in writer.chosen("torque_path"):
         assert effect.law is not None
@@ -218,7 +238,7 @@ def inverse_source() -> str:
         "    for k in range(theta.shape[0]):",
         *indented(fix, 2),
     ]
-    return writer.assemble([load, torque, angle])
+    return writer.assemble([load, motor, torque, angle])
 
 
 def import_stable(source: str) -> ModuleType:

@@ -17,10 +17,10 @@ differentiation with a sinc would leave a bias of 0.3 to 0.5 % in J.
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Literal, cast
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,8 @@ from beltcomm.model import Model, expected_parameters
 from beltcomm.simulate.compose import inverse_kernel
 from beltcomm.simulate.mean import triangular_mean
 from beltcomm.simulate.observer import NOTHING, Watch
+from beltcomm.simulate.plain_belt import PLAIN, plain_belt
+from beltcomm.simulate.plain_gap import plain_gap
 from beltcomm.simulate.writer import LOOK_AHEAD, MOVING_RAD_S, catalogue_parameters
 
 Array = NDArray[np.float64]
@@ -44,6 +46,8 @@ BRISTLE_M = 2e-8
 #: Cells per sample in which a torque that comes late is worked out: a step within a cell counts as spread over it, which shifts it in time
 #: by up to T/(8 cells²), 8 us of 1 ms with four cells and 0.1 us with these.
 DELAY_CELLS = 32
+#: Slots of what changes angle or torque and no load.
+BEFORE_THE_LOAD = ("sensor", "torque_path", "torque_delay", "torque_reading")
 _CATALOGUE_SIZE = len(catalogue_parameters())
 
 
@@ -109,9 +113,17 @@ def reconstruct(
 
 def begins_in_motion(motion: FineMotion) -> bool:
     """Whether the kernel lets all bodies begin at the motor's speed; else they begin at rest."""
+    return first_speed(motion) != 0.0
+
+
+def first_speed(motion: FineMotion) -> float:
+    """Speed of the motor at which the kernel lets all bodies begin, rad/s."""
+    if len(motion.theta) < 3:
+        return 0.0
     half = max(1, min(LOOK_AHEAD, len(motion.theta) - 1) // 2)
     first, middle, last = (float(motion.theta[i]) for i in (0, half, 2 * half))
-    return abs(4.0 * middle - last - 3.0 * first) * motion.substeps >= 2.0 * half * motion.sample_s * MOVING_RAD_S
+    speed = (4.0 * middle - last - 3.0 * first) * motion.substeps / (2.0 * half * motion.sample_s)
+    return speed if abs(speed) >= MOVING_RAD_S else 0.0
 
 
 @dataclass(frozen=True)
@@ -122,6 +134,8 @@ class Switchboard:
     those that act on the motor alone, and for the others: the load is the sum of both.
     delays : effects between reported and acting torque, with their places in the model's vector.     readings : the same for those
     between the torque and its reading.     bent : whether the torque path, corrected : whether the angle is touched by an effect.
+    plain, gap : places in the model's vector of what ``plain_belt`` or ``plain_gap`` asks for, -1 for what is off; () where it does not
+    know all that there is beyond the motor.
     """
 
     places: NDArray[np.intp]
@@ -132,6 +146,8 @@ class Switchboard:
     readings: tuple[tuple[Callable[..., Array], tuple[int, ...]], ...]
     bent: bool
     corrected: bool
+    plain: tuple[int, ...]
+    gap: tuple[int, ...]
 
     def spread(self, vector: Array) -> Array:
         """The vector of the masked kernel."""
@@ -163,7 +179,20 @@ def switchboard(base_bodies: tuple[str, ...], effects: tuple[str, ...]) -> Switc
         tuple(laws.get("torque_reading", ())),
         any(e.slot == "torque_path" for e in chosen),
         any(e.slot == "sensor" for e in chosen),
+        _plain_places(base_bodies, chosen, own),
+        _plain_places(base_bodies, chosen, own, ("backlash",)),
     )
+
+
+def _plain_places(
+    base_bodies: tuple[str, ...], chosen: Sequence[Effect], own: Sequence[str], needed: tuple[str, ...] = ()
+) -> tuple[int, ...]:
+    beyond = {e.name for e in chosen if not acts_on_motor(e) and e.slot not in BEFORE_THE_LOAD}
+    if base_bodies != ("motor", "cart") or not {"belt_stiffness", *needed} <= beyond or not beyond <= {*PLAIN, *needed}:
+        return ()
+    names = [name for effect in (*PLAIN, *needed) for name in effect_named(effect).full_names()]
+    names.insert(2, "cart.mass")
+    return tuple(own.index(name) if name in own else -1 for name in names)
 
 
 class _Scratch(threading.local):
@@ -207,18 +236,44 @@ def fine_load(model: Model, motion: FineMotion, vector: Array | None = None, off
     return load, cart
 
 
-def part_of_load(model: Model, motion: FineMotion, vector: Array, offset_m: float, part: Literal["motor", "belt"]) -> Array:
-    """What the motor's own effects, or everything beyond the motor, adds to the load; triangular mean, (n,), N m, ends 0."""
+def motor_load(model: Model, motion: FineMotion, vector: Array, effect: str | None = None) -> Array:
+    """What the effects that act on the motor alone, or one of them, add to the load; triangular mean, (n,), N m, ends 0."""
     board = switchboard(model.base_bodies, model.effects)
-    on = board.motor if part == "motor" else board.belt
+    on = board.motor
+    if effect is not None:
+        on = np.zeros_like(board.on)
+        on[[e.name for e in EFFECTS].index(effect)] = True
     if not on.any():
         return np.zeros(motion.samples)
-    load, cart = _SCRATCH.rows(len(motion.theta))
+    load, level = _SCRATCH.rows(len(motion.theta))
     h = motion.sample_s / motion.substeps
-    inverse_kernel().load(
-        motion.theta, motion.omega, board.spread(vector), on, motion.time_s, h, motion.bristle_m, offset_m, load, cart, NOTHING
-    )
+    inverse_kernel().motor(motion.theta, motion.omega, board.spread(vector), on, motion.time_s, h, motion.bristle_m, load, level)
     return triangular_mean(load, motion.substeps)
+
+
+def belt_load(model: Model, motion: FineMotion, vector: Array, offset_m: float) -> Array:
+    """What everything beyond the motor adds to the load; triangular mean, (n,), N m, ends 0."""
+    return belt_loads(model, motion, [vector], [offset_m])[:, 0]
+
+
+def belt_loads(model: Model, motion: FineMotion, vectors: Sequence[Array], offsets_m: Sequence[float]) -> Array:
+    """The same for several vectors of parameters, all with one transmission, and offsets; (n, k)."""
+    board = switchboard(model.base_bodies, model.effects)
+    if not board.belt.any():
+        return np.zeros((motion.samples, len(vectors)))
+    h = motion.sample_s / motion.substeps
+    if board.plain:
+        ratio = float(vectors[0][model.index("transmission.ratio")])
+        padded = np.array([(*vector, 0.0) for vector in vectors])
+        values = np.vstack((padded[:, board.plain].T, offsets_m))
+        return plain_belt(motion.theta, motion.omega, h, motion.substeps, ratio, first_speed(motion), values)
+    means = np.empty((len(vectors), motion.samples))
+    load, cart = _SCRATCH.rows(len(motion.theta))
+    for mean, vector, offset in zip(means, vectors, offsets_m, strict=True):
+        p = board.spread(vector)
+        inverse_kernel().load(motion.theta, motion.omega, p, board.belt, motion.time_s, h, motion.bristle_m, offset, load, cart, NOTHING)
+        mean[:] = triangular_mean(load, motion.substeps)
+    return means.T
 
 
 def followed(model: Model, motion: FineMotion, vector: Array, watch: Watch) -> None:
@@ -229,17 +284,24 @@ def followed(model: Model, motion: FineMotion, vector: Array, watch: Watch) -> N
     inverse_kernel().load(motion.theta, motion.omega, p, board.belt, motion.time_s, h, motion.bristle_m, 0.0, load, cart, watch)
 
 
-def load_of(model: Model, motion: FineMotion, vector: Array, effect: str) -> Array:
-    """What one effect that acts on the motor adds to its load; triangular mean, (n,), N m, ends 0."""
+def followed_beside(model: Model, motion: FineMotion, vectors: Sequence[Array], watch: Watch) -> Array:
+    """Innovations over their deviation, (n, k), of several vectors by an observer that does not learn.
+
+    One load is ``wanted`` and one transmission is theirs.
+    """
     board = switchboard(model.base_bodies, model.effects)
-    on = np.zeros_like(board.on)
-    on[[e.name for e in EFFECTS].index(effect)] = True
-    load, cart = _SCRATCH.rows(len(motion.theta))
     h = motion.sample_s / motion.substeps
-    inverse_kernel().load(
-        motion.theta, motion.omega, board.spread(vector), on, motion.time_s, h, motion.bristle_m, 0.0, load, cart, NOTHING
-    )
-    return triangular_mean(load, motion.substeps)
+    if board.gap and watch.places[1] >= 0:
+        ratio = float(vectors[0][model.index("transmission.ratio")])
+        padded = np.array([(*vector, 0.0) for vector in vectors])
+        values = np.vstack((padded[:, board.gap].T, np.zeros(len(vectors))))
+        return plain_gap(motion.theta, motion.omega, h, ratio, first_speed(motion), values, watch)
+    white = []
+    for vector in vectors:
+        here = watch._replace(s=np.zeros_like(watch.s), left=np.zeros(motion.samples), white=np.zeros(motion.samples))
+        followed(model, motion, vector, here)
+        white.append(here.white)
+    return np.stack(white, axis=1)
 
 
 def acting_torque(model: Model, motion: FineMotion, torque: Array, vector: Array | None = None) -> Array:
@@ -312,7 +374,10 @@ def torque_residual(model: Model, motion: FineMotion, torque: Array, vector: Arr
     """e[n] of the module's equation, N m at the motor shaft; (n,), ends 0.   torque : ndarray (n,), N m, as reported."""
     p = model.vector() if vector is None else vector
     motion = true_motion(model, motion, p)
-    needed, _ = load_torque(model, motion, p, offset_m)
+    if switchboard(model.base_bodies, model.effects).plain:
+        needed = motor_load(model, motion, p) + belt_load(model, motion, p, offset_m)
+    else:
+        needed, _ = load_torque(model, motion, p, offset_m)
     needed[1:-1] += p[model.index("motor.inertia")] * np.diff(motion.theta[:: motion.substeps], 2) / motion.sample_s**2
     acting = acting_torque(model, motion, torque, p)
     return as_read(needed, float(acting[1]), motion.sample_s, reading_lags(model, p)) - acting

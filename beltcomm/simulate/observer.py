@@ -34,6 +34,7 @@ class Watch(NamedTuple):
     they are.   F : (2, k, k).  G : (2, k, m).
     H : (2, k).   D : (2, m), open and closed.   variances : (m,).   P : (k, k), covariance.   s, ahead : (k,).   gains : (n, k).
     deviations, shares : (n,).   left : (n,), e.   white : (n,), ν over its deviation.
+    room : (4, k, k), memory for learning.
     """
 
     wanted: Array
@@ -60,12 +61,13 @@ class Watch(NamedTuple):
     shares: Array
     left: Array
     white: Array
+    room: Array
 
 
 def _nothing() -> Watch:
     none, square, cube = np.zeros(0), np.zeros((0, 0)), np.zeros((0, 0, 0))
     some, places = np.zeros(0, dtype=np.bool_), np.zeros(0, dtype=np.int64)
-    at = Watch(none, some, places, 0, 1, 0, 0.0, 1.0, none, some, False, cube, cube, square, square, *(none,) * 9)
+    at = Watch(none, some, places, 0, 1, 0, 0.0, 1.0, none, some, False, cube, cube, square, square, *(none,) * 9, cube)
     return at._replace(P=square, gains=square)
 
 
@@ -73,8 +75,15 @@ def _nothing() -> Watch:
 LOST = 3.5
 #: Share of a sample in which a gap is closed up to which the torque is no news of where in the gap the carriage is.
 OPEN = 0.05
+#: Columns or models in lock step: registers of four, and at most as many as there is room for.
+REGISTER, ROOM = 4, 16
 #: A watch that sees nothing.
 NOTHING = _nothing()
+
+
+def lanes_for(number: int) -> int:
+    """Lanes in lock step that take so many columns or models in rounds as even as possible."""
+    return REGISTER * max(1, -(-number // (-(-number // ROOM) * REGISTER))) if number else REGISTER
 
 
 def observe(n: int, left: float, closed: float, w: Watch) -> None:
@@ -106,8 +115,8 @@ def observe(n: int, left: float, closed: float, w: Watch) -> None:
 def _learn(n: int, innovation: float, w: Watch) -> None:
     """Gain and deviation of sample n, and the covariance ahead.   innovation : N m, beyond ``LOST`` deviations the carriage is lost."""
     share, size, own, noises = w.shares[n], w.s.shape[0], w.s.shape[0] - 2, w.variances.shape[0]
-    f, g, h = np.empty((size, own)), np.empty((size, noises)), np.empty(size)
-    ph, k, fp, variance = np.zeros(size), np.zeros(size), np.zeros((size, own)), 0.0
+    f, g, fp, h, ph, k, variance = w.room[0], w.room[1], w.room[2], w.room[3, 0], w.room[3, 1], w.room[3, 2], 0.0
+    fp[:], ph[:], k[:] = 0.0, 0.0, 0.0
     for i in range(size):
         h[i] = w.H[0, i] + share * (w.H[1, i] - w.H[0, i])
         for j in range(own):

@@ -1,0 +1,95 @@
+"""Models in lock step against the masked kernel, one at a time: the same steps in another order."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from beltcomm.identify.following import follower_for
+from beltcomm.identify.residual import grouped
+from beltcomm.identify.whitening import noise_path, whitener
+from beltcomm.model import Model, build_model
+from beltcomm.simulate.inverse import FineMotion, belt_loads, fine_load, followed, followed_beside, motor_load, triangular_mean
+from beltcomm.simulate.observer import filtered
+
+Array = NDArray[np.float64]
+
+EFFECTS = ("belt_stiffness", "belt_damping", "viscous", "viscous_cart", "coulomb", "cart_friction")
+VALUES = {
+    "motor.inertia": 7e-5, "cart.mass": 2.0, "transmission.ratio": 0.0124, "belt_stiffness.stiffness": 2e5, "belt_damping.damping": 20.0,
+    "viscous.damping": 3e-4, "viscous_cart.damping": 10.0, "coulomb.level": 0.1, "cart_friction.level": 6.0, "backlash.gap": 4e-5,
+}  # fmt: skip
+
+
+def model(*more: str, friction: float = 6.0) -> Model:
+    values = VALUES | {"cart_friction.level": friction}
+    effects = (*EFFECTS, *more)
+    return build_model("axis", effects, {k: v for k, v in values.items() if k.split(".")[0] in (*effects, "motor", "cart", "transmission")})
+
+
+def shaken(substeps: int, speed: float = 0.0) -> FineMotion:
+    """Two tones, slow enough at times that the carriage sticks."""
+    t = np.arange(1500 * substeps - substeps + 1) * 1e-3 / substeps
+    theta = 0.05 * np.sin(2.0 * np.pi * 3.0 * t) + 0.01 * np.sin(2.0 * np.pi * 41.0 * t + 1.0) + speed * t
+    omega = 0.3 * np.pi * np.cos(2.0 * np.pi * 3.0 * t) + 0.82 * np.pi * np.cos(2.0 * np.pi * 41.0 * t + 1.0) + speed
+    return FineMotion(theta, omega, 1500, 1e-3, substeps, 0.0)
+
+
+def beside(axis: Model, count: int) -> list[Array]:
+    """The vector, and others with one parameter changed each; never the transmission."""
+    names = [name for name in axis.parameters if name != "transmission.ratio"]
+    return [axis.with_values({names[i % len(names)]: (1.0 + 0.01 * i) * axis[names[i % len(names)]]}).vector() for i in range(count)]
+
+
+@pytest.mark.parametrize(("substeps", "speed", "friction", "count"), [(2, 0.0, 6.0, 1), (4, 0.0, 0.0, 9), (4, 8.0, 6.0, 21)])
+def test_a_plain_belt_is_that_of_the_masked_kernel(substeps: int, speed: float, friction: float, count: int) -> None:
+    axis, motion = model(friction=friction), shaken(substeps, speed)
+    vectors, offsets = beside(axis, count), list(np.linspace(0.0, 2e-5, count))
+    side_by_side = belt_loads(axis, motion, vectors, offsets)
+    for vector, offset, found in zip(vectors, offsets, side_by_side.T, strict=True):
+        whole = triangular_mean(fine_load(axis, motion, vector, offset)[0], substeps)
+        np.testing.assert_allclose(found + motor_load(axis, motion, vector), whole, rtol=0.0, atol=1e-9 * np.abs(whole).max())
+
+
+def test_a_gap_is_followed_as_by_the_masked_kernel() -> None:
+    axis, motion = model("backlash"), shaken(16)
+    torque = np.concatenate((triangular_mean(fine_load(axis, motion)[0], 16)[1:], [0.0]))
+    keep = np.ones(motion.samples, dtype=np.bool_)
+    keep[[0, 700, 701, -1]] = False
+    watch = follower_for(axis, motion, torque, keep, 1e-4, 5e-3, (0.7, 0.1), 1e-5).watch
+    assert watch.lost.any()  # else the correction by contact is not tried
+    vectors = beside(axis, 11)
+    side_by_side = followed_beside(axis, motion, vectors, watch)
+    for vector, found in zip(vectors, side_by_side.T, strict=True):
+        alone = watch._replace(s=np.zeros_like(watch.s), left=np.zeros(motion.samples), white=np.zeros(motion.samples))
+        followed(axis, motion, vector, alone)
+        np.testing.assert_allclose(found, alone.white, rtol=0.0, atol=1e-6 * np.abs(alone.white).max())
+
+
+@pytest.mark.parametrize("shares", [(1.0, 0.0), (0.6, 0.3)])
+@pytest.mark.parametrize("count", [1, 6, 35])
+def test_columns_are_whitened_side_by_side_as_by_the_general_filter(shares: tuple[float, float], count: int) -> None:
+    random = np.random.default_rng(count)
+    keep, columns = random.random(800) < 0.9, random.standard_normal((800, count))
+    known = whitener(keep, noise_path(model(), 0.2, 1e-3), 1e-4, 5e-3, shares)
+    path = known.path
+    general = filtered(columns, keep, np.stack([path.F] * 2), np.stack([path.H] * 2), known.gains, known.deviations, np.zeros(800))
+    np.testing.assert_allclose(known(columns, keep), general, rtol=0.0, atol=1e-11 * np.abs(general).max())
+    # A path of another shape must not be taken for one of a single body.
+    other = replace(known, path=replace(path, F=np.where(path.F == 0.0, 0.01, path.F)))
+    f = np.stack([other.path.F] * 2)
+    general = filtered(columns, keep, f, np.stack([path.H] * 2), known.gains, known.deviations, np.zeros(800))
+    np.testing.assert_array_equal(other(columns, keep), general)
+
+
+@pytest.mark.parametrize("size", [1, 2, 4])
+def test_groups_never_cross_a_gap(size: int) -> None:
+    keep = np.array([1, 1, 1, 0, 1, 0, 1, 1, 1, 1, 1, 0, 0, 1, 1], dtype=np.bool_)
+    kept = np.flatnonzero(keep)
+    firsts = grouped(keep, size)
+    assert all(kept[first + size - 1] - kept[first] == size - 1 for first in firsts)
+    assert len(firsts) == sum(run // size for run in (3, 1, 5, 2))
+    assert len(grouped(np.zeros(5, dtype=np.bool_), size)) == 0
