@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from beltcomm.identify.following import follows
-from beltcomm.identify.problem import OFFSET_M, Problem, free_parameters, time_blocks
+from beltcomm.identify.problem import OFFSET_M, Minimum, Problem, free_parameters, time_blocks
 from beltcomm.identify.residual import Stretch, dressed, whitened
 from beltcomm.laboratory.data import Data
 from beltcomm.model import Model
@@ -76,22 +76,33 @@ def fit_of(
     problem: Problem, data: Data, iterations: int, *, offsets: Array | None = None, fixed: Sequence[str] = (), enough: float = ENOUGH
 ) -> Fitted:
     """The same of a problem made already by :func:`problem_of`."""
-    model = problem.model
-    following = follows(model)  # then an observer knows itself how the carriage may stand at first
-    start = problem.start(None if following else offsets)
-    found = problem.minimise(start, min(iterations, AT_A_TIME) if following else iterations, enough=enough)
-    for _ in range((iterations - 1) // AT_A_TIME if following else 0):
-        # The observer's gains are those of the model it was made for.
-        model = problem.model_at(found.x, "laboratory")
-        ahead = problem_of(data, model, fixed)
-        x = ahead.start()
-        before = ahead.objective(ahead.residual(x))
-        problem, found = ahead, ahead.minimise(x, AT_A_TIME, enough=enough)
-        if before - found.objective < FOLLOWED_ENOUGH:
-            break
+    if follows(problem.model):  # then an observer knows itself how the carriage may stand at first
+        problem, found = _followed(problem, data, iterations, fixed, enough)
+    else:
+        found = problem.minimise(problem.start(offsets), iterations, enough=enough)
     best = problem.model_at(found.x, "laboratory")
     held_residual = tuple(judged(piece, best) for piece in data.held_out)
     return Fitted(best, problem, found.x, found.residual, found.objective, held_residual, held_objective(data, held_residual))
+
+
+def _followed(problem: Problem, data: Data, iterations: int, fixed: Sequence[str], enough: float) -> tuple[Problem, Minimum]:
+    """A few iterations at a time, each behind an observer made for the model that they begin with; the best of them is kept.
+
+    A model is judged behind its own observer only: behind another's a rattling carriage can look better than it is.
+    """
+    best: tuple[Problem, Minimum] | None = None
+    left = iterations
+    while True:
+        x = problem.start()
+        residual = problem.residual(x)
+        here = Minimum(x, residual, problem.objective(residual))
+        if best is None or here.objective < best[1].objective:
+            best = problem, here
+        if left <= 0:
+            return best
+        found = problem.minimise(x, min(left, AT_A_TIME), enough=enough)
+        left = left - AT_A_TIME if here.objective - found.objective >= FOLLOWED_ENOUGH else 0
+        problem = problem_of(data, problem.model_at(found.x, "laboratory"), fixed)
 
 
 def problem_of(data: Data, model: Model, fixed: Sequence[str] = ()) -> Problem:

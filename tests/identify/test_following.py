@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
+from beltcomm.identify.problem import Problem
 from beltcomm.identify.residual import Stretch, dressed, evaluate, in_noise, whitened
+from beltcomm.laboratory import fitting
 from beltcomm.laboratory.data import Data, prepare, remade
 from beltcomm.laboratory.start import start_model
 from beltcomm.model import Model, build_model
@@ -88,3 +91,25 @@ def test_a_gap_in_a_belt_of_two_spans_is_followed_too(rattling: tuple[Data, Mode
     residual = evaluate(piece, spans, spans.vector())
     assert np.all(np.isfinite(whitened(piece, spans, spans.vector())))
     assert np.all(residual[2:-2] != 0.0)  # of all samples, also of those that do not count
+
+
+def test_a_fit_ends_with_the_best_model_that_it_saw_behind_its_own_observer(
+    rattling: tuple[Data, Model], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """However many rounds: each model is judged behind the observer that is made for it, and no round may spoil what one before found."""
+    data, model = rattling
+    few = replace(data, fitted=tuple(excited(data)[:2]), held_out=())
+    wrong = model.with_values({"backlash.gap": 1.1 * model["backlash.gap"]})
+    seen: list[float] = []
+    made = fitting.problem_of
+
+    def noted(*given: Any) -> Problem:
+        problem = made(*given)
+        seen.append(problem.objective(problem.residual(problem.start())))
+        return problem
+
+    monkeypatch.setattr(fitting, "problem_of", noted)
+    found = fitting.fit(few, wrong, 7)
+    assert len(seen) >= 3
+    assert found.objective == pytest.approx(min(seen))
+    assert found.objective < 0.9 * seen[0]
