@@ -118,7 +118,7 @@ class RunFolder:
     def claim_drive(self, identity: Mapping[str, str], wall_s: float | None = None) -> None:
         """Note which drive this run is made on, and when; on a later call, that it still is, and how much later.
 
-        identity : :attr:`beltcomm.drive.Capabilities.identity`; what one of the two ports does not tell ("") is not compared.
+        identity : :attr:`beltcomm.drive.Capabilities.identity`; what was not told, then or now, is not compared.
         wall_s : date and time now, s; None where nobody knows it, or where the drive begins anew with every session.
         Raises UsageError when the run was made on another drive, with what differs.
         """
@@ -132,9 +132,9 @@ class RunFolder:
             self._write_about(identity, wall_s)
             return
         changed = [
-            f"{key} {known.get(key, 'not known')} -> {identity.get(key, 'not known')}"
-            for key in sorted({*known, *identity})
-            if known.get(key) != identity.get(key) and "" not in (known.get(key), identity.get(key))
+            f"{key} {known[key]} -> {identity[key]}"
+            for key in sorted({*known} & {*identity})
+            if known[key] and identity[key] and known[key] != identity[key]
         ]
         if changed:
             raise UsageError(f"{self.path} was made on another drive ({'; '.join(changed)}); begin a new run")

@@ -116,6 +116,8 @@ def test_resume_demands_the_same_axis_and_drive(tmp_path: Path) -> None:
     again = RunFolder.create(tmp_path / "R", RIG, resume=True)
     with pytest.raises(UsageError, match=r"made on another drive \(serial 1 -> 2\); begin a new run"):
         again.claim_drive(DRIVE | {"serial": "2"})
+    for silent in ({}, {"serial": ""}):  # a name that was not told says nothing of another drive
+        again.claim_drive({key: value for key, value in DRIVE.items() if key != "serial"} | silent)
     with pytest.raises(UsageError, match="does not exist; check --run or leave --resume out"):
         RunFolder.create(tmp_path / "S", RIG, resume=True)
 

@@ -33,6 +33,8 @@ RECOVERY_S: Final = 5.0
 RETRY_S: Final = 0.2
 #: A transfer that nobody answers is begun anew: one lost frame is no reason to give up.
 _ATTEMPTS: Final = 3
+#: Toggle bit not alternated: a frame came twice or not at all, which is no word of the drive on the object.
+_OUT_OF_STEP: Final = 0x05030000
 _SAVE: Final = 0x65766173  # "save", CiA 301, 7.5.2.13
 _NO_OBJECT, _NO_SUBINDEX = 0x06020000, 0x06090011
 
@@ -177,7 +179,8 @@ class SdoObjects(Objects):
             try:
                 return transfer()
             except SdoAbortedError as error:
-                raise refusal(index, subindex, verb, error.code) from error
+                if error.code != _OUT_OF_STEP or attempt == _ATTEMPTS:
+                    raise refusal(index, subindex, verb, error.code) from error
             except SdoCommunicationError as error:
                 if attempt == _ATTEMPTS:
                     raise BusError(
