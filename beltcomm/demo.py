@@ -50,9 +50,10 @@ class _Progress:
     """Phases and progress of a talk; what a command says in between would bury the steps."""
 
     def __init__(self, talk: Talk) -> None:
-        self.phase, self.progress, self.confirm, self.attended = talk.phase, talk.progress, talk.confirm, talk.attended
+        self.phase, self.progress, self.moving = talk.phase, talk.progress, talk.moving
+        self.confirm, self.attended = talk.confirm, talk.attended
 
-    def say(self, text: str) -> None:
+    def say(self, *lines: str) -> None:
         """Left out."""
 
 

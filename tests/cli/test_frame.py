@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import io
 import json
 import os
 import subprocess
@@ -17,7 +16,6 @@ from typing import Any
 import pytest
 from click.testing import CliRunner, Result
 
-from beltcomm.cli.frame import _fitted
 from beltcomm.cli.main import VERBS, cli
 from beltcomm.design.specification import PRODUCT_SPECIFICATION
 from beltcomm.errors import DataError, DriveFault, Refused, SafetyStop, UsageError
@@ -335,20 +333,3 @@ def test_help_loads_nothing_slow() -> None:
 def test_version_and_no_words() -> None:
     assert call("--version").stdout.startswith("beltcomm, version ")
     assert "commission" in call().output
-
-
-def test_a_line_is_no_wider_than_the_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Broken between words and indented; in a pipe nothing is broken."""
-
-    class Terminal(io.StringIO):
-        def isatty(self) -> bool:
-            return True
-
-    monkeypatch.setattr("shutil.get_terminal_size", lambda: os.terminal_size((40, 20)))
-    line = "  model:" + 20 * " word"
-    lines = _fitted(line, Terminal()).splitlines()
-    assert max(map(len, lines)) <= 40
-    assert all(each.startswith("    word") for each in lines[1:])
-    assert " ".join(" ".join(lines).split()) == line.strip()
-    assert _fitted(line, io.StringIO()) == line
-    assert _fitted("short", Terminal()) == "short"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import re
+import sys
 from pathlib import Path
 
 import pytest
@@ -185,7 +186,7 @@ def test_nobody_to_ask_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_a_failure_in_a_phase_gives_the_terminal_back(capfd: pytest.CaptureFixture[str]) -> None:
     frame = Frame([])
-    talk = RichTalk()
+    talk = RichTalk(sys.stderr)
     frame._talk = talk
 
     def fail() -> None:
