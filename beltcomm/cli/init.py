@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from beltcomm.axis_entries import COMMISSION_NEEDS
+from beltcomm.cli import completion
 from beltcomm.cli import options as shared
 from beltcomm.cli.frame import Frame
 from beltcomm.errors import Refused, UsageError
@@ -37,7 +38,7 @@ _BELT_SECTIONS = ("gearbox", "coupling", "pulley", "belt")
 
 @click.command("init")
 @click.argument("file", type=click.Path(path_type=Path), default=Path("axis.yaml"))
-@click.option("--from", "template", metavar="AXIS", help="Begin with this axis (a shipped name or a file).")
+@click.option("--from", "template", metavar="AXIS", shell_complete=completion.axes, help="Begin with this axis (a shipped name or a file).")
 @click.option("--set", "entries", multiple=True, metavar="KEY=VALUE", help="motor.inertia_kg_m2=0.449kgcm2; then nothing is asked.")
 @click.option("--yes", is_flag=True, help="Ask nothing; overwrite an existing file.")
 @shared.output_options
