@@ -375,9 +375,7 @@ def adapter_for(name: str, found: Sequence[FoundAdapter]) -> tuple[Adapter, str]
     schemes = sorted(s for item in found if item.adapter for s in item.adapter.schemes)
     broken = "".join(f" ({item.entry_point} is broken: {item.reason})" for item in found if not item.adapter)
     near = did_you_mean(scheme, [*schemes, "can0"])
-    raise UsageError(
-        f"no adapter understands the drive {name!r}{near}; known are {', '.join(schemes)} and CAN interfaces (can0){broken}"
-    )
+    raise UsageError(f"no adapter understands the drive {name!r}{near}; known are {', '.join(schemes)} and CAN interfaces (can0){broken}")
 
 
 def able(drive: Drive, kind: MotionKind) -> Drive:

@@ -99,7 +99,7 @@ class Frame:
         except click.ClickException as error:
             context = getattr(error, "ctx", None)
             remedy = f" (see {context.command_path} --help)" if context is not None else ""
-            return self._failed(error.format_message().rstrip(".") + remedy, error.exit_code)
+            return self._failed(" ".join(error.format_message().split()).rstrip(".") + remedy, error.exit_code)
         except (KeyboardInterrupt, click.Abort):
             return self._interrupted()
         except BrokenPipeError:  # the reader of our output has gone: nobody is left to tell

@@ -142,7 +142,7 @@ def drive_options(function: Function, *, needed: bool = True) -> Function:
                 callback=_note_bus_log,
                 help="Keep the bus's log for a virtual drive too (RUN/bus).",
             ),
-            click.option("--seed", type=click.IntRange(0), help="Seed of everything random: equal seeds give equal runs."),
+            click.option("--seed", type=click.IntRange(0), help="Virtual drive: seed of everything random; equal seeds give equal runs."),
         )
     ):
         function = decorate(function)

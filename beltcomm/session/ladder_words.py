@@ -148,7 +148,7 @@ def change_lines(before: Fitted, model: Model, after: Fitted, rung: Revision, no
 
 def ladder_lines(rungs: Sequence[Revision], changed: Sequence[str]) -> list[str]:
     """``beltcomm ladder``: a falling staircase down to the noise."""
-    highest = max(1.0, *(max(r.ratio, r.held_out or 0.0) for r in rungs))
+    highest = max(1.0, *(rung.ratio for rung in rungs))
     rows = [
         [
             rung.name,

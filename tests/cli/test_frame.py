@@ -10,7 +10,7 @@ import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import pytest
@@ -304,6 +304,28 @@ def test_wrong_usage_is_explained(api: StandIn, words: list[str], hint: str) -> 
     assert hint in outcome.stderr
     assert hint in json.loads(outcome.stdout)["error"]
     assert api.calls == []
+
+
+#: Words with which a verb does something.
+WORDS = {
+    "init": "axis.yaml --set name=mine", "move": "--drive virtual --by 5mm", "compare": "R", "diagnose": "R", "add": "cogging R",
+    "remove": "cogging R", "report": "R", "ladder": "R", "fit": "R", "design": "R", "simulate": "g_a", "import": "data.csv", "export": "R --format c",
+    "trajectory": "m.csv --from 0 --to 0.5 --speed 1 --acceleration 10 --jerk 200", "thesis": "", "convert": "R", "doctor": "",
+    "serve": "--on slcan", "bundle": "R", "drives": "", "effects": "", "commission": "--drive virtual", "identify": "--drive virtual",
+    "calibrate": "--drive virtual", "demo": "--seed 3",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_every_verb_prints_one_json_object(api: StandIn, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, verb: str) -> None:
+    """And nothing else on stdout."""
+    step = SimpleNamespace(command="beltcomm ladder R", why="All of it.", lines=["a"], data={"ratio": 1.0})
+    monkeypatch.setitem(sys.modules, "beltcomm.demo", SimpleNamespace(demo=lambda *_args, **_options: [step]))
+    outcome = call(verb, *WORDS.get(verb, "--drive virtual --run R").split(), "--json")
+    assert outcome.exit_code == 0, outcome.output
+    (line,) = outcome.stdout.splitlines()
+    assert isinstance(json.loads(line), dict)
+    assert "error" not in json.loads(line)
 
 
 @pytest.mark.parametrize("verb", VERBS)
