@@ -309,7 +309,8 @@ def test_wrong_usage_is_explained(api: StandIn, words: list[str], hint: str) -> 
 #: Words with which a verb does something.
 WORDS = {
     "init": "axis.yaml --set name=mine", "move": "--drive virtual --by 5mm", "compare": "R", "diagnose": "R", "add": "cogging R",
-    "remove": "cogging R", "report": "R", "ladder": "R", "fit": "R", "design": "R", "simulate": "g_a", "import": "data.csv", "export": "R --format c",
+    "remove": "cogging R", "report": "R", "ladder": "R", "fit": "R", "design": "R", "simulate": "g_a", "import": "data.csv",
+    "export": "R --format c",
     "trajectory": "m.csv --from 0 --to 0.5 --speed 1 --acceleration 10 --jerk 200", "thesis": "", "convert": "R", "doctor": "",
     "serve": "--on slcan", "bundle": "R", "drives": "", "effects": "", "commission": "--drive virtual", "identify": "--drive virtual",
     "calibrate": "--drive virtual", "demo": "--seed 3",

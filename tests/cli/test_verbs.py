@@ -46,7 +46,7 @@ def test_init_without_questions_understands_data_sheet_units(tmp_path: Path) -> 
 
 def test_init_by_questions_asks_again_after_a_wrong_answer(tmp_path: Path) -> None:
     path = tmp_path / "axis.yaml"
-    # name (asked again), no belt (asked again), motor: type, inertia (needed, wrong unit, impossible, right), constant ..., then nothing more
+    # name (asked again), no belt (asked again), motor: type, inertia (needed, wrong unit, impossible, right), constant ...
     known = ["EMMS", "", "3 mm", "-1", "0.449 kg cm2", "0.65"]
     answers = ["", "spindle", "nope", "no", *known, *[""] * 7, "0", "600 mm", *[""] * 12]
     outcome = call("init", str(path), answer="\n".join(answers) + "\n")
