@@ -101,7 +101,7 @@ class Axis:
         _check_together(self)
 
     def __str__(self) -> str:
-        return f"axis {self.name!r}" + (f" ({self.source})" if self.source else "")
+        return (f"axis {self.name!r}" if self.name else "axis without a name") + (f" ({self.source})" if self.source else "")
 
     def get(self, entry: str) -> Any:
         """Value of a dotted entry such as ``"motor.inertia_kg_m2"``; None when it is not known."""

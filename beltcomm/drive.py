@@ -16,6 +16,7 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from beltcomm.configfiles import did_you_mean
 from beltcomm.control import CascadeStructure
 from beltcomm.errors import Refused, UsageError
 from beltcomm.finding import Finding
@@ -371,9 +372,10 @@ def adapter_for(name: str, found: Sequence[FoundAdapter]) -> tuple[Adapter, str]
     for item in found:
         if item.adapter and item.adapter.claims(name):
             return item.adapter, name
-    known = ", ".join(sorted(s for item in found if item.adapter for s in item.adapter.schemes))
+    schemes = sorted(s for item in found if item.adapter for s in item.adapter.schemes)
     broken = "".join(f" ({item.entry_point} is broken: {item.reason})" for item in found if not item.adapter)
-    raise UsageError(f"no adapter understands the drive {name!r}; known are {known} and CAN interfaces like can0{broken}")
+    near = did_you_mean(scheme, [*schemes, "can0"])
+    raise UsageError(f"no adapter understands the drive {name!r}{near}; known are {', '.join(schemes)} and CAN interfaces (can0){broken}")
 
 
 def able(drive: Drive, kind: MotionKind) -> Drive:

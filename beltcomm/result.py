@@ -28,6 +28,38 @@ class Result:
         return self.text
 
 
+class Row(str):
+    """A line of a table: as text what stands in files and pipes, and the cells of it, which a terminal may draw as it likes.
+
+    cells : as shown.   right : for each, whether it stands at the right of its column.   head : the line of the titles.
+    """
+
+    cells: tuple[str, ...]
+    right: tuple[bool, ...]
+    head: bool
+
+    def __new__(cls, text: str = "", cells: Sequence[str] = (), right: Sequence[bool] = (), head: bool = False) -> Row:
+        """A line as it reads, and what it is made of."""
+        row = super().__new__(cls, text)
+        row.cells, row.right, row.head = tuple(cells), tuple(right), head
+        return row
+
+
+def table(columns: Sequence[str], rows: Iterable[Sequence[str]], indent: str = "") -> list[Row]:
+    """Lines of equal columns, the titles first.   columns : titles; one that begins with ``>`` has its cells at the right.
+
+    A row may have fewer cells than there are titles.
+    """
+    right = [title.startswith(">") for title in columns]
+    filled = [[title.removeprefix(">") for title in columns], *([*row, *[""] * (len(columns) - len(row))] for row in rows)]
+    widths = [max(map(len, cells)) for cells in zip(*filled, strict=True)]
+    padded = [[c.rjust(w) if r else c.ljust(w) for c, w, r in zip(row, widths, right, strict=True)] for row in filled]
+    return [
+        Row((indent + "  ".join(cells)).rstrip(), row, right, number == 0)
+        for number, (cells, row) in enumerate(zip(padded, filled, strict=True))
+    ]
+
+
 def plain(value: Any) -> Any:
     """The value in the types that YAML and JSON have: dataclasses and mappings as mappings, arrays as lists.
 
@@ -45,7 +77,7 @@ def plain(value: Any) -> Any:
         return [plain(item) for item in value]
     if isinstance(value, np.generic):
         return value.item()
-    return value
+    return str(value) if isinstance(value, Row) else value
 
 
 def jsonable(value: Any) -> Any:

@@ -2,7 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Protocol
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where the carriage is while a record is made.
+
+    record : its name.   position_m, window_m : on the axis, m; from where it stood when it is not ``known``.   left_s : s on the machine
+    that the whole job takes from now on at most; None when not known.
+    """
+
+    record: str
+    position_m: float
+    window_m: tuple[float, float]
+    known: bool = True
+    left_s: float | None = None
 
 
 class Talk(Protocol):
@@ -16,8 +32,12 @@ class Talk(Protocol):
         """The present phase is done to ``fraction``, 0 to 1.   seconds_left : s on the machine, None when not known."""
         ...
 
-    def say(self, text: str) -> None:
-        """One or more plain sentences."""
+    def moving(self, place: Place) -> None:
+        """The carriage moves and is there now; told several times a second while a record is made."""
+        ...
+
+    def say(self, *lines: str) -> None:
+        """Each one or more plain sentences, or a :class:`beltcomm.result.Row` of a table."""
         ...
 
     def confirm(self, text: str) -> bool:
@@ -56,7 +76,10 @@ class Silence:
     def progress(self, fraction: float, seconds_left: float | None) -> None:
         """Ignored."""
 
-    def say(self, text: str) -> None:
+    def moving(self, place: Place) -> None:
+        """Ignored."""
+
+    def say(self, *lines: str) -> None:
         """Ignored."""
 
     def confirm(self, text: str) -> bool:

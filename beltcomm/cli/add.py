@@ -6,12 +6,13 @@ from pathlib import Path
 
 import click
 
+from beltcomm.cli import completion
 from beltcomm.cli import options as shared
 from beltcomm.cli.frame import Frame, api, today
 
 
 @click.command("add")
-@click.argument("effect")
+@click.argument("effect", shell_complete=completion.effects_to_add)
 @shared.run_argument
 @shared.pictures_option
 @shared.cost_option

@@ -12,7 +12,7 @@ from beltcomm.cli.traces import BUNDLE, private_words
 
 
 @click.command("bundle")
-@click.argument("run", type=click.Path(path_type=Path))
+@shared.run_argument
 @click.option("--out", type=click.Path(path_type=Path), metavar="FILE", help=f"The zip to write; RUN/{BUNDLE} when left out.")
 @click.option("--recordings", is_flag=True, help="With the rows of every record, which may be large.")
 @shared.output_options

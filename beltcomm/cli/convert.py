@@ -6,13 +6,14 @@ from pathlib import Path
 
 import click
 
+from beltcomm.cli import completion
 from beltcomm.cli import options as shared
 from beltcomm.cli.frame import Frame, api
 from beltcomm.errors import UsageError
 
 
 @click.command("convert")
-@click.argument("run", type=click.Path(path_type=Path), required=False)
+@click.argument("run", type=click.Path(path_type=Path), required=False, shell_complete=completion.runs)
 @click.option("--kp", type=float, metavar="K_P", help="Of the cascade's velocity loop, N m s/rad.")
 @click.option("--ki", type=float, metavar="K_I", help="Of the cascade's velocity loop, N m/rad.")
 @click.option("--kpp", type=float, metavar="K_PP", help="Of the cascade's position loop, 1/s.")

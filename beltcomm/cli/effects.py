@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import click
 
+from beltcomm.cli import completion
 from beltcomm.cli import options as shared
 from beltcomm.cli.frame import Frame
 
 
 @click.command("effects")
-@click.argument("name", required=False)
+@click.argument("name", required=False, shell_complete=completion.effects)
 @shared.output_options
 @click.pass_obj
 def command(frame: Frame, /, name: str | None) -> int:

@@ -16,7 +16,7 @@ from beltcomm.cli.frame import Frame, api, options_of, today
     "--format",
     "format_",
     required=True,
-    type=click.Choice(["yaml", "c", "st", "dcf"]),
+    type=shared.Choice(["yaml", "c", "st", "dcf"]),
     help="yaml: coefficients and equations; c: one C99 file; st: an IEC 61131-3 function block; dcf: what goes into the drive (CiA 306).",
 )
 @click.option("--out", type=click.Path(path_type=Path), metavar="FILE", help="Write to FILE; to stdout when left out.")

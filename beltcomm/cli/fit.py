@@ -14,12 +14,12 @@ from beltcomm.cli.frame import Frame, api, options_of, today
 @shared.run_argument
 @click.option(
     "--solver",
-    type=click.Choice(["lm", "trf", "nelder-mead"]),
+    type=shared.Choice(["lm", "trf", "nelder-mead"]),
     help="Of the log-magnitude fit: Levenberg-Marquardt, trust region, Nelder-Mead.",
 )
 @click.option(
     "--model",
-    type=click.Choice(["two-mass", "three-mass"]),
+    type=shared.Choice(["two-mass", "three-mass"]),
     default="two-mass",
     help="three-mass: the end pulley too; a revision of the model, or refused where the records do not hold it.",
 )

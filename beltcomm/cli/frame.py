@@ -6,18 +6,17 @@ import errno
 import importlib
 import json
 import os
-import shutil
 import sys
 import tempfile
-import textwrap
 import traceback
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, TextIO
+from typing import TYPE_CHECKING, Any, Protocol
 
 import click
 
 from beltcomm import __version__
+from beltcomm.cli.terminal import echo, failure
 from beltcomm.errors import BeltcommError, UsageError
 
 if TYPE_CHECKING:
@@ -80,7 +79,7 @@ class Frame:
         if self._traces is not None:
             verb = self.words[0]
             for line in self._traces.leave(self.run or run_folder(None, verb), verb, code):
-                click.echo(_fitted(f"beltcomm: {line}", sys.stderr), err=True)
+                echo([f"beltcomm: {line}"], sys.stderr)
         return code
 
     def options(self, **values: Any) -> Any:
@@ -100,7 +99,7 @@ class Frame:
         except click.ClickException as error:
             context = getattr(error, "ctx", None)
             remedy = f" (see {context.command_path} --help)" if context is not None else ""
-            return self._failed(error.format_message().rstrip(".") + remedy, error.exit_code)
+            return self._failed(" ".join(error.format_message().split()).rstrip(".") + remedy, error.exit_code)
         except (KeyboardInterrupt, click.Abort):
             return self._interrupted()
         except BrokenPipeError:  # the reader of our output has gone: nobody is left to tell
@@ -154,8 +153,7 @@ class Frame:
 
             click.echo(json.dumps(jsonable(data), ensure_ascii=False, allow_nan=False))
             return
-        for line in lines:
-            click.echo(_fitted(line, sys.stdout))
+        echo(lines, sys.stdout)
 
     def line(self) -> str:
         """The command as it was typed."""
@@ -193,7 +191,7 @@ class Frame:
     def _failed(self, sentence: str, code: int) -> int:
         try:
             self._end_talk()
-            click.echo(_fitted(f"beltcomm: {sentence}", sys.stderr), err=True)
+            failure(f"beltcomm: {sentence}", sys.stderr)
             if self.json:
                 click.echo(json.dumps({"error": sentence, "exit_code": code}, ensure_ascii=False))
         except OSError:
@@ -216,15 +214,6 @@ class Frame:
             except OSError:
                 continue
         return ""
-
-
-def _fitted(line: str, stream: TextIO) -> str:
-    """A line no wider than the terminal, broken between words and indented; whoever reads from a pipe gets it whole."""
-    width = shutil.get_terminal_size().columns
-    if not stream.isatty() or len(line) <= width:
-        return line
-    indent = " " * (len(line) - len(line.lstrip()) + 2)
-    return textwrap.fill(line, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False, replace_whitespace=False)
 
 
 def api() -> Any:

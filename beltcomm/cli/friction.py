@@ -13,13 +13,13 @@ from beltcomm.cli.frame import Frame, api
 
 
 @click.command("friction")
-@click.argument("runs", nargs=-1, type=click.Path(path_type=Path))
+@shared.several_runs_argument
 @click.option("--compare", is_flag=True, help="No machine: the sweeps of RUN once more; of several runs, friction against their load.")
 @partial(shared.machine_options, needed=False)
 @click.option("--run", type=click.Path(path_type=Path), help="Run folder to go on with.")
 @click.option(
     "--order",
-    type=click.Choice(["I", "II", "III", "IV", "V", "VI", "all"], case_sensitive=False),
+    type=shared.Choice(["I", "II", "III", "IV", "V", "VI", "all"], case_sensitive=False),
     help="Of the speeds of table A.1: I slowest first, II fastest first, III shuffled, IV as I with each speed ten times, V as I after "
     "long use, VI as I with a payload; all: I to IV. Without it seven speeds.",
 )

@@ -20,13 +20,13 @@ from beltcomm.errors import UsageError
 @shared.resume_option
 @click.option(
     "--excitation",
-    type=click.Choice(("prbs", "gprbs", "chirp", "multisine")),
+    type=shared.Choice(("prbs", "gprbs", "chirp", "multisine")),
     default="prbs",
     help="Signal of the frequency response; prbs when left out.  A multisine tells nonlinearity from noise.",
 )
 @click.option(
     "--loop",
-    type=click.Choice(("open", "direct", "indirect", "setpoint")),
+    type=shared.Choice(("open", "direct", "indirect", "setpoint")),
     default="open",
     help="Way of identification; the closed ones travel with a loop from the run's model (--run), so that friction does not pose as "
     "damping: direct and indirect excite the torque, setpoint the speed.",

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from beltcomm.axis_entries import COMMISSION_NEEDS
+from beltcomm.cli import completion
 from beltcomm.cli import options as shared
 from beltcomm.cli.frame import Frame
 from beltcomm.errors import Refused, UsageError
@@ -19,7 +20,8 @@ if TYPE_CHECKING:
 
 _INTRODUCTION = (
     "I ask for the data sheets' values of motor, coupling, pulley, belt and limits. Write a unit if it is not the one in "
-    "brackets (0.449 kg cm2, 78 mm); an empty answer means: not known (or the value in brackets).\n"
+    "brackets (0.449 kg cm2, 78 mm); an empty answer means: not known (or the value in brackets). What commissioning cannot do without is "
+    "asked once more.\n"
 )
 _TITLES = {
     "motor": "Motor",
@@ -37,7 +39,7 @@ _BELT_SECTIONS = ("gearbox", "coupling", "pulley", "belt")
 
 @click.command("init")
 @click.argument("file", type=click.Path(path_type=Path), default=Path("axis.yaml"))
-@click.option("--from", "template", metavar="AXIS", help="Begin with this axis (a shipped name or a file).")
+@click.option("--from", "template", metavar="AXIS", shell_complete=completion.axes, help="Begin with this axis (a shipped name or a file).")
 @click.option("--set", "entries", multiple=True, metavar="KEY=VALUE", help="motor.inertia_kg_m2=0.449kgcm2; then nothing is asked.")
 @click.option("--yes", is_flag=True, help="Ask nothing; overwrite an existing file.")
 @shared.output_options
@@ -125,8 +127,8 @@ def _ask_all(start: Axis) -> dict[str, Any]:
 
     click.echo(_INTRODUCTION, err=True)
     data: dict[str, Any] = start.to_dict()
-    data["name"] = _answer("Name of the axis", start.name)
-    belt = _answer("Does it have a toothed belt? yes/no", "yes").lower() not in {"n", "no"}
+    data["name"] = _answer("Name of the axis", start.name) or _answer("  Plans and reports call it by its name; which", "")
+    belt = _yes("Does it have a toothed belt?")
     for section, kind in SECTIONS.items():
         if section in _BELT_SECTIONS and not belt:
             data.pop(section, None)
@@ -142,9 +144,15 @@ def _ask_all(start: Axis) -> dict[str, Any]:
 
 
 def _ask_number(key: str, name: str, meaning: str, default: float | None, fault: Any) -> float | None:
-    unit = unit_of(name)
+    unit, needed = unit_of(name), COMMISSION_NEEDS.get(key, "")
     while True:
         text = _answer(f"  {meaning[0].upper()}{meaning[1:]} [{unit or 'number'}]", "" if default is None else f"{default!r}")
+        if not text and needed:
+            click.echo(
+                f"    {key} is needed for {needed}; without it commissioning refuses to begin. Empty once more: not known yet", err=True
+            )
+            needed = ""
+            continue
         if not text:
             return None
         try:
@@ -156,6 +164,13 @@ def _ask_number(key: str, name: str, meaning: str, default: float | None, fault:
         if not wrong:
             return value
         click.echo(f"    {key} is {value:g}; {wrong}", err=True)
+
+
+def _yes(question: str) -> bool:
+    """A question that is asked until the answer is yes or no; yes for an empty one."""
+    while (answer := _answer(f"{question} yes/no", "yes").lower()) not in {"y", "yes", "n", "no"}:
+        click.echo(f"    {answer!r} is neither yes nor no", err=True)
+    return answer in {"y", "yes"}
 
 
 def _answer(question: str, default: str) -> str:

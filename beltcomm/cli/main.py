@@ -19,6 +19,8 @@ from beltcomm.cli.frame import Frame
 # The matrices here are tall and narrow: more threads cost more than they bring, and results must not depend on the number of cores.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+#: What a shell sets that wants words completed, or the lines that make it ask.
+COMPLETING = "_BELTCOMM_COMPLETE"
 #: Verb -> its line in ``--help``, in the order of the work.  The verb's own file is imported only when it is called.
 VERBS = {
     "init": "Write axis.yaml by questions from the data sheets.",
@@ -94,6 +96,8 @@ class Verbs(click.Group):
         **extra: Any,
     ) -> Any:
         """Run the command line and leave with its exit code, or return it when not ``standalone_mode``."""
+        if COMPLETING in os.environ:
+            importlib.import_module("beltcomm.cli.bash")
         words = list(sys.argv[1:] if args is None else args)
         frame = Frame(words)
         with like_ctrl_c(frame.note_end), twice_leaves():
@@ -102,7 +106,7 @@ class Verbs(click.Group):
                     self,
                     words,
                     prog_name or "beltcomm",
-                    complete_var,
+                    complete_var or COMPLETING,
                     standalone_mode=False,
                     windows_expand_args=windows_expand_args,
                     obj=frame,

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
+from beltcomm.cli import completion
 from beltcomm.cli.hold import option as held_key
 from beltcomm.errors import UsageError
 from beltcomm.quantities import parse_quantity, unit_of
@@ -17,11 +18,26 @@ from beltcomm.quantities import parse_quantity, unit_of
 if TYPE_CHECKING:
     Numbers = click.ParamType[float]
     Pairs = click.ParamType[tuple[float, float]]
-else:  # before click 8.2 the class takes no type argument
+    Words = click.Choice[str]
+else:  # before click 8.2 the classes take no type argument
     Numbers = Pairs = click.ParamType
+    Words = click.Choice
 
 _UNIT = re.compile(r"[a-zA-Zµμ]*\s*$")
 Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+class Choice(Words):
+    """One of some words; a wrong one is answered with the word that resembles it."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """The word.  Raises click.BadParameter for any other."""
+        try:
+            return str(super().convert(value, param, ctx))
+        except click.BadParameter as error:
+            from beltcomm.configfiles import did_you_mean
+
+            raise click.BadParameter(f"{error.message.rstrip('.')}{did_you_mean(value, map(str, self.choices))}", ctx, param) from error
 
 
 class Quantity(Numbers):
@@ -100,10 +116,16 @@ def drive_options(function: Function, *, needed: bool = True) -> Function:
                 "--drive",
                 required=needed,
                 metavar="DRIVE",
+                shell_complete=completion.drives,
                 callback=_note_drive,
                 help="virtual, virtual:PLANT, can0, slcan:/dev/ttyACM0, serial:/dev/ttyUSB0, ... (`beltcomm drives` lists adapters).",
             ),
-            click.option("--profile", metavar="NAME", help="Drive profile; recognised from the drive when left out."),
+            click.option(
+                "--profile",
+                metavar="NAME",
+                shell_complete=completion.profiles,
+                help="Drive profile; recognised from the drive when left out.",
+            ),
             click.option("--node", type=click.IntRange(1, 126), help="CANopen node; searched for when left out."),
             click.option("--bitrate", type=click.IntRange(9_600, 1_000_000), help="Bit rate of the CAN bus, or of the RS-232 line."),
             click.option(
@@ -120,7 +142,7 @@ def drive_options(function: Function, *, needed: bool = True) -> Function:
                 callback=_note_bus_log,
                 help="Keep the bus's log for a virtual drive too (RUN/bus).",
             ),
-            click.option("--seed", type=click.IntRange(0), help="Seed of everything random: equal seeds give equal runs."),
+            click.option("--seed", type=click.IntRange(0), help="Virtual drive: seed of everything random; equal seeds give equal runs."),
         )
     ):
         function = decorate(function)
@@ -191,28 +213,36 @@ def writing_options(function: Function, *, needed: bool = True) -> Function:
 
 
 yes_option = click.option("--yes", is_flag=True, help="Answer every question with yes.")
-axis_option = click.option("--axis", metavar="FILE", help="axis.yaml, or the name of a shipped axis.")
+axis_option = click.option("--axis", metavar="FILE", shell_complete=completion.axes, help="axis.yaml, or the name of a shipped axis.")
 resume_option = click.option("--resume", is_flag=True, help="Go on with an existing run: only unfinished records are repeated.")
-new_run_option = click.option("--run", type=click.Path(path_type=Path), help="Run folder to make; a dated one under runs/ when left out.")
-existing_run_option = click.option("--run", required=True, type=click.Path(path_type=Path), help="Run folder to go on with.")
+new_run_option = click.option(
+    "--run",
+    type=click.Path(path_type=Path),
+    shell_complete=completion.runs,
+    help="Run folder to make; a dated one under runs/ when left out.",
+)
+existing_run_option = click.option(
+    "--run", required=True, type=click.Path(path_type=Path), shell_complete=completion.runs, help="Run folder to go on with."
+)
 pictures_option = click.option("--pictures/--no-pictures", default=True, help="Pictures into RUN/pictures; made when left out.")
 asked_pictures_option = click.option("--pictures/--no-pictures", default=False, help="Pictures into RUN/pictures; only when asked for.")
 cost_option = click.option("--cost/--no-cost", default=True, help="Say what a missing effect costs in tracking error; said when left out.")
-run_argument = click.argument("run", type=click.Path(path_type=Path))
+run_argument = click.argument("run", type=click.Path(path_type=Path), shell_complete=completion.runs)
+several_runs_argument = click.argument("runs", nargs=-1, type=click.Path(path_type=Path), shell_complete=completion.runs)
 payload_option = click.option(
     "--payload", "payload_kg", type=Quantity("payload_kg"), help="Heaviest payload to be moved; the design must hold for it."
 )
 prefilter_option = click.option(
-    "--prefilter", type=click.Choice(["none", "notch", "butterworth"]), help="Of the velocity loop; the best one when left out."
+    "--prefilter", type=Choice(["none", "notch", "butterworth"]), help="Of the velocity loop; the best one when left out."
 )
 feedforward_option = click.option(
     "--feedforward",
-    type=click.Choice(["nonlinear", "linear", "none"]),
+    type=Choice(["nonlinear", "linear", "none"]),
     help="nonlinear: inertia, viscous and Coulomb friction; linear: all friction as damping; none: no velocity either.",
 )
 sent_feedforward_option = click.option(
     "--feedforward",
-    type=click.Choice(["compliant", "nonlinear", "linear", "none"]),
+    type=Choice(["compliant", "nonlinear", "linear", "none"]),
     help="In place of the design's, for this move only. compliant: the motor leads the carriage by the stretch of the belt; "
     "nonlinear: inertia, viscous and Coulomb friction; linear: all friction as damping; none: no velocity either.",
 )
@@ -225,6 +255,6 @@ window_option = click.option(
 )
 apply_option = click.option(
     "--apply",
-    type=click.Choice(["keep", "restore", "save"]),
+    type=Choice(["keep", "restore", "save"]),
     help="Gains at the end: keep until power-off, restore the old ones, save for good. Asked for; with --yes: restore.",
 )

@@ -6,17 +6,18 @@ from pathlib import Path
 
 import click
 
+from beltcomm.cli import completion
 from beltcomm.cli import options as shared
 from beltcomm.cli.frame import VIRTUAL_AXIS, Frame, api, options_of, run_folder
 
 
 @click.command("simulate")
-@click.argument("plant")
+@click.argument("plant", shell_complete=completion.plants)
 @shared.axis_option
 @shared.new_run_option
 @click.option(
     "--experiment",
-    type=click.Choice(["frf", "friction_sweep", "trajectory"]),
+    type=shared.Choice(["frf", "friction_sweep", "trajectory"]),
     default="frf",
     show_default=True,
     help="What is recorded.",

@@ -58,7 +58,9 @@ def agree(
     if machine is not None and options.home:
         plan = with_homing(plan, axis, drive.capabilities)
     plan = _whole(plan, axis, drive.capabilities, options)
-    talk.say("\n".join(plan.lines()))
+    talk.say(*plan.lines())
+    if machine is not None:
+        machine.planned_s = plan.seconds
     if fault := plan.heat_fault():
         raise Refused(f"{fault}; nothing was moved")
     if options.simulate_first and machine is not None and agreement is not None:

@@ -18,6 +18,7 @@ from beltcomm.drive import Drive
 from beltcomm.errors import BeltcommError, DataError, Refused, UsageError
 from beltcomm.objects import ObjectValue, object_from_dict, object_values
 from beltcomm.parameters import GAIN_NAMES, cascade_to_parameters, parameters_to_cascade
+from beltcomm.result import table
 from beltcomm.runfolder import RunFolder
 
 #: The backup from before the run.
@@ -139,6 +140,5 @@ def wanted_of(backup: Backup, drive: Drive) -> list[ObjectValue]:
 
 def list_lines(backups: Sequence[Backup]) -> list[str]:
     """All backups of a run as a table."""
-    head = f"  {'name':12} {'date (UTC)':20} {'taken before':28} objects"
-    rows = [f"  {one.name:12} {one.when:20} {one.before:28} {len(one.objects) or len(one.parameters)}" for one in backups]
-    return [head, *rows] if backups else ["  none"]
+    rows = [[one.name, one.when, one.before, f"{len(one.objects) or len(one.parameters)}"] for one in backups]
+    return [*table(["name", "date (UTC)", "taken before", ">objects"], rows, "  ")] if backups else ["  none"]

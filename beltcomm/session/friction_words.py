@@ -12,6 +12,7 @@ from beltcomm.identify.friction import FrictionFit
 from beltcomm.identify.standstill import Standstill
 from beltcomm.identify.sweeps import Drift, LoadDependence, Sweep, clear
 from beltcomm.model import Value
+from beltcomm.result import table
 from beltcomm.session.orders import DEFAULT, Stroke
 from beltcomm.session.words import number
 
@@ -71,21 +72,18 @@ def study_lines(sweeps: Sequence[Sweep], drifts: Mapping[int, Drift | str], left
 
 def _table(sweeps: Sequence[Sweep]) -> list[str]:
     names = [s.name.replace(f"{DEFAULT},", "sweep,") + ("" if s.payload_kg is None else f" ({s.payload_kg:g} kg)") for s in sweeps]
-    width = max(12, *map(len, names))
-    lines = [
-        "Sweeps one by one (95 % intervals; time on the session's clock; speeds below 10 mm/s are shown and not fitted):",
-        f"  {'order':{width}} {'speeds':>6} {'minutes':>13} {'Coulomb, mN m':>18} {'viscous, mN m s/rad':>21} {'left, mN m':>11}  "
-        "below 10 mm/s",
-    ]
+    rows = []
     for s, name in zip(sweeps, names, strict=True):
         assert s.fit is not None
         clock = "not known" if s.from_s is None or s.to_s is None else f"{s.from_s / 60.0:.2f} to {s.to_s / 60.0:.2f}"
         driven = len({round(abs(p.reference_rad_s), 6) for p in s.plateaus})
-        lines.append(
-            f"  {name:{width}} {driven:6d} {clock:>13} {_pair(s.fit.coulomb, 1e3):>18} {_pair(s.fit.viscous, 1e3):>21} "
-            f"{1e3 * s.fit.rms_nm:11.2f}  {_slow(s)}"
-        )
-    return lines
+        both = [_pair(s.fit.coulomb, 1e3), _pair(s.fit.viscous, 1e3)]
+        rows.append([name, f"{driven}", clock, *both, f"{1e3 * s.fit.rms_nm:.2f}", _slow(s)])
+    columns = ["order", ">speeds", ">minutes", ">Coulomb, mN m", ">viscous, mN m s/rad", ">left, mN m", "below 10 mm/s"]
+    return [
+        "Sweeps one by one (95 % intervals; time on the session's clock; speeds below 10 mm/s are shown and not fitted):",
+        *table(columns, rows, "  "),
+    ]
 
 
 def _pair(value: Value, factor: float) -> str:
@@ -212,12 +210,9 @@ def load_lines(found: LoadDependence, by: str, common_rad_s: float) -> list[str]
     """Friction against load and the verdict."""
     lines = [
         f"Friction against load ({by}; 95 % intervals; speeds up to {common_rad_s:.3g} rad/s at the motor, which all have):",
-        f"  {'':24} {'load':>9} {'sweeps':>7} {'Coulomb, mN m':>18} {'viscous, mN m s/rad':>21}",
     ]
-    lines += [
-        f"  {g.name[:24]:24} {g.load_kg:6.2f} kg {g.sweeps:7d} {_pair(g.coulomb, 1e3):>18} {_pair(g.viscous, 1e3):>21}"
-        for g in found.groups
-    ]
+    rows = [[g.name, f"{g.load_kg:.2f} kg", f"{g.sweeps}", _pair(g.coulomb, 1e3), _pair(g.viscous, 1e3)] for g in found.groups]
+    lines += table(["", ">load", ">sweeps", ">Coulomb, mN m", ">viscous, mN m s/rad"], rows, "  ")
     for value, words, unit in ((found.coulomb, "Coulomb", "mN m per kg"), (found.viscous, "viscous", "mN m s/rad per kg")):
         lines.append(
             f"  {words} friction: {number(1e3 * value.value, 1e3 * (value.interval or 0.0), unit)}: {_load_verdict(found, value, unit)}"

@@ -76,7 +76,7 @@ def ensure(machine: Machine, breakaway_nm: float) -> float:
     begun = machine.drive.clock.now()
     found = measure(machine, breakaway_nm)
     remarks = adopt(machine, found)
-    machine.talk.say("\n".join(["What the drive's gains mean, by small steps of its setpoints:", *found.lines(), *remarks]))
+    machine.talk.say("What the drive's gains mean, by small steps of its setpoints:", *found.lines(), *remarks)
     return machine.drive.clock.now() - begun
 
 

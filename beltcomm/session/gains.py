@@ -11,6 +11,7 @@ from beltcomm.drive import Drive
 from beltcomm.errors import Refused
 from beltcomm.objects import ObjectValue, object_values
 from beltcomm.parameters import PREFILTER_KINDS
+from beltcomm.result import table
 from beltcomm.runfolder import RunFolder
 from beltcomm.session import backups
 from beltcomm.talk import Talk
@@ -65,13 +66,13 @@ class Differences:
 
     def table(self) -> list[str]:
         """As plain text: object, raw values, and SI values where the object holds a parameter."""
-        lines = []
+        rows = []
         for one in self.changes:
             name, unit = one.wanted.name, UNITS.get(one.wanted.name, "")
             meant = f"{_shown(name, one.before_si)} -> {_shown(name, one.wanted.value)} {unit}".rstrip() if name else ""
-            lines.append(f"  {one.wanted.title:9} {_raw(one.before):>11} -> {_raw(one.wanted.raw):<11} {name:24} {meant}".rstrip())
-        head = [f"  {'object':9} {'raw, now':>11} -> {'then':<11} {'parameter':24} now -> then"] if lines else ["  nothing differs"]
-        return [*head, *lines, *(f"  {line}" for line in self.left_out)]
+            rows.append([one.wanted.title, _raw(one.before), "->", _raw(one.wanted.raw), name, meant])
+        shown = table(["object", ">raw, now", "->", "then", "parameter", "now -> then"], rows, "  ") if rows else ["  nothing differs"]
+        return [*shown, *(f"  {line}" for line in self.left_out)]
 
 
 def _raw(value: float) -> str:
@@ -139,7 +140,7 @@ def write(
     drive: Drive, folder: RunFolder, found: Differences, talk: Talk, *, yes: bool, verb: str, question: str = "Nothing moves."
 ) -> None:
     """Show, ask, back up, write, read back.   Raises Refused for a no, ObjectLocked, ObjectRefused, DriveError."""
-    talk.say("\n".join(["The drive's objects, now -> then:", *found.table()]))
+    talk.say("The drive's objects, now -> then:", *found.table())
     if found.changes and not yes and not talk.confirm(f"Write these to the drive? {question}"):
         raise Refused("nothing was written, as you said")
     taken = backups.take(folder, drive, verb) if found.changes or folder.load_result(backups.FIRST) is None else None

@@ -14,6 +14,7 @@ from beltcomm.laboratory.intervals import with_intervals
 from beltcomm.laboratory.start import BELT_BASE, RIGID_BASE
 from beltcomm.laboratory.visible import Sight
 from beltcomm.model import Model, effect_parameters
+from beltcomm.result import table
 from beltcomm.session.revisions import Revision
 
 #: Characters of the longest bar of a staircase.
@@ -32,9 +33,9 @@ def comparison_lines(comparison: Comparison, places: Sequence[str], model: Model
         f"Model: {', '.join(model.effects)}.",
         f"The error is {comparison.ratio:.2f} times the noise{held}; 1.00 means that nothing is missing.",
         "",
-        f"{'record':28} {'error/noise':>11}  samples",
     ]
-    lines += [f"{r.name:28} {r.ratio:11.2f}  {r.samples}{'  held out' if r.held_out else ''}" for r in comparison.records]
+    records = [[r.name, f"{r.ratio:.2f}", f"{r.samples}", "held out" if r.held_out else ""] for r in comparison.records]
+    lines += table(["record", ">error/noise", ">samples", ""], records)
     lines.append("")
     lines += ["Where it fails most:", *(f"  {place}" for place in places)] if places else ["No place stands out."]
     return [*lines, f"Next: beltcomm diagnose {run}"]
@@ -49,10 +50,17 @@ def diagnosis_lines(found: Diagnosis) -> list[str]:
     first = found.steps[0].candidates if found.steps else ()
     shown = [c for c in first if c.fitted is not None][:5]
     if shown:
-        lines += ["", f"{'effect':24} {'evidence':>9} {'explains':>9} {'held out':>9}"]
-        for c in shown:
-            mark = "" if c.accepted else "  not accepted" + (", only as no axis can be" if c.hollow else "")
-            lines.append(f"{c.effect.name:24} {c.evidence:9.0f} {100.0 * max(0.0, c.explained):8.0f}% {c.held_gain:9.0f}{mark}")
+        rows = [
+            [
+                c.effect.name,
+                f"{c.evidence:.0f}",
+                f"{100.0 * max(0.0, c.explained):.0f}%",
+                f"{c.held_gain:.0f}",
+                "" if c.accepted else "not accepted" + (", only as no axis can be" if c.hollow else ""),
+            ]
+            for c in shown
+        ]
+        lines += ["", *table(["effect", ">evidence", ">explains", ">held out", ""], rows)]
     added = [step.added for step in found.steps if step.added]
     model = with_intervals(found.after)
     for name in added:
@@ -140,14 +148,20 @@ def change_lines(before: Fitted, model: Model, after: Fitted, rung: Revision, no
 
 def ladder_lines(rungs: Sequence[Revision], changed: Sequence[str]) -> list[str]:
     """``beltcomm ladder``: a falling staircase down to the noise."""
-    highest = max(max(r.ratio, r.held_out or 0.0) for r in rungs)
-    lines = [f"{'revision':14} {'change':28} {'error':>7} {'held out':>9}"]
-    for rung in rungs:
-        bar = "█" * max(1, round(BAR * rung.ratio / highest))
-        held = "" if rung.held_out is None else f"{rung.held_out:9.2f}"
-        mark = "  not confirmed" if rung.confirmed is False else ""
-        lines.append(f"{rung.name:14} {rung.change:28} {rung.ratio:7.2f} {held:>9}  {bar}{mark}")
-    lines.append(f"{'noise':14} {'':28} {1.0:7.2f} {'':>9}  {'█' * max(1, round(BAR / highest))}")
+    highest = max(1.0, *(rung.ratio for rung in rungs))
+    rows = [
+        [
+            rung.name,
+            rung.change,
+            f"{rung.ratio:.2f}",
+            "" if rung.held_out is None else f"{rung.held_out:.2f}",
+            "█" * max(1, round(BAR * rung.ratio / highest)),
+            "not confirmed" if rung.confirmed is False else "",
+        ]
+        for rung in rungs
+    ]
+    rows.append(["noise", "", "1.00", "", "█" * max(1, round(BAR / highest)), ""])
+    lines: list[str] = [*table(["revision", "change", ">error", ">held out", "", ""], rows)]
     if changed:
         lines.append(f"Since the last revision these recordings changed: {', '.join(changed)}.")
     return lines

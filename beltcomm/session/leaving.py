@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from beltcomm.drive import Drive
-from beltcomm.errors import BeltcommError, LeaveNow
+from beltcomm.errors import BeltcommError, BusError, DriveError, LeaveNow
 from beltcomm.runfolder import RunFolder
 from beltcomm.talk import Talk
 
@@ -40,7 +40,12 @@ def leave(
 
 def _restore(drive: Drive, folder: RunFolder, talk: Talk, wanted: Mapping[str, float], keep: bool) -> None:
     try:
-        drive.write(wanted)
+        try:
+            drive.write(wanted)
+        except BusError:
+            raise
+        except DriveError:  # one refusal may be a passing state of the drive, as a transfer disturbed once is
+            drive.write(wanted)
     except BeltcommError as problem:
         folder.journal(f"restoring the drive failed: {problem}")
         talk.say(f"The drive's parameters could not be restored ({problem}); `beltcomm rollback` writes the backup again.")

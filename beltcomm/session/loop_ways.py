@@ -26,6 +26,7 @@ from beltcomm.identify.magnitude_fit import LARGEST_NOISE, MagnitudeFit
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 from beltcomm.response import FrequencyResponse
+from beltcomm.result import table
 from beltcomm.session import analyse
 from beltcomm.session.analyse import Characteristic
 from beltcomm.session.words import number
@@ -167,15 +168,20 @@ def bias_by(recording: Recording, ways: Sequence[Shown]) -> Biased | None:
 
 def lines(recording: Recording, ways: Sequence[Shown], slowest: float) -> list[str]:
     """Table of all ways and what it says.   slowest : least motor speed over base speed in the record."""
-    table = [
-        f"{'way':22} {'record':14} {'resonance':>15} {'antiresonance':>15} {'damping, rigid axis':>24} {'noise':>7} {'up to':>7}",
-        *(
-            f"{s.name:22} {s.record:14} {_cell(s.resonance, 'Hz', 1.0):>15} {_cell(s.antiresonance, 'Hz', 1.0):>15} "
-            f"{_cell(s.damping, 'mN m s/rad', 1e3):>24} {100.0 * s.noise_share:5.1f} % {s.highest_hz:4.0f} Hz"
-            for s in ways
-        ),
+    rows = [
+        [
+            s.name,
+            s.record,
+            _cell(s.resonance, "Hz", 1.0),
+            _cell(s.antiresonance, "Hz", 1.0),
+            _cell(s.damping, "mN m s/rad", 1e3),
+            f"{100.0 * s.noise_share:.1f} %",
+            f"{s.highest_hz:.0f} Hz",
+        ]
+        for s in ways
     ]
-    return [*table, *friction_words(recording, ways, slowest), *bias_words(recording, ways)]
+    shown = table(["way", "record", ">resonance", ">antiresonance", ">damping, rigid axis", ">noise", ">up to"], rows)
+    return [*shown, *friction_words(recording, ways, slowest), *bias_words(recording, ways)]
 
 
 def _cell(item: Characteristic | None, unit: str, factor: float) -> str:

@@ -33,7 +33,7 @@ from beltcomm.session.room import Room as Room
 from beltcomm.session.room import stroking as stroking
 from beltcomm.sidecar import Sidecar
 from beltcomm.stopping import Braking, first_deceleration
-from beltcomm.talk import Talk
+from beltcomm.talk import Place, Talk
 from beltcomm.trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -63,6 +63,7 @@ class Machine:
     deceleration_m_s2 : of a quick stop, lent to the drive with every motion.   braking : what brakes the axis with the loop that is in
     the drive; None as long as only friction can be counted with.   guarding : how the drive took the silence of its host, once seen.
     cascade : what was written last.   closed : model and delay, s, that loops are counted with.
+    planned_s : what the agreed plan takes on the machine at most, s; None before.
     """
 
     def __init__(self, drive: Drive, axis: Axis, folder: RunFolder, talk: Talk) -> None:
@@ -82,6 +83,7 @@ class Machine:
         self.closed: tuple[Model, float] | None = None
         self.cascade: Cascade | None = None
         self.machine_seconds = 0.0
+        self.planned_s: float | None = None
         self.remarks: list[str] = []
         self._started = drive.clock.now()
         recall(drive, folder)
@@ -320,6 +322,7 @@ class Machine:
             watch(row)
             rows += 1
             if rows % 200 == 0 and rows < total:  # a drive that makes its strokes by itself takes longer than planned
+                self.talk.moving(self._place(name, position, begun))
                 self.talk.progress(rows / total, (total - rows) * motion.period_s)
 
         try:
@@ -343,6 +346,12 @@ class Machine:
         except DataError:
             self.folder.withdraw(name)  # what cannot be used is no finished record: --resume makes it again
             raise
+
+    def _place(self, record: str, position_rad: float, begun_s: float) -> Place:
+        """Where the carriage is in a record that began at ``begun_s`` of the drive's clock."""
+        gone = self.machine_seconds + self.drive.clock.now() - begun_s
+        left = None if self.planned_s is None else max(0.0, self.planned_s - gone)
+        return Place(record, self.ratio * (position_rad - self.origin_rad), self.full_room().window_m, self.place_known, left)
 
     @contextmanager
     def withdrawing(self) -> Iterator[None]:

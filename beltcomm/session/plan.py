@@ -13,7 +13,7 @@ from beltcomm.axis import Axis
 from beltcomm.drive import Capabilities
 from beltcomm.identify.amplitude import UNKNOWN_MASSES_KG
 from beltcomm.model import Model
-from beltcomm.result import plain
+from beltcomm.result import plain, table
 from beltcomm.session import claims, creep, gain_steps, gravity, holding, own_strokes, phases, programme
 from beltcomm.session.bounds import (
     CREEP_SECONDS,
@@ -104,15 +104,24 @@ class Plan:
         )
 
     def lines(self) -> list[str]:
-        """The plan as a table in plain text."""
-        head = f"{'experiment':40} {'travel':>9} {'with stop':>9} {'speed':>10} {'torque':>9} {'belt':>7} {'time':>6}"
+        """The plan as a paragraph, a table and notes."""
+        thermal = self.thermal
+        columns = ["experiment", ">travel", ">with stop", ">speed", ">torque", ">belt", ">time", *([">heat"] if thermal else [])]
         rows = [
-            f"{e.title:40} {1e3 * e.travel_m:6.0f} mm {1e3 * e.reach_m:6.0f} mm {e.speed_m_s:6.2f} m/s {e.torque_nm:5.2f} N m "
-            f"{e.belt_force_n:5.0f} N {e.seconds:4.0f} s" + (f" {100.0 * self.thermal.share(e.heating_nm):5.0f} %" if self.thermal else "")
+            [
+                e.title,
+                f"{1e3 * e.travel_m:.0f} mm",
+                f"{1e3 * e.reach_m:.0f} mm",
+                f"{e.speed_m_s:.2f} m/s",
+                f"{e.torque_nm:.2f} N m",
+                f"{e.belt_force_n:.0f} N",
+                f"{e.seconds:.0f} s",
+                *([f"{100.0 * thermal.share(e.heating_nm):.0f} %"] if thermal else []),
+            ]
             for e in self.experiments
         ]
-        head += f" {'heat':>7}" if self.thermal else ""
-        return [self.text, "", head, *rows, f"{'on the machine, at most':40} {self.seconds:57.0f} s", *self.heat_lines(), *self.notes]
+        rows.append(["on the machine, at most", "", "", "", "", "", f"{self.seconds:.0f} s"])
+        return [self.text, "", *table(columns, rows), *self.heat_lines(), *self.notes]
 
 
 def identify_plan(axis: Axis, capabilities: Capabilities, window_m: tuple[float, float] | None = None) -> Plan:

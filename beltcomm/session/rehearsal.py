@@ -22,7 +22,7 @@ from beltcomm.drive import Capabilities
 from beltcomm.errors import BeltcommError, Refused
 from beltcomm.model import Model
 from beltcomm.recording import Recording
-from beltcomm.result import plain
+from beltcomm.result import plain, table
 from beltcomm.runfolder import RunFolder
 from beltcomm.session import gravity, offline
 from beltcomm.session.expectation import BELT_BEYOND, BELT_ROWS
@@ -92,16 +92,20 @@ class Rehearsal:
 
     def lines(self) -> list[str]:
         """As a table."""
-        head = f"{'on the twin':26} {'carriage from':>13} {'to':>9} {'speed':>10} {'torque':>9} {'belt':>7}"
-
-        def row(name: str, one: Played | Bounds) -> str:
-            return (
-                f"{name:26} {1e3 * one.low_m:10.1f} mm {1e3 * one.high_m:6.1f} mm {one.speed_m_s:6.2f} m/s {one.torque_nm:5.2f} N m "
-                f"{one.belt_force_n:5.0f} N"
-            )
-
-        rows = [row(one.record, one) for one in (*self.records, self.whole)]
-        return [f"Played on a twin first: {self.twin}.", "", head, *rows, row("limit", self.bounds)]
+        named: list[tuple[str, Played | Bounds]] = [*((one.record, one) for one in (*self.records, self.whole)), ("limit", self.bounds)]
+        rows = [
+            [
+                name,
+                f"{1e3 * one.low_m:.1f} mm",
+                f"{1e3 * one.high_m:.1f} mm",
+                f"{one.speed_m_s:.2f} m/s",
+                f"{one.torque_nm:.2f} N m",
+                f"{one.belt_force_n:.0f} N",
+            ]
+            for name, one in named
+        ]
+        columns = ["on the twin", ">carriage from", ">to", ">speed", ">torque", ">belt"]
+        return [f"Played on a twin first: {self.twin}.", "", *table(columns, rows)]
 
 
 class _Twin(SimulatedPlant):
@@ -149,7 +153,7 @@ def rehearse(machine: Machine, options: Options, talk: Talk, job: Job, goes_on: 
         records = tuple(played_of(played.recording(name), axis, place) for name in sorted(names, key=lambda n: _clock(played, n)))
     whole = Played("everything, ways included", twin.low_m, twin.high_m, twin.fastest_m_s, twin.strongest_nm, twin.belt_n)
     found = Rehearsal(what, records, whole, bounds_of(machine, model))
-    talk.say("\n".join(found.lines()))
+    talk.say(*found.lines())
     folder.save_result("rehearsal", {"twin": what, "records": plain(records), "whole": plain(whole), "limits": plain(found.bounds)})
     folder.journal(f"played on a twin: {len(records)} records, {len(found.broken())} limits left")
     if broken := found.broken():

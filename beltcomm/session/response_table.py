@@ -15,6 +15,7 @@ from beltcomm.identify.landmarks import Landmark, Landmarks, find_landmarks
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 from beltcomm.response import FrequencyResponse
+from beltcomm.result import table
 from beltcomm.session import analyse
 from beltcomm.session.conditions import Condition, condition_of
 from beltcomm.session.phases import characteristic_hz
@@ -245,23 +246,22 @@ def _moved_apart(one: dict[str, Landmark], other: dict[str, Landmark]) -> bool:
     return abs(ratios[0] - ratios[1]) > CLEAR * width
 
 
-def table_lines(table: Table) -> list[str]:
+def table_lines(found: Table) -> list[str]:
     """The table and what it says."""
-    if not table.rows:
+    if not found.rows:
         return []
-    lines = ["", f"{'response':12} {'place':>7} {'amplitude':>12} {'travel':>9}   {'antiresonance':18} {'resonance':18} rigid gain"]
-    for row in table.rows:
+    rows = []
+    for row in found.rows:
         c, marks = row.condition, _marks(row)
         place = "?" if c.place_m is None else f"{c.place_m:.2f} m"
         shown = [_shown(m) if (m := marks.get(n)) else "cannot tell" for n in ("antiresonance", "resonance")]
         gain = "reference" if row.gain_interval_db == 0.0 else f"{row.gain_db:+.1f} ± {row.gain_interval_db:.1f} dB"
         gain = "cannot tell" if math.isnan(row.gain_db) else gain
-        lines.append(
-            f"{c.record:12} {place:>7} {f'±{c.amplitude_nm:.3f} N m':>12} {c.direction:>9}   {shown[0]:18} {shown[1]:18} {gain}"
-            + ("  held out" if c.held_out else "")
-        )
+        rows.append([c.record, place, f"±{c.amplitude_nm:.3f} N m", c.direction, *shown, gain, "held out" if c.held_out else ""])
+    columns = ["response", ">place", ">amplitude", "travel", "antiresonance", "resonance", "rigid gain", ""]
+    lines = ["", *table(columns, rows)]
     lines.append(
         "  95 % of what lines scatter; friction around standstill biases all of it, which the model's own numbers do not suffer from"
     )
-    lines += [f"  by {d.cause}: {d.text}" for d in table.differences]
-    return lines + [f"  {remark}" for remark in table.remarks]
+    lines += [f"  by {d.cause}: {d.text}" for d in found.differences]
+    return lines + [f"  {remark}" for remark in found.remarks]

@@ -11,7 +11,7 @@ from beltcomm.identify.inverse_fit import InverseFit
 from beltcomm.identify.three_mass import ThreeMass, compare_masses, resonances_hz, sheet_mass_kg
 from beltcomm.identify.three_mass_magnitude import ThreeMassMagnitude, fit_magnitudes
 from beltcomm.model import Model
-from beltcomm.result import Result, plain
+from beltcomm.result import Result, plain, table
 from beltcomm.runfolder import RunFolder
 from beltcomm.session import analyse, offline, words
 from beltcomm.session.revisions import new_revision
@@ -137,10 +137,16 @@ def model_lines(fit: InverseFit, folder: RunFolder, position_m: float) -> list[s
 
 def comparison_lines(found: ThreeMass) -> list[str]:
     """Both models on the same records, and what each record shows of the mode."""
-    lines = [f"{'':14} {'error/noise':>11} {'held out':>9}  parameters"]
-    for title, fit in (("two masses", found.two.fit), ("three masses", found.three)):
-        held = "" if fit.held_out_misfit is None else f"{math.sqrt(fit.held_out_misfit):9.2f}"
-        lines.append(f"{title:14} {math.sqrt(fit.misfit):11.2f} {held:>9}  {len(fit.free)}")
+    rows = [
+        [
+            title,
+            f"{math.sqrt(fit.misfit):.2f}",
+            "" if fit.held_out_misfit is None else f"{math.sqrt(fit.held_out_misfit):.2f}",
+            f"{len(fit.free)}",
+        ]
+        for title, fit in (("two masses", found.two.fit), ("three masses", found.three))
+    ]
+    lines: list[str] = [*table(["", ">error/noise", ">held out", ">parameters"], rows)]
     lines.append(f"evidence for the third mass {found.evidence:+.4g} nats, over {found.three.samples} samples")
     for one in found.reach:
         where = "" if one.place_m is None else f" at {1e3 * one.place_m:.0f} mm"

@@ -60,7 +60,7 @@ def apply_to(
         found = gains.named_differences(drive, cascade_to_parameters(cascade_from_dict(folder.load("designs", "final"))))
     else:
         read = load_object_file(dcf)
-        talk.say("\n".join(read.lines()))
+        talk.say(*read.lines())
         wanted, left = _of_file(read)
         found = gains.differences(drive, wanted, left)
     if options.dry_run:

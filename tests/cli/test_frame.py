@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import io
 import json
 import os
 import subprocess
@@ -11,13 +10,12 @@ import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import pytest
 from click.testing import CliRunner, Result
 
-from beltcomm.cli.frame import _fitted
 from beltcomm.cli.main import VERBS, cli
 from beltcomm.design.specification import PRODUCT_SPECIFICATION
 from beltcomm.errors import DataError, DriveFault, Refused, SafetyStop, UsageError
@@ -309,6 +307,29 @@ def test_wrong_usage_is_explained(api: StandIn, words: list[str], hint: str) -> 
     assert api.calls == []
 
 
+#: Words with which a verb does something.
+WORDS = {
+    "init": "axis.yaml --set name=mine", "move": "--drive virtual --by 5mm", "compare": "R", "diagnose": "R", "add": "cogging R",
+    "remove": "cogging R", "report": "R", "ladder": "R", "fit": "R", "design": "R", "simulate": "g_a", "import": "data.csv",
+    "export": "R --format c",
+    "trajectory": "m.csv --from 0 --to 0.5 --speed 1 --acceleration 10 --jerk 200", "thesis": "", "convert": "R", "doctor": "",
+    "serve": "--on slcan", "bundle": "R", "drives": "", "effects": "", "commission": "--drive virtual", "identify": "--drive virtual",
+    "calibrate": "--drive virtual", "demo": "--seed 3",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_every_verb_prints_one_json_object(api: StandIn, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, verb: str) -> None:
+    """And nothing else on stdout."""
+    step = SimpleNamespace(command="beltcomm ladder R", why="All of it.", lines=["a"], data={"ratio": 1.0})
+    monkeypatch.setitem(sys.modules, "beltcomm.demo", SimpleNamespace(demo=lambda *_args, **_options: [step]))
+    outcome = call(verb, *WORDS.get(verb, "--drive virtual --run R").split(), "--json")
+    assert outcome.exit_code == 0, outcome.output
+    (line,) = outcome.stdout.splitlines()
+    assert isinstance(json.loads(line), dict)
+    assert "error" not in json.loads(line)
+
+
 @pytest.mark.parametrize("verb", VERBS)
 def test_every_verb_has_help_json_and_verbosity(verb: str) -> None:
     outcome = call(verb, "--help")
@@ -336,20 +357,3 @@ def test_help_loads_nothing_slow() -> None:
 def test_version_and_no_words() -> None:
     assert call("--version").stdout.startswith("beltcomm, version ")
     assert "commission" in call().output
-
-
-def test_a_line_is_no_wider_than_the_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Broken between words and indented; in a pipe nothing is broken."""
-
-    class Terminal(io.StringIO):
-        def isatty(self) -> bool:
-            return True
-
-    monkeypatch.setattr("shutil.get_terminal_size", lambda: os.terminal_size((40, 20)))
-    line = "  model:" + 20 * " word"
-    lines = _fitted(line, Terminal()).splitlines()
-    assert max(map(len, lines)) <= 40
-    assert all(each.startswith("    word") for each in lines[1:])
-    assert " ".join(" ".join(lines).split()) == line.strip()
-    assert _fitted(line, io.StringIO()) == line
-    assert _fitted("short", Terminal()) == "short"

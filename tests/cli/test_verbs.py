@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import re
+import sys
 from pathlib import Path
 
 import pytest
@@ -45,13 +46,16 @@ def test_init_without_questions_understands_data_sheet_units(tmp_path: Path) -> 
 
 def test_init_by_questions_asks_again_after_a_wrong_answer(tmp_path: Path) -> None:
     path = tmp_path / "axis.yaml"
-    # name, no belt, motor: type, inertia (wrong unit, impossible, right), constant ..., then nothing more is known
-    answers = ["spindle", "no", "EMMS", "3 mm", "-1", "0.449 kg cm2", "0.65", *[""] * 7, "0", "600 mm", *[""] * 10]
+    # name (asked again), no belt (asked again), motor: type, inertia (needed, wrong unit, impossible, right), constant ...
+    known = ["EMMS", "", "3 mm", "-1", "0.449 kg cm2", "0.65"]
+    answers = ["", "spindle", "nope", "no", *known, *[""] * 7, "0", "600 mm", *[""] * 12]
     outcome = call("init", str(path), answer="\n".join(answers) + "\n")
     assert outcome.exit_code == 0, outcome.stderr
     axis = load_axis(path)
     assert (axis.name, axis.has_belt, axis.motor.name, axis.travel.max_m) == ("spindle", False, "EMMS", 0.6)
     assert axis.motor.inertia_kg_m2 == pytest.approx(44.9e-6)
+    assert "motor.inertia_kg_m2 is needed for" in outcome.stderr
+    assert "'nope' is neither yes nor no" in outcome.stderr
     assert "'mm' is not a unit of it" in outcome.stderr
     assert "motor.inertia_kg_m2 is -1; it must be above 0" in outcome.stderr
     assert outcome.stdout.startswith(f"{path} is written: spindle.")
@@ -185,7 +189,7 @@ def test_nobody_to_ask_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_a_failure_in_a_phase_gives_the_terminal_back(capfd: pytest.CaptureFixture[str]) -> None:
     frame = Frame([])
-    talk = RichTalk()
+    talk = RichTalk(sys.stderr)
     frame._talk = talk
 
     def fail() -> None:

@@ -19,6 +19,7 @@ from beltcomm.drive import Drive, open_drive
 from beltcomm.recording import Recording
 from beltcomm.session.phases import SIGN_REACH_M, SIGN_TRAVEL_M
 from beltcomm.stopping import Braking
+from beltcomm.talk import Place
 from beltcomm.virtual.bus import Frame
 from beltcomm_adapters.canopen import connect
 from truth.rigs import GEARBOX_KG_M2, geared, nominal
@@ -228,6 +229,7 @@ class Listener:
         self.said: list[str] = []
         self.asked: list[str] = []
         self.fractions: list[float] = []
+        self.places: list[Place] = []
 
     def phase(self, index: int, count: int, title: str) -> None:
         assert 1 <= index <= count
@@ -240,8 +242,11 @@ class Listener:
         if self.at_progress is not None:
             self.at_progress(self.phases[-1][0] if self.phases else 0, fraction)
 
-    def say(self, text: str) -> None:
-        self.said.append(text)
+    def moving(self, place: Place) -> None:
+        self.places.append(place)
+
+    def say(self, *lines: str) -> None:
+        self.said.append("\n".join(lines))
 
     def confirm(self, text: str) -> bool:
         self.asked.append(text)

@@ -1,0 +1,111 @@
+"""What a shell can complete: drives, axes, plants, effects, run folders.  Verbs, options and choices click knows by itself.
+
+Installed by ``eval "$(_BELTCOMM_COMPLETE=bash_source beltcomm)"`` in ``~/.bashrc``; ``zsh_source`` and ``fish_source`` likewise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from click import Context, Parameter
+
+if TYPE_CHECKING:
+    from click.shell_completion import CompletionItem
+
+#: What makes a folder a run, where its present model is, and what the kernel calls a CAN interface.
+RECORDS, MODEL_FILE, CAN_TYPE = "recordings", "models/final.yaml", "280"
+
+
+def drives(_ctx: Context, _param: Parameter, incomplete: str) -> list[str]:
+    """Virtual drives with every shipped plant, and the interfaces and ports of this machine."""
+    from beltcomm.configfiles import config_names
+
+    known = ["virtual", *(f"virtual:{name}" for name in config_names("plants")), "serial:virtual"]
+    return _beginning([*known, *_can_interfaces(), *_serial_ports()], incomplete)
+
+
+def profiles(_ctx: Context, _param: Parameter, incomplete: str) -> list[str]:
+    """Drive profiles."""
+    from beltcomm.configfiles import config_names
+
+    return _beginning(config_names("drives"), incomplete)
+
+
+def axes(_ctx: Context, _param: Parameter, incomplete: str) -> list[CompletionItem]:
+    """Shipped axes, and files."""
+    return _names_and_files("axes", incomplete)
+
+
+def plants(_ctx: Context, _param: Parameter, incomplete: str) -> list[CompletionItem]:
+    """Shipped plants, and files."""
+    return _names_and_files("plants", incomplete)
+
+
+def effects(_ctx: Context, _param: Parameter, incomplete: str) -> list[str]:
+    """The whole catalogue."""
+    from beltcomm.effects import EFFECTS
+
+    return _beginning((effect.name for effect in EFFECTS), incomplete)
+
+
+def effects_to_add(ctx: Context, param: Parameter, incomplete: str) -> list[str]:
+    """Those that the model of the run named on the line does not have yet."""
+    has = _effects_of_line()
+    return [name for name in effects(ctx, param, incomplete) if name not in has]
+
+
+def effects_to_remove(ctx: Context, param: Parameter, incomplete: str) -> list[str]:
+    """Those that the model of the run named on the line has; the whole catalogue before a run is named."""
+    return _beginning(has, incomplete) if (has := _effects_of_line()) else effects(ctx, param, incomplete)
+
+
+def runs(_ctx: Context, _param: Parameter, incomplete: str) -> list[CompletionItem]:
+    """Run folders here and one level below; any folder where there is none."""
+    from click.shell_completion import CompletionItem
+
+    folder, slash, name = incomplete.rpartition("/")
+    here = Path(folder + slash or ".")
+    found = {path.parent for pattern in (f"{name}*", f"{name}*/*") for path in here.glob(f"{pattern}/{RECORDS}")}
+    return [CompletionItem(incomplete, type="dir"), *(CompletionItem(str(path)) for path in sorted(found))]
+
+
+def _names_and_files(kind: str, incomplete: str) -> list[CompletionItem]:
+    from click.shell_completion import CompletionItem
+
+    from beltcomm.configfiles import config_names
+
+    return [CompletionItem(incomplete, type="file"), *map(CompletionItem, _beginning(config_names(kind), incomplete))]
+
+
+def _beginning(names: Iterable[str], incomplete: str) -> list[str]:
+    return [name for name in names if name.startswith(incomplete)]
+
+
+def _can_interfaces() -> list[str]:
+    try:
+        return sorted(path.parent.name for path in Path("/sys/class/net").glob("*/type") if path.read_text().strip() == CAN_TYPE)
+    except OSError:
+        return []
+
+
+def _serial_ports() -> list[str]:
+    ports = sorted(str(path) for pattern in ("ttyACM*", "ttyUSB*") for path in Path("/dev").glob(pattern))
+    return [f"{scheme}:{port}" for scheme in ("slcan", "serial") for port in ports]
+
+
+def _effects_of_line() -> list[str]:
+    """Effects of the model of the first run on the whole line, also behind the cursor; none where no run is named."""
+    from beltcomm.cli.bash import words_of_line
+    from beltcomm.configfiles import read_yaml
+    from beltcomm.errors import BeltcommError, DataError
+
+    for word in words_of_line():
+        file = Path(word) / MODEL_FILE
+        if file.is_file():
+            try:
+                return [str(name) for name in read_yaml(file, DataError).get("effects") or ()]
+            except BeltcommError:
+                return []
+    return []

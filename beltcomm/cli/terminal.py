@@ -1,0 +1,133 @@
+"""Lines and tables on a terminal, fitted to its width; everywhere else plain text.  ``NO_COLOR`` and ``TERM=dumb`` are honoured."""
+
+from __future__ import annotations
+
+import os
+import textwrap
+from collections.abc import Iterable, Iterator
+from typing import TYPE_CHECKING, Any, TextIO
+
+import click
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+#: Columns of a terminal that does not tell.
+USUAL_WIDTH = 80
+#: Between two columns of a drawn table.
+GAP = 3
+#: ``TERM`` of a terminal that only prints.
+DUMB = ("dumb", "unknown")
+
+
+def draws(stream: TextIO) -> bool:
+    """Whether control characters may be written: a terminal that can do more than print."""
+    return stream.isatty() and os.environ.get("TERM", "").lower() not in DUMB
+
+
+def width_of(stream: TextIO) -> int:
+    """Columns of the terminal behind a stream; of each stream its own, for one of them may be a pipe."""
+    try:
+        return int(os.environ.get("COLUMNS", "0")) or os.get_terminal_size(stream.fileno()).columns or USUAL_WIDTH
+    except (OSError, ValueError):
+        return USUAL_WIDTH
+
+
+def fitted(line: str, stream: TextIO) -> str:
+    """A line no wider than the terminal, broken between words and indented; whoever reads from a pipe gets it whole."""
+    if not stream.isatty() or len(line) <= (width := width_of(stream)):
+        return line
+    indent = " " * (len(line) - len(line.lstrip()) + 2)
+    return textwrap.fill(line, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False, replace_whitespace=False)
+
+
+def console_of(stream: TextIO) -> Console:
+    """For drawing on a terminal."""
+    from rich.console import Console
+
+    return Console(file=stream, width=width_of(stream), highlight=False, markup=False, emoji=False)
+
+
+def echo(lines: Iterable[str], stream: TextIO) -> None:
+    """Print lines; on a terminal rows of a table are drawn as one."""
+    if not draws(stream):
+        for line in lines:
+            click.echo(fitted(line, stream), file=stream)
+        return
+    draw(lines, console_of(stream), stream)
+
+
+def draw(lines: Iterable[str], console: Console, stream: TextIO) -> None:
+    """The same on a console, which may have a live display below."""
+    for block in _blocks(lines):
+        if isinstance(block, str):
+            for line in block.split("\n"):
+                console.print(fitted(line, stream), soft_wrap=True)
+        else:
+            _draw_table(block, console)
+
+
+def failure(text: str, stream: TextIO) -> None:
+    """What went wrong, its first word in red on a terminal that has colours."""
+    first, colon, rest = fitted(text, stream).partition(":")
+    coloured = draws(stream) and not os.environ.get("NO_COLOR")
+    click.echo((click.style(first + colon, fg="red", bold=True) if coloured else first + colon) + rest, file=stream, color=coloured)
+
+
+def _blocks(lines: Iterable[str]) -> Iterator[Any]:
+    """Each line by itself, and the rows of each table together."""
+    from beltcomm.result import Row
+
+    table: list[Row] = []
+    for line in lines:
+        if table and (not isinstance(line, Row) or line.head):
+            yield table
+            table = []
+        if isinstance(line, Row):
+            table.append(line)
+        else:
+            yield line
+    if table:
+        yield table
+
+
+def _draw_table(rows: list[Any], console: Console) -> None:
+    """As a table where it fits, else each row as a paragraph, so that nothing is cut off."""
+    from rich.box import SIMPLE_HEAD
+    from rich.table import Table
+
+    head, *body = rows
+    widths = _widths(rows, console.width)
+    if widths:
+        drawn = Table(box=SIMPLE_HEAD, show_edge=False, pad_edge=False, header_style="bold")
+        for title, right, width in zip(head.cells, head.right, widths, strict=True):
+            drawn.add_column(title, justify="right" if right else "left", width=width)
+        for row in body:
+            drawn.add_row(*row.cells)
+        console.print(drawn)
+        return
+    for row in body:
+        name, *cells = row.cells
+        console.print(name, style="bold")
+        for title, cell in zip(head.cells[1:], cells, strict=True):
+            if cell:
+                console.print(f"  {title + ': ' if title else ''}{cell}")
+
+
+def _widths(rows: list[Any], width: int) -> list[int]:
+    """Columns: numbers keep to one line, words stay whole, the first columns get what is left; none where that is too wide."""
+    columns = list(zip(*(row.cells for row in rows), strict=True))
+    most = [max(map(len, cells)) for cells in columns]
+    least = [
+        full if right else max((len(word) for cell in cells for word in cell.split()), default=0)
+        for cells, full, right in zip(columns, most, rows[0].right, strict=True)
+    ]
+    left = width - sum(least) - GAP * (len(columns) - 1)
+    if left < 0:
+        return []
+    widths = []
+    for low, high in zip(least, most, strict=True):
+        more = min(left, high - low)
+        widths.append(low + more)
+        left -= more
+    return widths

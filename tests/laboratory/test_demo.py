@@ -1,0 +1,27 @@
+"""The demonstration as somebody sees it: a fault of a seed is found, the error falls to the noise, and a picture shows it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from click.testing import CliRunner
+
+from beltcomm.cli.main import cli
+
+SEED = 1
+
+
+def test_a_fault_is_found_and_the_error_falls_to_the_noise(tmp_path: Path) -> None:
+    outcome = CliRunner().invoke(cli, ["demo", "--seed", str(SEED), "--run", str(tmp_path / "R"), "--json"])
+    assert outcome.exit_code == 0, outcome.output
+    assert f"--seed {SEED}" in outcome.stderr
+    told = json.loads(outcome.stdout)
+    (last,) = told["steps"][-1:]
+    assert last["right"], last
+    changes = [step for step in told["steps"] if "after" in step]
+    assert changes[0]["before"]["ratio"] > 2.0
+    assert changes[-1]["after"]["ratio"] < 1.2
+    pictures = [name for step in changes for name in step["pictures"]]
+    assert pictures
+    assert all((tmp_path / "R" / name).is_file() for name in pictures)
