@@ -33,8 +33,10 @@ RECOVERY_S: Final = 5.0
 RETRY_S: Final = 0.2
 #: A transfer that nobody answers is begun anew: one lost frame is no reason to give up.
 _ATTEMPTS: Final = 3
-#: Toggle bit not alternated: a frame came twice or not at all, which is no word of the drive on the object.
+#: Toggle bit not alternated: a frame came twice, which is no word of the drive on the object.  A long text has many segments, so it is
+#: begun anew more often.
 _OUT_OF_STEP: Final = 0x05030000
+_STEPS: Final = 10
 _SAVE: Final = 0x65766173  # "save", CiA 301, 7.5.2.13
 _NO_OBJECT, _NO_SUBINDEX = 0x06020000, 0x06090011
 
@@ -175,19 +177,21 @@ class SdoObjects(Objects):
             self._client.answer_time_s = ANSWER_TIME_S
 
     def _transfer(self, index: int, subindex: int, verb: str, transfer: Callable[[], _Result]) -> _Result:
-        for attempt in range(1, _ATTEMPTS + 1):
+        unanswered = out_of_step = 0
+        while True:
             try:
                 return transfer()
             except SdoAbortedError as error:
-                if error.code != _OUT_OF_STEP or attempt == _ATTEMPTS:
+                out_of_step += error.code == _OUT_OF_STEP
+                if error.code != _OUT_OF_STEP or out_of_step == _STEPS:
                     raise refusal(index, subindex, verb, error.code) from error
             except SdoCommunicationError as error:
-                if attempt == _ATTEMPTS:
+                unanswered += 1
+                if unanswered == _ATTEMPTS:
                     raise BusError(
                         f"node {self.node} gave no valid answer to {verb} of object {name_of(index, subindex)} in "
                         f"{_ATTEMPTS} attempts ({error}); check the cable, the bit rate and that the drive is on"
                     ) from error
-        raise AssertionError("unreachable")
 
 
 def refusal(index: int, subindex: int, verb: str, code: int) -> ObjectRefused:
