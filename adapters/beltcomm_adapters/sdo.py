@@ -33,9 +33,9 @@ RECOVERY_S: Final = 5.0
 RETRY_S: Final = 0.2
 #: A transfer that nobody answers is begun anew: one lost frame is no reason to give up.
 _ATTEMPTS: Final = 3
-#: Toggle bit not alternated: a frame came twice, which is no word of the drive on the object.  A long text has many segments, so it is
-#: begun anew more often.
-_OUT_OF_STEP: Final = 0x05030000
+#: Toggle bit not alternated, or no transfer to go on with: a frame came twice, which is no word of the drive on the object.  A long text
+#: has many segments, so it is begun anew more often.
+_OUT_OF_STEP: Final = (0x05030000, 0x05040001)
 _STEPS: Final = 10
 _SAVE: Final = 0x65766173  # "save", CiA 301, 7.5.2.13
 _NO_OBJECT, _NO_SUBINDEX = 0x06020000, 0x06090011
@@ -182,8 +182,8 @@ class SdoObjects(Objects):
             try:
                 return transfer()
             except SdoAbortedError as error:
-                out_of_step += error.code == _OUT_OF_STEP
-                if error.code != _OUT_OF_STEP or out_of_step == _STEPS:
+                out_of_step += error.code in _OUT_OF_STEP
+                if error.code not in _OUT_OF_STEP or out_of_step == _STEPS:
                     raise refusal(index, subindex, verb, error.code) from error
             except SdoCommunicationError as error:
                 unanswered += 1
