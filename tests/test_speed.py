@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 import pytest
+
 from benchmarks.speeds.measure import Figure, growth, keep, last, ratio, spread
 
 
