@@ -70,7 +70,7 @@ def told(name: str, costs: Sequence[Cost], aim: float | None = None) -> Iterator
 
 
 def everyday(run: Path, folder: Path, rounds: int) -> Iterator[Figure]:
-    """Each command on the run, the commands in turn so that all see the same drift; then compiled code from nothing."""
+    """Each command on the run, the commands in turn so that all see the same drift, after one that is not counted; then cold."""
     place = copied(run, folder)
     record = max((place / "recordings").glob("*.csv"), key=lambda file: file.stat().st_size)
     foreign = shutil.copy(record, folder / "foreign.csv")
@@ -82,14 +82,11 @@ def everyday(run: Path, folder: Path, rounds: int) -> Iterator[Figure]:
         "report, warm": ["report", str(place)],
     }
     costs: dict[str, list[Cost]] = {name: [] for name in words}
-    for n in range(rounds + 1):
+    cost(words["compare, warm"], folder)
+    for _ in range(rounds):
         for name, command in words.items():
             shutil.rmtree(folder / "imported", ignore_errors=True)
-            for kept in (place / "results").glob("*kept*"):
-                kept.unlink()
-            taken = cost(command, folder)
-            if n:  # the first fills the disk's cache
-                costs[name].append(taken)
+            costs[name].append(cost(command, folder))
     for name, values in costs.items():
         yield from told(name, values, 0.3 if name == "--help" else None)
     with tempfile.TemporaryDirectory() as empty:

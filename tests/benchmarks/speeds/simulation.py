@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from time import perf_counter
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -166,13 +167,14 @@ def exact(c: Case, _: float) -> Array:
 
 
 @functools.lru_cache(maxsize=4)
-def _bodies(J: float, m: float, i: float, k: float, d: float, b: float, grip: float, cart_grip: float, integrator: str) -> object:
+def _bodies(J: float, m: float, i: float, k: float, d: float, b: float, grip: float, cart_grip: float, integrator: str) -> Any:
     import mujoco
 
     text = f"""<mujoco><option integrator="{integrator}" gravity="0 0 0"><flag contact="disable"/></option><worldbody>
-      <body><joint name="motor" type="hinge" axis="1 0 0" armature="{J:.17g}" damping="{b:.17g}" frictionloss="{grip:.17g}"/>
+      <body><joint name="motor" type="hinge" axis="1 0 0" armature="{J:.17g}" damping="{b:.17g}"
+          frictionloss="{grip:.17g}" solreffriction="1e-4 1"/>
         <inertial pos="0 0 0" mass="1e-9" diaginertia="1e-14 1e-14 1e-14"/></body>
-      <body><joint name="cart" type="slide" axis="1 0 0" frictionloss="{cart_grip:.17g}"/>
+      <body><joint name="cart" type="slide" axis="1 0 0" frictionloss="{cart_grip:.17g}" solreffriction="1e-4 1"/>
         <inertial pos="0 0 0" mass="{m:.17g}" diaginertia="1 1 1"/></body></worldbody>
       <tendon><fixed name="belt" stiffness="{k:.17g}" damping="{d:.17g}" springlength="0">
         <joint joint="motor" coef="{i:.17g}"/><joint joint="cart" coef="-1"/></fixed></tendon>
@@ -181,19 +183,20 @@ def _bodies(J: float, m: float, i: float, k: float, d: float, b: float, grip: fl
 
 
 def bodies(integrator: str, c: Case, substeps: int) -> Array:
-    """MuJoCo: a hinge and a slide, joined by a tendon with stiffness and damping; friction is its ``frictionloss``."""
+    """MuJoCo: a hinge and a slide, joined by a tendon with stiffness and damping; by its own ``rollout``.
+
+    Friction is its ``frictionloss``, as stiff as it lets it be.
+    """
     import mujoco
+    from mujoco import rollout
 
     model = _bodies(*c.p.tolist(), integrator)
     model.opt.timestep = PERIOD_S / substeps
-    data = mujoco.MjData(model)
-    data.qpos[:], data.qvel[:] = c.start.positions, c.start.speeds
-    rows = np.empty((SAMPLES, 4))
-    for n, torque in enumerate(c.torque_nm):
-        rows[n, :2], rows[n, 2:] = data.qpos, data.qvel
-        data.ctrl[0] = torque
-        mujoco.mj_step(model, data, nstep=substeps)
-    return seen(rows, c)
+    start = np.concatenate([[0.0], start_of(c)])
+    control = np.repeat(c.torque_nm, substeps)[None, :, None]
+    states, _ = rollout.rollout(model, mujoco.MjData(model), start, control)
+    rows = np.vstack([start, states[0][substeps - 1 :: substeps][:-1]])
+    return seen(rows[:, 1:5], c)
 
 
 Solver = tuple[str, Callable[[Case, float], Array], tuple[float, ...]]
