@@ -76,7 +76,13 @@ def real_time() -> Iterator[Figure]:
     percent = np.percentile(periods_us, [1, 50, 99, 99.9])
     note = f"1 % {percent[0]:.0f}, 99 % {percent[2]:.0f}, 99.9 % {percent[3]:.0f}, largest {periods_us.max():.0f} us of {len(periods_us)}"
     yield Figure("drive", "period at the wall clock, median", float(percent[1]), "us", note=note)
-    yield Figure("drive", "missed ticks of 1 ms", float(missed), f"of {len(sent)}", note=f"{report.lost_cycles} answers lost")
+    yield Figure(
+        "drive",
+        "ticks of 1 ms that the wall clock had left",
+        float(missed),
+        f"beside {len(sent)}",
+        note=f"{report.lost_cycles} answers lost",
+    )
 
 
 def run(rounds: int) -> Iterator[Figure]:
