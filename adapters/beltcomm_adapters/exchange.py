@@ -130,16 +130,18 @@ class Exchange:
         Raises BusError (the interface is gone, the clock of its stamps was set), DriveError (an answer that is not what was mapped).
         """
         link, due_s, period_s = self._link, self._next_s, self._period_s
-        clock, send = link.clock, link.bus.send
+        clock, send, receive = link.clock, link.bus.send, link.bus.recv
         clock.sleep_until(due_s)
         now_s = clock.now()
         self._next_s = (due_s if now_s - due_s <= _LATE_SHARE * period_s else now_s) + period_s
-        self._drop_late()
         try:
+            # what has arrived before a SYNC, late or doubled, must not pass for its answer: all rows would be a period late from then on
+            while (message := receive(0.0)) is not None:
+                link.dispatch(message)
             send(self._sync)
-            for message, data in zip(self._out, frames):  # noqa: B905  # as many as mapped; a check per cycle costs time
-                message.data = bytearray(data)
-                send(message)
+            for out, data in zip(self._out, frames):  # noqa: B905  # as many as mapped; a check per cycle costs time
+                out.data = bytearray(data)
+                send(out)
             link.show_life(now_s)
             sample = self._answer(now_s + _WAIT_SHARE * period_s)
         except INTERFACE_ERRORS as error:
@@ -187,11 +189,6 @@ class Exchange:
                 "another master is changing its PDOs"
             ) from error
         return Sample(first.timestamp, position, torque, statusword, velocity, demand)
-
-    def _drop_late(self) -> None:
-        """What has arrived before a SYNC, late or doubled, must not pass for its answer: all rows would be a period late from then on."""
-        while (message := self._link.receive(0.0)) is not None:
-            self._link.dispatch(message)
 
     def _in_order(self, sample: Sample, asked_s: float) -> Sample | None:
         """The sample, None when it is no younger than the one before.   Raises BusError when the clock of its stamp was set."""

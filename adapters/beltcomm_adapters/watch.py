@@ -42,20 +42,21 @@ class Watch:
     def check(self, sample: Sample) -> None:
         """Raises SafetyStop when ``sample`` breaks a limit, DriveError when its position and speed cannot be of one motion."""
         before, self._before = self._before, sample
-        if not self._lowest <= sample.position <= self._highest:
-            self._stop("position", sample.position * self._scaling.position_rad, "shorten the motion; if it swings, look at the gains")
-        if abs(sample.velocity) > self._fastest:
-            self._stop("speed", sample.velocity * self._scaling.speed_rad_s, "reduce the amplitude; if the axis swings, look at the gains")
-        if abs(sample.torque) > self._strongest:
-            self._stop("torque", sample.torque * self._scaling.torque_nm, "reduce the amplitude or soften the gains")
+        stamp_s, position, torque, _, velocity, _ = sample
+        if not self._lowest <= position <= self._highest:
+            self._stop("position", position * self._scaling.position_rad, "shorten the motion; if it swings, look at the gains")
+        if abs(velocity) > self._fastest:
+            self._stop("speed", velocity * self._scaling.speed_rad_s, "reduce the amplitude; if the axis swings, look at the gains")
+        if abs(torque) > self._strongest:
+            self._stop("torque", torque * self._scaling.torque_nm, "reduce the amplitude or soften the gains")
         if before is not None and self._differences:
-            travel = sample.position - before.position
-            elapsed_s = max(sample.stamp_s - before.stamp_s, self._period_s)
+            travel = position - before.position
+            elapsed_s = max(stamp_s - before.stamp_s, self._period_s)
             # one count of quantisation at either end is no speed
             if abs(travel) - 1 > self._travel_per_s * elapsed_s:
                 speed = travel / elapsed_s * self._scaling.position_rad
                 self._stop("speed", speed, "reduce the amplitude, or look at the encoder if its position jumped")
-            self._odometer(travel, sample.velocity, elapsed_s)
+            self._odometer(travel, velocity, elapsed_s)
 
     @property
     def longest_stop_s(self) -> float:

@@ -73,7 +73,7 @@ class VirtualClock:
         """Virtual time in s, a whole number of ticks (up to the rounding of the time last slept to), as the host's clock shows it."""
         tick, line = self._bus.tick, self._bus.line
         now_s = tick / TICKS_PER_SECOND if line is None else tick / TICKS_PER_SECOND + line.ahead_s(tick)
-        return max(now_s, self._asked_for_s) if tick == self._asked_tick else now_s
+        return self._asked_for_s if tick == self._asked_tick and self._asked_for_s > now_s else now_s
 
     def sleep_until(self, t_s: float) -> None:
         """Run the nodes up to the first whole tick at or after ``t_s``."""
@@ -174,7 +174,8 @@ class LockstepBus(can.BusABC):
         if msg.is_extended_id or msg.is_error_frame or msg.is_fd:
             return  # CANopen nodes listen to classic base frames only
         if self.line is None:
-            self._to_nodes(msg.arbitration_id, data, remote)
+            for node in self._nodes:
+                node.receive(msg.arbitration_id, data, remote)
         else:
             for cargo in self.line.carry("to node", msg.arbitration_id, (msg.arbitration_id, data, remote), self.tick):
                 self._to_nodes(*cargo)
@@ -184,7 +185,7 @@ class LockstepBus(can.BusABC):
 
         With ``timeout=None`` virtual time runs on until a frame comes, however long that is.   Raises can.CanOperationError in bus-off.
         """
-        ticks_left = math.inf if timeout is None else math.ceil(timeout * TICKS_PER_SECOND - _ROUNDING_TICKS)
+        ticks_left: float | None = None
         queue = self._queue
         while True:
             if self.line is not None:
@@ -194,6 +195,8 @@ class LockstepBus(can.BusABC):
                 message = can.Message(time_s, identifier, False, data=data)
                 if self._filters is None or self._matches_filters(message):
                     return message
+            if ticks_left is None:
+                ticks_left = math.inf if timeout is None else math.ceil(timeout * TICKS_PER_SECOND - _ROUNDING_TICKS)
             if ticks_left <= 0:
                 return None
             self.advance()

@@ -101,7 +101,7 @@ class Faults:
     @property
     def stage_blocked(self) -> bool:
         """Whether something other than a fault keeps the stage off."""
-        return self.sto_open or self.enable_input_low or not self.has_power
+        return self.sto_open or self.enable_input_low or (self.dc_link_v is not None and not self.has_power)
 
 
 @dataclass(frozen=True)

@@ -180,7 +180,8 @@ class Servo:
         self._inputs.value = self._switches[0] | self._switches[1] << 1 | self._profile.enable_inputs & ~low
         if faults.stage_blocked:
             self.machine.control(_DISABLE_VOLTAGE)
-        self._suffer(now_s)
+        if faults.emergency_at_s is not None or faults.warm_from_s is not None:
+            self._suffer(now_s)
         if dictionary.stage_on:
             follows = self._mode_number in _WITH_POSITION_REFERENCE
             self._publish_demand(position, follows)

@@ -1,0 +1,1 @@
+"""What ``speed.py`` measures: one module per topic, and how times and figures are judged and kept."""

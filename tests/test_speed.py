@@ -1,0 +1,81 @@
+"""The benchmark's own judgement: medians and ratios in pairs, aims with what their spread leaves open, growth, the history."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from benchmarks.speeds.measure import Figure, growth, keep, last, ratio, spread
+
+
+def figure(value: float, **more: object) -> Figure:
+    return Figure("drive", "cycles", value, "x real time", **more)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("found", "met"),
+    [
+        (figure(30.0), None),
+        (figure(30.0, aim=25.0), True),
+        (figure(20.0, aim=25.0), False),
+        (figure(1.1, aim=1.2, least=False), True),
+        (figure(1.3, aim=1.2, least=False), False),
+        (figure(26.0, aim=25.0, low=24.0, high=28.0), None),
+        (figure(26.0, aim=25.0, low=25.5, high=28.0), True),
+        (figure(math.nan, aim=25.0), False),
+    ],
+)
+def test_an_aim_is_met_missed_or_left_open_by_the_spread(found, met):
+    assert found.met is met
+    word = {True: "met", False: "MISSED", None: "cannot tell" if found.aim is not None else ""}[met]
+    assert found.line().endswith(word)
+
+
+def test_ratios_are_taken_pair_by_pair_so_that_a_drift_of_the_machine_cancels():
+    drift = np.array([1.0, 2.0, 4.0, 8.0])
+    found = ratio(list(3.0 * drift), list(drift))
+    assert (found.low, found.median, found.high) == (3.0, 3.0, 3.0)
+    with pytest.raises(ValueError, match="no values"):
+        spread([])
+    assert spread([1.0, 2.0, 3.0, 4.0, 100.0]).median == 3.0
+
+
+def test_growth_is_the_exponent_of_a_power():
+    assert growth((1, 2, 4, 8), (3.0, 6.0, 12.0, 24.0)) == pytest.approx(1.0)
+    assert growth((1, 2, 4), (2.0, 8.0, 32.0)) == pytest.approx(2.0)
+    with pytest.raises(ValueError, match="two sizes"):
+        growth((2, 2), (1.0, 1.0))
+
+
+def test_the_history_grows_and_finds_the_latest_value(tmp_path):
+    path = tmp_path / "kept" / "history.json"
+    assert keep(path, "monday", "2 cores", [figure(20.0)]) == []
+    before = keep(path, "tuesday", "2 cores", [figure(25.0)])
+    assert last(before, figure(0.0)) == 20.0
+    assert last(keep(path, "wednesday", "2 cores", []), figure(0.0)) == 25.0
+    assert last(before, Figure("drive", "another", 1.0, "s")) is None
+    assert [run["when"] for run in json.loads(path.read_text())] == ["monday", "tuesday", "wednesday"]
+    path.write_text("{}")
+    with pytest.raises(ValueError, match="no history of benchmarks"):
+        keep(path, "thursday", "2 cores", [])
+
+
+def test_the_bound_is_that_of_white_noise_where_the_noise_is_white():
+    from benchmarks.speeds.estimation import open_factor, whitened
+
+    columns = np.random.default_rng(1).normal(size=(50, 2))
+    A, B, C = np.array([[0.0, 1.0], [0.0, -1.0]]), np.array([[0.0], [1.0]]), np.array([[1.0, 0.0]])
+    step = 2e-3
+    behind = whitened(columns, A, B, C, noise_nm=0.0, count_rad=step)
+    np.testing.assert_allclose(behind, columns / (step / math.sqrt(12.0)))
+    behind = whitened(columns, A, B, C, noise_nm=0.5, count_rad=step)
+    t = 1e-3 * np.arange(51)
+    pulse = np.diff(t - 1.0 + np.exp(-t))  # answer of 1/(s (s + 1)) to a torque of one period
+    lower = np.array([[pulse[k - 1 - j] if j < k else 0.0 for j in range(50)] for k in range(50)])
+    dense = 0.5**2 * lower @ lower.T + step**2 / 12.0 * np.eye(50)
+    np.testing.assert_allclose(behind.T @ behind, columns.T @ np.linalg.solve(dense, columns), rtol=1e-9)
+    low, high = open_factor(8)
+    assert low < 1.0 < high
