@@ -373,13 +373,14 @@ def study(
     workers: int | None = None,
     scheduler: str | None = None,
     limit: int | None = None,
+    report: bool = True,
     talk: Talk | None = None,
 ) -> Result:
     """A population of axes, or a fleet of runs, member by member, into a folder that a stopped study goes on with.
 
     See :func:`beltcomm.session.study_job.study_of`.   Exit code 1 where some member misses its targets, or has no result.
     """
-    return study_of(file, out, doing=Doing(commission), workers=workers, scheduler=scheduler, limit=limit, talk=talk)
+    return study_of(file, out, doing=Doing(commission), workers=workers, scheduler=scheduler, limit=limit, report=report, talk=talk)
 
 
 def study_member(file: str | Path, number: int, *, out: Path | None = None) -> Result:

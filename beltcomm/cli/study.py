@@ -19,10 +19,19 @@ from beltcomm.cli.frame import Frame, api
 @click.option(
     "--member", type=click.IntRange(0), metavar="K", help="Compute member K alone and show it; with --out its plant and run stay."
 )
+@click.option("--report/--no-report", default=True, help="The page study.html in the folder; made when left out.")
 @shared.output_options
 @click.pass_obj
 def command(
-    frame: Frame, /, file: str, out: Path | None, workers: int | None, scheduler: str | None, limit: int | None, member: int | None
+    frame: Frame,
+    /,
+    file: str,
+    out: Path | None,
+    workers: int | None,
+    scheduler: str | None,
+    limit: int | None,
+    member: int | None,
+    report: bool,
 ) -> int:
     """Compute every member of STUDY (a file, or a shipped study's name): which share of the axes meets its targets, and what drives it.
 
@@ -33,4 +42,4 @@ def command(
     if member is not None:
         return frame.show(api().study_member(file, member, out=out))
     folder = out or Path("studies") / Path(file).stem
-    return frame.show(api().study(file, folder, workers=workers, scheduler=scheduler, limit=limit, talk=frame.talk()))
+    return frame.show(api().study(file, folder, workers=workers, scheduler=scheduler, limit=limit, report=report, talk=frame.talk()))

@@ -35,12 +35,13 @@ def study_of(
     workers: int | None = None,
     scheduler: str | None = None,
     limit: int | None = None,
+    report: bool = True,
     talk: Talk | None = None,
 ) -> Result:
     """All members that have no result in ``out`` yet, then what all of them say.   Exit code 1 where a member misses, or has no result.
 
     workers : processes, None for one per processor.   scheduler : address of a Dask cluster in their place.   limit : so many more members
-    at most.   The results are the same whoever computes them, bit for bit, on processors of one kind.
+    at most.   report : the page too.   The results are the same whoever computes them, bit for bit, on processors of one kind.
     Raises UsageError for a wrong study, a folder of another study, a scheduler that cannot be used; DataError for a damaged folder.
     """
     if workers is not None and scheduler is not None:
@@ -64,7 +65,7 @@ def study_of(
                 lines |= {line["member"]: line for line in made}
                 talk.progress(len(lines) / asked.count, None)
         write_text(out / MEMBERS, "".join(_text(lines[k]) for k in sorted(lines)))
-    return _result(asked, file, out, lines)
+    return _result(asked, file, out, lines, report)
 
 
 def one_member(file: str | Path, number: int, *, doing: Doing, out: Path | None = None) -> Result:
@@ -85,19 +86,22 @@ def one_member(file: str | Path, number: int, *, doing: Doing, out: Path | None 
     return Result({**line, "plant": described}, [*words.member_lines(line, asked), *kept], line["exit_code"])
 
 
-def _result(asked: Study, file: str | Path, out: Path, lines: Mapping[int, Line]) -> Result:
+def _result(asked: Study, file: str | Path, out: Path, lines: Mapping[int, Line], report: bool) -> Result:
     ordered = [lines[k] for k in sorted(lines)]
-    summary = summary_of(ordered, asked.count, asked.targets)
+    summary = summary_of(ordered, asked.count, asked.targets, asked.nominal)
     data = {"study": asked.name, "each": asked.each, "base": asked.base, "gains": asked.gains, "targets": asked.targets, **plain(summary)}
     write_text(out / SUMMARY, json.dumps(jsonable(data), indent=1, ensure_ascii=False) + "\n")
-    from beltcomm.session.reporting.study import study_page  # a worker draws nothing
+    made = [MEMBERS, SUMMARY]
+    if report:
+        from beltcomm.session.reporting.study import study_page  # a worker draws nothing
 
-    write_text(out / PAGE, study_page(asked, summary, ordered, f"beltcomm study {file}"))
+        write_text(out / PAGE, study_page(asked, summary, ordered, f"beltcomm study {file}"))
+        made.append(PAGE)
     missed = summary.failed or any(line["exit_code"] for line in ordered) or summary.done < summary.planned
-    text = [*words.summary_lines(asked, summary, ordered, str(file)), f"Everything is in {out}: {MEMBERS}, {SUMMARY}, {PAGE}."]
+    text = [*words.summary_lines(asked, summary, ordered, str(file)), f"Everything is in {out}: {', '.join(made)}."]
     if summary.done < summary.planned:
         text.append(f"{summary.planned - summary.done} members are still to come: the same command goes on")
-    return Result({**data, "folder": str(out), "page": str(out / PAGE)}, text, int(bool(missed)))
+    return Result({**data, "folder": str(out), "page": str(out / PAGE) if report else None}, text, int(bool(missed)))
 
 
 def _goes_on(asked: Study, out: Path) -> dict[int, Line]:

@@ -73,8 +73,8 @@ def _on_dask(function: Callable[[Given], Found], given: Sequence[Given], address
         raise UsageError("a Dask scheduler needs the package distributed: pip install 'beltcomm[study]'") from error
 
     with _connected(address) as client:
-        futures = as_completed(client.submit(function, one, pure=False, key=f"study-{client.id}-{k}") for k, one in enumerate(given))
-        for future in futures:
+        submitted = [client.submit(function, one, pure=False) for one in given]
+        for future in as_completed(submitted, loop=client.loop):
             try:
                 found: Found = future.result()
             except KilledWorker as error:

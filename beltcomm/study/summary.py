@@ -8,12 +8,17 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.stats import binomtest, spearmanr
+
+Array = NDArray[np.float64]
 
 #: Quantiles told.
 QUANTILES = (0.05, 0.5, 0.95)
 #: Members named as the worst; fewest members from which a rank correlation is told; what its 95 % interval is made with.
 WORST, FEWEST, NORMAL = 5, 10, 1.96
+#: How a driver is named that is the distance of a parameter from its nominal value.
+DISTANCE = "distance from nominal of"
 #: What a larger value of is better; of all else a smaller one is.
 MORE_IS_BETTER = frozenset({"phase_margin_deg", "position_phase_margin_deg", "gain_margin_db", "passed", "stable"})
 #: The share that the exit code follows, for which members without a result count as missed.
@@ -79,8 +84,11 @@ class Summary:
         return next((one for one in self.shares if one.key == key), None)
 
 
-def summary_of(lines: Sequence[Line], planned: int, targets: Mapping[str, float]) -> Summary:
-    """What the lines of ``members.jsonl`` say.   targets : by result, the value it is to stay below; what is worst is told by them."""
+def summary_of(lines: Sequence[Line], planned: int, targets: Mapping[str, float], nominal: Mapping[str, float]) -> Summary:
+    """What the lines of ``members.jsonl`` say.
+
+    targets : by result, the value it is to stay below; what is worst is told by them.   nominal : of what was drawn, where there is one.
+    """
     lines = sorted(lines, key=lambda line: int(line["member"]))
     failed = {int(line["member"]): str(line["error"]) for line in lines if "error" in line}
     codes: dict[int, int] = {}
@@ -100,7 +108,7 @@ def summary_of(lines: Sequence[Line], planned: int, targets: Mapping[str, float]
         dict(sorted(codes.items())),
         tuple(shares),
         tuple(_spread(key, told) for key in numbers),
-        tuple(_drivers(lines, [*flags[:1], *targets, "phase_margin_deg"])),
+        tuple(_drivers(lines, [*flags[:1], *targets, "phase_margin_deg"], nominal)),
         _worst(lines, targets),
     )
 
@@ -123,21 +131,33 @@ def _spread(key: str, told: Sequence[Line]) -> Spread:
     return Spread(key, len(known), tuple(float(q) for q in np.quantile(values, QUANTILES)), *known[at])
 
 
-def _drivers(lines: Sequence[Line], keys: Sequence[str]) -> list[Driver]:
-    """Every drawn number against every result; by result, the strongest first."""
-    names = dict.fromkeys(name for line in lines for name, value in line["values"].items() if _number(value))
+def _drivers(lines: Sequence[Line], keys: Sequence[str], nominal: Mapping[str, float]) -> list[Driver]:
+    """Every drawn number against every result; by result, the strongest first.
+
+    A friction that the feedforward does not know is as bad when it is smaller as when it is larger, which no rank correlation sees: where
+    values lie on both sides of the nominal one, their distance to it is looked at too.
+    """
     found = []
-    for name in names:
-        for key in keys:
-            pairs = [(float(line["values"][name]), result) for line in lines if name in line["values"]
-                     if (result := _result(line, key)) is not None]  # fmt: skip
-            if len(pairs) < FEWEST or min(len({pair[side] for pair in pairs}) for side in (0, 1)) < 2:
-                continue
-            rho = float(spearmanr(*np.array(pairs).T).statistic)
-            half = NORMAL * math.sqrt((1.0 + 0.5 * rho**2) / (len(pairs) - 3))
-            z = math.atanh(min(max(rho, -1.0 + 1e-12), 1.0 - 1e-12))
-            found.append(Driver(name, key, rho, math.tanh(z - half), math.tanh(z + half)))
+    for name in dict.fromkeys(name for line in lines for name, value in line["values"].items() if _number(value)):
+        here = [line for line in lines if name in line["values"]]
+        drawn = np.array([float(line["values"][name]) for line in here])
+        sides = {f"{name}": drawn}
+        if name in nominal and drawn.min() < nominal[name] < drawn.max():
+            sides[f"{DISTANCE} {name}"] = np.abs(drawn - nominal[name])
+        for label, values in sides.items():
+            found += [one for key in keys if (one := _driver(label, key, values, [_result(line, key) for line in here])) is not None]
     return sorted(found, key=lambda one: (keys.index(one.key), -abs(one.rank_correlation), one.parameter))
+
+
+def _driver(label: str, key: str, drawn: Array, results: Sequence[float | None]) -> Driver | None:
+    known = np.array([result is not None for result in results])
+    x, y = drawn[known], np.array([result for result in results if result is not None])
+    if len(x) < FEWEST or min(len(np.unique(x)), len(np.unique(y))) < 2:
+        return None
+    rho = float(spearmanr(x, y).statistic)
+    half = NORMAL * math.sqrt((1.0 + 0.5 * rho**2) / (len(x) - 3))
+    z = math.atanh(min(max(rho, -1.0 + 1e-12), 1.0 - 1e-12))
+    return Driver(label, key, rho, math.tanh(z - half), math.tanh(z + half))
 
 
 def _result(line: Line, key: str) -> float | None:

@@ -13,7 +13,7 @@ from beltcomm.report.study import Against, Distributed, distribution_figure, dri
 from beltcomm.report.style import Caption
 from beltcomm.session import study_words as words
 from beltcomm.session.study_file import Study
-from beltcomm.study.summary import HEADLINE, Driver, Share, Summary
+from beltcomm.study.summary import DISTANCE, HEADLINE, Driver, Share, Summary
 
 #: Results that are drawn, in this order.
 DRAWN = (
@@ -116,15 +116,22 @@ def _drivers(asked: Study, summary: Summary, lines: Sequence[Line], caption: Cap
 
 def _against(one: Driver, asked: Study, lines: Sequence[Line]) -> Against:
     name, unit, factor = words.titled(one.key)
-    known = [(float(line["values"][one.parameter]), value, line["exit_code"] == 0) for line in lines
-             if one.parameter in line["values"] and (value := _value(line, one.key)) is not None]  # fmt: skip
+    parameter = one.parameter.removeprefix(DISTANCE).strip()  # both are seen over the value itself
+    known = [(float(line["values"][parameter]), value, line["exit_code"] == 0) for line in lines
+             if parameter in line["values"] and (value := _value(line, one.key)) is not None]  # fmt: skip
     bound = asked.targets.get(one.key)
     drawn, values, kept = (np.array(column) for column in zip(*known, strict=True))
-    scale, label = _scaled(one.parameter, asked.units.get(one.parameter, ""), float(np.abs(drawn).max()))
+    scale, label = _scaled(parameter, asked.units.get(parameter, ""), float(np.abs(drawn).max()))
+    how = "" if parameter == one.parameter else "distance from nominal: "
     return Against(
-        label, f"{name} in {unit}" if unit else name, scale * drawn, factor * values, kept.astype(bool),
-        None if bound is None else factor * bound, f"rank correlation {one.rank_correlation:+.2f} ({one.low:+.2f} to {one.high:+.2f})",
-    )  # fmt: skip
+        label,
+        f"{name} in {unit}" if unit else name,
+        scale * drawn,
+        factor * values,
+        kept.astype(bool),
+        None if bound is None else factor * bound,
+        f"{how}rank correlation {one.rank_correlation:+.2f} ({one.low:+.2f} to {one.high:+.2f})",
+    )
 
 
 def _value(line: Line, key: str) -> float | None:
