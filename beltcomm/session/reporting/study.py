@@ -100,18 +100,17 @@ def _drivers(asked: Study, summary: Summary, lines: Sequence[Line], caption: Cap
     drawn = [one for one in words.strongest(summary.drivers) if one.key != HEADLINE]
     parts: list[Table | Picture] = [picture_of(drivers_figure([_against(one, asked, lines) for one in drawn], caption))] if drawn else []
     rows = [
-        (one.parameter, "meets its targets" if one.key == HEADLINE else words.titled(one.key)[0], f"{one.rank_correlation:+.2f}",
-         f"{one.low:+.2f} to {one.high:+.2f}" + ("" if one.told else ", cannot tell"))
+        (
+            one.parameter,
+            "meets its targets" if one.key == HEADLINE else words.titled(one.key)[0],
+            f"{one.rank_correlation:+.2f}",
+            f"{one.low:+.2f} to {one.high:+.2f}",
+        )
         for one in summary.drivers
-    ]  # fmt: skip
-    return [
-        *parts,
-        Table(
-            ("parameter", "result", "rank correlation", "95 % interval"),
-            rows,
-            _DRIVER_WORDS,
-        ),
+        if one.told
     ]
+    rest = f"{_DRIVER_WORDS} Of {len(summary.drivers) - len(rows)} other pairs it cannot be told: their intervals hold zero."
+    return [*parts, Table(("parameter", "result", "rank correlation", "95 % interval"), rows, rest)]
 
 
 def _against(one: Driver, asked: Study, lines: Sequence[Line]) -> Against:
@@ -144,5 +143,7 @@ def _scaled(name: str, unit: str, largest: float) -> tuple[float, str]:
     power = 3 * math.floor(math.log10(largest) / 3.0) if largest > 0.0 else 0
     if not power or unit == "1" or not unit:
         return 1.0, f"{name} in {unit}" if unit not in ("", "1") else name
+    if (unit, power) == ("kg", -3):
+        return 1e3, f"{name} in g"
     short = {-3: "m", -6: "u"}.get(power) if unit in ("s", "m") else {3: "k"}.get(power) if unit in ("N", "N/m") else None
     return 10.0**-power, f"{name} in {short}{unit}" if short else f"{name} in 1e{power} {unit}"
