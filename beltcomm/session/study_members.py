@@ -134,7 +134,7 @@ class Fleet:
 
 
 def commissioned(made: Mapping[str, Any], truth: Model) -> dict[str, Any]:
-    """Of a commissioning: the verdict, the errors, and for each parameter whether its interval covers the truth."""
+    """Of a commissioning: the verdict, the errors, and for each parameter how far it is off, and whether its interval covers the truth."""
     verdict = made.get("verdict") or {}
     measured, predicted = verdict.get("measured") or {}, verdict.get("predicted") or {}
     found: dict[str, Any] = {"passed": bool(verdict.get("passed")) and not made.get("reservations")}
@@ -147,7 +147,8 @@ def commissioned(made: Mapping[str, Any], truth: Model) -> dict[str, Any]:
         found |= {"trusted": not made["fit"]["suspect"], "misfit": made["fit"]["misfit"]}
     for name, one in (made.get("model") or {}).get("parameters", {}).items():
         if one["interval"] is not None and name in truth.parameters:
-            found[f"covers {name}"] = bool(abs(one["value"] - truth[name]) <= one["interval"])
+            off = abs(one["value"] - truth[name])
+            found |= {f"covers {name}": bool(off <= one["interval"]), f"off {name}": off}
     return found
 
 

@@ -41,6 +41,8 @@ DRIVERS = 2
 
 def titled(key: str) -> tuple[str, str, float]:
     """Words, unit, factor."""
+    if key.startswith("off "):
+        return f"{key.removeprefix('off ')} is off by, SI", "", 1.0
     return TITLES.get(key, (key, "", 1.0))
 
 

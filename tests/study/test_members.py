@@ -40,7 +40,7 @@ def test_a_commissioning_is_held_against_the_truth_and_a_stopped_one_is_a_result
     assert (lines[2]["exit_code"], lines[2]["error"]) == (4, "the belt force was reached in MEMBER/run")
     assert lines[1]["found"] == {
         "passed": True, "dynamic_m": 4e-4, "static_m": 1e-5, "predicted_dynamic_m": 1e-4, "trusted": True, "misfit": 1.01,
-        "covers cart.mass": True, "covers coulomb.level": False,
+        "covers cart.mass": True, "off cart.mass": pytest.approx(0.01), "covers coulomb.level": False, "off coulomb.level": pytest.approx(0.03),
     }  # fmt: skip
     shares = {one["key"]: (one["count"], one["of"]) for one in result.data["shares"]}
     assert shares == {"passed": (2, 3), "trusted": (2, 2), "covers cart.mass": (2, 2), "covers coulomb.level": (0, 2)}
