@@ -125,7 +125,7 @@ def _study_in(path: Path, data: Mapping[str, Any], doing: Doing) -> Study:
         shared = [plain(plant), axis.fingerprint(), plain(population)]
     return Study(
         title, each, count, work, population, nominal_of(model, delay_s, start_m), (),
-        {"dynamic_m": targets.dynamic_m, "static_m": targets.static_m}, words, gains, _digest([each, __version__, plain(targets), *shared]),
+        _noise(each) or {"dynamic_m": targets.dynamic_m, "static_m": targets.static_m}, words, gains, _digest([each, __version__, plain(targets), *shared]),
         units_of(model),
     )  # fmt: skip
 
@@ -148,7 +148,14 @@ def _fleet(path: Path, data: Mapping[str, Any], title: str, each: str) -> Study:
     if not found:
         raise UsageError(f"base.runs: no run folder is {' or '.join(patterns)}, seen from {path.parent.resolve()}")
     runs = tuple(sorted(found))
-    return Study(title, each, len(runs), Fleet(each), None, {}, runs, {}, f"{len(runs)} runs", None, _digest([each, __version__]), {})
+    return Study(
+        title, each, len(runs), Fleet(each), None, {}, runs, _noise(each), f"{len(runs)} runs", None, _digest([each, __version__]), {}
+    )
+
+
+def _noise(each: str) -> dict[str, float]:
+    """What a comparison is held against: an error as large as the noise."""
+    return {"ratio": 1.0} if each == "compare" else {}
 
 
 def _ground(path: Path, data: Mapping[str, Any], base: Mapping[str, Any], targets: Targets) -> tuple[Ground, str]:

@@ -108,7 +108,7 @@ def why(line: Mapping[str, Any], targets: Mapping[str, float]) -> str:
         if isinstance(found.get(key), (int, float)):
             name, unit, factor = titled(key)
             parts.append(f"{name} {factor * found[key]:.3g} {unit}")
-    parts += [f"{key} {found[key]}" for key in ("verdict", "ratio") if key in found]
+    parts += [f"{key} {found[key]}" for key in ("verdict", "named") if key in found]
     return ", ".join(parts)
 
 

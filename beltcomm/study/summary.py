@@ -176,7 +176,7 @@ def _worst(lines: Sequence[Line], targets: Mapping[str, float]) -> tuple[int, ..
         if found is None or found.get("stable") is False:
             return math.inf
         shares = [float(found[key]) / target if _number(found.get(key)) else math.inf for key, target in targets.items() if key in found]
-        return max(shares, default=0.0 if found.get(HEADLINE, True) else 1.0)
+        return max(shares, default=float(any(value is False for value in found.values())))
 
     ranked = sorted(lines, key=lambda line: (-badness(line), int(line["member"])))
     return tuple(int(line["member"]) for line in ranked[:WORST] if badness(line) > 0.0)

@@ -40,7 +40,8 @@ def test_a_commissioning_is_held_against_the_truth_and_a_stopped_one_is_a_result
     assert (lines[2]["exit_code"], lines[2]["error"]) == (4, "the belt force was reached in MEMBER/run")
     assert lines[1]["found"] == {
         "passed": True, "dynamic_m": 4e-4, "static_m": 1e-5, "predicted_dynamic_m": 1e-4, "trusted": True, "misfit": 1.01,
-        "covers cart.mass": True, "off cart.mass": pytest.approx(0.01), "covers coulomb.level": False, "off coulomb.level": pytest.approx(0.03),
+        "covers cart.mass": True, "off cart.mass": pytest.approx(0.01),
+        "covers coulomb.level": False, "off coulomb.level": pytest.approx(0.03),
     }  # fmt: skip
     shares = {one["key"]: (one["count"], one["of"]) for one in result.data["shares"]}
     assert shares == {"passed": (2, 3), "trusted": (2, 2), "covers cart.mass": (2, 2), "covers coulomb.level": (0, 2)}
@@ -79,6 +80,7 @@ def test_a_fleet_with_runs_that_hold_nothing(tmp_path: Path) -> None:
     result = api.study(study, tmp_path / "out", workers=1, report=False)
     assert result.exit_code == 1
     assert set(result.data["failed"]) == {"0", "1"}
+    assert result.data["worst"] == [0, 1]
     (tmp_path / "runs" / "a" / "recordings").mkdir(exist_ok=True)
     (tmp_path / "runs" / "a" / "recordings" / "new.csv").touch()
     with pytest.raises(BeltcommError, match="run folder or the version of beltcomm differ"):
