@@ -124,10 +124,19 @@ def _study_in(path: Path, data: Mapping[str, Any], doing: Doing) -> Study:
         work, gains = Commissioned(plant, axis, population, seed, each, doing), None
         shared = [plain(plant), axis.fingerprint(), plain(population)]
     return Study(
-        title, each, count, work, population, nominal_of(model, delay_s, start_m), (),
-        _noise(each) or {"dynamic_m": targets.dynamic_m, "static_m": targets.static_m}, words, gains, _digest([each, __version__, plain(targets), *shared]),
+        title,
+        each,
+        count,
+        work,
+        population,
+        nominal_of(model, delay_s, start_m),
+        (),
+        _noise(each) or {"dynamic_m": targets.dynamic_m, "static_m": targets.static_m},
+        words,
+        gains,
+        _digest([each, __version__, plain(targets), *shared]),
         units_of(model),
-    )  # fmt: skip
+    )
 
 
 def _fleet(path: Path, data: Mapping[str, Any], title: str, each: str) -> Study:
