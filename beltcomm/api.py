@@ -50,6 +50,8 @@ from beltcomm.session.scale import ruler as ruler
 from beltcomm.session.serve import serve as serve
 from beltcomm.session.sign import check_sign
 from beltcomm.session.store import drive_to_dict
+from beltcomm.session.study_job import one_member, study_of
+from beltcomm.session.study_members import Doing
 from beltcomm.session.supervised import supervised
 from beltcomm.session.thesis import thesis as thesis
 from beltcomm.session.tune_job import tune as tune
@@ -362,3 +364,25 @@ __all__ = [
     "tune",
     "verify",
 ]
+
+
+def study(
+    file: str | Path,
+    out: Path,
+    *,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    limit: int | None = None,
+    report: bool = True,
+    talk: Talk | None = None,
+) -> Result:
+    """A population of axes, or a fleet of runs, member by member, into a folder that a stopped study goes on with.
+
+    See :func:`beltcomm.session.study_job.study_of`.   Exit code 1 where some member misses its targets, or has no result.
+    """
+    return study_of(file, out, doing=Doing(commission), workers=workers, scheduler=scheduler, limit=limit, report=report, talk=talk)
+
+
+def study_member(file: str | Path, number: int, *, out: Path | None = None) -> Result:
+    """One member of a study again.   out : folder for its plant file, and for the run of one that is commissioned."""
+    return one_member(file, number, doing=Doing(commission), out=out)

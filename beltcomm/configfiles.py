@@ -20,13 +20,13 @@ from beltcomm.errors import BeltcommError, UsageError
 _PACKAGE = Path(__file__).resolve().parent
 #: Where shipped files are looked for, first hit wins: the wheel's place, then the checkout's.
 CONFIG_FOLDERS = (_PACKAGE / "configs", _PACKAGE.parent / "configs")
-_WORD_FOR = {"axes": "axis", "plants": "plant", "drives": "drive profile"}
+_WORD_FOR = {"axes": "axis", "plants": "plant", "drives": "drive profile", "studies": "study"}
 
 
 def find_config(kind: str, name: str) -> Path:
     """The file that ``name`` means.
 
-    kind : "axes", "plants" or "drives".
+    kind : "axes", "plants", "drives" or "studies".
     name : the name of a shipped file, or a path (anything with a slash or ending in ``.yaml``).
     Raises UsageError when there is no such file, with the names that exist.
     """

@@ -13,6 +13,7 @@ import pytest
 
 from beltcomm.axis import load_axis
 from beltcomm.model import load_plant
+from beltcomm.session.study_file import load_study
 from beltcomm_adapters.profiles import load_profile
 
 CHECKOUT = Path(__file__).parent.parent
@@ -23,7 +24,7 @@ TEXTS = [path for path in CHECKOUT.glob("*.*") if path.suffix in (".md", ".toml"
     for path in (CHECKOUT / folder).rglob("*")
     if path.is_file() and path.suffix in ("", ".py", ".md", ".yaml", ".csv", ".json", ".toml")
 ]
-LOADERS: dict[str, Callable[[str], Any]] = {"axes": load_axis, "plants": load_plant, "drives": load_profile}
+LOADERS: dict[str, Callable[[str], Any]] = {"axes": load_axis, "plants": load_plant, "drives": load_profile, "studies": load_study}
 CONFIGS = sorted((CHECKOUT / "configs").rglob("*.*"))
 
 RUN = "python3 -m venv .venv && .venv/bin/pip install -q . && .venv/bin/beltcomm commission --drive virtual --yes"

@@ -41,6 +41,7 @@ VERBS = {
     "remove": "One effect less.",
     "report": "Everything known of a run, as one page.",
     "trend": "One axis over many runs: what drifts, and when it reaches its limit.",
+    "study": "Thousands of virtual axes, or a fleet's runs: shares, margins, what drives them.",
     "ladder": "All revisions of a model, down to the noise.",
     "simulate": "A virtual experiment from a model or plant into a run folder.",
     "import": "Foreign measurements into a run folder.",

@@ -27,7 +27,17 @@ PLACEHOLDERS = {
 RUN = {"effects", "drives", "export", "convert", "bundle", "trajectory", "design", "doctor"}
 PLANNED = {"commission", "identify", "friction", "verify", "apply", "move"}
 #: An option in the text that belongs to another tool.
-FOREIGN = {"--sync", "--complete", "--cov", "--drive-window-rad", "--drive-speed-rad-s", "--drive-torque-nm", "--drive-option", "--pages"}
+FOREIGN = {
+    "--sync",
+    "--complete",
+    "--cov",
+    "--drive-window-rad",
+    "--drive-speed-rad-s",
+    "--drive-torque-nm",
+    "--drive-option",
+    "--pages",
+    "--nthreads",
+}
 
 
 def code_of(text: str) -> Iterator[str]:

@@ -1,0 +1,163 @@
+"""``beltcomm study``: the members of a population one by one, wherever they are computed, into a file that a killed study goes on with."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from beltcomm.configfiles import find_config, to_yaml, write_text
+from beltcomm.errors import DataError, UsageError
+from beltcomm.result import Result, jsonable, plain
+from beltcomm.session import study_words as words
+from beltcomm.session.study_file import Study, load_study
+from beltcomm.session.study_members import Doing, line_of, lines_of
+from beltcomm.session.study_workers import answers, processors
+from beltcomm.study.summary import summary_of
+from beltcomm.talk import Silence, Talk
+
+#: File of the results, a line of JSON each; of what follows from them, and the page of it; copy of the study.
+MEMBERS, SUMMARY, PAGE, COPY = "members.jsonl", "summary.json", "study.html", "study.yaml"
+#: Members that one task computes when they take milliseconds, and tasks that each worker should get at least.
+TOGETHER, TASKS = 16, 4
+
+Line = dict[str, Any]
+
+
+def study_of(
+    file: str | Path,
+    out: Path,
+    *,
+    doing: Doing,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    limit: int | None = None,
+    report: bool = True,
+    talk: Talk | None = None,
+) -> Result:
+    """All members that have no result in ``out`` yet, then what all of them say.   Exit code 1 where a member misses, or has no result.
+
+    workers : processes, None for one per processor.   scheduler : address of a Dask cluster in their place.   limit : so many more members
+    at most.   report : the page too.   The results are the same whoever computes them, bit for bit, on processors of one kind.
+    Raises UsageError for a wrong study, a folder of another study, a scheduler that cannot be used; DataError for a damaged folder.
+    """
+    if workers is not None and scheduler is not None:
+        raise UsageError("--workers are processes of this machine, --scheduler is a cluster: choose one")
+    talk = talk or Silence()
+    asked = load_study(file, doing)
+    lines = _goes_on(asked, out)
+    _copy(file, out)
+    open_members = [(k, asked.key(k), asked.values(k)) for k in range(asked.count) if k not in lines][:limit]
+    if open_members:
+        told = f" ({len(lines)} are done)" if lines else ""
+        talk.say(f"{len(open_members)} members to compute{told}; each stands in {out / MEMBERS} when it is done, the same command goes on")
+        size = 1 if asked.each != "track" else max(1, min(TOGETHER, len(open_members) // (TASKS * (workers or processors()))))
+        tasks = [open_members[k : k + size] for k in range(0, len(open_members), size)]
+        talk.phase(1, 1, f"{asked.each} {asked.count} members")
+        with open(out / MEMBERS, "ab") as members:
+            for made in answers(partial(lines_of, asked.work), tasks, workers=workers, scheduler=scheduler, talk=talk):
+                members.write("".join(_text(line) for line in made).encode())
+                members.flush()
+                os.fsync(members.fileno())
+                lines |= {line["member"]: line for line in made}
+                talk.progress(len(lines) / asked.count, None)
+        write_text(out / MEMBERS, "".join(_text(lines[k]) for k in sorted(lines)))
+    return _result(asked, file, out, lines, report)
+
+
+def one_member(file: str | Path, number: int, *, doing: Doing, out: Path | None = None) -> Result:
+    """One member again, as any worker computes it.   out : folder for its plant file, and for the run of one that is commissioned.
+
+    Raises UsageError for a number that the study does not have.
+    """
+    asked = load_study(file, doing)
+    if not 0 <= number < asked.count:
+        raise UsageError(f"the study has members 0 to {asked.count - 1}, not {number}")
+    values = asked.values(number)
+    described, kept = asked.work.described(values), []
+    if out is not None and described is not None:
+        out.mkdir(parents=True, exist_ok=True)
+        write_text(out / "plant.yaml", to_yaml(described))
+        kept.append(f"Its plant is in {out / 'plant.yaml'}: beltcomm commission --drive virtual:{out / 'plant.yaml'} takes it.")
+    line = line_of(asked.work, number, asked.key(number), values, out)
+    return Result({**line, "plant": described}, [*words.member_lines(line, asked), *kept], line["exit_code"])
+
+
+def _result(asked: Study, file: str | Path, out: Path, lines: Mapping[int, Line], report: bool) -> Result:
+    ordered = [lines[k] for k in sorted(lines)]
+    summary = summary_of(ordered, asked.count, asked.targets, asked.nominal)
+    data = {"study": asked.name, "each": asked.each, "base": asked.base, "gains": asked.gains, "targets": asked.targets, **plain(summary)}
+    write_text(out / SUMMARY, json.dumps(jsonable(data), indent=1, ensure_ascii=False) + "\n")
+    made = [MEMBERS, SUMMARY]
+    if report:
+        from beltcomm.session.reporting.study import study_page  # a worker draws nothing
+
+        write_text(out / PAGE, study_page(asked, summary, ordered, f"beltcomm study {file}"))
+        made.append(PAGE)
+    missed = summary.failed or any(line["exit_code"] for line in ordered) or summary.done < summary.planned
+    text = [*words.summary_lines(asked, summary, ordered, str(file)), f"Everything is in {out}: {', '.join(made)}."]
+    if summary.done < summary.planned:
+        text.append(f"{summary.planned - summary.done} members are still to come: the same command goes on")
+    return Result({**data, "folder": str(out), "page": str(out / PAGE) if report else None}, text, int(bool(missed)))
+
+
+def _goes_on(asked: Study, out: Path) -> dict[int, Line]:
+    """Results that a folder holds, by member.   Raises UsageError where they are another study's."""
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UsageError(f"{out} cannot be made: {error.strerror}; choose another --out") from error
+    lines: dict[int, Line] = {}
+    for line in read_members(out / MEMBERS):
+        number = line["member"]
+        if number >= asked.count:
+            raise UsageError(
+                f"{out} holds member {number}, this study has {asked.count}; give the number it was made with, or another --out"
+            )
+        if line["key"] != asked.key(number):
+            raise UsageError(f"{out} holds results of another study: {_differs(line, asked)}; choose another --out")
+        lines[number] = line
+    return lines
+
+
+def _differs(line: Line, asked: Study) -> str:
+    now = dict(asked.values(line["member"]))
+    for name in dict.fromkeys([*line["values"], *now]):
+        before, after = line["values"].get(name, "nothing"), now.get(name, "nothing")
+        if before != after:
+            return f"member {line['member']} had {name} {before}, now it has {after}"
+    return f"member {line['member']} has the same values, but base, design, move, targets, run folder or the version of beltcomm differ"
+
+
+def read_members(path: Path) -> list[Line]:
+    """The lines of a file of members; what a killed study left half written is cut off.   Raises DataError for a damaged line."""
+    if not path.is_file():
+        return []
+    data = path.read_bytes()
+    whole = data.rfind(b"\n") + 1
+    if whole < len(data):
+        os.truncate(path, whole)
+    lines = []
+    for number, text in enumerate(data[:whole].splitlines(), 1):
+        try:
+            line = json.loads(text)
+            int(line["member"]), str(line["key"]), dict(line["values"]), int(line["exit_code"])
+            if not isinstance(line.get("found"), dict) and "error" not in line:
+                raise ValueError("it has neither result nor error")
+        except (ValueError, KeyError, TypeError) as error:
+            raise DataError(f"{path} is damaged in line {number} ({error}); delete that line, and its member is computed again") from error
+        lines.append(line)
+    return lines
+
+
+def _text(line: Line) -> str:
+    return json.dumps(jsonable(line), ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _copy(file: str | Path, out: Path) -> None:
+    source = find_config("studies", str(file))
+    if source.resolve() != (out / COPY).resolve():
+        write_text(out / COPY, source.read_text(encoding="utf-8-sig"))

@@ -1,0 +1,120 @@
+"""Who computes the members of a study: this process, processes of this machine (joblib), or a Dask cluster; only here are the two known."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import CancelledError
+from concurrent.futures.process import BrokenProcessPool
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from beltcomm import __version__
+from beltcomm.errors import Refused, UsageError
+from beltcomm.talk import Talk
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+Given = TypeVar("Given")
+Found = TypeVar("Found")
+#: Times that workers may die in a row with no result in between, before that is called a cause.
+DEATHS = 3
+#: s to wait for a scheduler and for its first worker.
+SCHEDULER_S, WORKER_S = 10, 30
+
+
+def answers(
+    function: Callable[[Given], Found], given: Sequence[Given], *, workers: int | None, scheduler: str | None, talk: Talk
+) -> Iterator[Found]:
+    """What ``function`` finds, as it comes, in any order; whatever a dead worker had in hand is computed again.
+
+    workers : processes of this machine, 1 for this one alone, None for one per processor.   scheduler : address of a Dask scheduler in
+    their place.   Raises UsageError for a scheduler that cannot be used, Refused when workers die again and again.
+    """
+    if scheduler is not None:
+        return _on_dask(function, given, scheduler, talk)
+    count = workers if workers is not None else processors()
+    return map(function, given) if count == 1 or len(given) == 1 else _on_processes(function, given, count, talk)
+
+
+def processors() -> int:
+    """Of this machine, as far as this process may use them."""
+    from joblib import cpu_count
+
+    return int(cpu_count())
+
+
+def _numbered(function: Callable[[Given], Found], number: int, given: Given) -> tuple[int, Found]:
+    return number, function(given)
+
+
+def _on_processes(function: Callable[[Given], Found], given: Sequence[Given], workers: int, talk: Talk) -> Iterator[Found]:
+    from joblib import Parallel, delayed
+
+    left, deaths = dict(enumerate(given)), 0
+    while left:
+        tasks = [delayed(_numbered)(function, number, one) for number, one in left.items()]
+        try:
+            for number, found in Parallel(n_jobs=workers, backend="loky", batch_size=1, return_as="generator_unordered")(tasks):
+                del left[number]
+                deaths = 0
+                yield found
+        except BrokenProcessPool:
+            deaths += 1
+            if deaths == DEATHS:
+                raise Refused(_died(deaths, "fewer processes (--workers 1) need less memory")) from None
+            talk.say("a worker died; what it had in hand is computed again")
+
+
+def _on_dask(function: Callable[[Given], Found], given: Sequence[Given], address: str, talk: Talk) -> Iterator[Found]:
+    try:
+        from distributed import as_completed
+        from distributed.scheduler import KilledWorker
+    except ImportError as error:
+        raise UsageError("a Dask scheduler needs the package distributed: pip install 'beltcomm[study]'") from error
+
+    with _connected(address) as client:
+        submitted = [client.submit(function, one, pure=False) for one in given]
+        for future in as_completed(submitted, loop=client.loop):
+            try:
+                found: Found = future.result()
+            except KilledWorker as error:
+                raise Refused(_died(DEATHS, "more memory for the workers may help")) from error
+            except (CancelledError, OSError) as error:
+                raise Refused(f"the scheduler {address} went away ({error}); what is done is kept, the same command goes on") from error
+            yield found
+            future.release()
+
+
+def _connected(address: str) -> Client:
+    """A client with at least one worker that has this beltcomm.   Raises UsageError."""
+    from distributed import Client
+
+    try:
+        client = Client(address, timeout=SCHEDULER_S, set_as_default=False)
+    except (OSError, TimeoutError, ValueError) as error:
+        raise UsageError(
+            f"no Dask scheduler answers at {address} ({error}); start one with `dask scheduler`, it prints its address"
+        ) from error
+    try:
+        client.wait_for_workers(1, timeout=WORKER_S)
+        versions: dict[str, Any] = client.run(_version)
+    except TimeoutError as error:
+        client.close()
+        raise UsageError(f"the scheduler {address} has no worker; start some with `dask worker {address}`") from error
+    except ModuleNotFoundError as error:
+        client.close()
+        raise UsageError(f"a worker of {address} has no beltcomm ({error}); install the same version there") from error
+    others = {worker: version for worker, version in versions.items() if version != __version__}
+    if others:
+        client.close()
+        worker, version = next(iter(others.items()))
+        raise UsageError(f"the worker {worker} has beltcomm {version}, here is {__version__}; install the same version there")
+    return client
+
+
+def _version() -> str:
+    return __version__
+
+
+def _died(times: int, hint: str) -> str:
+    return f"workers died {times} times in a row over the same members; {hint}. What is done is kept, the same command goes on"
