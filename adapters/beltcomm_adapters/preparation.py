@@ -204,6 +204,7 @@ def guard(objects: Objects, lending: Lending, profile: Profile, guard_s: float) 
     Raises DriveError when it can do neither: an axis with a torque setpoint must not outlive its host.
     """
     wanted, time_ms = profile.guarding, round(1e3 * guard_s)
+    refusals = []
     for kind in (wanted, "node_guarding" if wanted == "heartbeat" else "heartbeat"):
         try:
             if kind == "heartbeat":
@@ -213,11 +214,11 @@ def guard(objects: Objects, lending: Lending, profile: Profile, guard_s: float) 
             lending.set(0x100D, 0, "uint8", 1)
             lending.set(0x100C, 0, "uint16", time_ms)
             return "node_guarding"
-        except ObjectRefused:
-            continue
+        except ObjectRefused as refused:
+            refusals.append(str(refused))
     raise DriveError(
         "this drive watches neither a heartbeat (1016h) nor node guarding (100Ch): it would go on moving when the computer "
-        "dies; beltcomm does not move it"
+        f"dies; beltcomm does not move it ({'; '.join(refusals)})"
     )
 
 

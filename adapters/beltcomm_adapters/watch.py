@@ -43,6 +43,12 @@ class Watch:
         """Raises SafetyStop when ``sample`` breaks a limit, DriveError when its position and speed cannot be of one motion."""
         before, self._before = self._before, sample
         stamp_s, position, torque, _, velocity, _ = sample
+        elapsed_s = max(stamp_s - before.stamp_s, self._period_s) if before is not None else math.inf
+        travel = position - before.position if before is not None else 0
+        # A jump of the angle is the reason for whatever else it breaks, so it comes first; one count at either end is no speed.
+        if self._differences and abs(travel) - 1 > self._travel_per_s * elapsed_s:
+            speed = travel / elapsed_s * self._scaling.position_rad
+            self._stop("speed", speed, "reduce the amplitude, or look at the encoder if its position jumped")
         if not self._lowest <= position <= self._highest:
             self._stop("position", position * self._scaling.position_rad, "shorten the motion; if it swings, look at the gains")
         if abs(velocity) > self._fastest:
@@ -50,12 +56,6 @@ class Watch:
         if abs(torque) > self._strongest:
             self._stop("torque", torque * self._scaling.torque_nm, "reduce the amplitude or soften the gains")
         if before is not None and self._differences:
-            travel = position - before.position
-            elapsed_s = max(stamp_s - before.stamp_s, self._period_s)
-            # one count of quantisation at either end is no speed
-            if abs(travel) - 1 > self._travel_per_s * elapsed_s:
-                speed = travel / elapsed_s * self._scaling.position_rad
-                self._stop("speed", speed, "reduce the amplitude, or look at the encoder if its position jumped")
             self._odometer(travel, velocity, elapsed_s)
 
     @property

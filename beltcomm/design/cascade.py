@@ -332,7 +332,8 @@ def _infeasible(search: SampledPlants, proof: SampledPlants, structure: CascadeS
     if not candidates:
         return Infeasible(
             f"no cascade of {structure.name} is stable with any margin worth the name on all {len(search.plants)} plants; "
-            "its bounds on the gains or its loop period do not fit this axis",
+            "its bounds on the gains or its loop period do not fit this axis, or the model is not that of this axis: look at it "
+            "(beltcomm compare RUN) and identify again",
             binding,
             None,
         )

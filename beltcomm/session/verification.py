@@ -90,7 +90,8 @@ def _way(machine: Machine) -> tuple[float, float]:
     """0 to 0.5 m; where travel or a loop that drifts while positioning forbid that, what of it lies well inside."""
     low, high = machine.full_room().window_m
     start, end = phases.stroke_ends(machine)
-    if machine.stroking() == "position" and low <= 0.0 and high >= MOVE_M:
+    spare = phases.END_MARGIN_M
+    if machine.stroking() == "position" and low <= -spare and high >= MOVE_M + spare:
         start = 0.0
     return start, min(start + MOVE_M, end)
 

@@ -37,6 +37,8 @@ FOREIGN = {
     "--drive-option",
     "--pages",
     "--nthreads",
+    "--draws",
+    "--history",
 }
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -126,3 +127,21 @@ def test_a_drive_without_feedforward_gets_the_move_it_can_follow(connect: Connec
     bound = "the bound of the position controller's output, 0.65 m/s" in "".join(fast.data["reasons"])
     assert bound is (measured["dynamic_m"] * RunFolder.open(run).load("designs", "final")["parameters"]["kpp_1_s"] > 0.65)
     assert bench.parameters() == bench.initial
+
+
+def test_the_standard_move_keeps_off_the_ends_of_the_travel(connect: Connect, tmp_path: Path) -> None:
+    """A travel that begins at 0: a move from there could not stop inside it, once the axis swings by a micrometre."""
+    bench, axis = connect(Bench("g_a")), load_axis("egc-70-600")
+    axis = replace(axis, travel=replace(axis.travel, min_m=0.0, max_m=0.55))
+    with bench.open(bench.name) as drive, Machine(drive, axis, RunFolder.create(tmp_path / "run", axis), Silence()) as machine:
+        path = verification.standard_move(machine, true_model(bench.plant.plant)).at(1.0, 1e-3).position_m
+    assert 0.002 < path.min() < path.max() < 0.548
+    assert path.max() - path.min() > 0.4
+
+
+def test_a_data_sheet_with_a_belt_twice_as_stiff_does_not_mislead_the_first_estimate(connect: Connect, tmp_path: Path) -> None:
+    """The carriage was taken for a feather on a rod, half the motor's inertia beside it, and the drive's torque was blamed for that."""
+    bench, axis = connect(Bench("g_a")), load_axis("egc-70-600")
+    axis = replace(axis, belt=replace(axis.belt, specific_stiffness_n=250e3), coupling=replace(axis.coupling, stiffness_nm_rad=None))
+    result = api.identify(bench.name, axis, tmp_path / "run", options=YES)
+    assert result.data["model"]["parameters"]["cart.mass"]["value"] == pytest.approx(bench.plant.truth["mass_kg"], rel=0.03)
