@@ -142,27 +142,6 @@ def test_an_encoder_that_jumps_far_stops_the_axis(make_bench: MakeBench, tmp_pat
     assert bench.parameters() == bench.initial
 
 
-def test_an_encoder_that_slips_a_little_does_not_pass_unseen(make_bench: MakeBench, tmp_path: Path) -> None:
-    """1000 counts, 1.2 mm within one period: below the speed limit of 5 m/s, but no motion that torque could explain.
-
-    Nobody has used anything wrongly: unusable data or a stop are right, or a result that warns.
-    """
-    faults = Faults(encoder_step_counts=1000)
-    bench, slipped = make_bench(faults=faults), list[float]()
-
-    def slip(phase: int, fraction: float) -> None:
-        if phase == 3 and fraction > 0.5 and not slipped:
-            slipped.append(bench.now_s)
-            faults.encoder_step_at_s = bench.now_s
-
-    code, words = outcome_of(lambda: api.identify(bench.name, AXIS, tmp_path / "run", options=YES, talk=Listener(at_progress=slip)))
-    assert bench.stands_disabled()
-    assert bench.parameters() == bench.initial
-    assert slipped
-    assert code in (0, 3, 4), words
-    assert re.search("encoder|jump|does not explain", words)
-
-
 def outcome_of(command: Callable[[], api.Result]) -> tuple[int, str]:
     """Exit code and text of a command that may well fail."""
     try:

@@ -17,7 +17,7 @@ from session.test_commands import DRIVE, call, json_of
 MakeBench = Callable[..., Bench]
 
 
-@pytest.mark.parametrize("kind", ["multisine", "gprbs"])
+@pytest.mark.parametrize("kind", ["multisine"])
 def test_another_excitation_finds_the_same_axis(make_bench: MakeBench, tmp_path: Path, kind: str) -> None:
     bench, run = make_bench(), tmp_path / "run"
     data = json_of(call("identify", *DRIVE, "--yes", "--run", run, "--excitation", kind, "--json"))

@@ -1,4 +1,5 @@
-"""Whole commissionings of other machines and drives than the one in ``test_complete``, against the independent truth.
+"""A whole commissioning of another drive than the one in ``test_complete``, against the independent truth; both rigs on both drives, and
+gearboxes: tests/benchmarks.
 
 One test per machine holds everything it is examined for: a commissioning takes longer than all the questions about it.
 """
@@ -69,12 +70,6 @@ def check_commissioned(bench: Bench, axis: Axis, run: Path, result: api.Result, 
     assert bench.now_s <= 75.0
     assert bench.parameters() == bench.initial
     assert bench.stands_disabled()
-
-
-def test_the_light_rig_is_commissioned(connect: Connect, tmp_path: Path) -> None:
-    bench = connect(Bench("g_b"))
-    result = api.commission(bench.name, "egc-70-600", tmp_path / "run", options=YES)
-    check_commissioned(bench, load_axis("egc-70-600"), tmp_path / "run", result)
 
 
 def test_a_geared_axis_is_not_asked_for_more_speed_than_its_motor_has(connect: Connect, tmp_path: Path) -> None:

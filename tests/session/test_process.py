@@ -16,7 +16,7 @@ import pytest
 from beltcomm.runfolder import RunFolder
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_ended_from_outside(tmp_path: Path, number: signal.Signals) -> None:
     """The console command itself, in its own process, interrupted while it records."""
     run = tmp_path / "run"
