@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 
@@ -66,8 +67,11 @@ TITLES = (
 )
 
 
-def identify_here(machine: Machine, findings: Findings) -> Model:
-    """Phases 1 to 3: sign, rising excitation, one open-loop frequency response at the present place; returns a first model."""
+def identify_here(machine: Machine, findings: Findings, *, brief: bool = False) -> Model:
+    """Phases 1 to 3: sign, rising excitation, one open-loop frequency response at the present place; returns a first model.
+
+    brief : fewer steps and a shorter response.
+    """
     machine.begin(TITLES[1])
     masses: Sequence[float] = UNKNOWN_MASSES_KG
     if machine.axis.mounting.tilted:
@@ -80,12 +84,13 @@ def identify_here(machine: Machine, findings: Findings) -> Model:
     findings.calibrating_s = gain_steps.ensure(machine, findings.breakaway.coulomb_nm)
     sameness.repeat_first_excitation(machine, phases.excitation_room(machine, machine.position_m))
     machine.begin(TITLES[2])
-    findings.excited = phases.raise_amplitude(machine, findings.breakaway, masses)
+    findings.excited = phases.raise_amplitude(machine, findings.breakaway, masses, brief=brief)
     if findings.holding is not None:
         findings.holding = holding.compare(machine, findings.holding)
     machine.begin(TITLES[3])
     excited = findings.excited
-    phases.frequency_response(machine, "frf_1", excited.model, excited.step.amplitude_nm, making.RESPONSE_S)
+    respond_for = partial(phases.frequency_response, machine, "frf_1", excited.model, excited.step.amplitude_nm)
+    making.short_if_possible(respond_for, programme.SHORT_S if brief else making.RESPONSE_S)
     model = first_model(machine, findings)
     scale.check_fitted(machine, model)
     return model
@@ -220,12 +225,12 @@ def record_steps(machine: Machine, findings: Findings, model: Model, cascade: Ca
             findings.remarks.append(f"{name} ({step.title(course.place_m(step))}) was left out: {problem}")
 
 
-def measure_friction(machine: Machine, model: Model, name: str = "sweep") -> Recording:
-    """The constant-speed sweep alone, three of its speeds twice."""
+def measure_friction(machine: Machine, model: Model, name: str = "sweep", speeds_m_s: Sequence[float] = ()) -> Recording:
+    """The constant-speed sweep alone, three of its speeds twice.   speeds_m_s : instead of the usual seven, each once."""
     machine.begin(TITLES[5])
     if machine.folder.finished(name) is None:
         phases.move_to(machine, phases.stroke_ends(machine)[0], model)
-    strokes = phases.sweep(machine, model)
+    strokes = phases.sweep(machine, model, speeds_m_s)
     sidecar = Sidecar(
         experiment="friction_sweep",
         start_position_m=machine.position_m,
@@ -290,11 +295,12 @@ def commission(machine: Machine, settings: Settings, findings: Findings) -> Find
     """The whole job on a connected, referenced axis.  ``findings`` is filled as it goes, so an interruption loses nothing."""
     machine.titles = TITLES
     machine.begin(TITLES[0])
+    brief = settings.extent == "quick"
     try:
-        model = identify_here(machine, findings)
+        model = identify_here(machine, findings, brief=brief)
         cascade = close_first_loop(machine, findings, model, ask=settings.ask)
-        if settings.extent == "quick":
-            measure_friction(machine, model)
+        if brief:
+            measure_friction(machine, model, speeds_m_s=programme.QUICK_M_S)
         else:
             record_steps(machine, findings, model, cascade, settings.extent)
         cascade = fit_and_design(machine, findings, settings)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -89,12 +89,16 @@ def respond(machine: Machine, model: Model, step: Step, name: str, loudest_nm: f
     respond_for = partial(
         phases.frequency_response, machine, name, model, amplitude, held_out=step.held_out, loud=step.share >= LOUD and not step.held_out
     )
+    short_if_possible(respond_for, wanted)
+
+
+def short_if_possible(respond_for: Callable[[float], object], wanted_s: float) -> None:
+    """A response of the seconds asked for; of ``RESPONSE_S`` where a low antiresonance needs longer periods than those have time for."""
     try:
-        respond_for(wanted)
+        respond_for(wanted_s)
     except Refused:
-        if wanted >= RESPONSE_S:
+        if wanted_s >= RESPONSE_S:
             raise
-        # a low antiresonance needs longer periods than the step has time for
         respond_for(RESPONSE_S)
 
 

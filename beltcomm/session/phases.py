@@ -154,10 +154,12 @@ def excitation_torque_nm(axis: Axis, capabilities: Capabilities, held_nm: float)
     return min(axis.torque_limit_nm, math.sqrt(max(rated**2 - held_nm**2, 0.0)))
 
 
-def raise_amplitude(machine: Machine, breakaway: Breakaway, masses_kg: Sequence[float] = UNKNOWN_MASSES_KG) -> Excited:
+def raise_amplitude(
+    machine: Machine, breakaway: Breakaway, masses_kg: Sequence[float] = UNKNOWN_MASSES_KG, *, brief: bool = False
+) -> Excited:
     """Excite at the present place with rising amplitude; each step is predicted from the model so far.   masses_kg : to count with.
 
-    Raises Refused when friction leaves no room below the limits.
+    brief : as soon as a limit binds instead of the growth, the response itself is the last step; it is predicted as any other.  Raises Refused when friction leaves no room below the limits.
     """
     period = machine.drive.capabilities.sample_period_s
     counts = machine.drive.capabilities.counts_per_rev
@@ -205,7 +207,8 @@ def raise_amplitude(machine: Machine, breakaway: Breakaway, masses_kg: Sequence[
         at_most = GROWTH * step.amplitude_nm
         counted = stops.braking_of(machine), host_loss.losses_of(machine)
         following = largest_amplitude(family, unit, period, at, limits, min(at_most, limits.torque_nm), *counted)
-        if following.amplitude_nm < 1.1 * step.amplitude_nm or len(recordings) >= MOST_STEPS:
+        bound = following.amplitude_nm < 1.1 * step.amplitude_nm or (brief and following.binds != "step")
+        if bound or len(recordings) >= MOST_STEPS:
             return Excited(following, tuple(recordings), model)
 
 
@@ -358,10 +361,10 @@ def stroke_share(capabilities: Capabilities) -> float:
     return DRIFT_SHARE if stroking(capabilities) == "velocity" else OVERSHOOT_SHARE
 
 
-def sweep(machine: Machine, model: Model) -> Strokes:
-    """:func:`sweep_strokes` from where the carriage stands to the farther end."""
+def sweep(machine: Machine, model: Model, speeds_m_s: Sequence[float] = ()) -> Strokes:
+    """:func:`sweep_strokes` from where the carriage stands to the farther end.   speeds_m_s : instead of the usual seven."""
     low, high = stroke_ends(machine)
     at = machine.position_m
     far, period = high if high - at > at - low else low, machine.drive.capabilities.sample_period_s
     limits, settle_s = gentle_limits(machine, model, np.inf), own_strokes.settle_s(machine)
-    return stoppable(machine, limits, lambda slower_: sweep_strokes(at, far, slower_, period, settle_s=settle_s))
+    return stoppable(machine, limits, lambda slower_: sweep_strokes(at, far, slower_, period, "twice", speeds_m_s, settle_s))

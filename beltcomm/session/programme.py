@@ -26,7 +26,10 @@ MIDDLING = 0.5
 #: s: a short response.
 SHORT_S = 5.0
 
-QUICK = (Item(Step("sweep")),)
+#: m/s of a short sweep, where the travel allows the fastest of them: three speeds tell Coulomb and viscous friction and leave one to judge.
+QUICK_M_S = (0.05, 0.3, 1.5)
+
+QUICK = (Item(Step("sweep", speeds_m_s=QUICK_M_S)),)
 #: In the order in which they are made; a sweep first and one last, for whatever warms up.
 STANDARD = (
     Item(Step("sweep")),
@@ -63,7 +66,7 @@ THOROUGH = (
 )
 BY_EXTENT = {"quick": QUICK, "standard": STANDARD, "thorough": THOROUGH}
 #: s of machine time in all.
-BUDGET_S = {"quick": 75.0, "standard": 75.0, "thorough": 180.0}
+BUDGET_S = {"quick": 20.0, "standard": 75.0, "thorough": 180.0}
 
 #: Names of records by kind of step.
 NAMES = {"response": "frf", "sweep": "sweep", "strokes": "strokes", "reversals": "reversals", "moves": "moves"}

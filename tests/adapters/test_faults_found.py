@@ -116,6 +116,30 @@ def test_a_filtered_speed_is_no_wrong_factor(lag_s: float) -> None:
                     run()
 
 
+def test_a_belt_that_rings_near_the_sampling_rate_is_no_wrong_factor() -> None:
+    """A sampled filter takes more from the speed there than its lag gives back: by itself the ringing would look like a factor of 1.8."""
+    period_s, unit_rad = 1e-3, 1e-4
+    for factor in (1.0, 2.0, 0.5):
+        meter = Odometer(unit_rad, 1e-3)
+
+        def run(meter: Odometer = meter, factor: float = factor) -> None:
+            phi, filtered, before = 0.0, 0.0, 0
+            for n in range(4000):
+                t = n * period_s
+                speed = 40.0 * np.sin(2.0 * np.pi * 150.0 * t) + 8.0 * np.sin(2.0 * np.pi * 5.0 * t)
+                phi += speed * period_s
+                filtered += (speed - filtered) / 3.0
+                position = round(factor * phi / unit_rad)
+                meter(position - before, round(filtered / 1e-3), period_s)
+                before = position
+
+        if factor == 1.0:
+            run()
+        else:
+            with pytest.raises(DriveError, match="times as fast"):
+                run()
+
+
 def test_a_run_is_not_gone_on_with_when_the_drives_units_have_changed(tmp_path: Any) -> None:
     from beltcomm.axis import load_axis
 
