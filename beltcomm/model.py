@@ -5,6 +5,7 @@ The same shape serves a plant file (the truth behind a virtual axis) and every m
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -301,6 +302,7 @@ class PlantFile:
 
     setpoint_delay_s : s, torque setpoint to acting torque.  torque_noise_nm : N m rms on the reported torque.
     brake_torque_nm : N m, of the motor's holding brake, 0 for none.   brake_time_s : s, in which it opens or closes.
+    motor : of its nameplate what ``NAMEPLATE`` names; what is missing is that of the thesis's motor.
     """
 
     model: Model
@@ -309,6 +311,11 @@ class PlantFile:
     counts_per_rev: int
     brake_torque_nm: float = 0.0
     brake_time_s: float = 0.0
+    motor: Mapping[str, float] = field(default_factory=dict)
+
+
+#: What a plant file may say of its motor: N m, N m, A rms, 1/min.
+NAMEPLATE = ("rated_torque_nm", "peak_torque_nm", "rated_current_a", "max_speed_rpm")
 
 
 def load_plant(name: str | Path) -> PlantFile:
@@ -325,9 +332,18 @@ def load_plant(name: str | Path) -> PlantFile:
             int(drive.get("counts_per_rev", 65536)),
             float(drive.get("brake_torque_nm", 0.0)),
             float(drive.get("brake_time_s", 0.0)),
+            _nameplate(drive),
         )
     except (AttributeError, TypeError, ValueError) as error:
         raise UsageError(f"the drive section of {path} is unreadable: {error}") from error
+
+
+def _nameplate(drive: Mapping[str, Any]) -> Mapping[str, float]:
+    motor = {name: float(drive[name]) for name in NAMEPLATE if name in drive}
+    for name, value in motor.items():
+        if not 0.0 < value < math.inf:
+            raise ValueError(f"{name} is {value:g}; give a positive number")
+    return motor
 
 
 def load_model(path: Path) -> Model:

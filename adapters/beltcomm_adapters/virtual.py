@@ -16,6 +16,7 @@ from beltcomm.model import load_plant
 from beltcomm.simulate.plant import SimulatedPlant
 from beltcomm.virtual.bus import LockstepBus
 from beltcomm.virtual.device import VirtualDrive
+from beltcomm.virtual.motor import EMMS_AS_70
 from beltcomm_adapters.buses import MonotonicClock
 from beltcomm_adapters.canopen import EXAMINATION_OPTIONS, connect, number, profile_name, whole_number
 from beltcomm_adapters.examination.can import examine_bus
@@ -93,6 +94,7 @@ def attached(
         counts_per_rev=file.counts_per_rev,
         setpoint_delay_s=file.setpoint_delay_s,
         torque_noise_nm=file.torque_noise_nm,
+        motor=replace(EMMS_AS_70, **file.motor),
         zero_rad=-start_m / file.model["transmission.ratio"] if referenced else 0.0,
         referenced=referenced,
         faults=given.get("faults"),

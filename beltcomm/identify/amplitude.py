@@ -24,11 +24,16 @@ Array = NDArray[np.float64]
 
 #: Carriage masses that stand for an unknown payload before anything was measured, kg.
 UNKNOWN_MASSES_KG = (0.3, 1.0, 3.0, 10.0, HEAVIEST_KG)
+#: A carriage has at least this share of the mass that somebody states.
+LIGHTER_SHARE = 0.5
 #: Spread of mass, stiffness and friction around a first estimate.
 FIRST_ESTIMATE_SPREAD = 0.15
 #: A stop is counted from this share of the predicted carriage speed, and a record is stopped at this share of the predicted motor
 #: speed and what coarse encoders add, m/s.
 SPEED_RESERVE, ENCODER_SLACK_M_S = 1.5, 0.01
+#: Where friction takes most of the torque a carriage wanders further than any of the family: share of the predicted travel that a stop
+#: at the edge of the window is counted from.
+DRIFT_RESERVE = 1.25
 #: A run-on is counted from this share of the predicted speed; a machine that is still faster is stopped by the watch of its run-on.
 DIED_RESERVE = 1.2
 #: The limit that a carriage reaches when its host dies, in words.
@@ -83,7 +88,7 @@ class Prediction:
             "speed": self.speed_m_s / limits.speed_m_s,
             "motor torque": self.torque_nm / limits.torque_nm,
             "belt force": self.belt_force_n / limits.belt_force_n,
-            "travel with a stop": (self.travel_m + self.stop_m) / limits.window_m if np.isfinite(limits.window_m) else 0.0,
+            "travel with a stop": (DRIFT_RESERVE * self.travel_m + self.stop_m) / limits.window_m if np.isfinite(limits.window_m) else 0.0,
             DIES: self.died_m[-1] / limits.ends_m if self.died_m and np.isfinite(limits.ends_m) else 0.0,
         }
 
@@ -105,6 +110,15 @@ def no_stop(_model: Model) -> Braking:
 def no_loss(_model: Model) -> tuple[HostLoss, ...]:
     """A host that does not die: where it is of no interest."""
     return ()
+
+
+def unknown_masses_kg(stated_kg: float | None) -> tuple[float, ...]:
+    """Carriages to count with until it is weighed, kg; none below ``LIGHTER_SHARE`` of what is stated.
+
+    One that is lighter still is faster than predicted, and the watch of the record stops it.
+    """
+    lightest = LIGHTER_SHARE * (stated_kg or 0.0)
+    return tuple(sorted({max(mass, lightest) for mass in UNKNOWN_MASSES_KG}))
 
 
 def unknown_payload(

@@ -11,7 +11,7 @@ from beltcomm.axis import Axis
 from beltcomm.control import Cascade, CascadeStructure
 from beltcomm.design.cascade import DesignResult
 from beltcomm.errors import DataError, Refused, SafetyStop
-from beltcomm.identify.amplitude import UNKNOWN_MASSES_KG, around
+from beltcomm.identify.amplitude import around, unknown_masses_kg
 from beltcomm.identify.final import FinalModel, evidence, final_model
 from beltcomm.identify.magnitude_fit import Solver
 from beltcomm.identify.standstill import largest
@@ -30,6 +30,7 @@ from beltcomm.session import (
     sameness,
     scale,
     stops,
+    sweeping,
     verification,
 )
 from beltcomm.session.findings import Apply as Apply
@@ -73,7 +74,7 @@ def identify_here(machine: Machine, findings: Findings, *, brief: bool = False) 
     brief : fewer steps and a shorter response.
     """
     machine.begin(TITLES[1])
-    masses: Sequence[float] = UNKNOWN_MASSES_KG
+    masses = unknown_masses_kg(machine.axis.payload.mass_kg)
     if machine.axis.mounting.tilted:
         findings.breakaway, findings.holding = holding.sign_and_scale(machine)
         masses = holding.masses_kg(machine, machine.holding_nm)
@@ -89,7 +90,7 @@ def identify_here(machine: Machine, findings: Findings, *, brief: bool = False) 
         findings.holding = holding.compare(machine, findings.holding)
     machine.begin(TITLES[3])
     excited = findings.excited
-    respond_for = partial(phases.frequency_response, machine, "frf_1", excited.model, excited.step.amplitude_nm)
+    respond_for = partial(phases.frequency_response, machine, "frf_1", excited.model, excited.at_most_nm)
     making.short_if_possible(respond_for, programme.SHORT_S if brief else making.RESPONSE_S)
     model = first_model(machine, findings)
     scale.check_fitted(machine, model)
@@ -228,9 +229,9 @@ def record_steps(machine: Machine, findings: Findings, model: Model, cascade: Ca
 def measure_friction(machine: Machine, model: Model, name: str = "sweep", speeds_m_s: Sequence[float] = ()) -> Recording:
     """The constant-speed sweep alone, three of its speeds twice.   speeds_m_s : instead of the usual seven, each once."""
     machine.begin(TITLES[5])
-    if machine.folder.finished(name) is None:
+    if machine.folder.finished(name) is None and not sweeping.room_to_sweep(machine, model, speeds_m_s):
         phases.move_to(machine, phases.stroke_ends(machine)[0], model)
-    strokes = phases.sweep(machine, model, speeds_m_s)
+    strokes = sweeping.sweep(machine, model, speeds_m_s)
     sidecar = Sidecar(
         experiment="friction_sweep",
         start_position_m=machine.position_m,

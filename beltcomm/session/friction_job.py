@@ -16,7 +16,7 @@ from beltcomm.identify.sweeps import SweepNote, note_of
 from beltcomm.model import Model
 from beltcomm.result import Result, plain
 from beltcomm.runfolder import RunFolder
-from beltcomm.session import friction_study, friction_words, orders, phases, pictures, words
+from beltcomm.session import friction_study, friction_words, orders, phases, pictures, sweeping, words
 from beltcomm.session.bounds import Experiment, course_before, stroking_nm
 from beltcomm.session.commission import measure_friction
 from beltcomm.session.machine import Machine, stroking
@@ -124,7 +124,7 @@ def record(machine: Machine, model: Model, asked: Wanted) -> Made:
         machine.talk.say(f"{'order ' + order if order != DEFAULT else 'sweep'}, {repetition}: {orders.WORDS[order]}")
         if order == DEFAULT:
             phases.move_to(machine, phases.stroke_ends(machine)[0], model)
-            made.append(_recorded(machine, phases.sweep(machine, model).trajectory, note, asked))
+            made.append(_recorded(machine, sweeping.sweep(machine, model).trajectory, note, asked))
             continue
         records, without = _possible(machine, model, order, asked)
         left_out |= without

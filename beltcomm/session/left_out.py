@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from beltcomm.errors import BeltcommError, DataError, Refused, SafetyStop
+from beltcomm.errors import BeltcommError, DataError, Refused
 from beltcomm.model import Model
 from beltcomm.session import phases
 from beltcomm.session.machine import Machine
 from beltcomm.session.steps import Step
+from beltcomm.session.wandering import stands_after
 
 #: Safety stops that one session goes on after: a second one is no accident.
 MOST_STOPS = 1
-#: s of looking whether the carriage stands, m it may move then, and m/s of bringing it back.
-LOOK_S, STANDS_M, BACK_M_S = 0.2, 5e-5, 0.05
+#: m/s of bringing the carriage back.
+BACK_M_S = 0.05
 
 
 class LeftOut:
@@ -30,18 +31,11 @@ class LeftOut:
         """
         if isinstance(problem, (DataError, Refused)):
             return True
-        drifted = isinstance(problem, SafetyStop) and problem.reason == "position" and step.kind == "response"
-        if not drifted or self._stops >= MOST_STOPS:
+        machine = self._machine
+        if step.kind != "response" or self._stops >= MOST_STOPS or not stands_after(machine, problem):
             return False
         self._stops += 1
-        machine = self._machine
         low, high = machine.full_room().window_m
-        before = machine.position_m
-        machine.drive.clock.sleep_until(machine.drive.clock.now() + LOOK_S)
-        at = machine.position_m
-        if abs(at - before) > STANDS_M or not low < at < high:
-            return False
-        machine.folder.journal(f"safety stop (position): {problem}; the carriage stands at {at:.4f} m and is brought back")
         target = min(max(low + step.place * (high - low), phases.stroke_ends(machine)[0]), phases.stroke_ends(machine)[1])
         phases.move_to(machine, target, self._model, BACK_M_S)
         return True

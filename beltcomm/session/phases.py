@@ -37,7 +37,7 @@ from beltcomm.session.creep import Breakaway, creep
 from beltcomm.session.heat import Thermal
 from beltcomm.session.machine import Machine, Room, stroking
 from beltcomm.session.sequences import HARDLY, SHAPES, calmer_choice, held_choice
-from beltcomm.session.strokes import sweep_strokes
+from beltcomm.session.wandering import stands_after
 from beltcomm.stopping import total_friction
 from beltcomm.trajectory import Strokes, Trajectory, at_rest, join, plan_trajectory
 
@@ -80,11 +80,15 @@ POSITIONING_SPEED_M_S = 0.5
 
 @dataclass(frozen=True)
 class Excited:
-    """Outcome of the amplitude search: the last step, all recordings, and the model that they gave."""
+    """Outcome of the amplitude search: the last step, all recordings, and the model that they gave.
+
+    at_most_nm : of the next excitation, whatever its sequence: no record is louder than the one before by more than ``GROWTH``.
+    """
 
     step: AmplitudeStep
     recordings: tuple[Recording, ...]
     model: Model
+    at_most_nm: float
 
 
 def room_around(machine: Machine, position_m: float, travel_m: float) -> Room:
@@ -159,7 +163,8 @@ def raise_amplitude(
 ) -> Excited:
     """Excite at the present place with rising amplitude; each step is predicted from the model so far.   masses_kg : to count with.
 
-    brief : as soon as a limit binds instead of the growth, the response itself is the last step; it is predicted as any other.  Raises Refused when friction leaves no room below the limits.
+    brief : as soon as a limit binds instead of the growth, the response itself is the last step; it is predicted as any other.
+    Raises Refused when friction leaves no room below the limits.
     """
     period = machine.drive.capabilities.sample_period_s
     counts = machine.drive.capabilities.counts_per_rev
@@ -167,13 +172,14 @@ def raise_amplitude(
     window = machine.full_room().window_m
     known = sheet.with_effect("constant_offset", {"torque": machine.holding_nm}) if machine.holding_nm else sheet
     family = unknown_payload(sheet, (1.0, 1.0) if machine.place_known else stiffness_range(machine.axis, window), masses_kg)
-    at_most = 2.0 * breakaway.coulomb_nm
+    at_most, shapes = 2.0 * breakaway.coulomb_nm, list(SHAPES)
     recordings: list[Recording] = []
+    found: Excited | None = None
     while True:
         at = machine.position_m  # every excitation leaves the carriage a little beside where it began
         limits = motion_limits(machine, at)
         braking, losses = stops.braking_of(machine, breakaway.sliding_nm), host_loss.losses_of(machine, breakaway.sliding_nm)
-        for order, clock in SHAPES:
+        for order, clock in shapes:
             shape = prbs(order, clock, 2.0, period, 1)
             unit = shape.torque / shape.amplitude_nm
             step = largest_amplitude(family, unit, period, at, limits, min(at_most, limits.torque_nm), braking, losses)
@@ -191,10 +197,21 @@ def raise_amplitude(
         )
         excitation = prbs(order, clock, 2.0 * step.amplitude_nm, period, 1, torque_step_nm=machine.drive.capabilities.torque_step_nm)
         exposed, room = exciting.Exposed(step.prediction, family, losses), excitation_room(machine, at)
-        recordings.append(exciting.excite(machine, f"amplitude_{len(recordings) + 1}", excitation, at, room, exposed))
-        if len(recordings) < MOST_STEPS and step.binds == "step" and not moved_enough(recordings[-1], sheet, counts):
-            at_most = GROWTH * step.amplitude_nm  # an axis without Coulomb friction breaks away long before it moves visibly
-            continue
+        try:
+            recordings.append(exciting.excite(machine, f"amplitude_{len(recordings) + 1}", excitation, at, room, exposed))
+        except SafetyStop as problem:
+            if found is None or not stands_after(machine, problem):
+                raise
+            louder = step.amplitude_nm  # the model does not know it well enough: no louder than what stayed inside
+            machine.talk.say(f"±{louder:.3f} N m let the carriage wander too far; the search ends with ±{found.at_most_nm:.3f} N m")
+            return found
+        if len(recordings) < MOST_STEPS and not moved_enough(recordings[-1], sheet, counts):
+            if step.binds == "step":  # an axis without Coulomb friction breaks away long before it moves visibly
+                at_most = GROWTH * step.amplitude_nm
+                continue
+            if len(shapes) > 1:  # a heavy carriage hardly follows fast changes
+                shapes = shapes[1:]
+                continue
         with machine.withdrawing():
             model = believable(first_estimate(recordings[-1:], known, counts), sheet)
         machine.folder.journal(
@@ -209,7 +226,8 @@ def raise_amplitude(
         following = largest_amplitude(family, unit, period, at, limits, min(at_most, limits.torque_nm), *counted)
         bound = following.amplitude_nm < 1.1 * step.amplitude_nm or (brief and following.binds != "step")
         if bound or len(recordings) >= MOST_STEPS:
-            return Excited(following, tuple(recordings), model)
+            return Excited(following, tuple(recordings), model, at_most)
+        found = Excited(step, tuple(recordings), model, step.amplitude_nm)
 
 
 def believable(model: Model, sheet: Model) -> Model:
@@ -222,6 +240,11 @@ def believable(model: Model, sheet: Model) -> Model:
 
 def _remedy(machine: Machine, step: AmplitudeStep, breakaway: Breakaway) -> str:
     """What to do about a limit that lets no excitation move the axis, in words."""
+    if not machine.axis.payload.mass_kg and ("travel" in step.binds or step.binds == "speed"):
+        return (
+            f"state payload.mass_kg in axis.yaml: a carriage of {UNKNOWN_MASSES_KG[0]:g} kg is counted with until it is weighed, and a "
+            "heavier one may be shaken harder"
+        )
     if "travel" in step.binds:
         return machine.more_room
     factor = breakaway.coulomb_nm / step.amplitude_nm if step.amplitude_nm else np.inf
@@ -359,12 +382,3 @@ def stroke_ends(machine: Machine) -> tuple[float, float]:
 def stroke_share(capabilities: Capabilities) -> float:
     """Share of the travel that strokes leave free at either end."""
     return DRIFT_SHARE if stroking(capabilities) == "velocity" else OVERSHOOT_SHARE
-
-
-def sweep(machine: Machine, model: Model, speeds_m_s: Sequence[float] = ()) -> Strokes:
-    """:func:`sweep_strokes` from where the carriage stands to the farther end.   speeds_m_s : instead of the usual seven."""
-    low, high = stroke_ends(machine)
-    at = machine.position_m
-    far, period = high if high - at > at - low else low, machine.drive.capabilities.sample_period_s
-    limits, settle_s = gentle_limits(machine, model, np.inf), own_strokes.settle_s(machine)
-    return stoppable(machine, limits, lambda slower_: sweep_strokes(at, far, slower_, period, "twice", speeds_m_s, settle_s))

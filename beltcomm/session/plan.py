@@ -147,12 +147,9 @@ def commission_plan(axis: Axis, capabilities: Capabilities, extent: Extent = "st
     whole = float(travel.max_m or 0.0) - float(travel.min_m or 0.0)
     torque = min(axis.motor.peak_torque_nm or math.inf, capabilities.peak_torque_nm)
     moved = _move_speed_m_s(axis, capabilities)
-    if extent == "quick":
-        steps = [_sweep(axis, capabilities, SWEEP_SECONDS)]
-    else:
-        course = course_before(axis, capabilities, masses_kg(axis)[1])
-        possible = [i.step for i in programme.BY_EXTENT[extent] if i.rank == 0 or has_room(i.step, course)]
-        steps = lines_of(axis, capabilities, possible)
+    course = course_before(axis, capabilities, masses_kg(axis)[1])
+    possible = [i.step for i in programme.BY_EXTENT[extent] if i.rank == 0 or has_room(i.step, course)]
+    steps = lines_of(axis, capabilities, possible)
     force = axis.belt_force_limit_n
     moving = _move_seconds(axis, capabilities) / (3.0 + MOVE_SECONDS)
     heating = math.sqrt(moving * stroking_nm(axis, 1.0) ** 2 + stroking_nm(axis, 0.0) ** 2)  # at rest friction may stay wound up

@@ -66,7 +66,7 @@ THOROUGH = (
 )
 BY_EXTENT = {"quick": QUICK, "standard": STANDARD, "thorough": THOROUGH}
 #: s of machine time in all.
-BUDGET_S = {"quick": 20.0, "standard": 75.0, "thorough": 180.0}
+BUDGET_S = {"quick": 75.0, "standard": 75.0, "thorough": 180.0}
 
 #: Names of records by kind of step.
 NAMES = {"response": "frf", "sweep": "sweep", "strokes": "strokes", "reversals": "reversals", "moves": "moves"}

@@ -86,6 +86,7 @@ class Commissioned:
             "counts_per_rev": self.plant.counts_per_rev,
             "brake_torque_nm": self.plant.brake_torque_nm,
             "brake_time_s": self.plant.brake_time_s,
+            **self.plant.motor,
         }
         return {**drawn.model.to_dict(), "drive": drive}
 

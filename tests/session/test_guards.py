@@ -15,7 +15,7 @@ from beltcomm.axis import load_axis
 from beltcomm.errors import Refused, SafetyStop, UsageError
 from beltcomm.runfolder import RunFolder
 from beltcomm.session import commission as sequence
-from beltcomm.session import creep, phases, proving, referencing, verification
+from beltcomm.session import creep, phases, proving, referencing, sweeping, verification
 from beltcomm.session.commission import Findings, Settings
 from beltcomm.session.expectation import BELT_BEYOND, BeltWatch
 from beltcomm.session.machine import Machine
@@ -152,10 +152,10 @@ def test_motions_are_slowed_down_until_their_stops_end_inside(make_bench: MakeBe
     bench, folder = make_bench(), RunFolder.create(tmp_path / "run", load_axis(AXIS))
     model = true_model(nominal("g_a"))
     with bench.open(bench.name) as drive, Machine(drive, load_axis(AXIS), folder, Silence()) as machine:
-        usual = phases.sweep(machine, model).trajectory
+        usual = sweeping.sweep(machine, model).trajectory
         machine.brake_with(Braking(0.8, 0.05, 5e-3))
         assert machine.stops_beyond(usual.position_m, usual.velocity_m_s)
-        slow = phases.sweep(machine, model).trajectory
+        slow = sweeping.sweep(machine, model).trajectory
         assert not machine.stops_beyond(slow.position_m, slow.velocity_m_s)
         assert 0.2 * np.abs(usual.velocity_m_s).max() < np.abs(slow.velocity_m_s).max() < np.abs(usual.velocity_m_s).max()
 

@@ -18,7 +18,7 @@ from beltcomm import api
 from beltcomm.axis import Axis, load_axis
 from beltcomm.errors import Refused
 from beltcomm.runfolder import RunFolder
-from beltcomm.session import phases, verification
+from beltcomm.session import phases, sweeping, verification
 from beltcomm.session.machine import Machine
 from beltcomm.talk import Silence
 from beltcomm.verify import TrackingError, tracking_error
@@ -81,7 +81,7 @@ def test_a_geared_axis_is_not_asked_for_more_speed_than_its_motor_has(connect: C
     with bench.open(bench.name) as drive, Machine(drive, axis, record, Silence()) as machine:
         top = drive.capabilities.max_speed_rad_s * 0.01242 / 10.0
         assert top < 0.2 * float(axis.limits.speed_m_s or 0.0)
-        strokes = phases.sweep(machine, model).trajectory
+        strokes = sweeping.sweep(machine, model).trajectory
         standard = verification.standard_move(machine, model)
         limits = machine.drive_limits(phases.loose_room(machine))
     assert 0.5 * top < np.abs(strokes.velocity_m_s).max() < top

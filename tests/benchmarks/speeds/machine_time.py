@@ -1,8 +1,8 @@
 """Machine time of a whole commissioning, and what it is worth, on axes of 0.3 m to 3 m with carriages of 0.4 kg to 40 kg.
 
 Two build sizes: the belt and motor of the shipped rig, and one with eight times the feed force.  The belt's stiffness follows from its
-length,  k = EA (1/l1 + 1/(2 l3 - l1));  friction is that of the rig in proportion to the feed force.  The truth goes into the virtual
-drive only; errors are told beside it.
+length,  k = EA (1/l1 + 1/(2 l3 - l1));  friction is a share of the feed force: the rig's for the small size, a twentieth for the
+large one.  The truth goes into the virtual drive only; errors are told beside it.
 """
 
 from __future__ import annotations
@@ -32,7 +32,10 @@ ASKED = ("cart.mass", "belt_stiffness.stiffness", "motor.inertia")
 
 @dataclass(frozen=True)
 class Size:
-    """A build size.   radius_m : pulley.   inertia_kg_m2 : motor and pulley.   ea_n : belt.   force_n : feed force."""
+    """A build size.   radius_m : pulley.   inertia_kg_m2 : motor and pulley.   ea_n : belt.   force_n : feed force.
+
+    friction : Coulomb friction over feed force.
+    """
 
     name: str
     radius_m: float
@@ -41,11 +44,12 @@ class Size:
     force_n: float
     rated_nm: float
     peak_nm: float
+    friction: float
 
 
 SIZES = {
-    "small": Size("small", 0.01242, 7.173e-5, 106250.0, 100.0, 1.43, 3.10),
-    "large": Size("large", 0.02865, 6.0e-4, 580000.0, 800.0, 22.0, 60.0),
+    "small": Size("small", 0.01242, 7.173e-5, 106250.0, 100.0, 1.43, 3.10, 0.093),
+    "large": Size("large", 0.02865, 3.0e-3, 580000.0, 800.0, 22.0, 60.0, 0.05),
 }
 
 
@@ -61,11 +65,12 @@ def written(size: Size, travel_m: float, mass_kg: float, folder: Path) -> tuple[
         "transmission.ratio": size.radius_m,
         "belt_stiffness.stiffness": stiffness,
         "belt_damping.damping": 0.02 * (stiffness * mass_kg) ** 0.5,
-        "viscous.damping": base["viscous.damping"] * size.rated_nm / 1.43,
-        "coulomb.level": base["coulomb.level"] * size.rated_nm / 1.43,
-        "cart_friction.level": base["cart_friction.level"] * size.force_n / 100.0,
+        "viscous.damping": base["viscous.damping"] * size.force_n * size.radius_m**2 / (100.0 * SIZES["small"].radius_m ** 2),
+        "coulomb.level": 0.7 * size.friction * size.force_n * size.radius_m,
+        "cart_friction.level": 0.3 * size.friction * size.force_n,
     }
-    drive = {"setpoint_delay_s": 0.001, "torque_noise_nm": 0.006 * size.rated_nm / 1.43, "counts_per_rev": 65536}
+    nameplate = {"rated_torque_nm": size.rated_nm, "peak_torque_nm": size.peak_nm, "rated_current_a": size.rated_nm / 0.65}
+    drive = {"setpoint_delay_s": 0.001, "torque_noise_nm": 0.006 * size.rated_nm / 1.43, "counts_per_rev": 65536, **nameplate}
     plant, sheet = folder / "plant.yaml", folder / "axis.yaml"
     write_text(plant, to_yaml({**base.with_values(values, "benchmark").to_dict(), "drive": drive}))
     made: dict[str, Any] = axis | {
@@ -76,6 +81,7 @@ def written(size: Size, travel_m: float, mass_kg: float, folder: Path) -> tuple[
         "pulley": axis["pulley"] | {"effective_radius_m": size.radius_m, "inertia_kg_m2": 0.3 * size.inertia_kg_m2, "teeth": None},
         "belt": axis["belt"] | {"specific_stiffness_n": size.ea_n, "pulley_distance_m": distance, "preload_n": 1.05 * size.force_n},
         "travel": {"min_m": 0.0, "max_m": travel_m, "driven_side_offset_m": 0.05},
+        "payload": {"mass_kg": mass_kg if size.name == "large" else None},
         "limits": axis["limits"] | {"feed_force_n": size.force_n, "pulley_torque_nm": size.force_n * size.radius_m},
     }
     write_text(sheet, to_yaml(made))
