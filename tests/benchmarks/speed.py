@@ -2,9 +2,10 @@
 
     python tests/benchmarks/speed.py [TOPIC ...] [--rounds N] [--draws N] [--run FOLDER] [--history FILE]
 
-TOPIC : simulation, drive, estimation, analysis, peers; all of them when none is named.   --rounds : of each comparison (7), taken in turn.
---draws : seeds of a Monte Carlo (8); those that the cache holds are not drawn again.   --run : a run folder for the analysis, copied first;
-without one a commissioning makes it.   --history : where figures are kept, each beside what it was before (in the user's cache).
+TOPIC : simulation, drive, estimation, machine, analysis, peers; all of them when none is named.   --rounds : of each comparison (7), taken
+in turn.   --draws : seeds of a Monte Carlo (8); those that the cache holds are not drawn again.   --run : a run folder for the analysis,
+copied first; without one a commissioning makes it.   --history : where figures are kept, each beside what it was before (in the user's
+cache).
 
 Ratios and quartiles are printed, and whether the machine was loaded: a time alone says little on a machine that others use.  Nothing here
 is a test: nothing fails when it is slow.  Other tools come with ``pip install -e '.[bench]'``; those that are missing are left out.
@@ -25,12 +26,14 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from benchmarks.speeds.measure import HISTORY, Figure, keep, last, machine
 
-TOPICS = ("simulation", "drive", "estimation", "analysis", "peers")
+TOPICS = ("simulation", "drive", "estimation", "machine", "analysis", "peers")
+#: Topics whose module has another name.
+MODULES = {"machine": "machine_time"}
 
 
 def figures(topic: str, options: argparse.Namespace) -> Iterator[Figure]:
     """The figures of one topic."""
-    module: Any = importlib.import_module(f"benchmarks.speeds.{topic}")
+    module: Any = importlib.import_module(f"benchmarks.speeds.{MODULES.get(topic, topic)}")
     own = {"estimation": (options.draws,), "analysis": (options.rounds, options.run), "peers": (options.draws,)}
     yield from module.run(*own.get(topic, (options.rounds,)))
 
