@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import contextlib
 import multiprocessing
 import os
 import signal
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from beltcomm import api
+from beltcomm.drive import Drive
 from beltcomm.errors import UsageError
-from beltcomm.session.supervised import supervised
+from beltcomm.objects import ObjectValue
+from beltcomm.session.supervised import Supervised, supervised
+from beltcomm.virtual.faults import Faults
 from session.bench import Bench, Listener
 from session.hardware import HardwareBench, Script
 
@@ -163,16 +167,25 @@ def test_a_state_folder_that_cannot_be_written_stops_before_the_drive_is_changed
     assert bench.plant.cart_position_m == 0.0
 
 
-def test_a_command_that_fails_but_restores_leaves_no_note(connect: Connect, tmp_path: Path, state: Path) -> None:
-    bench = connect(HardwareBench())
-
-    def fails() -> None:
-        with bench.open(bench.name) as drive, supervised(drive, bench.name, tmp_path / "run", YES, Listener()) as session:
-            session.write(LEFT)
-            assert len(notes(state)) == 1
+@pytest.mark.parametrize("mode", [0, 1])  # 0: where a drive starts, to which no command goes back
+@pytest.mark.parametrize("restored", [True, False])
+def test_a_command_that_fails_leaves_a_note_unless_it_restores(
+    connect: Connect, tmp_path: Path, state: Path, mode: int, restored: bool
+) -> None:
+    bench = connect(HardwareBench(faults=Faults(readings={(0x6060, 0): mode})))
+    assert ("6060h" in bench.settings()) == (mode != 0)
+    with bench.open(bench.name) as drive, pytest.raises(ZeroDivisionError), fails_on(bench, drive, tmp_path / "run") as session:
+        session.write(LEFT)
+        assert len(notes(state)) == 1
+        session.write_objects([ObjectValue(0x6060, 0, "int8", mode or 3)])  # as a record in that mode does
+        if restored:
             session.write({name: bench.initial[name] for name in LEFT})
-            raise ZeroDivisionError
+    assert len(notes(state)) == (not restored)
 
-    with pytest.raises(ZeroDivisionError):
-        fails()
-    assert notes(state) == []
+
+@contextlib.contextmanager
+def fails_on(bench: Bench, drive: Drive, run: Path) -> Iterator[Supervised]:
+    """A session that ends with an error."""
+    with supervised(drive, bench.name, run, YES, Listener()) as session:
+        yield session
+        raise ZeroDivisionError
