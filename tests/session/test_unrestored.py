@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import contextlib
 import multiprocessing
 import os
 import signal
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from beltcomm import api
-from beltcomm.drive import Drive
 from beltcomm.errors import UsageError
 from beltcomm.objects import ObjectValue
-from beltcomm.session.supervised import Supervised, supervised
+from beltcomm.session.supervised import supervised
 from beltcomm.virtual.faults import Faults
 from session.bench import Bench, Listener
 from session.hardware import HardwareBench, Script
@@ -174,18 +172,16 @@ def test_a_command_that_fails_leaves_a_note_unless_it_restores(
 ) -> None:
     bench = connect(HardwareBench(faults=Faults(readings={(0x6060, 0): mode})))
     assert ("6060h" in bench.settings()) == (mode != 0)
-    with bench.open(bench.name) as drive, pytest.raises(ZeroDivisionError), fails_on(bench, drive, tmp_path / "run") as session:
-        session.write(LEFT)
-        assert len(notes(state)) == 1
-        session.write_objects([ObjectValue(0x6060, 0, "int8", mode or 3)])  # as a record in that mode does
-        if restored:
-            session.write({name: bench.initial[name] for name in LEFT})
+
+    def fails() -> None:
+        with bench.open(bench.name) as drive, supervised(drive, bench.name, tmp_path / "run", YES, Listener()) as session:
+            session.write(LEFT)
+            assert len(notes(state)) == 1
+            session.write_objects([ObjectValue(0x6060, 0, "int8", mode or 3)])  # as a record in that mode does
+            if restored:
+                session.write({name: bench.initial[name] for name in LEFT})
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        fails()
     assert len(notes(state)) == (not restored)
-
-
-@contextlib.contextmanager
-def fails_on(bench: Bench, drive: Drive, run: Path) -> Iterator[Supervised]:
-    """A session that ends with an error."""
-    with supervised(drive, bench.name, run, YES, Listener()) as session:
-        yield session
-        raise ZeroDivisionError
