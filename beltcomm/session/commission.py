@@ -83,7 +83,7 @@ def identify_here(machine: Machine, findings: Findings, *, brief: bool = False) 
         machine.holding_nm = findings.breakaway.holding_nm
     sameness.check_breakaway(machine, findings.breakaway.coulomb_nm)
     findings.calibrating_s = gain_steps.ensure(machine, findings.breakaway.coulomb_nm)
-    sameness.repeat_first_excitation(machine, phases.excitation_room(machine, machine.position_m))
+    sameness.repeat_first_excitation(machine, findings.breakaway, masses)
     machine.begin(TITLES[2])
     findings.excited = phases.raise_amplitude(machine, findings.breakaway, masses, brief=brief)
     if findings.holding is not None:

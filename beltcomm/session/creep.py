@@ -169,7 +169,8 @@ def creep(drive: Drive, axis: Axis, limits: Limits, by_m: float, reach_m: float,
     if abs(moved_m) > reach_m:
         raise SafetyStop(
             f"the carriage came to rest {1e3 * abs(moved_m):.1f} mm from where it began to creep, {1e3 * reach_m:.1f} mm were counted "
-            "with: friction and the drive's own velocity loop hardly brake it; set that loop up with the maker's tool first",
+            "with: friction and the drive's own velocity loop hardly brake it, then set that loop up with the maker's tool first; or its "
+            "encoder jumped while it was stopped, then check the encoder's cable",
             "position",
         )
     return Crept(onset[0] if onset else top, moved_m, top / RAMP_S)

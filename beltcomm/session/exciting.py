@@ -34,10 +34,8 @@ def run_on_words(machine: Machine, predicted: Prediction, ends_m: float) -> str:
     return host_loss.words(guard_times_s(machine.drive.capabilities)[number], predicted.run_on_m[number])
 
 
-def excite(
-    machine: Machine, name: str, excitation: Excitation, at: float, room: Room, exposed: Exposed, held_out: bool = False
-) -> Recording:
-    """Record an excitation around a place, m: a stop at any limit still ends in the room, and a run-on before the end of the travel."""
+def guarded(machine: Machine, excitation: Excitation, at: float, room: Room, exposed: Exposed) -> tuple[Room, Callable[[Row], None]]:
+    """What an excitation around a place, m, may use, with the guard time of its run-on, and the watch of its rows."""
     predicted, full = exposed.predicted, machine.full_room()
     (low, high), ends = room.window_m, full.window_m
     number = host_loss.chosen(machine, predicted, min(at - ends[0], ends[1] - at))
@@ -58,6 +56,14 @@ def excite(
         expected(row)
         dying(row)
 
+    return room, watch
+
+
+def excite(
+    machine: Machine, name: str, excitation: Excitation, at: float, room: Room, exposed: Exposed, held_out: bool = False
+) -> Recording:
+    """Record an excitation around a place, m: a stop at any limit still ends in the room, and a run-on before the end of the travel."""
+    room, watch = guarded(machine, excitation, at, room, exposed)
     note = ExcitationNote(
         kind=excitation.kind,
         amplitude_nm=excitation.amplitude_nm,

@@ -158,6 +158,13 @@ def excitation_torque_nm(axis: Axis, capabilities: Capabilities, held_nm: float)
     return min(axis.torque_limit_nm, math.sqrt(max(rated**2 - held_nm**2, 0.0)))
 
 
+def unknown_axis(machine: Machine, breakaway: Breakaway, masses_kg: Sequence[float]) -> tuple[Model, Sequence[Model]]:
+    """The model of the data sheets where the carriage stands, and the family that it may be before anything is measured."""
+    sheet = data_sheet_model(machine.axis, machine.place_m(machine.position_m), breakaway.coulomb_nm)
+    factors = (1.0, 1.0) if machine.place_known else stiffness_range(machine.axis, machine.full_room().window_m)
+    return sheet, unknown_payload(sheet, factors, masses_kg)
+
+
 def raise_amplitude(
     machine: Machine, breakaway: Breakaway, masses_kg: Sequence[float] = UNKNOWN_MASSES_KG, *, brief: bool = False
 ) -> Excited:
@@ -168,10 +175,8 @@ def raise_amplitude(
     """
     period = machine.drive.capabilities.sample_period_s
     counts = machine.drive.capabilities.counts_per_rev
-    sheet = data_sheet_model(machine.axis, machine.place_m(machine.position_m), breakaway.coulomb_nm)
-    window = machine.full_room().window_m
+    sheet, family = unknown_axis(machine, breakaway, masses_kg)
     known = sheet.with_effect("constant_offset", {"torque": machine.holding_nm}) if machine.holding_nm else sheet
-    family = unknown_payload(sheet, (1.0, 1.0) if machine.place_known else stiffness_range(machine.axis, window), masses_kg)
     at_most, shapes = 2.0 * breakaway.coulomb_nm, list(SHAPES)
     recordings: list[Recording] = []
     found: Excited | None = None

@@ -29,6 +29,7 @@ class Loops:
     angle_rad, speed_rad_s : the present sample.   limit_nm : bound of the torque setpoint.
     demand_rad, following_error_rad, output_rad_s, demand_nm : position reference, error and output of the position
     controller, and torque setpoint of the last loop.   limited : a setpoint was cut to a limit.
+    asked_rad_s : speed that the velocity controller was asked for last; None while it does not run.
     """
 
     def __init__(self, dictionary: ObjectDictionary, profile: Profile, motor: Motor, counts_per_rev: int, faults: Faults) -> None:
@@ -131,6 +132,7 @@ class Loops:
     def open(self) -> None:
         """No controller runs; the next one starts from rest."""
         self._closed = False
+        self.asked_rad_s: float | None = None
 
     def torque(self, torque_nm: float) -> float:
         """All loops open: the torque itself, limited."""
@@ -142,6 +144,7 @@ class Loops:
     def velocity(self, speed_rad_s: float, acceleration_rad_s2: float, extra_nm: float = 0.0) -> float:
         """Velocity loop on a reference."""
         self._close()
+        self.asked_rad_s = speed_rad_s
         return self._decide(velocity_step(self._coefficients, self._state, speed_rad_s, acceleration_rad_s2, self.angle_rad, extra_nm))
 
     def position(self, angle_rad: float, speed_rad_s: float, acceleration_rad_s2: float, extra_nm: float = 0.0) -> float:
@@ -156,6 +159,7 @@ class Loops:
             error = min(max(error, -bound), bound)
             angle_rad = self.angle_rad + error
         self.output_rad_s = self._cascade.kpp_1_s * error
+        self.asked_rad_s = self.output_rad_s + self._cascade.feedforward.velocity * speed_rad_s
         return self._decide(
             cascade_step(self._coefficients, self._state, angle_rad, speed_rad_s, acceleration_rad_s2, self.angle_rad, extra_nm)
         )

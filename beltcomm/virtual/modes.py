@@ -334,6 +334,11 @@ class Stop(Mode):
 
     The ramp brings no acceleration feedforward: it begins and ends with a step of the acceleration, which a feedforward would hand
     on to the belt as a step of torque; the speed controller alone rounds it off.
+
+    It begins at the measured speed, but where a loop was closed never beyond the speed that it was asked for: no stop asks for more than
+    was asked before, whatever the encoder says (Synapticon's published firmware, sc_sncn_ethercat_drive: "we update the velocity command
+    only if decreasing"; Beckhoff AX2000, DECSTOP: the internal setpoint goes to 0 along the ramp).   With all loops open the measured speed
+    is all that a drive has.
     done : at standstill for 10 ms after the ramp, or 1 s after it whatever the axis does.   coasts : no loop brakes, the torque is gone.
     """
 
@@ -346,7 +351,8 @@ class Stop(Mode):
 
     def start(self) -> None:
         """Ramp from the present speed."""
-        self._ramp = Ramp(self.loops.speed_rad_s)
+        speed, asked = self.loops.speed_rad_s, self.loops.asked_rad_s
+        self._ramp = Ramp(speed if asked is None else min(max(speed, min(asked, 0.0)), max(asked, 0.0)))
         self._still_ticks = 0
         self._ended_ticks = 0
         self.done = False

@@ -4,7 +4,7 @@
     python tests/benchmarks/fault_campaign.py --accesses --cases 0  (every single SDO transfer of two commands, aborted and unanswered)
     python tests/benchmarks/fault_campaign.py --kills 8 --cases 0   (processes killed by SIGKILL: what is left in their folders)
     python tests/benchmarks/fault_campaign.py --seed 17 [--seed N]  (these again, with all that was said)
-    python tests/benchmarks/fault_campaign.py --keep FOLDER         (keeps the healthy runs there, or takes them from there)
+    python tests/benchmarks/fault_campaign.py --keep FOLDER         (goes on with what is there: healthy runs, cases; --seconds S of it)
 
 A case is a command (identify, a commissioning that goes on, friction, verify, apply, move, rollback), a profile of the drive, a fault and
 its instant, drawn uniformly over the phases of a healthy run.  It is survived when the axis stands in the end (looked at behind the bus),
@@ -15,6 +15,9 @@ never left its travel by more than the predicted run-on (tests/campaign/judge.py
 from __future__ import annotations
 
 import argparse
+import functools
+import json
+import math
 import multiprocessing
 import os
 import pickle
@@ -86,8 +89,25 @@ def made(seed: int) -> Case:
     return make_case(seed, healthy) if seed < FIRST_ACCESS else access_cases(healthy)[seed - FIRST_ACCESS]
 
 
-def one(case: Case) -> Verdict:
-    """Run a case in a worker; what breaks the campaign itself is a failure too."""
+def judged_before(place: Path) -> dict[int, Verdict]:
+    """Cases that an earlier campaign has left in the folder, by seed; without what was said."""
+    file, found = place / "verdicts.jsonl", {}
+    for line in file.read_text(encoding="utf-8").splitlines() if file.is_file() else ():
+        seed, kind, code, failures, stop_m, stop_s = json.loads(line)
+        found[seed] = Verdict(Case(seed, kind, "", "", "", 0.0), code, "", tuple(failures), stop_m, stop_s, "")
+    return found
+
+
+def note(place: Path, v: Verdict) -> None:
+    """A case for :func:`judged_before`."""
+    with (place / "verdicts.jsonl").open("a", encoding="utf-8") as file:
+        file.write(json.dumps([v.case.seed, v.case.kind, v.code, v.failures, v.stop_m, v.stop_s]) + "\n")
+
+
+def one(case: Case, until_s: float = math.inf) -> Verdict | None:
+    """Run a case in a worker, unless it is too late; what breaks the campaign itself is a failure too."""
+    if time.monotonic() > until_s:
+        return None
     try:
         return run_case(case, _prepared.get(case.profile))
     except BaseException:  # a worker that dies would be waited for in vain
@@ -132,7 +152,8 @@ def main() -> int:
     parser.add_argument("--kills", type=int, default=0, help="processes to kill")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--say", action="store_true", help="print every case's sentence")
-    parser.add_argument("--keep", type=Path, help="where healthy runs are kept for the next time; not across changes of the code")
+    parser.add_argument("--keep", type=Path, help="where healthy runs and cases are kept for the next time; not across changes of the code")
+    parser.add_argument("--seconds", type=float, default=math.inf, help="no case is begun later")
     given = parser.parse_args()
     began = time.monotonic()
     with tempfile.TemporaryDirectory(prefix="campaign-") as folder, sharing.shared():
@@ -146,11 +167,16 @@ def main() -> int:
         cases += access_cases(healthy) if given.accesses and not given.seed else []
         keep(place)
         print(f"prepared in {time.monotonic() - began:.0f} s", flush=True)
-        verdicts = []
+        known = {} if given.seed else judged_before(place)
+        verdicts = [known[case.seed] for case in cases if case.seed in known]
+        left = [case for case in cases if case.seed not in known]
+        until_s = began + given.seconds
         # forked after all that is shared was computed; a worker's cache dies with it, so that it does not grow for ever
         with multiprocessing.get_context("fork").Pool(given.workers, maxtasksperchild=60) as pool:
-            for verdict in pool.imap_unordered(one, cases):
+            for verdict in filter(None, pool.imap_unordered(functools.partial(one, until_s=until_s), left)):
                 verdicts.append(verdict)
+                if not given.seed:
+                    note(place, verdict)
                 if verdict.failures or given.seed or given.say:
                     told(verdict, bool(given.seed))
         kills = [killed_folder(seed, Path(folder)) for seed in range(given.kills)]

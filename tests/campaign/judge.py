@@ -115,7 +115,7 @@ def _judged(case: Case, rig: Rig, run: Path) -> Verdict:
     outcome = rig.call(*words_of(case.command, run), disk=disk)
     ended = len(rig.examiner.place_m)
     rig.run_on(3.0)
-    failures = [*_ended(case, outcome, run), *_at_rest(rig), *_left(case, rig, run, outcome), *_readable(run)]
+    failures = [*_ended(case, outcome, run, rig), *_at_rest(rig), *_left(case, rig, run, outcome), *_readable(run)]
     first = len(rig.examiner.place_m) - (rig.bus.tick - begun - round(case.at_s * 1e3)) - 1
     stop_m, stop_s = _stop(case, rig, first, ended, outcome)
     failures += _bounds(case, rig, run, first, stop_m)
@@ -127,7 +127,14 @@ def _sentence(text: str) -> str:
     return said[-1].removeprefix("beltcomm: ") if said else ""
 
 
-def _ended(case: Case, outcome: Outcome, run: Path) -> list[str]:
+#: What tells that a drive is virtual (1009h).  One that does not tell is hardware: that its first motion is asked for is the right end.
+TELLS_VIRTUAL = (0x1009, 0)
+FIRST_MOTION = "--first-motion-confirmed"
+#: m: what a drive's belt and a creep's first torque do not do.
+UNMOVED_M = 2e-5
+
+
+def _ended(case: Case, outcome: Outcome, run: Path, rig: Rig) -> list[str]:
     """How the command ended, and what it said."""
     if case.kind == "host killed" and outcome.code is None:
         return [] if outcome.error == "HostDied" else [f"the dead host ended with {outcome.error}"]
@@ -143,6 +150,11 @@ def _ended(case: Case, outcome: Outcome, run: Path) -> list[str]:
     if case.kind in ALWAYS and outcome.code == case.normal:
         wrong.append("it was not noticed")
     sentence = _sentence(outcome.text)
+    refused = [rig.examiner.asked[number - 1] for number in case.faults.get("sdo_abort", ()) if number <= rig.examiner.begun]
+    if TELLS_VIRTUAL in refused:
+        true += "|" + FIRST_MOTION
+    if "nothing was moved" in sentence and float(np.ptp(rig.examiner.place_m)) > UNMOVED_M:
+        wrong.append("the sentence says that nothing was moved, and it was")
     if outcome.code not in (0, 1) and not sentence:
         wrong.append("no sentence")
     if sentence and not re.search(true, sentence):

@@ -43,7 +43,7 @@ class Hung(BaseException):
 class Examiner:
     """A node that never answers and looks at the machine itself, once per tick.
 
-    place_m, speed_m_s, powered : of each tick.   transfers : begun by SDO until that tick.
+    place_m, speed_m_s, powered : of each tick.   transfers : begun by SDO until that tick.   asked : index and subindex of each.
     """
 
     plant: SimulatedPlant
@@ -53,12 +53,17 @@ class Examiner:
     speed_m_s: list[float] = field(default_factory=list)
     powered: list[bool] = field(default_factory=list)
     transfers: list[int] = field(default_factory=list)
-    begun: int = 0
+    asked: list[tuple[int, int]] = field(default_factory=list)
     limit: int = round(LONGEST_S / TICK_S)
 
-    def receive(self, _identifier: int, data: bytes, _remote: bool) -> None:
-        if 0x600 < _identifier < 0x680 and begun_transfer(data) is not None:
-            self.begun += 1
+    def receive(self, identifier: int, data: bytes, _remote: bool) -> None:
+        if 0x600 < identifier < 0x680 and (begun := begun_transfer(data)) is not None:
+            self.asked.append(begun[:2])
+
+    @property
+    def begun(self) -> int:
+        """Transfers so far."""
+        return len(self.asked)
 
     def begin_tick(self, tick: int) -> None:
         here = START_M + self.plant.cart_position_m

@@ -11,12 +11,13 @@ import pytest
 
 from beltcomm.drive import Guarding
 from beltcomm.runfolder import RunFolder
+from beltcomm.session.hardware import Hardware
 from beltcomm.virtual.nmt import Nmt
 from beltcomm_adapters.canopen import CanopenDrive
 from beltcomm_adapters.sdo import Lending
 from campaign import sharing
 from campaign.cases import KINDS, Case, Healthy, healthy_run, make_case
-from campaign.judge import lay_out, run_case, words_of
+from campaign.judge import TELLS_VIRTUAL, lay_out, run_case, words_of
 from campaign.killed import damages, killed_folder
 from campaign.rig import Rig
 from session.conftest import Complete
@@ -106,6 +107,30 @@ def test_the_judge_sees_an_axis_that_outlives_its_host(make: MakeCase, monkeypat
     )
     said = failures_of(case)
     assert "the stage is on in the end" in said
+
+
+def refused_transfer(place: tuple[int, int]) -> Case:
+    """A creep on the reference drive in which the first transfer of an object is refused."""
+    rig = Rig("reference")
+    rig.open("virtual").close()
+    number = 1 + rig.examiner.asked.index(place)
+    rig.close()
+    return Case(0, "SDO abort", "reference", "move", f"{place} refused", 0.0, {"sdo_abort": {number: 0x06020000}})
+
+
+def test_a_drive_that_does_not_say_that_it_is_virtual_is_asked_for_its_first_motion() -> None:
+    assert failures_of(refused_transfer(TELLS_VIRTUAL)) == ""
+
+
+def test_the_judge_sees_a_first_motion_asked_for_without_need(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The software version is refused, the drive does say that it is virtual."""
+    monkeypatch.setattr(Hardware, "virtual", False)
+    assert failures_of(refused_transfer((0x100A, 0))) == "the sentence does not name the cause"
+
+
+def test_the_judge_sees_a_motion_that_is_denied(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("campaign.judge.UNMOVED_M", -1.0)  # as if the carriage had moved
+    assert failures_of(refused_transfer(TELLS_VIRTUAL)) == "the sentence says that nothing was moved, and it was"
 
 
 # -- a real SIGKILL: the files ---------------------------------------------------------------------------------------------------

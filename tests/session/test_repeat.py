@@ -144,6 +144,18 @@ def test_a_payload_taken_off_since_is_seen_before_a_loop_is_closed(make_bench: M
     assert bench.stands_disabled()
 
 
+@pytest.mark.usefixtures("fitted")
+def test_the_first_excitation_is_not_repeated_where_a_run_on_would_leave_the_travel(make_bench: MakeBench, copy_of_complete: Copy) -> None:
+    """10 mm from an end, where a carriage would pass it under the torque of then if the computer died."""
+    run, bench = copy_of_complete("frf_2"), make_bench(start_m=0.0)
+    before = contents(run)
+    with pytest.raises(Refused, match=r"cannot be resumed from here: .*if the computer dies allows .*to 0\.2500 m, where the run"):
+        api.commission(bench.name, "egc-70-600", run, options=api.Options(yes=True, resume=True))
+    assert contents(run) == before
+    assert abs(bench.plant.cart_m(0, round(bench.now_s / 1e-3))).max() < 8e-3  # it crept only
+    assert bench.parameters() == bench.initial
+
+
 def test_there_is_nothing_to_go_on_with(make_bench: MakeBench, tmp_path: Path) -> None:
     bench = make_bench()
     with pytest.raises(UsageError, match="does not exist; check --run or leave --resume out"):

@@ -14,7 +14,9 @@ import pytest
 
 from beltcomm import api
 from beltcomm.errors import UsageError
+from beltcomm.objects import ObjectValue
 from beltcomm.session.supervised import supervised
+from beltcomm.virtual.faults import Faults
 from session.bench import Bench, Listener
 from session.hardware import HardwareBench, Script
 
@@ -163,16 +165,23 @@ def test_a_state_folder_that_cannot_be_written_stops_before_the_drive_is_changed
     assert bench.plant.cart_position_m == 0.0
 
 
-def test_a_command_that_fails_but_restores_leaves_no_note(connect: Connect, tmp_path: Path, state: Path) -> None:
-    bench = connect(HardwareBench())
+@pytest.mark.parametrize("mode", [0, 1])  # 0: where a drive starts, to which no command goes back
+@pytest.mark.parametrize("restored", [True, False])
+def test_a_command_that_fails_leaves_a_note_unless_it_restores(
+    connect: Connect, tmp_path: Path, state: Path, mode: int, restored: bool
+) -> None:
+    bench = connect(HardwareBench(faults=Faults(readings={(0x6060, 0): mode})))
+    assert ("6060h" in bench.settings()) == (mode != 0)
 
     def fails() -> None:
         with bench.open(bench.name) as drive, supervised(drive, bench.name, tmp_path / "run", YES, Listener()) as session:
             session.write(LEFT)
             assert len(notes(state)) == 1
-            session.write({name: bench.initial[name] for name in LEFT})
+            session.write_objects([ObjectValue(0x6060, 0, "int8", mode or 3)])  # as a record in that mode does
+            if restored:
+                session.write({name: bench.initial[name] for name in LEFT})
             raise ZeroDivisionError
 
     with pytest.raises(ZeroDivisionError):
         fails()
-    assert notes(state) == []
+    assert len(notes(state)) == (not restored)

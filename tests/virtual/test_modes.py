@@ -8,6 +8,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from beltcomm.virtual.faults import Faults
 from virtual.host import COUNTS, INERTIA, UNIT_NM, Host, RigidPlant
 
 MakeHost = Callable[..., Host]
@@ -333,3 +334,32 @@ def test_quick_stop_brakes_along_6085h(host: MakeHost) -> None:
 def test_quick_stop_ignores_the_feedforward_of_the_acceleration(host: MakeHost) -> None:
     """Twice the inertia as feedforward, 0.2 N m here, changes nothing."""
     assert braked(host(), 2.0) == braked(host(), 0.0)
+
+
+@pytest.mark.parametrize("asked_rad_s", [0.0, 10.0])
+@pytest.mark.parametrize("jump", [20000, -20000])
+def test_quick_stop_out_of_a_closed_loop_asks_for_no_more_than_was_asked_before(host: MakeHost, asked_rad_s: float, jump: int) -> None:
+    """The encoder jumps by 1.9 rad, which an 8 ms filter of the speed calls 213 rad/s: a ramp that began there would be the motion.
+
+    The torque is limited to 50 rad/s²: the loop itself takes the jump for a speed, and for some time constants of the filter it drives.
+    """
+    faults = Faults(encoder_step_counts=jump)
+    one = host(faults=faults)
+    one.gains(forward=0.0)
+    one.write(0x2100, 4, 0.008, "f")
+    one.write(0x6072, 0, round(50.0 * INERTIA / UNIT_NM), "H")
+    one.write(0x6085, 0, round(25.0 * PER_RAD), "I")
+    one.enable(9)
+    one.write(0x60FF, 0, round(asked_rad_s * PER_RAD), "i")
+    one.run(1.0)
+    assert one.plant.velocity_rad_s == pytest.approx(asked_rad_s, abs=0.1)
+    faults.encoder_step_at_s = one.bus.clock.now()
+    one.run(0.002)
+    start = one.plant.position_rad
+    one.control(0x02)
+    speeds = np.diff(trace(one, 3.0)) * 1000
+    assert one.status & 0x4F == 0x40
+    assert speeds.min() > -3.0
+    assert speeds.max() < asked_rad_s + 3.0
+    assert abs(one.plant.position_rad - start) < asked_rad_s**2 / 50.0 + 2.0  # the integral part undoes what jumped
+    assert abs(speeds[-1]) < 0.5  # what the drive calls standing, and nothing brakes this machine after it

@@ -319,6 +319,10 @@ def test_moves_in_three_modes_then_a_fault_and_its_reset(running):
     node.reset_from_fault()
     assert node.state == "OPERATION ENABLED"
     running.await_(lambda: not node.emcy.active)
+    node.sdo[0x607D][2].raw = node.sdo[0x607D][1].raw  # no software limits
+    node.sdo[0x6085].raw = 2 * COUNTS  # a ramp of a second: at standstill the state would be over before a busy client has seen it
+    node.sdo[0x60FF].raw = 2 * COUNTS
+    running.await_(lambda: running.plant.velocity_rad_s == pytest.approx(12.566, rel=0.05))
     node.state = "QUICK STOP ACTIVE"
     running.await_(lambda: node.state == "SWITCH ON DISABLED")  # 605Ah = 2: brakes, then takes the stage off by itself
     report = Judge(faults=True).of(lockstep(running.seen))
