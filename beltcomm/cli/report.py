@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from beltcomm.cli import options as shared
-from beltcomm.cli.frame import Frame, api
+from beltcomm.cli.frame import Frame
 
 
 @click.command("report")
@@ -18,5 +18,7 @@ from beltcomm.cli.frame import Frame, api
 @click.pass_obj
 def command(frame: Frame, /, run: Path, against: Path | None, out: Path | None) -> int:
     """Write a page on RUN that explains itself: one file of HTML, made for screen and paper, and its numbers beside it."""
+    from beltcomm.session.reporting import report as page  # alone: what moves a machine takes long to import
+
     frame.run = run
-    return frame.show(api().report(run, against=against, out=out, talk=frame.talk()))
+    return frame.show(page(run, against=against, out=out, talk=frame.talk()))
