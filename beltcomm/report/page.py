@@ -15,6 +15,7 @@ from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 
 from beltcomm.report import style
+from beltcomm.report.placing import place
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -132,16 +133,16 @@ def svg_of(figure: Figure) -> str:
             axes.patch.set_alpha(0.0)
     stream = io.StringIO()
     figure.set_dpi(DENSE_DPI)
-    canvas = FigureCanvasSVG(figure)
     with rc_context({"svg.fonttype": "none", "svg.hashsalt": "beltcomm", "path.simplify_threshold": LINE_PX}):
-        if (layout := figure.get_layout_engine()) is not None:
-            layout.execute(figure)  # once: it costs as much as a drawing; then points can be told apart on the axes
+        layout = figure.get_layout_engine()
+        if not place(figure) and layout is not None:
+            layout.execute(figure)
         figure.set_layout_engine("none")
         for axes in figure.get_axes():
             for line in list(axes.get_lines()):
                 _thin(axes, line)
         # savefig would draw everything twice
-        canvas.print_svg(stream, metadata={"Date": None, "Creator": None})  # type: ignore[no-untyped-call]
+        FigureCanvasSVG(figure).print_svg(stream, metadata={"Date": None, "Creator": None})  # type: ignore[no-untyped-call]
     text = stream.getvalue()
     text = text[text.index("<svg") :]
     text = re.sub(r'width="[\d.]+pt" height="[\d.]+pt" ', "", text, count=1)
