@@ -28,12 +28,12 @@ from beltcomm.session import commission as sequence
 from beltcomm.session.agreement import Agreement, agree, planned
 from beltcomm.session.backups import chosen
 from beltcomm.session.bundle import bundle as bundle
-from beltcomm.session.commission import Findings
 from beltcomm.session.convert import convert as convert
 from beltcomm.session.design_job import basis_of, delivered
 from beltcomm.session.doctor import doctor as doctor
 from beltcomm.session.experiment import run_experiment
 from beltcomm.session.export import export as export
+from beltcomm.session.findings import Findings
 from beltcomm.session.fit_job import fit as fit
 from beltcomm.session.follow_job import follow_plan
 from beltcomm.session.foresight import foretold

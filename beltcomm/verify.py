@@ -27,6 +27,9 @@ STATIC_TARGET_M = 100e-6
 RANGE_DRAWS = 16
 #: s after the end of the reference motion between which the static error is read.
 STATIC_FROM_S, STATIC_TO_S = 0.5, 1.5
+#: m and s of the verification move: the thesis's 0 to 0.5 m, and the rest in which the static error is read.
+MOVE_M = 0.5
+REST_S = 1.6
 
 
 @dataclass(frozen=True)

@@ -54,7 +54,7 @@ def place(figure: Figure) -> bool:
 
     if not set_within([_usual(axes) for axes in figure.get_axes()]):
         return False
-    renderer = FigureCanvasAgg(figure).get_renderer()
+    renderer = FigureCanvasAgg(figure).get_renderer()  # type: ignore[no-untyped-call]
     return set_within([_margins(axes, renderer) for axes in figure.get_axes()])
 
 
@@ -89,7 +89,7 @@ def _margins(axes: Axes, renderer: Any) -> Array:
         axis.set_label_coords(0.5, 0.5)  # else its place is measured too
         shown = axis.label.get_visible() and bool(axis.label.get_text())
         axis.label.set_visible(False)
-        axis.set_major_locator(FixedLocator(axis.get_majorticklocs()))  # what is measured is what will stand there
+        axis.set_major_locator(FixedLocator([float(at) for at in axis.get_majorticklocs()]))  # what is measured is what will stand there
         box = axis.get_tightbbox(renderer, for_layout_only=True)
         axis.label.set_visible(shown)
         beyond = np.zeros(4) if box is None else _beyond(axes, box.extents)
@@ -109,7 +109,7 @@ def _margins(axes: Axes, renderer: Any) -> Array:
     return found
 
 
-def _beyond(axes: Axes, extents: Array) -> Array:
+def _beyond(axes: Axes, extents: Any) -> Array:
     """How far a box in pixels reaches beyond each side of axes, inches."""
     x0, y0, x1, y1 = extents
     left, bottom, right, top = axes.bbox.extents

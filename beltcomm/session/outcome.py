@@ -9,7 +9,8 @@ from beltcomm.identify.final import FinalModel
 from beltcomm.result import plain
 from beltcomm.runfolder import RunFolder
 from beltcomm.session import analyse, friction_words, holding, words
-from beltcomm.session.commission import Findings, delay
+from beltcomm.session.delays import delay
+from beltcomm.session.findings import Findings
 from beltcomm.session.store import design_to_dict, fit_to_dict, verdict_to_dict
 
 

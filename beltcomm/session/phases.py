@@ -28,10 +28,9 @@ from beltcomm.identify.amplitude import (
     unknown_payload,
 )
 from beltcomm.identify.first_estimate import data_sheet_model, first_estimate, moved_enough, stiffness_range
-from beltcomm.linear import modes, operating_point
 from beltcomm.model import Model
 from beltcomm.recording import Recording
-from beltcomm.session import exciting, gravity, host_loss, own_strokes, scale, stops
+from beltcomm.session import analyse, exciting, gravity, host_loss, own_strokes, scale, stops
 from beltcomm.session.creep import CLEAR_SHARE as CLEAR_SHARE
 from beltcomm.session.creep import Breakaway, creep
 from beltcomm.session.heat import Thermal
@@ -39,7 +38,7 @@ from beltcomm.session.machine import Machine, Room, stroking
 from beltcomm.session.sequences import HARDLY, SHAPES, calmer_choice, held_choice
 from beltcomm.session.strokes import sweep_strokes
 from beltcomm.stopping import total_friction
-from beltcomm.trajectory import Strokes, Trajectory, at_rest, join, plan_trajectory
+from beltcomm.trajectory import Strokes, Trajectory, held, plan_trajectory
 
 Array = NDArray[np.float64]
 M = TypeVar("M", Trajectory, Strokes)
@@ -241,7 +240,7 @@ def frequency_response(
     at = machine.position_m
     limits = motion_limits(machine, at)
     period = machine.drive.capabilities.sample_period_s
-    antiresonance, resonance = characteristic_hz(model, at)
+    antiresonance, resonance = analyse.characteristic_hz(model, at)
     choice: Choice
     if held_out:
         choice = held_choice(choose_prbs(period, antiresonance, resonance, seconds))
@@ -278,13 +277,6 @@ def balanced(model: Model) -> Model:
 def excitation_room(machine: Machine, at: float) -> Room:
     """Where an excitation at a place may go at most."""
     return room_around(machine, at, EXCITATION_TRAVEL_M + END_MARGIN_M)
-
-
-def characteristic_hz(model: Model, position_m: float) -> tuple[float, float]:
-    """Antiresonance and first resonance of a model with the carriage at a place, Hz, from its undamped modes."""
-    free = [m.freq_hz for m in modes(model, operating_point(model, position_m, 1.0)) if m.freq_hz > 0.5]
-    held = [m.freq_hz for m in modes(model, operating_point(model, position_m, 1.0), held=("motor",)) if m.freq_hz > 0.5]
-    return min(held), min(free)
 
 
 def move_to(machine: Machine, target_m: float, model: Model, slow_m_s: float = POSITIONING_SPEED_M_S) -> None:
@@ -338,12 +330,6 @@ def slower(limits: TrajectoryLimits, share: float) -> TrajectoryLimits:
         acceleration_m_s2=limits.acceleration_m_s2 * share**2,
         speed_m_s=limits.speed_m_s * share,
     )
-
-
-def held(trajectory: Trajectory, seconds: float) -> Trajectory:
-    """The same with a rest at its end."""
-    period = trajectory.sample_period_s
-    return join([trajectory, at_rest(float(trajectory.position_m[-1]), seconds, period)])
 
 
 def stroke_ends(machine: Machine) -> tuple[float, float]:

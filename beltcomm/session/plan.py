@@ -32,10 +32,9 @@ from beltcomm.session.heat import HeatPlan, Thermal, heat_plan, path_rms_nm
 from beltcomm.session.programme import Extent
 from beltcomm.session.sign import sign_seconds, sign_words
 from beltcomm.session.strokes import fastest_stroke_m_s
-from beltcomm.session.verification import MOVE_M
 from beltcomm.stopping import Braking, first_deceleration, total_friction
 from beltcomm.trajectory import Trajectory, plan_trajectory
-from beltcomm.verify import demand
+from beltcomm.verify import MOVE_M, demand
 
 
 @dataclass(frozen=True)
