@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from pathlib import Path
 
 import click
@@ -18,6 +19,7 @@ from beltcomm.cli.frame import Frame
 @click.pass_obj
 def command(frame: Frame, /, run: Path, against: Path | None, out: Path | None) -> int:
     """Write a page on RUN that explains itself: one file of HTML, made for screen and paper, and its numbers beside it."""
+    gc.disable()  # before the imports: a process of some seconds ends before anything is worth collecting
     from beltcomm.session.reporting import report as page  # alone: what moves a machine takes long to import
 
     frame.run = run

@@ -71,7 +71,9 @@ def agree(
     if isinstance(drive, Supervised):
         drive.allow_motion()
     if machine is not None:
-        machine.folder.save_result(PLAN, {"text": plan.text, "experiments": plain(plan.experiments), **plan.heat_dict()})
+        machine.folder.save_result(
+            PLAN, {"text": plan.text, "points": plain(plan.points), "experiments": plain(plan.experiments), **plan.heat_dict()}
+        )
         machine.folder.journal(f"agreed{' by --yes' if options.yes else ''}: {plan.summary()}")
         if options.home:
             referencing.home(machine)

@@ -28,3 +28,16 @@ def test_the_speeds_are_those_that_can_be_driven() -> None:
     planned = experiments(5.0)
     assert planned["move that verifies the result"].speed_m_s == pytest.approx(1.0 / (32.0 * 0.5 / 40.0) ** (1.0 / 3.0), rel=0.01)
     assert planned["constant-speed sweep"].speed_m_s < 2.0
+
+
+def test_what_is_agreed_to_stands_in_short_labelled_lines() -> None:
+    """Every label is there, how fast and how hard follow the table, and nothing is a block of words."""
+    with open_drive("virtual:g_a", {"seed": 1}) as drive:
+        plan = commission_plan(RIG, drive.capabilities)
+    told = {row.cells[0]: row.cells[1] for row in plan.told() if not row.head}
+    assert list(told) == [
+        "what moves", "how far", "how fast", "how hard", "how long", "what stops it", "how it brakes", "computer dies", "what is written"
+    ]  # fmt: skip
+    assert max(len(words.split()) for words in [plan.text, *told.values()]) <= 50
+    assert told["how fast"] == f"up to {max(e.speed_m_s for e in plan.experiments):.3g} m/s"
+    assert told["how long"].startswith("up to 75 s; what does not fit")

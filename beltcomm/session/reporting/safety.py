@@ -56,7 +56,8 @@ def _planned(plan: Mapping[str, Any]) -> list[Words | Table]:
         )
     head = ("planned, at most", "travel mm", "with stop mm", "m/s", "N m", "belt N", "s", "heat %", "rest s before")
     words = "Bounds that the session was agreed with, and that drive and host watched. Heat: (rms torque / rated torque)²."
-    return [Words([str(plan["text"])]), Table(head, rows, words), *_heat(plan)]
+    points = [f"{label}: {sentence}" for label, sentence in plan.get("points") or ()]
+    return [Words([str(plan["text"])]), Words(points, listed=True), Table(head, rows, words), *_heat(plan)]
 
 
 def _heat(plan: Mapping[str, Any]) -> list[Words | Table]:
