@@ -19,8 +19,11 @@ from beltcomm.cli.frame import Frame
 @click.pass_obj
 def command(frame: Frame, /, run: Path, against: Path | None, out: Path | None) -> int:
     """Write a page on RUN that explains itself: one file of HTML, made for screen and paper, and its numbers beside it."""
-    gc.disable()  # before the imports: a process of some seconds ends before anything is worth collecting
-    from beltcomm.session.reporting import report as page  # alone: what moves a machine takes long to import
-
     frame.run = run
-    return frame.show(page(run, against=against, out=out, talk=frame.talk()))
+    gc.disable()  # before the imports: a process of some seconds ends before anything is worth collecting
+    try:
+        from beltcomm.session.reporting import report as page  # alone: what moves a machine takes long to import
+
+        return frame.show(page(run, against=against, out=out, talk=frame.talk()))
+    finally:
+        gc.enable()
