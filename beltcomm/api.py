@@ -95,12 +95,14 @@ def commission(drive: str, axis: Axis | str, run: Path, *, options: Options | No
                 findings.remarks += machine.remarks
                 outcome.save(folder, findings)
     text = outcome.commission_text(folder, findings, drive)
-    outcome.keep_text(folder, text)
+    outcome.keep_text(folder, text.whole())
     page = None
     if options.report:
-        page, line = at_the_end(run)
-        text = [*text[:-1], line, text[-1]]
-    return Result({**outcome.data(folder, findings), "visible": plan.visible, "page": page}, text, 0 if findings.succeeded else 1)
+        page, line, error = at_the_end(run)
+        text = outcome.commission_text(folder, findings, drive, page=line, error=error)
+        outcome.keep_text(folder, text.whole())
+    found = {**outcome.data(folder, findings), "visible": plan.visible, "page": page}
+    return Result(found, text.short(), 0 if findings.succeeded else 1)
 
 
 def identify(drive: str, axis: Axis | str, run: Path, *, options: Options | None = None, talk: Talk | None = None) -> Result:

@@ -148,10 +148,15 @@ def svg_of(figure: Figure) -> str:
     text = re.sub(r'width="[\d.]+pt" height="[\d.]+pt" ', "", text, count=1)
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
     text = re.sub(r"font: ([\d.]+)px [^;\"]*", r"font: \1px var(--font)", text)
-    text = re.sub(r"(?<=\.\d\d)\d+", "", text)  # a hundredth of a point is more than a printer shows
+    text = re.sub(r'="[^"]*"', _hundredths, text)
     text = re.sub(r"(fill|stroke): (#[0-9a-fA-F]{6})", _following, text)
     # text without a colour of its own is black
     return text.replace("<text ", '<text fill="var(--ink)" ').replace("\n", " ")
+
+
+def _hundredths(found: re.Match[str]) -> str:
+    """An attribute with its numbers cut to two digits, a hundredth of a point: more than a printer shows."""
+    return re.sub(r"(?<=\.\d\d)\d+", "", found[0])
 
 
 def _following(found: re.Match[str]) -> str:

@@ -286,7 +286,7 @@ def dispose(machine: Machine, settings: Settings, findings: Findings, cascade: C
         wanted = "restore"
         if settings.ask and findings.succeeded:
             error = 1e3 * findings.verdict.measured.dynamic_m if findings.verdict else 0.0
-            machine.talk.say(f"The move met its targets, {error:.3g} mm of dynamic error.")
+            machine.talk.say(f"The move met its targets, {error:.3g} mm of dynamic error at the motor.")
             if machine.talk.confirm("Keep the new gains in the drive until power-off?"):
                 wanted = "save" if machine.talk.confirm("Save them for good, beyond power-off?") else "keep"
     if wanted in ("keep", "save") and not findings.succeeded:

@@ -174,7 +174,7 @@ def within_target(machine: Machine, model: Model, cascade: Cascade, delay_s: flo
     if off <= DYNAMIC_TARGET_M:
         return whole, standard.remark
     text = f"{standard.remark}; " if standard.remark else ""
-    text += f"the standard move would have {1e3 * off:.3g} mm of dynamic error with this controller"
+    text += f"the standard move would have {1e3 * off:.3g} mm of dynamic error at the motor with this controller"
     target = f"{1e3 * DYNAMIC_TARGET_M:g} mm"
     slow = fastest(machine, model, cascade, delay_s, standard)
     if slow is None:

@@ -42,6 +42,11 @@ class Gathered:
         return self.folder.path.resolve().name
 
     @property
+    def place(self) -> str:
+        """The folder as a command takes it: its path where that is relative, else its name."""
+        return str(self.folder.path) if not self.folder.path.is_absolute() else self.name
+
+    @property
     def landmarks(self) -> Mapping[str, float]:
         """Frequencies to mark, Hz; none without a model."""
         return landmarks(self.model, middle_of(self.folder)) if self.model is not None else {}
