@@ -117,7 +117,7 @@ def test_drives_shows_a_broken_adapter_with_its_reason(monkeypatch: pytest.Monke
     monkeypatch.setattr(drive, "find_adapters", lambda: found)
     outcome = call("drives")
     assert outcome.exit_code == 0
-    assert "pkg:BAD    is broken: ImportError: no module named x" in outcome.stdout
+    assert re.search(r"^pkg:BAD +is broken: ImportError: no module named x$", outcome.stdout, re.M)
     listed = json.loads(call("drives", "--json").stdout)["drives"]
     assert [(item["name"], item["works"]) for item in listed] == [("good", True), (None, False)]
 
