@@ -14,6 +14,7 @@ from beltcomm.session.heat import Thermal
 from beltcomm.session.machine import Machine
 from beltcomm.session.options import Options
 from beltcomm.session.plan import Plan, with_homing
+from beltcomm.session.ratings import fault_of
 from beltcomm.session.rehearsal import Job, rehearse
 from beltcomm.session.store import PLAN
 from beltcomm.session.supervised import Supervised
@@ -128,6 +129,8 @@ def planned(plan: Plan, capabilities: Capabilities | None = None, options: Optio
         referencing.inside(axis, options.position_m)
         plan = with_homing(plan, axis, capabilities) if options.home else plan
     fault = plan.heat_fault()
+    if not fault and capabilities and axis:
+        fault = fault_of(axis, capabilities)
     refused = [f"This plan will be refused: {fault}."] if fault else []
     return Result(
         {"plan": plain(plan), "seconds": plan.seconds, "visible": plan.visible, **plan.heat_dict()},
