@@ -10,6 +10,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import scipy.signal  # noqa: F401  what is loaded when it is first needed must not be loaded while an axis waits for it
+
 from beltcomm.axis import Axis, load_axis
 from beltcomm.control import Cascade
 from beltcomm.design.compensation import compensated
@@ -26,12 +28,12 @@ from beltcomm.session import commission as sequence
 from beltcomm.session.agreement import Agreement, agree, planned
 from beltcomm.session.backups import chosen
 from beltcomm.session.bundle import bundle as bundle
-from beltcomm.session.commission import Findings
 from beltcomm.session.convert import convert as convert
 from beltcomm.session.design_job import basis_of, delivered
 from beltcomm.session.doctor import doctor as doctor
 from beltcomm.session.experiment import run_experiment
 from beltcomm.session.export import export as export
+from beltcomm.session.findings import Findings
 from beltcomm.session.fit_job import fit as fit
 from beltcomm.session.follow_job import follow_plan
 from beltcomm.session.foresight import foretold
@@ -93,12 +95,14 @@ def commission(drive: str, axis: Axis | str, run: Path, *, options: Options | No
                 findings.remarks += machine.remarks
                 outcome.save(folder, findings)
     text = outcome.commission_text(folder, findings, drive)
-    outcome.keep_text(folder, text)
+    outcome.keep_text(folder, text.whole())
     page = None
     if options.report:
-        page, line = at_the_end(run)
-        text = [*text[:-1], line, text[-1]]
-    return Result({**outcome.data(folder, findings), "visible": plan.visible, "page": page}, text, 0 if findings.succeeded else 1)
+        page, line, error = at_the_end(run)
+        text = outcome.commission_text(folder, findings, drive, page=line, error=error)
+        outcome.keep_text(folder, text.whole())
+    found = {**outcome.data(folder, findings), "visible": plan.visible, "page": page}
+    return Result(found, text.short(), 0 if findings.succeeded else 1)
 
 
 def identify(drive: str, axis: Axis | str, run: Path, *, options: Options | None = None, talk: Talk | None = None) -> Result:

@@ -36,7 +36,8 @@ UNITS: Mapping[str, Unit] = {
     "rad": Unit("rad", _ANGLE),
     "rad_s": Unit(
         "rad/s",
-        {f"{name}/s": factor for name, factor in _ANGLE.items()} | {"rpm": math.tau / 60.0, "1/min": math.tau / 60.0},
+        {f"{name}/s": factor for name, factor in _ANGLE.items()}
+        | {"rpm": math.tau / 60.0, "1/min": math.tau / 60.0, "r/min": math.tau / 60.0, "u/min": math.tau / 60.0},
     ),
     "deg": Unit("°", {"deg": 1.0, "°": 1.0, "rad": 180.0 / math.pi}),
     "nm": Unit("N m", _TORQUE),

@@ -20,6 +20,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Mapping
+from difflib import get_close_matches
 from pathlib import Path
 from typing import IO, Any
 
@@ -76,7 +77,7 @@ class RunFolder:
         Raises DataError when there is no folder or it holds neither axis nor recordings, UsageError for a wrong ``axis.yaml``.
         """
         if not path.is_dir():
-            what = "is a file, not a folder" if path.exists() else "does not exist"
+            what = "is a file, not a folder" if path.exists() else f"does not exist{_like(path)}"
             raise DataError(f"the run folder {path} {what}; give the folder that holds axis.yaml and recordings/")
         axis_path = path / "axis.yaml"
         if not axis_path.is_file() and not (path / "recordings").is_dir():
@@ -86,7 +87,7 @@ class RunFolder:
     @classmethod
     def _resumed(cls, path: Path, axis: Axis) -> RunFolder:
         if not path.is_dir():
-            raise UsageError(f"--resume: the run folder {path} does not exist; check --run or leave --resume out")
+            raise UsageError(f"--resume: the run folder {path} does not exist{_like(path)}; check --run or leave --resume out")
         run = cls.open(path)
         begun_with = run._about().get("axis_fingerprint", run.axis.fingerprint())
         if not axis.fingerprint() == run.axis.fingerprint() == begun_with:
@@ -318,3 +319,17 @@ def checked_name(name: str) -> str:
     if not _NAME.fullmatch(name):
         raise UsageError(f"{name!r} cannot be a name; use letters, digits, '_', '-' and '.', a letter or digit first")
     return name
+
+
+def _like(path: Path) -> str:
+    """The words ``, did you mean X?`` for the run beside it, or under ``runs``, whose name resembles a path's most."""
+    known = {near.name: near for folder in (Path("runs"), path.parent) for near in _folders(folder)}
+    close = get_close_matches(path.name, known, n=1)
+    return f", did you mean {known[close[0]]}?" if close else ""
+
+
+def _folders(path: Path) -> list[Path]:
+    try:
+        return sorted(item for item in path.iterdir() if (item / "recordings").is_dir())
+    except OSError:
+        return []

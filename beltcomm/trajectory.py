@@ -265,3 +265,9 @@ def _check_limits(path: Path, move: Trajectory, axis: Axis) -> None:
         largest = float(np.abs(values).max())
         if limit is not None and largest > limit:
             raise UsageError(f"{path}: the move reaches {largest:.4g} {unit}, the limit of {axis} is {limit:g} {unit}; slow it down")
+
+
+def held(trajectory: Trajectory, seconds: float) -> Trajectory:
+    """The same with a rest at its end."""
+    period = trajectory.sample_period_s
+    return join([trajectory, at_rest(float(trajectory.position_m[-1]), seconds, period)])

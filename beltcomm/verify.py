@@ -27,6 +27,9 @@ STATIC_TARGET_M = 100e-6
 RANGE_DRAWS = 16
 #: s after the end of the reference motion between which the static error is read.
 STATIC_FROM_S, STATIC_TO_S = 0.5, 1.5
+#: m and s of the verification move: the thesis's 0 to 0.5 m, and the rest in which the static error is read.
+MOVE_M = 0.5
+REST_S = 1.6
 
 
 @dataclass(frozen=True)
@@ -214,7 +217,7 @@ def _against(measured_m: float, expected_m: float) -> str:
         how = f"{100 * abs(share):.0f} % {'more' if share > 0.0 else 'less'} than"
     else:
         how = f"{measured_m / expected_m:.3g} times"
-    return f"the measured dynamic error is {how} the predicted {1e3 * expected_m:.3g} mm"
+    return f"the measured dynamic error at the motor is {how} the predicted {1e3 * expected_m:.3g} mm"
 
 
 def judge(
@@ -248,11 +251,11 @@ def judge(
         measured_cart = tracking_error(recording.t_s, followed, recording.cart_position_m + offset)
     reasons = []
     for what, value, target, unit, scale in (
-        ("dynamic error", measured.dynamic_m, dynamic_target_m, "mm", 1e3),
-        ("static error", measured.static_m, static_target_m, "um", 1e6),
+        ("dynamic error at the motor", measured.dynamic_m, dynamic_target_m, "mm", 1e3),
+        ("static error at the motor", measured.static_m, static_target_m, "um", 1e6),
     ):
         word = "meets" if value <= target else "misses"
-        reasons.append(f"{what} {scale * value:.3g} {unit} {word} the target of {scale * target:.3g} {unit}")
+        reasons.append(f"{what}: {scale * value:.3g} {unit}, {word} the target of {scale * target:.3g} {unit}")
     if predicted.saturated:
         reasons.append(f"the controller reaches {' and '.join(predicted.saturated)}")
     reasons.append(_against(measured.dynamic_m, expected.dynamic_m))

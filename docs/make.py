@@ -18,7 +18,8 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 
 sys.path.insert(0, str(Path(__file__).parent))
-from symptoms import SYMPTOMS, Panel, Symptom
+from experiments import Panel, Symptom
+from symptoms import SYMPTOMS
 
 from beltcomm.effects import BELT_DAMPING, BELT_SPRING, BELT_STIFFNESS, EFFECTS, Effect, Parameter
 from beltcomm.report.style import MEASURED, SEVERE, styled

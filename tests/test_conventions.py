@@ -17,7 +17,7 @@ from beltcomm.session.study_file import load_study
 from beltcomm_adapters.profiles import load_profile
 
 CHECKOUT = Path(__file__).parent.parent
-SOURCES = [path for folder in ("beltcomm", "adapters", "tests") for path in (CHECKOUT / folder).rglob("*.py")]
+SOURCES = [path for folder in ("beltcomm", "adapters", "tests", "docs") for path in (CHECKOUT / folder).rglob("*.py")]
 TEXTS = [path for path in CHECKOUT.glob("*.*") if path.suffix in (".md", ".toml")] + [
     path
     for folder in ("beltcomm", "adapters", "tests", "configs", "docs", ".ci")

@@ -195,3 +195,15 @@ def test_a_place_that_cannot_be_written_is_a_sentence(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(UsageError, match="cannot be made: Not a directory; choose another --run folder"):
         RunFolder.create(tmp_path / "file" / "R", RIG)
+
+
+def test_a_mistyped_run_folder_is_answered_with_the_one_that_is_meant(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name in ("egc-70-600-20261122-110545", "lift"):
+        (tmp_path / "runs" / name / "recordings").mkdir(parents=True)
+    for typed in ("runs/egc-70-600-20261122-11054", "egc-70-600-20261122-110545"):
+        with pytest.raises(DataError, match=r"did you mean runs/egc-70-600-20261122-110545\?"):
+            RunFolder.open(Path(typed))
+    with pytest.raises(DataError) as unlike:
+        RunFolder.open(Path("runs/zzz"))
+    assert "did you mean" not in str(unlike.value)

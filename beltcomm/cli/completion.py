@@ -76,7 +76,18 @@ def _names_and_files(kind: str, incomplete: str) -> list[CompletionItem]:
 
     from beltcomm.configfiles import config_names
 
-    return [CompletionItem(incomplete, type="file"), *map(CompletionItem, _beginning(config_names(kind), incomplete))]
+    # with names offered, a shell looks for files only where none begins so: the YAML files here are offered like names
+    here = _beginning(_yaml_files(incomplete), incomplete)
+    return [CompletionItem(incomplete, type="file"), *map(CompletionItem, [*_beginning(config_names(kind), incomplete), *here])]
+
+
+def _yaml_files(incomplete: str) -> list[str]:
+    """YAML files in the folder of a word that is being typed, as it would go on."""
+    folder = incomplete.rpartition("/")[0] + "/" if "/" in incomplete else ""
+    try:
+        return sorted(folder + path.name for path in Path(folder or ".").iterdir() if path.suffix == ".yaml")
+    except OSError:
+        return []
 
 
 def _beginning(names: Iterable[str], incomplete: str) -> list[str]:

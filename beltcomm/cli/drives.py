@@ -22,6 +22,7 @@ def command(frame: Frame, /, eds: Path | None) -> int:
         return _show_file(frame, eds)
     from beltcomm.configfiles import config_names
     from beltcomm.drive import find_adapters
+    from beltcomm.result import table
 
     found = find_adapters()
     profiles = config_names("drives")
@@ -39,15 +40,16 @@ def command(frame: Frame, /, eds: Path | None) -> int:
         ],
         "profiles": profiles,
     }
-    lines = [
-        f"{item.adapter.name:10} {item.adapter.summary}  (--drive {', '.join(item.adapter.schemes)})"
+    rows = [
+        (item.adapter.name, ", ".join(item.adapter.schemes), item.adapter.summary)
         if item.adapter
-        else f"{item.entry_point:10} is broken: {item.reason}"
+        else (item.entry_point, "", f"is broken: {item.reason}")
         for item in found
     ]
+    lines: list[str] = [*table(["adapter", "--drive", "what it reaches"], rows)]
     if not found:
         lines = ["no adapters installed; run `pip install -e .` in the beltcomm folder"]
-    frame.print(data, [*lines, f"drive profiles (--profile): {', '.join(profiles)}; virtual drives have reference and cmmp-as"])
+    frame.print(data, [*lines, "", f"drive profiles (--profile): {', '.join(profiles)}; virtual drives have reference and cmmp-as"])
     return 0
 
 

@@ -41,7 +41,9 @@ def command(frame: Frame, /, name: str | None) -> int:
         ]
     }
     if name is None:
-        frame.print(data, [f"{effect.name:26} {effect.title}" for effect in chosen])
+        from beltcomm.result import table
+
+        frame.print(data, table(["effect", "what it is"], [(effect.name, effect.title) for effect in chosen]))
         return 0
     effect = chosen[0]
     frame.print(

@@ -11,11 +11,13 @@ import tempfile
 import traceback
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Protocol
 
 import click
 
 from beltcomm import __version__
+from beltcomm.cli.aftermath import LEFT_AT_ONCE, aftermath, journal_of
 from beltcomm.cli.terminal import echo, failure
 from beltcomm.errors import BeltcommError, UsageError
 
@@ -32,8 +34,6 @@ UNWRITABLE = (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOSPC, errno.EDQUOT
 #: Verbs that go on with ``--resume``, and all that record.
 RESUMABLE = ("commission", "identify")
 RECORDING = (*RESUMABLE, "friction", "verify", "simulate")
-#: How the last word of a journal begins when somebody could not wait.
-LEFT_AT_ONCE = "left at once"
 #: The shipped axis that a virtual drive is commissioned with when no other is given.
 VIRTUAL_AXIS = "egc-70-600"
 
@@ -95,7 +95,7 @@ class Frame:
             sys.stdout.flush()
             return outcome if isinstance(outcome, int) else 0
         except BeltcommError as error:
-            return self._failed(str(error), error.exit_code)
+            return self._failed(str(error), error.exit_code, self._aftermath(error.exit_code))
         except click.ClickException as error:
             context = getattr(error, "ctx", None)
             remedy = f" (see {context.command_path} --help)" if context is not None else ""
@@ -119,11 +119,7 @@ class Frame:
 
     def _left_behind(self) -> str:
         """How axis and drive were left, by the last word of the run's journal: nothing is promised that did not happen."""
-        try:
-            lines = (self.run / "journal.txt").read_text(encoding="utf-8").splitlines() if self.run else []
-        except (OSError, ValueError):
-            lines = []
-        last = lines[-1] if lines else ""
+        last = (journal_of(self.run) or [""])[-1]
         if last.startswith("all parameters restored"):
             return "; the axis is stopped and the drive's own gains are restored"
         if last.startswith("restoring the drive failed"):
@@ -188,12 +184,20 @@ class Frame:
             return "; nothing was recorded yet"
         return f"; what was recorded is kept in {self.run}" + (", --resume goes on" if verb in RESUMABLE else "")
 
-    def _failed(self, sentence: str, code: int) -> int:
+    def _aftermath(self, code: int) -> Mapping[str, str]:
+        """What a failed verb on a machine leaves behind; nothing where it has no folder yet."""
+        verb = self.words[0] if self.words else ""
+        if verb not in RECORDING or self.run is None or not self.run.is_dir() or code == UsageError.exit_code:
+            return {}
+        return aftermath(self.words, self.run, self.drive, code, resumes=verb in RESUMABLE)
+
+    def _failed(self, sentence: str, code: int, left: Mapping[str, str] = MappingProxyType({})) -> int:
         try:
             self._end_talk()
             failure(f"beltcomm: {sentence}", sys.stderr)
+            echo([f"{label.capitalize() + ':':8}{words}" for label, words in left.items()], sys.stderr)
             if self.json:
-                click.echo(json.dumps({"error": sentence, "exit_code": code}, ensure_ascii=False))
+                click.echo(json.dumps({"error": sentence, "exit_code": code, **left}, ensure_ascii=False))
         except OSError:
             if not self.ended:
                 raise

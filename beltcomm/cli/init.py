@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import re
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,8 +22,8 @@ if TYPE_CHECKING:
 
 _INTRODUCTION = (
     "I ask for the data sheets' values of motor, coupling, pulley, belt and limits. Write a unit if it is not the one in "
-    "brackets (0.449 kg cm2, 78 mm); an empty answer means: not known (or the value in brackets). What commissioning cannot do without is "
-    "asked once more.\n"
+    "brackets (0.449 kg cm2, 78 mm, 3000 rpm). Enter means: not known, or keeps the value shown; 'none' means: there is none; 'back' "
+    "goes back to the question before. What commissioning cannot do without is asked once more.\n"
 )
 _TITLES = {
     "motor": "Motor",
@@ -34,6 +36,15 @@ _TITLES = {
     "mounting": "Mounting",
     "payload": "Payload",
 }
+#: What may be written instead of a number, by entry, beside other units.
+_OTHERWISE = {
+    "encoder_counts_per_rev": "or bits: 20 bit",
+    "effective_radius_m": "or teeth x pitch: 24 x 5 mm; or travel per turn: 120 mm/rev",
+    "max_speed_rad_s": "or 3000 rpm",
+}
+#: Asked only where another entry of the section has a value.
+_ONLY_WITH = {"brake_time_s": "brake_torque_nm"}
+_NONE, _BACK = ("none", "no", "-"), ("back", "<")
 _BELT_SECTIONS = ("gearbox", "coupling", "pulley", "belt")
 
 
@@ -65,12 +76,12 @@ def command(frame: Frame, /, file: Path, template: str | None, entries: tuple[st
     missing = _missing(axis)
     lines = [f"{file} is written: {axis.name or 'an axis without a name'}."]
     lines += [f"Still needed: {entry} for {purpose}." for entry, purpose in missing.items()]
-    after = f"beltcomm commission --drive DRIVE --axis {file}"
+    after = f"beltcomm doctor --drive DRIVE --axis {file}"
     if missing:
         first = f"beltcomm init {file} --from {file} --set {next(iter(missing))}=VALUE, and so on"
         lines.append(f"Next: {first}; commissioning refuses to begin before. Then: {after}")
     else:
-        lines.append(f"Next: {after}")
+        lines.append(f"Next: {after}   (compares it with the drive; moves nothing)")
     frame.print({"file": str(file), "axis": axis.to_dict(), "missing": missing}, lines)
     return 0
 
@@ -129,34 +140,58 @@ def _ask_all(start: Axis) -> dict[str, Any]:
     data: dict[str, Any] = start.to_dict()
     data["name"] = _answer("Name of the axis", start.name) or _answer("  Plans and reports call it by its name; which", "")
     belt = _yes("Does it have a toothed belt?")
-    for section, kind in SECTIONS.items():
-        if section in _BELT_SECTIONS and not belt:
-            data.pop(section, None)
+    sections = {name: kind for name, kind in SECTIONS.items() if belt or name not in _BELT_SECTIONS}
+    for section in SECTIONS.keys() - sections.keys():
+        data.pop(section, None)
+    entries = {section: entries_of(kind) for section, kind in sections.items()}
+    questions = [(section, name) for section in sections for name in (*(["name"] if section == "motor" else []), *entries[section])]
+    answers: dict[tuple[str, str], Any] = {}
+    asked: list[int] = []
+    at = 0
+    while at < len(questions):
+        section, name = questions[at]
+        if name in _ONLY_WITH and answers.get((section, _ONLY_WITH[name])) is None:
+            at += 1
             continue
-        click.echo(f"\n{_TITLES[section]}", err=True)
-        known = getattr(start, section)
-        asked: dict[str, Any] = {"name": _answer("  Type", known.name)} if section == "motor" else {}
-        for name, entry in entries_of(kind).items():
-            default = getattr(known, name, None)
-            asked[name] = _ask_number(f"{section}.{name}", name, entry.meaning, default, entry.fault)
-        data[section] = {name: value for name, value in asked.items() if value not in (None, "")}
+        if not asked or questions[asked[-1]][0] != section:
+            click.echo(f"\n{_TITLES[section]}", err=True)
+        default = getattr(getattr(start, section), name, None)
+        try:
+            if name == "name":
+                answers[section, name] = _answer("  Type", default or "", back=True)
+            else:
+                entry = entries[section][name]
+                answers[section, name] = _ask_number(f"{section}.{name}", name, entry.meaning, default, entry.fault)
+        except _Back:
+            at = asked.pop() if asked else 0
+            continue
+        asked.append(at)
+        at += 1
+    for section in sections:
+        data[section] = {name: value for (of, name), value in answers.items() if of == section and value not in (None, "")}
     return data
+
+
+class _Back(Exception):
+    """The question before is asked again."""
 
 
 def _ask_number(key: str, name: str, meaning: str, default: float | None, fault: Any) -> float | None:
     unit, needed = unit_of(name), COMMISSION_NEEDS.get(key, "")
+    shown = ", ".join(filter(None, [unit or "number", _OTHERWISE.get(name, "")]))
     while True:
-        text = _answer(f"  {meaning[0].upper()}{meaning[1:]} [{unit or 'number'}]", "" if default is None else f"{default!r}")
+        text = _answer(f"  {meaning[0].upper()}{meaning[1:]} [{shown}]", "" if default is None else f"{default!r}", back=True)
         if not text and needed:
             click.echo(
-                f"    {key} is needed for {needed}; without it commissioning refuses to begin. Empty once more: not known yet", err=True
+                f"    {key} is needed for {needed}; without it commissioning refuses to begin. Enter once more: not known yet", err=True
             )
             needed = ""
             continue
-        if not text:
+        if not text or text.lower() in _NONE:
             return None
         try:
-            value = _with_key(key, name, text)
+            value = _otherwise(name, text)
+            value = _with_key(key, name, text) if value is None else value
         except UsageError as error:
             click.echo(f"    {error}", err=True)
             continue
@@ -166,6 +201,20 @@ def _ask_number(key: str, name: str, meaning: str, default: float | None, fault:
         click.echo(f"    {key} is {value:g}; {wrong}", err=True)
 
 
+def _otherwise(name: str, text: str) -> float | None:
+    """A number written as data sheets have it, None for any other text.   2^n of n bits;  r = z p/2π of z teeth;  r = s/2π of the way s."""
+    bits = re.fullmatch(r"(\d+)\s*-?\s*bits?", text, re.IGNORECASE)
+    if name == "encoder_counts_per_rev" and bits:
+        return float(2 ** int(bits[1]))
+    if name != "effective_radius_m":
+        return None
+    teeth = re.fullmatch(r"(\d+)\s*(?:teeth)?\s*[x×*]\s*(.+)", text, re.IGNORECASE)
+    if teeth:
+        return int(teeth[1]) * parse_quantity(teeth[2], "pitch_m") / math.tau
+    turn = re.fullmatch(r"(.+?)\s*(?:/|per)\s*(?:rev|turn|revolution|u)", text, re.IGNORECASE)
+    return parse_quantity(turn[1], "travel_m") / math.tau if turn else None
+
+
 def _yes(question: str) -> bool:
     """A question that is asked until the answer is yes or no; yes for an empty one."""
     while (answer := _answer(f"{question} yes/no", "yes").lower()) not in {"y", "yes", "n", "no"}:
@@ -173,11 +222,13 @@ def _yes(question: str) -> bool:
     return answer in {"y", "yes"}
 
 
-def _answer(question: str, default: str) -> str:
-    """One line from stdin; the default for an empty one.   Raises UsageError when stdin is closed."""
-    click.echo(f"{question}{f' ({default})' if default else ''}: ", nl=False, err=True)
+def _answer(question: str, default: str, *, back: bool = False) -> str:
+    """One line from stdin; the default for an empty one.   Raises UsageError when stdin is closed, _Back for that word."""
+    click.echo(f"{question}{f' (Enter keeps {default})' if default else ''}: ", nl=False, err=True)
     line = sys.stdin.readline()
     if not line:
         click.echo("", err=True)
         raise UsageError("nobody answers (stdin is closed); give the values with --set KEY=VALUE, or --yes for none")
+    if back and line.strip().lower() in _BACK:
+        raise _Back
     return line.strip() or default

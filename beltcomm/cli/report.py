@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import gc
 from pathlib import Path
 
 import click
 
 from beltcomm.cli import options as shared
-from beltcomm.cli.frame import Frame, api
+from beltcomm.cli.frame import Frame
 
 
 @click.command("report")
@@ -19,4 +20,10 @@ from beltcomm.cli.frame import Frame, api
 def command(frame: Frame, /, run: Path, against: Path | None, out: Path | None) -> int:
     """Write a page on RUN that explains itself: one file of HTML, made for screen and paper, and its numbers beside it."""
     frame.run = run
-    return frame.show(api().report(run, against=against, out=out, talk=frame.talk()))
+    gc.disable()  # before the imports: a process of some seconds ends before anything is worth collecting
+    try:
+        from beltcomm.session.reporting import report as page  # alone: what moves a machine takes long to import
+
+        return frame.show(page(run, against=against, out=out, talk=frame.talk()))
+    finally:
+        gc.enable()

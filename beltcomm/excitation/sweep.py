@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.signal import chirp as swept
 
 from beltcomm.errors import UsageError
 from beltcomm.excitation.record import Excitation, finished
@@ -64,7 +63,9 @@ def chirp(
         )
     t_s = sample_period_s * (np.arange(period_samples) + 0.5)  # a held torque stands for the middle of its sample
     window = np.interp(t_s / period_s, (0.0, fade, 1.0 - fade, 1.0), (0.0, 1.0, 1.0, 0.0)) if fade else np.ones(period_samples)
-    sine = np.asarray(swept(t_s, lowest_hz, period_s, highest_hz, method=spacing, phi=-90.0))
+    from scipy.signal import chirp  # takes longer to import than a page of a report to draw
+
+    sine = np.asarray(chirp(t_s, lowest_hz, period_s, highest_hz, method=spacing, phi=-90.0))
     period = window * sine - np.mean(window * sine)
     return finished(
         "chirp",

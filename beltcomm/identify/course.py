@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy.special import ndtri, stdtrit
 
 from beltcomm.errors import DataError
 
@@ -83,7 +83,7 @@ def course_of(t_s: Array, values: Array, intervals: Array, looked_at: int = 1) -
     square = float(np.sum(weights * (values - level - slope * u) ** 2)) / freedom
 
     def wide(level_of_chance: float) -> float:
-        own, by_scatter = stats.norm.ppf(1.0 - 0.5 * level_of_chance), stats.t.ppf(1.0 - 0.5 * level_of_chance, freedom) * math.sqrt(square)
+        own, by_scatter = ndtri(1.0 - 0.5 * level_of_chance), stdtrit(freedom, 1.0 - 0.5 * level_of_chance) * math.sqrt(square)
         return float(max(own, by_scatter) if known else by_scatter)
 
     level_interval, slope_interval = wide(0.05) / math.sqrt(float(np.sum(weights))), wide(0.05) / math.sqrt(spread)

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from beltcomm.errors import DataError
 from beltcomm.identify.residual import Stretch, stretches, torque_noise, whitened
@@ -82,7 +82,7 @@ class InverseFit:
     @property
     def quantile(self) -> float:
         """Half width of a 95 % interval in standard deviations."""
-        return float(student.ppf(0.975, self.freedom))
+        return float(stdtrit(self.freedom, 0.975))
 
 
 def fit_inverse(
@@ -288,7 +288,7 @@ def _report(problem: _Problem, x: Array, objective: float, groups: NDArray[np.in
     newton = -np.linalg.pinv(reduced) @ (residual * weights)
     coarser = problem.with_coarser_encoder(ROUNDING_DOUBT)
     moved = -np.linalg.pinv(coarser.jacobian(x)[:, counted] * weights[:, None]) @ (coarser.residual(x) * weights) - newton
-    quantile = float(student.ppf(0.975, freedom))
+    quantile = float(stdtrit(freedom, 0.975))
     covariance = np.zeros((len(x), len(x)))
     covariance[np.ix_(counted, counted)] = scatter + np.outer(moved, moved) / quantile**2
     covariance = covariance[:own, :own] * np.outer(problem.scale[:own], problem.scale[:own])

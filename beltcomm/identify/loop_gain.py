@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from beltcomm.errors import DataError
 
@@ -179,7 +179,7 @@ def _mean(values: Array) -> Gain:
     count = len(values)
     if count < 2:
         return Gain(float(values[0]), math.inf)
-    half = float(student.ppf(0.975, count - 1)) * float(np.std(values, ddof=1)) / math.sqrt(count)
+    half = float(stdtrit(count - 1, 0.975)) * float(np.std(values, ddof=1)) / math.sqrt(count)
     return Gain(float(np.mean(values)), half)
 
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import truncnorm
+from scipy.special import log_ndtr, ndtri_exp
 
 from beltcomm.effects import effect_named
 from beltcomm.model import Value
@@ -43,8 +43,11 @@ def sandwich(jacobian: Array, weighted: Array, groups: NDArray[np.int64], unknow
 
 
 def upper_limit(estimate: float, deviation: float) -> float:
-    """What a quantity that cannot be negative stays below with 95 %, seen as estimate ± deviation (normal, cut off at 0)."""
-    return float(truncnorm.ppf(0.95, -estimate / deviation, np.inf, loc=estimate, scale=deviation))
+    """What a quantity that cannot be negative stays below with 95 %, seen as estimate ± deviation (normal, cut off at 0).
+
+    Φ((estimate - limit)/deviation) = 0.05 Φ(estimate/deviation)
+    """
+    return float(estimate - deviation * ndtri_exp(math.log(0.05) + log_ndtr(estimate / deviation)))
 
 
 def remark_on(name: str, item: Value, wanted: float, deviation: float) -> str:

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from beltcomm.identify.problem import Problem, time_blocks
 from beltcomm.laboratory.fitting import Fitted
@@ -56,14 +56,14 @@ class Spread:
         if any(name not in self.names for name in combination):
             return None
         c = np.array([combination.get(name, 0.0) for name in self.names])
-        over_time = np.sqrt(max(float(c @ self.covariance @ c), 0.0)) * float(student.ppf(0.975, self.freedom))
+        over_time = np.sqrt(max(float(c @ self.covariance @ c), 0.0)) * float(stdtrit(self.freedom, 0.975))
         records, told = len(self.moved), np.einsum("i,rij,j->r", c, self.shares, c)
         law = float(np.linalg.norm(c * self.law))
         if records < 2 or not np.any(told > 0.0):
             return float(np.hypot(over_time, law))
         freedom = max(float(np.sum(told) ** 2 / np.sum(told**2)), LEAST_FREEDOM)  # Satterthwaite
         among = np.sqrt(float(np.sum((self.moved @ c) ** 2)) * (records - 1) / records)
-        return float(np.hypot(max(over_time, among * float(student.ppf(0.975, freedom))), law))
+        return float(np.hypot(max(over_time, among * float(stdtrit(freedom, 0.975))), law))
 
 
 def spread_of(fitted: Fitted) -> Spread:

@@ -30,7 +30,7 @@ class ResponsePair:
     says it needed, so friction is in both as the record has it.   radius : 95 % of the measured one's noise.   coherence : of its periods;
     both None for a single period.
 
-    cart_m : carriage at the start, m.   amplitude_nm : largest torque.   units : of the axis.
+    cart_m : carriage at the start, m.   amplitude_nm : largest torque of the excitation, as noted.   units : of the axis.
     """
 
     record: str
@@ -71,7 +71,7 @@ def response_pairs(recordings: Sequence[Recording], judged: Sequence[Judged]) ->
                 recording.name,
                 recording.sidecar.held_out,
                 recording.sidecar.start_position_m or 0.0,
-                float(np.max(np.abs(piece.torque))),
+                float(np.max(np.abs(piece.torque))) if note.amplitude_nm is None else note.amplitude_nm,
                 freq[lines],
                 angle / torque[lines],
                 angle / needed[lines],
@@ -119,7 +119,7 @@ def bode_figure(pairs: Sequence[ResponsePair], landmarks: Mapping[str, float], c
         made = style.figure("Frequency response: model over measurement", 9.6, caption)
         upper, middle, lower, strip = made.subplots(4, 1, sharex=True, height_ratios=[1.7, 1.0, 1.0, 0.5])
         for pair, colour in zip(shown, LINES, strict=False):
-            label = f"{pair.record}, {pair.cart_m:.2f} m, {pair.amplitude_nm:.2g} {pair.units.force}" + (
+            label = f"{pair.record}, {pair.cart_m:.2f} m, ±{pair.amplitude_nm:.3f} {pair.units.force}" + (
                 " (held out)" if pair.held_out else ""
             )
             size = 20.0 * np.log10(np.abs(pair.measured))

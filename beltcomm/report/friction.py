@@ -61,7 +61,7 @@ def orders_figure(sweeps: Sequence[Sweep], caption: Caption) -> Figure:
         titles = [f"{title}, {s.note.repetition}." for title, s in zip(titles, sweeps, strict=True)]
     colours = {name: COLOURS[i % len(COLOURS)] for i, name in enumerate(dict.fromkeys(titles))}
     with styled():
-        shown = figure("Friction over speed, sweep by sweep (figure 3.10)", 5.8, caption)
+        shown = figure("Friction over speed, sweep by sweep", 5.8, caption)
         top, below = shown.subplots(2, 1, sharex=True, height_ratios=(3, 2))
         for s, title in zip(sweeps, titles, strict=True):
             assert s.fit is not None

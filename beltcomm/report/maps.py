@@ -45,7 +45,11 @@ def maps_figure(
         made = style.figure(
             f"Where the model fails: error {overall:.2f} times the noise{held}; 1.00 means nothing is missing", 10.5, caption, sentences
         )
-        spots = made.subplot_mosaic([["band", "band"], ["speed", "position"], ["amplitude", "time"]], height_ratios=[1.7, 1.0, 1.0])
+        spots = made.subplot_mosaic(
+            [["band", "band", "bar"], ["speed", "position", "bar"], ["amplitude", "time", "bar"]],
+            width_ratios=[1.0, 1.0, 0.05],
+            height_ratios=[1.7, 1.0, 1.0],
+        )
         image = _band_map(spots["band"], judged, landmarks)
         along = {name: bins_of(name, *values, squares) for name, values in dimensions(samples).items()}
         _by_speed(spots["speed"], samples)
@@ -65,7 +69,7 @@ def maps_figure(
             spots[name].set_ylabel("error / noise")
             style.floor_line(spots[name])
             spots[name].legend(loc="upper right", fontsize=8)
-        bar = made.colorbar(image, ax=list(spots.values()), location="right", fraction=0.03, pad=0.01, extend="max")
+        bar = made.colorbar(image, cax=spots["bar"], extend="max")
         bar.set_label("error / noise (the same scale in every picture; blue-grey: too little data)")
         bar.set_ticks([1.0, 1.5, 2.0, 3.0, 5.0, 10.0], labels=["1", "1.5", "2", "3", "5", "10"])
         bar.ax.minorticks_off()

@@ -15,6 +15,7 @@ from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 
 from beltcomm.report import style
+from beltcomm.report.placing import place
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -132,25 +133,30 @@ def svg_of(figure: Figure) -> str:
             axes.patch.set_alpha(0.0)
     stream = io.StringIO()
     figure.set_dpi(DENSE_DPI)
-    canvas = FigureCanvasSVG(figure)
     with rc_context({"svg.fonttype": "none", "svg.hashsalt": "beltcomm", "path.simplify_threshold": LINE_PX}):
-        if (layout := figure.get_layout_engine()) is not None:
-            layout.execute(figure)  # once: it costs as much as a drawing; then points can be told apart on the axes
+        layout = figure.get_layout_engine()
+        if not place(figure) and layout is not None:
+            layout.execute(figure)
         figure.set_layout_engine("none")
         for axes in figure.get_axes():
             for line in list(axes.get_lines()):
                 _thin(axes, line)
         # savefig would draw everything twice
-        canvas.print_svg(stream, metadata={"Date": None, "Creator": None})  # type: ignore[no-untyped-call]
+        FigureCanvasSVG(figure).print_svg(stream, metadata={"Date": None, "Creator": None})  # type: ignore[no-untyped-call]
     text = stream.getvalue()
     text = text[text.index("<svg") :]
     text = re.sub(r'width="[\d.]+pt" height="[\d.]+pt" ', "", text, count=1)
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
     text = re.sub(r"font: ([\d.]+)px [^;\"]*", r"font: \1px var(--font)", text)
-    text = re.sub(r"(?<=\.\d\d)\d+", "", text)  # a hundredth of a point is more than a printer shows
+    text = re.sub(r'="[^"]*"', _hundredths, text)
     text = re.sub(r"(fill|stroke): (#[0-9a-fA-F]{6})", _following, text)
     # text without a colour of its own is black
     return text.replace("<text ", '<text fill="var(--ink)" ').replace("\n", " ")
+
+
+def _hundredths(found: re.Match[str]) -> str:
+    """An attribute with its numbers cut to two digits, a hundredth of a point: more than a printer shows."""
+    return re.sub(r"(?<=\.\d\d)\d+", "", found[0])
 
 
 def _following(found: re.Match[str]) -> str:

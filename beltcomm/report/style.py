@@ -38,6 +38,7 @@ _STYLE: Any = {
     "axes.titlesize": 11.0,
     "axes.titleweight": "bold",
     "axes.titlelocation": "left",
+    "axes.titley": 1.0,  # else it is looked for above everything else at every drawing
     "legend.frameon": False,
     "figure.facecolor": "white",
     "svg.hashsalt": "beltcomm",

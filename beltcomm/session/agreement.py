@@ -14,14 +14,14 @@ from beltcomm.session.heat import Thermal
 from beltcomm.session.machine import Machine
 from beltcomm.session.options import Options
 from beltcomm.session.plan import Plan, with_homing
+from beltcomm.session.ratings import fault_of
 from beltcomm.session.rehearsal import Job, rehearse
+from beltcomm.session.store import PLAN
 from beltcomm.session.supervised import Supervised
 from beltcomm.talk import Talk
 
 #: Before the plan of a resumed run.
 KEPT = "Finished records are kept; what stands below is the most that is driven again, after a check that this is still the machine. "
-#: Title of the plan that was agreed to, among the results of its run.
-SAVED = "plan"
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,9 @@ def agree(
     if isinstance(drive, Supervised):
         drive.allow_motion()
     if machine is not None:
-        machine.folder.save_result(SAVED, {"text": plan.text, "experiments": plain(plan.experiments), **plan.heat_dict()})
+        machine.folder.save_result(
+            PLAN, {"text": plan.text, "points": plain(plan.points), "experiments": plain(plan.experiments), **plan.heat_dict()}
+        )
         machine.folder.journal(f"agreed{' by --yes' if options.yes else ''}: {plan.summary()}")
         if options.home:
             referencing.home(machine)
@@ -127,6 +129,8 @@ def planned(plan: Plan, capabilities: Capabilities | None = None, options: Optio
         referencing.inside(axis, options.position_m)
         plan = with_homing(plan, axis, capabilities) if options.home else plan
     fault = plan.heat_fault()
+    if not fault and capabilities and axis:
+        fault = fault_of(axis, capabilities)
     refused = [f"This plan will be refused: {fault}."] if fault else []
     return Result(
         {"plan": plain(plan), "seconds": plan.seconds, "visible": plan.visible, **plan.heat_dict()},

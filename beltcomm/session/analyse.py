@@ -24,7 +24,7 @@ from beltcomm.identify.inverse_fit import InverseFit
 from beltcomm.identify.loop_response import seen
 from beltcomm.identify.magnitude_fit import MagnitudeFit, Solver, fit_magnitude
 from beltcomm.identify.sweeps import plateaus_of
-from beltcomm.linear import operating_point
+from beltcomm.linear import modes, operating_point
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 from beltcomm.response import FrequencyResponse
@@ -311,3 +311,10 @@ def apparent_damping(fits: Mapping[str, MagnitudeFit]) -> float:
         two = fit.two_mass
         values.append(two.transmission_m_rad**2 * (two.motor_damping_n_s_m + two.cart_damping_n_s_m))
     return max(values)
+
+
+def characteristic_hz(model: Model, position_m: float) -> tuple[float, float]:
+    """Antiresonance and first resonance of a model with the carriage at a place, Hz, from its undamped modes."""
+    free = [m.freq_hz for m in modes(model, operating_point(model, position_m, 1.0)) if m.freq_hz > 0.5]
+    held = [m.freq_hz for m in modes(model, operating_point(model, position_m, 1.0), held=("motor",)) if m.freq_hz > 0.5]
+    return min(held), min(free)

@@ -9,6 +9,7 @@ from typing import Final
 from beltcomm.axis import Axis
 from beltcomm.errors import BeltcommError
 from beltcomm.finding import Finding
+from beltcomm.session.ratings import counts_rating
 from beltcomm.session.referencing import suitable
 
 AREA: Final = "axis.yaml"
@@ -74,11 +75,12 @@ def _encoder(seen: dict[str, float], axis: Axis) -> Iterator[Finding]:
     counts, expected = seen.get("counts_per_rev"), axis.motor.encoder_counts_per_rev
     if not counts or not expected:
         return
-    text = f"the drive counts {counts:g} increments per motor revolution, axis.yaml says {expected:g} (motor.encoder_counts_per_rev)"
+    text = f"the drive counts {counts:.10g} increments per motor revolution, axis.yaml says {expected:.10g} (motor.encoder_counts_per_rev)"
+    rating = counts_rating(axis, counts)
     if counts == expected:
         yield Finding(AREA, "encoder", "ok", text)
     else:
-        yield Finding(AREA, "encoder", "warning", f"{text}; the drive's number is used", "correct the one that is wrong")
+        yield Finding(AREA, "encoder", "wrong" if rating.wrong else "warning", text, rating.remedy)
 
 
 def _gear(seen: dict[str, float], axis: Axis) -> Iterator[Finding]:

@@ -9,8 +9,9 @@ from collections.abc import Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from beltcomm.errors import DataError, UsageError
+from beltcomm.errors import UsageError
 from beltcomm.result import Result
+from beltcomm.runfolder import RunFolder
 
 #: What is in the zip beside the run folder's own files.
 VERSIONS = "versions.txt"
@@ -53,7 +54,7 @@ def write_bundle(run: Path, path: Path, *, recordings: bool = False, private: Se
     Raises DataError when there is no such folder, UsageError when the zip cannot be written.
     """
     if not run.is_dir():
-        raise DataError(f"the run folder {run} does not exist; give the folder of a run")
+        RunFolder.open(run)
     chosen = [file for file in sorted(run.rglob("*")) if file.is_file() and _belongs(file.relative_to(run), recordings)]
     try:
         with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:

@@ -12,8 +12,8 @@ from beltcomm.runfolder import RunFolder
 from beltcomm.session import gain_steps, phases, referencing
 from beltcomm.session.bounds import CREEP_SECONDS, Experiment
 from beltcomm.session.calibration import keep_for_kind
-from beltcomm.session.commission import Settings
 from beltcomm.session.creep import BREAKAWAY_SHARE
+from beltcomm.session.findings import Settings
 from beltcomm.session.machine import Machine
 from beltcomm.session.plan import Plan
 from beltcomm.session.words import remarks_lines

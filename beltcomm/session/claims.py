@@ -10,7 +10,7 @@ from beltcomm.errors import BeltcommError
 from beltcomm.identify.amplitude import UNKNOWN_MASSES_KG
 from beltcomm.identify.first_estimate import data_sheet_model
 from beltcomm.model import Model
-from beltcomm.session import phases
+from beltcomm.session import analyse
 
 #: Share of the sampling rate up to which a resonance can be seen: beyond it the hold between samples and the alias beside it take over.
 CLAIMED_SHARE = 0.35
@@ -34,7 +34,7 @@ def expected_hz(axis: Axis) -> tuple[float, float] | None:
         for at in (float(axis.travel.min_m or 0.0), float(axis.travel.max_m or 0.0)):
             for mass in masses:
                 model = data_sheet_model(axis, at, 0.0).with_values({"cart.mass": max(mass, UNKNOWN_MASSES_KG[0])})
-                found.append(phases.characteristic_hz(model, at)[1])
+                found.append(analyse.characteristic_hz(model, at)[1])
     except (BeltcommError, ValueError):
         return None
     return min(found), max(found)
@@ -102,5 +102,5 @@ def torque_remark(model: Model, axis: Axis, capabilities: Capabilities) -> str |
 def note_after(remarks: list[str], model: Model, axis: Axis, capabilities: Capabilities, at_m: float) -> None:
     """Put both remarks on a fitted model into ``remarks``, in place of those on an earlier one.   at_m : where the carriage is."""
     remarks[:] = [one for one in remarks if not one.startswith((_RESONANCE, _INERTIA))]
-    resonance = remark_after(phases.characteristic_hz(model, at_m)[1], capabilities)
+    resonance = remark_after(analyse.characteristic_hz(model, at_m)[1], capabilities)
     remarks += [one for one in (resonance, torque_remark(model, axis, capabilities)) if one is not None]

@@ -13,7 +13,6 @@ from beltcomm.design.cascade import DesignResult
 from beltcomm.errors import DataError, Refused, SafetyStop
 from beltcomm.identify.amplitude import around, unknown_masses_kg
 from beltcomm.identify.final import FinalModel, evidence, final_model
-from beltcomm.identify.magnitude_fit import Solver
 from beltcomm.identify.standstill import largest
 from beltcomm.model import Model
 from beltcomm.recording import Recording
@@ -33,6 +32,7 @@ from beltcomm.session import (
     sweeping,
     verification,
 )
+from beltcomm.session.delays import assume_delay, delay, measure_delay_and_damping
 from beltcomm.session.findings import Apply as Apply
 from beltcomm.session.findings import Findings as Findings
 from beltcomm.session.findings import Settings as Settings
@@ -43,14 +43,10 @@ from beltcomm.session.proof import SURE_MARGIN_DEG, move_name, proof, thin_margi
 from beltcomm.session.proving import verify_move
 from beltcomm.sidecar import Sidecar
 
-#: Periods of the drive's loop that an unmeasured delay is counted with: one to pass the setpoint on, one for the current loop.
-ASSUMED_DELAY_PERIODS = 2
 #: s of machine time kept for the move that verifies, with the way to its start.
 VERIFYING_S = 4.0
 #: The same for a velocity loop, which follows slow moves only and takes several tries to arrive anywhere.
 DRIFTING_S = 22.0
-#: Share of the loudest response's torque from which on another one counts as loud.
-LOUD_SHARE = 0.7
 #: s of machine time that finding sign and breakaway takes as a rule.
 CREPT_S = 2.0
 #: s, from where a dead time is looked for; evidence that it must have.
@@ -124,28 +120,6 @@ def with_late_torque(found: FinalModel, recordings: Sequence[Recording], axis: A
     return other if evidence(other.fit, found.fit) > CLEAR_EVIDENCE else found
 
 
-def measure_delay_and_damping(findings: Findings, recordings: Sequence[Recording], model: Model, solver: Solver = "lm") -> None:
-    """The thesis's fit of every loud response, and the dead time; both only inform, a failure is a remark.
-
-    In quiet ones at rest friction poses as so much damping that a loop robust from none up to it would be slow for nothing.
-    """
-    recordings = [r for r in recordings if not r.sidecar.held_out]
-    loudest = max((float(np.std(r.torque)) for r in recordings if not r.sidecar.moving), default=0.0)
-    loud = [r for r in recordings if r.sidecar.moving or np.std(r.torque) > LOUD_SHARE * loudest]
-    for name, response in analyse.responses(loud).items():
-        try:
-            findings.thesis[name] = analyse.thesis_fit(response, model, solver)
-        except (DataError, Refused) as problem:
-            findings.remarks.append(f"{name}: no log-magnitude fit ({problem})")
-    if not recordings:
-        return
-    _, resonance = phases.characteristic_hz(model, recordings[0].sidecar.start_position_m or 0.0)
-    try:
-        findings.dead_time = analyse.dead_time_of(recordings, resonance)
-    except DataError as problem:
-        findings.remarks.append(str(problem))
-
-
 def close_first_loop(machine: Machine, findings: Findings, model: Model, *, ask: bool = False) -> Cascade:
     """Phase 4: a cautious loop for the uncertain first model, written into the drive.
 
@@ -176,22 +150,6 @@ def close_loop(machine: Machine, findings: Findings, model: Model, cascade: Casc
             raise Refused("the loop was not closed, as you said; the recordings so far are kept, `beltcomm fit` makes a model of them")
     stops.count_on_loop(machine, around(model), machine.write_cascade(cascade), delay(findings))
     return cascade
-
-
-def delay(findings: Findings) -> float:
-    """Identified delay from torque setpoint to acting torque, s; before it is known, the assumed one."""
-    return max(findings.dead_time.value_s, 0.0) if findings.dead_time else findings.assumed_delay_s
-
-
-def assume_delay(findings: Findings, structure: CascadeStructure) -> None:
-    """Where no delay was measured, count with ``ASSUMED_DELAY_PERIODS`` of the drive's loop, and say so."""
-    if findings.dead_time is not None or findings.assumed_delay_s:
-        return
-    findings.assumed_delay_s = ASSUMED_DELAY_PERIODS * structure.period_s
-    findings.remarks.append(
-        f"the delay from torque setpoint to torque is not known: counted with {1e3 * findings.assumed_delay_s:g} ms, "
-        f"{ASSUMED_DELAY_PERIODS} periods of the drive's loop; record torque_setpoint_nm beside torque_nm to measure it"
-    )
 
 
 def record_steps(machine: Machine, findings: Findings, model: Model, cascade: Cascade, extent: Extent) -> None:
@@ -335,7 +293,7 @@ def dispose(machine: Machine, settings: Settings, findings: Findings, cascade: C
         wanted = "restore"
         if settings.ask and findings.succeeded:
             error = 1e3 * findings.verdict.measured.dynamic_m if findings.verdict else 0.0
-            machine.talk.say(f"The move met its targets, {error:.3g} mm of dynamic error.")
+            machine.talk.say(f"The move met its targets, {error:.3g} mm of dynamic error at the motor.")
             if machine.talk.confirm("Keep the new gains in the drive until power-off?"):
                 wanted = "save" if machine.talk.confirm("Save them for good, beyond power-off?") else "keep"
     if wanted in ("keep", "save") and not findings.succeeded:

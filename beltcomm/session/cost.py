@@ -15,12 +15,12 @@ from beltcomm.design.compensation import compensated, compensation
 from beltcomm.errors import BeltcommError, Refused
 from beltcomm.model import Model
 from beltcomm.runfolder import RunFolder
-from beltcomm.session import analyse, phases
-from beltcomm.session.commission import Findings, assume_delay, delay, measure_delay_and_damping
+from beltcomm.session import analyse
+from beltcomm.session.delays import assume_delay, delay, measure_delay_and_damping
+from beltcomm.session.findings import Findings
 from beltcomm.session.offline import structure_of
-from beltcomm.session.verification import MOVE_M, REST_S
-from beltcomm.trajectory import Trajectory, plan_trajectory
-from beltcomm.verify import Loop, TrackingError, demand, predict_move, tracking_error
+from beltcomm.trajectory import Trajectory, held, plan_trajectory
+from beltcomm.verify import MOVE_M, REST_S, Loop, TrackingError, demand, predict_move, tracking_error
 
 #: Limits of the move where axis.yaml names none: those of an ordinary handling axis.
 USUAL = TrajectoryLimits(jerk_m_s3=200.0, acceleration_m_s2=10.0, speed_m_s=1.5)
@@ -62,7 +62,7 @@ def cost_of(folder: RunFolder, before: Model, after: Model) -> Cost:
     kinds = [kind for kind in PREFILTERS if kind in structure.prefilters]
     structure = replace(structure, prefilters=(kinds[0],))
     move = offline_move(axis, after, structure.period_s)
-    rested = phases.held(move, REST_S)
+    rested = held(move, REST_S)
     unaware = _errors(axis, before, after, structure, findings, rested)
     aware = _errors(axis, after, after, structure, findings, rested)
     top = float(abs(move.velocity_m_s).max())

@@ -24,6 +24,7 @@ from beltcomm.laboratory.fitting import Fitted
 from beltcomm.laboratory.intervals import with_intervals
 from beltcomm.laboratory.score import ground_of
 from beltcomm.recording import Recording
+from beltcomm.session.words import number
 
 #: Share of the squares below which no law of friction is worth looking for, and from which the bound is worth a line.
 WORTH = 0.05
@@ -68,11 +69,16 @@ def sheet_lines(doubts: Sequence[SheetDoubt], axis: Axis) -> list[str]:
     """As sentences: a wrong data sheet is no effect."""
     lines = []
     for doubt in doubts:
-        width = "" if doubt.interval is None else f" ± {doubt.interval:.1g}"
         what, known = _SHEETS[doubt.entry]
+        scale, unit = _UNITS.get(doubt.unit, (1.0, doubt.unit))
+        interval = None if doubt.interval is None else scale * doubt.interval
+        share = f"{100.0 * abs(doubt.factor - 1.0):.0f} % {'less' if doubt.factor < 1.0 else 'more'} than"
+        if doubt.factor > 2.0:
+            share = f"{doubt.factor:.3g} times what"
         lines.append(
-            f"Data sheet: {what} is {doubt.found:.4g}{width} {doubt.unit} by the records, {doubt.sheet:.4g} {doubt.unit} by {axis} "
-            f"(factor {doubt.factor:.2g}, {known}). The model uses what was measured; this is no missing effect."
+            f"Data sheet: {what} was measured as {number(scale * doubt.found, interval, unit)}, {share} the "
+            f"{scale * doubt.sheet:.4g} {unit} of {axis} ({known}). The model uses what was "
+            "measured; look at data sheet and machine, no effect is missing for it."
         )
         if not doubt.common:
             lines.append(f"  {_CHECKS[doubt.entry]}")
@@ -85,6 +91,8 @@ def sheet_lines(doubts: Sequence[SheetDoubt], axis: Axis) -> list[str]:
     return lines
 
 
+#: Units of the doubts as they are shown.
+_UNITS = {"N/m": (1e-3, "kN/m"), "kg m²": (1e6, "kg mm²")}
 #: What stands behind an entry of the axis file: words, and what it may differ by.
 _SHEETS = {
     "motor.inertia_kg_m2": ("the inertia on the motor's side", "data sheets are within 20 %"),

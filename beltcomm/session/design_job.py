@@ -14,9 +14,10 @@ from beltcomm.result import Result
 from beltcomm.runfolder import RunFolder
 from beltcomm.session import analyse, offline, outcome, referencing, words
 from beltcomm.session import pictures as drawn
-from beltcomm.session.commission import Findings, measure_delay_and_damping
+from beltcomm.session.delays import measure_delay_and_damping
 from beltcomm.session.design_proof import grounds_of, prove
 from beltcomm.session.design_proof_words import proof_lines
+from beltcomm.session.findings import Findings
 from beltcomm.session.proof import doubts, thin_margins
 
 

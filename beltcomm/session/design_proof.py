@@ -26,8 +26,9 @@ from beltcomm.response import FrequencyResponse
 from beltcomm.result import plain
 from beltcomm.runfolder import RunFolder
 from beltcomm.session import analyse
-from beltcomm.session.commission import Findings, delay
 from beltcomm.session.conditions import Condition, condition_of
+from beltcomm.session.delays import delay
+from beltcomm.session.findings import Findings
 from beltcomm.session.offline import counts_of
 from beltcomm.session.proof import SURE_MARGIN_DEG
 

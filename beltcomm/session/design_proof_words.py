@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 from beltcomm.design.measured import MeasuredMargins
 from beltcomm.design.specification import Specification
 from beltcomm.model import Model
-from beltcomm.session.commission import LOUD_SHARE
+from beltcomm.session.delays import LOUD_SHARE
 from beltcomm.session.design_proof import Contradiction, DesignProof, Grounds
 
 #: What a response around standstill shows of the friction, and what the model counts.

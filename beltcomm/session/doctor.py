@@ -11,7 +11,7 @@ from beltcomm.axis import Axis, load_axis
 from beltcomm.drive import Adapter, FoundAdapter, adapter_for, find_adapters
 from beltcomm.errors import BeltcommError, DriveError, UsageError
 from beltcomm.finding import Finding, State
-from beltcomm.result import Result, plain
+from beltcomm.result import Result, Row, plain
 from beltcomm.session.axis_findings import compared
 from beltcomm.session.options import Options
 from beltcomm.talk import Silence, Talk
@@ -140,11 +140,12 @@ def _result(drive: str | None, findings: Sequence[Finding], next_step: str) -> R
 def _lines(findings: Sequence[Finding]) -> Iterator[str]:
     """Area by area: the mark, the sentence, and below it what to do."""
     for area, group in groupby(findings, key=lambda finding: finding.area):
-        yield f"{area}:"
+        yield Row(f"{area}:", ("", area), (False, False), head=True)
         for finding in group:
-            yield f"  {MARKS[finding.state]:<{_WIDTH}}{finding.text}"
-            if finding.remedy:
-                yield f"  {'':<{_WIDTH}}-> {finding.remedy}"
+            remedy = f"\n  {'':<{_WIDTH}}-> {finding.remedy}" if finding.remedy else ""
+            text = f"  {MARKS[finding.state]:<{_WIDTH}}{finding.text}{remedy}"
+            below = f"\n-> {finding.remedy}" if finding.remedy else ""
+            yield Row(text, (MARKS[finding.state], finding.text + below), (False, False))
 
 
 def _summary(drive: str | None, counts: dict[State, int], code: int) -> str:

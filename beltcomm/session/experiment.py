@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from beltcomm.model import Model
 from beltcomm.session import analyse, phases, stops, verification
-from beltcomm.session.commission import Findings, Settings, close_first_loop, design_for, measure_friction
+from beltcomm.session.commission import close_first_loop, design_for, measure_friction
+from beltcomm.session.findings import Findings, Settings
 from beltcomm.session.machine import Machine
 from beltcomm.session.making import RESPONSE_S
 from beltcomm.session.proving import verify_move

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from beltcomm.control import Cascade, PrefilterKind
 from beltcomm.design.cascade import DesignResult
@@ -15,11 +15,14 @@ from beltcomm.identify.final import FinalModel
 from beltcomm.identify.friction import FrictionFit
 from beltcomm.identify.magnitude_fit import MagnitudeFit
 from beltcomm.identify.standstill import Standstill
-from beltcomm.session import analyse, holding, phases
-from beltcomm.session.creep import Breakaway
-from beltcomm.session.programme import Extent
+from beltcomm.session import analyse
 from beltcomm.trajectory import Trajectory
 from beltcomm.verify import Demand, Verdict
+
+if TYPE_CHECKING:  # what moves a machine takes long to import
+    from beltcomm.session import holding, phases
+    from beltcomm.session.creep import Breakaway
+    from beltcomm.session.programme import Extent
 
 Apply = Literal["keep", "restore", "save"]
 

@@ -7,9 +7,9 @@ from itertools import count
 
 from beltcomm.model import Model
 from beltcomm.session import commission as sequence
-from beltcomm.session import making
+from beltcomm.session import delays, making
 from beltcomm.session.bounds import lines_of
-from beltcomm.session.commission import Findings
+from beltcomm.session.findings import Findings
 from beltcomm.session.heat import Thermal
 from beltcomm.session.machine import Machine
 from beltcomm.session.next_plan import NextPlan
@@ -32,7 +32,7 @@ def follow(machine: Machine, model: Model, findings: Findings, wanted: NextPlan)
     """Run all steps; returns the names of the records.   Raises what the machine raises; what is recorded stays."""
     machine.holding_nm = model.get("constant_offset.torque")
     cascade = sequence.close_first_loop(machine, findings, model)
-    loop = making.Closed(model, cascade, sequence.delay(findings))
+    loop = making.Closed(model, cascade, delays.delay(findings))
     taken = set(machine.folder.finished_names())
     made = []
     for step, name in zip(wanted.steps, _names(wanted, taken), strict=True):

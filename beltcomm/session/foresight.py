@@ -203,7 +203,7 @@ class _Simulated:
     def response(self, step: Step) -> _Motion:
         """An excitation as loud as the belt allows, or quieter."""
         at = self.course.place_m(step)
-        choice = choose_prbs(self.period_s, *phases.characteristic_hz(self.model, at), max(step.seconds, RESPONSE_S))
+        choice = choose_prbs(self.period_s, *analyse.characteristic_hz(self.model, at), max(step.seconds, RESPONSE_S))
         if step.held_out:
             choice = held_choice(choice)
         shape = prbs(choice.order, choice.clock, 2.0, self.period_s, choice.repeats)

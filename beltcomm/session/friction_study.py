@@ -19,7 +19,8 @@ from beltcomm.result import Result, plain
 from beltcomm.runfolder import RunFolder
 from beltcomm.session import analyse, friction_words, offline, words
 from beltcomm.session import pictures as drawing
-from beltcomm.session.commission import Findings, measure_delay_and_damping
+from beltcomm.session.delays import measure_delay_and_damping
+from beltcomm.session.findings import Findings
 from beltcomm.session.strokes import slowest_fitted_rad_s
 from beltcomm.talk import Silence, Talk
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from beltcomm.axis import Axis
 from beltcomm.axis_entries import LEVEL_DEG, TrajectoryLimits
@@ -106,7 +106,7 @@ class Holding:
 def mean_of(values: Sequence[float]) -> Found:
     """Mean and its 95 % interval by the scatter (Student's t); infinite for a single value."""
     n = len(values)
-    spread = float(student.ppf(0.975, n - 1) * np.std(values, ddof=1) / math.sqrt(n)) if n > 1 else math.inf
+    spread = float(stdtrit(n - 1, 0.975) * np.std(values, ddof=1) / math.sqrt(n)) if n > 1 else math.inf
     return Found(float(np.mean(values)), spread)
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from beltcomm.effects import effect_named
-from beltcomm.errors import UsageError
+from beltcomm.errors import DataError, UsageError
 from beltcomm.laboratory.compare import Comparison, compare, landmarks, worst
 from beltcomm.laboratory.cross_checks import SheetDoubt
 from beltcomm.laboratory.data import Data
@@ -39,6 +39,8 @@ from beltcomm.talk import Silence, Talk
 
 #: A held-out error must fall by more than this share of itself to confirm an effect.
 CONFIRMED_SHARE = 0.0
+#: Error over noise from which on nothing is said of a model: whole torques are some hundred times the noise of a drive.
+FARTHEST = 1e4
 #: Names of one family that no motion of the axis can tell apart, and the effect that stands for it.
 FAMILY = {"tilt": "constant_offset", "coulomb_asymmetry": "constant_offset", "current_offset": "constant_offset"}
 
@@ -74,10 +76,21 @@ def opened(run: Path, talk: Talk) -> Opened:
     return Opened(folder, data, fitted, records)
 
 
+def explainable(ratio: float, run: Path) -> None:
+    """Raises DataError where a model is so far off that its error is no number of this axis, as of a run that failed early."""
+    if not ratio < FARTHEST:
+        raise DataError(
+            f"the records of {run} cannot be explained by any model of a belt axis (its error would be more than {FARTHEST:.0f} times the "
+            "noise): they are of a session that failed, or hold another quantity than they say. Make them again with `beltcomm "
+            f"commission`, or take the wrong ones out of {run / 'recordings'}; `beltcomm bundle {run}` packs all for whoever helps"
+        )
+
+
 def compare_run(run: Path, *, pictures: bool = True, command: str = "", talk: Talk | None = None) -> Result:
     """Model against measurement: ratios to the noise per record, and where it fails.   pictures : into ``RUN/pictures``."""
     here = opened(run, talk or Silence())
     comparison = compare(here.data, here.fitted)
+    explainable(comparison.ratio, run)
     chosen = worst(comparison)
     named = landmarks(here.fitted.model, drawn.middle_of(here.folder))
     table = table_of(here.records.recordings, here.fitted.model)
@@ -134,6 +147,7 @@ def diagnose_run(
     talk.phase(1, 1, "search for missing effects")
     start = model if model is not None else start_model(folder.axis, recordings)
     found = diagnose(recordings, folder.axis, start, progress=lambda fraction: talk.progress(fraction, None))
+    explainable(found.base.ratio, run)
     found, doubts = within_scope(found, recordings)
     crossed = cross_checked(found, recordings, folder.axis)
     data: dict[str, Any] = {

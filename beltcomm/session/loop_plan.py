@@ -26,10 +26,10 @@ from beltcomm.identify.loop_amplitude import (
 from beltcomm.identify.loop_response import Way
 from beltcomm.model import Model
 from beltcomm.parameters import GAIN_NAMES
+from beltcomm.session import analyse, delays, phases
 from beltcomm.session import commission as sequence
-from beltcomm.session import phases
 from beltcomm.session.bounds import Experiment, stroking_nm
-from beltcomm.session.commission import Findings
+from beltcomm.session.findings import Findings
 from beltcomm.session.heat import Thermal
 from beltcomm.session.machine import Machine
 from beltcomm.session.making import RESPONSE_S
@@ -128,9 +128,9 @@ def plan_job(machine: Machine, findings: Findings, model: Model, way: Way, base_
         excited = replace(cascade, feedforward=forward if base_speed_m_s != 0.0 else replace(forward, coulomb_nm=0.0))
     room = machine.full_room()
     structure = capabilities.structure
-    drive = LoopDrive(structure.period_s, sequence.delay(findings), room.torque_nm, capabilities.counts_per_rev)
+    drive = LoopDrive(structure.period_s, delays.delay(findings), room.torque_nm, capabilities.counts_per_rev)
     loop = ClosedLoop(excited, drive, kind, into, capabilities.sample_period_s)
-    antiresonance, resonance = phases.characteristic_hz(model, sum(machine.full_room().window_m) / 2.0)
+    antiresonance, resonance = analyse.characteristic_hz(model, sum(machine.full_room().window_m) / 2.0)
     choice: Choice = choose(machine.excitation, capabilities.sample_period_s, antiresonance, resonance, RESPONSE_S)
     period_s = choice.excitation(1.0, capabilities.sample_period_s).period_samples * capabilities.sample_period_s
     near, far = phases.stroke_ends(machine)

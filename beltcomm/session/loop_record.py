@@ -20,8 +20,8 @@ from beltcomm.identify.loop_response import KnownController
 from beltcomm.recording import Recording
 from beltcomm.session import commission as sequence
 from beltcomm.session import phases
-from beltcomm.session.commission import Findings
 from beltcomm.session.expectation import SURPRISE, TRAVEL_SLACK_M
+from beltcomm.session.findings import Findings
 from beltcomm.session.loop_plan import RISES, TITLES, Job, inside, is_moved
 from beltcomm.session.machine import Machine, Room
 from beltcomm.sidecar import ExcitationNote, Sidecar

@@ -13,7 +13,7 @@ from beltcomm.control import Cascade
 from beltcomm.errors import Refused
 from beltcomm.model import Model
 from beltcomm.recording import Recording
-from beltcomm.session import phases, verification
+from beltcomm.session import analyse, phases, verification
 from beltcomm.session.machine import Machine
 from beltcomm.session.paths import Course, path_of, start_of
 from beltcomm.session.steps import LOUD, Step
@@ -140,7 +140,7 @@ def course_of(machine: Machine, model: Model) -> Course:
     room, ends, period = machine.full_room(), phases.stroke_ends(machine), machine.drive.capabilities.sample_period_s
     if machine.stroking() != "position":  # a velocity loop lags, nobody predicts what the belt would carry
         return Course(room.window_m, ends, gentle, gentle, period)
-    slowest_hz, _ = phases.characteristic_hz(model, 0.5 * sum(room.window_m))
+    slowest_hz, _ = analyse.characteristic_hz(model, 0.5 * sum(room.window_m))
     hard = hard_acceleration_m_s2(machine, model)
     limits = replace(gentle, acceleration_m_s2=hard, jerk_m_s3=hard * slowest_hz / RISE_PERIODS)
     return Course(room.window_m, ends, gentle, limits, period)

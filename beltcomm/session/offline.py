@@ -17,7 +17,8 @@ from beltcomm.model import Model, load_model
 from beltcomm.recording import Recording, common_side
 from beltcomm.runfolder import RunFolder
 from beltcomm.session import analyse
-from beltcomm.session.commission import Findings, measure_delay_and_damping
+from beltcomm.session.delays import measure_delay_and_damping
+from beltcomm.session.findings import Findings
 from beltcomm.session.revisions import trusted_model
 from beltcomm.session.store import cascade_from_dict, delay_from_dict, structure_from_dict
 from beltcomm.session.strokes import slowest_fitted_rad_s

@@ -12,7 +12,7 @@ from beltcomm.errors import UsageError
 from beltcomm.excitation import ExcitationKind
 from beltcomm.identify.loop_response import CLOSED_WAYS, Way
 from beltcomm.runfolder import RunFolder
-from beltcomm.session.commission import Apply, Settings
+from beltcomm.session.findings import Apply, Settings
 from beltcomm.session.hardware import Hardware
 from beltcomm.session.orders import Order
 from beltcomm.session.programme import Extent

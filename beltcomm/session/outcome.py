@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 from beltcomm.configfiles import write_text
+from beltcomm.drive import simulated
 from beltcomm.identify.final import FinalModel
 from beltcomm.result import plain
 from beltcomm.runfolder import RunFolder
 from beltcomm.session import analyse, friction_words, holding, words
-from beltcomm.session.commission import Findings, delay
+from beltcomm.session.delays import delay
+from beltcomm.session.findings import Findings
 from beltcomm.session.store import design_to_dict, fit_to_dict, verdict_to_dict
 
 
@@ -73,16 +76,19 @@ def data(folder: RunFolder, findings: Findings) -> dict[str, Any]:
     return found
 
 
-def model_text(findings: Findings) -> list[str]:
-    """The model with intervals, why it was chosen, the delay, and the log-magnitude fits beside it."""
+def model_text(findings: Findings, *, error: float | None = None, compared: bool = True) -> list[str]:
+    """The model with intervals, why it was chosen, the delay, and the log-magnitude fits beside it.
+
+    error : over the noise, as the laboratory has it; the fit's own where nothing is given.   compared : with those fits.
+    """
     if findings.final is None:
         return []
-    lines = words.model_lines(findings.final.fit, findings.characteristics)
+    lines = words.model_lines(findings.final.fit, findings.characteristics, error)
     lines.append(f"  {findings.final.reason}")
     if findings.dead_time is not None:
         interval = 1e3 * findings.dead_time.interval_s
         lines.append(f"  delay from torque setpoint to torque: {words.number(1e3 * findings.dead_time.value_s, interval, 'ms')}")
-    return lines + words.thesis_lines(findings.thesis)
+    return lines + (words.thesis_lines(findings.thesis) if compared else [])
 
 
 def gravity_text(folder: RunFolder, findings: Findings) -> list[str]:
@@ -116,8 +122,31 @@ def keep_text(folder: RunFolder, text: list[str]) -> None:
     write_text(folder.path / "verdict.txt", "\n".join(text) + "\n")
 
 
-def commission_text(folder: RunFolder, findings: Findings, drive: str) -> list[str]:
-    """The verdict first, then everything behind it, where the files are, and what to do next."""
+@dataclass(frozen=True)
+class Ending:
+    """What a commissioning says at its end.   top : verdict, next command, what was proven, model, gains.   details : for whoever checks.
+
+    bottom : notes, where the files are, and the next command once more, above which a terminal may have scrolled.
+    """
+
+    top: list[str]
+    details: list[str]
+    bottom: list[str]
+
+    def whole(self) -> list[str]:
+        """For ``verdict.txt``."""
+        return [*self.top, *(["", "Details:", *self.details] if self.details else []), *self.bottom]
+
+    def short(self) -> list[str]:
+        """For the terminal."""
+        return [*self.top, *self.bottom]
+
+
+def commission_text(folder: RunFolder, findings: Findings, drive: str, *, page: str = "", error: float | None = None) -> Ending:
+    """The verdict first, then what to do next, everything behind it, and where the files are.
+
+    page : a line on the report.   error : of the model over the noise, as the report has it.
+    """
     passed = findings.verdict is not None and findings.verdict.passed
     suspect = findings.final is None or findings.final.fit.suspect
     state = {
@@ -133,27 +162,37 @@ def commission_text(folder: RunFolder, findings: Findings, drive: str) -> list[s
     }[passed, suspect]
     if passed and not suspect and findings.reservations:
         headline = f"The move that was driven met its targets, but the axis does not: {'; '.join(findings.reservations)}."
-    text = [
+    following = _following(folder, findings, drive)
+    top = [
         headline,
+        f"Next: {following}",
         "",
-        *model_text(findings),
+        *(words.verdict_lines(findings.verdict, findings.demand) if findings.verdict else []),
+        *model_text(findings, error=error, compared=False),
         *gravity_text(folder, findings),
+        *(words.design_lines(findings.design, findings.cascade) if findings.design and findings.cascade else []),
+    ]
+    details = [
         *(words.friction_lines(findings.friction) if findings.friction else []),
         *friction_words.standstill_lines(findings.standstill),
-        *(words.design_lines(findings.design, findings.cascade) if findings.design and findings.cascade else []),
-        *(words.verdict_lines(findings.verdict, findings.demand) if findings.verdict else []),
+        *words.thesis_lines(findings.thesis),
+    ]
+    bottom = [
         *words.remarks_lines(findings.remarks),
         "",
-        f"{findings.machine_seconds:.0f} s on the machine. Everything is in {folder.path}, these lines in verdict.txt.",
-        f"{state}. Next: {_following(folder, findings, drive)}",
+        f"{findings.machine_seconds:.0f} s on the machine. Everything is in {folder.path}, this and the details in verdict.txt.",
+        *([page] if page else []),
+        f"{state}. Next: {following}",
     ]
-    return text
+    return Ending(top, details, bottom)
 
 
 def _following(folder: RunFolder, findings: Findings, drive: str) -> str:
     """The command after a commissioning."""
     if findings.final is None or findings.final.fit.suspect:
         return f"beltcomm diagnose {folder.path}"
+    if findings.succeeded and simulated(drive) and findings.applied == "restore":
+        return f"beltcomm tune {folder.path}   (other gains on a page; a virtual drive keeps none)"
     if not findings.succeeded:
         return (
             "what would help stands above: other parts of the drive's controller, a drive that has them, or slower moves "
@@ -162,6 +201,6 @@ def _following(folder: RunFolder, findings: Findings, drive: str) -> str:
             else f"look at the remarks above, then beltcomm design {folder.path} and beltcomm verify --drive {drive} --run {folder.path}"
         )
     if findings.applied == "restore":
-        return f"beltcomm apply --drive {drive} --run {folder.path} (--save keeps them beyond power-off)"
+        return f"beltcomm apply --drive {drive} --run {folder.path}   (--save keeps them beyond power-off)"
     undo = " --save" if findings.applied == "save" else ""
     return f"beltcomm rollback --drive {drive} --run {folder.path}{undo} undoes it" + words.lasting(drive)

@@ -28,10 +28,9 @@ from beltcomm.identify.amplitude import (
     unknown_payload,
 )
 from beltcomm.identify.first_estimate import data_sheet_model, first_estimate, moved_enough, stiffness_range
-from beltcomm.linear import modes, operating_point
 from beltcomm.model import Model
 from beltcomm.recording import Recording
-from beltcomm.session import exciting, gravity, host_loss, own_strokes, scale, stops
+from beltcomm.session import analyse, exciting, gravity, host_loss, own_strokes, scale, stops
 from beltcomm.session.creep import CLEAR_SHARE as CLEAR_SHARE
 from beltcomm.session.creep import Breakaway, creep
 from beltcomm.session.heat import Thermal
@@ -39,7 +38,7 @@ from beltcomm.session.machine import Machine, Room, stroking
 from beltcomm.session.sequences import HARDLY, SHAPES, calmer_choice, held_choice
 from beltcomm.session.wandering import stands_after
 from beltcomm.stopping import total_friction
-from beltcomm.trajectory import Strokes, Trajectory, at_rest, join, plan_trajectory
+from beltcomm.trajectory import Strokes, Trajectory, held, plan_trajectory
 
 Array = NDArray[np.float64]
 M = TypeVar("M", Trajectory, Strokes)
@@ -55,8 +54,8 @@ BELT_SHARE = 0.9
 OVER_BREAKAWAY = 1.0
 #: A belt is at most this many times as stiff, or as soft, as its data sheet says.
 STIFFNESS_FACTOR = 4.0
-#: Growth of the amplitude from one record to the next.
-GROWTH = 1.7
+#: Growth of the amplitude from one record to the next; below this share of what is allowed a kept record was bound by that growth.
+GROWTH, KEPT_SHARE = 1.7, 0.9
 MOST_STEPS = 5
 #: Shares of the travel kept free at both ends: for the overshoot of a first position loop, and for the drift of a velocity loop.
 OVERSHOOT_SHARE = 0.06
@@ -195,21 +194,26 @@ def raise_amplitude(
                 f"friction holds the axis up to {breakaway.coulomb_nm:.3f} N m, but the limit on {step.binds} allows only "
                 f"±{step.amplitude_nm:.3f} N m of excitation; reduce the friction, or {_remedy(machine, step, breakaway)}"
             )
-        machine.talk.say(
-            f"excitation ±{step.amplitude_nm:.3f} N m: up to {1e3 * step.prediction.travel_m:.1f} mm, "
-            f"{step.prediction.belt_force_n:.0f} N in the belt (bound by {step.binds}); a stop takes up to "
-            f"{1e3 * step.prediction.stop_m:.1f} mm; {exciting.run_on_words(machine, step.prediction, limits.ends_m)}"
-        )
+        name = f"amplitude_{len(recordings) + 1}"
+        kept = machine.folder.finished(name) is not None
+        if not kept:
+            machine.talk.say(
+                f"excitation ±{step.amplitude_nm:.3f} N m: up to {1e3 * step.prediction.travel_m:.1f} mm, "
+                f"{step.prediction.belt_force_n:.0f} N in the belt (bound by {step.binds}); a stop takes up to "
+                f"{1e3 * step.prediction.stop_m:.1f} mm; {exciting.run_on_words(machine, step.prediction, limits.ends_m)}"
+            )
         excitation = prbs(order, clock, 2.0 * step.amplitude_nm, period, 1, torque_step_nm=machine.drive.capabilities.torque_step_nm)
         exposed, room = exciting.Exposed(step.prediction, family, losses), excitation_room(machine, at)
         try:
-            recordings.append(exciting.excite(machine, f"amplitude_{len(recordings) + 1}", excitation, at, room, exposed))
+            recordings.append(exciting.excite(machine, name, excitation, at, room, exposed))
         except SafetyStop as problem:
             if found is None or not stands_after(machine, problem):
                 raise
             louder = step.amplitude_nm  # the model does not know it well enough: no louder than what stayed inside
             machine.talk.say(f"±{louder:.3f} N m let the carriage wander too far; the search ends with ±{found.at_most_nm:.3f} N m")
             return found
+        if kept:
+            step = as_made(step, recordings[-1])
         if len(recordings) < MOST_STEPS and not moved_enough(recordings[-1], sheet, counts):
             if step.binds == "step":  # an axis without Coulomb friction breaks away long before it moves visibly
                 at_most = GROWTH * step.amplitude_nm
@@ -233,6 +237,18 @@ def raise_amplitude(
         if bound or len(recordings) >= MOST_STEPS:
             return Excited(following, tuple(recordings), model, at_most)
         found = Excited(step, tuple(recordings), model, step.amplitude_nm)
+
+
+def as_made(step: AmplitudeStep, recording: Recording) -> AmplitudeStep:
+    """A step as a kept record was made: with the amplitude that its sidecar notes, which was bound by the steps where more is allowed now.
+
+    Judged by today's step, a record that hardly moved would pass for one as loud as the limits allow.
+    """
+    note = recording.sidecar.excitation
+    if note is None or not note.amplitude_nm:
+        return step
+    own_nm = note.amplitude_nm
+    return replace(step, amplitude_nm=own_nm, binds="step" if own_nm < KEPT_SHARE * step.amplitude_nm else step.binds)
 
 
 def believable(model: Model, sheet: Model) -> Model:
@@ -272,7 +288,7 @@ def frequency_response(
     at = machine.position_m
     limits = motion_limits(machine, at)
     period = machine.drive.capabilities.sample_period_s
-    antiresonance, resonance = characteristic_hz(model, at)
+    antiresonance, resonance = analyse.characteristic_hz(model, at)
     choice: Choice
     if held_out:
         choice = held_choice(choose_prbs(period, antiresonance, resonance, seconds))
@@ -309,13 +325,6 @@ def balanced(model: Model) -> Model:
 def excitation_room(machine: Machine, at: float) -> Room:
     """Where an excitation at a place may go at most."""
     return room_around(machine, at, EXCITATION_TRAVEL_M + END_MARGIN_M)
-
-
-def characteristic_hz(model: Model, position_m: float) -> tuple[float, float]:
-    """Antiresonance and first resonance of a model with the carriage at a place, Hz, from its undamped modes."""
-    free = [m.freq_hz for m in modes(model, operating_point(model, position_m, 1.0)) if m.freq_hz > 0.5]
-    held = [m.freq_hz for m in modes(model, operating_point(model, position_m, 1.0), held=("motor",)) if m.freq_hz > 0.5]
-    return min(held), min(free)
 
 
 def move_to(machine: Machine, target_m: float, model: Model, slow_m_s: float = POSITIONING_SPEED_M_S) -> None:
@@ -369,12 +378,6 @@ def slower(limits: TrajectoryLimits, share: float) -> TrajectoryLimits:
         acceleration_m_s2=limits.acceleration_m_s2 * share**2,
         speed_m_s=limits.speed_m_s * share,
     )
-
-
-def held(trajectory: Trajectory, seconds: float) -> Trajectory:
-    """The same with a rest at its end."""
-    period = trajectory.sample_period_s
-    return join([trajectory, at_rest(float(trajectory.position_m[-1]), seconds, period)])
 
 
 def stroke_ends(machine: Machine) -> tuple[float, float]:

@@ -13,8 +13,8 @@ from beltcomm.axis import Axis
 from beltcomm.drive import Capabilities
 from beltcomm.identify.amplitude import UNKNOWN_MASSES_KG
 from beltcomm.model import Model
-from beltcomm.result import plain, table
-from beltcomm.session import claims, creep, gain_steps, gravity, holding, own_strokes, phases, programme
+from beltcomm.result import Row, plain, table
+from beltcomm.session import claims, creep, gain_steps, gravity, own_strokes, phases, programme
 from beltcomm.session.bounds import (
     CREEP_SECONDS,
     Experiment,
@@ -27,20 +27,22 @@ from beltcomm.session.bounds import (
     stroking_nm,
     top_speed_m_s,
 )
-from beltcomm.session.guard_times import guard_times_s
 from beltcomm.session.heat import HeatPlan, Thermal, heat_plan, path_rms_nm
+from beltcomm.session.plan_words import Point, commission_points, identify_points, point_rows
 from beltcomm.session.programme import Extent
 from beltcomm.session.sign import sign_seconds, sign_words
 from beltcomm.session.strokes import fastest_stroke_m_s
-from beltcomm.session.verification import MOVE_M
-from beltcomm.stopping import Braking, first_deceleration, total_friction
+from beltcomm.stopping import Braking, total_friction
 from beltcomm.trajectory import Trajectory, plan_trajectory
-from beltcomm.verify import demand
+from beltcomm.verify import MOVE_M, demand
+
+#: Of the points those on what moves and how far.
+HOW_FAR = 2
 
 
 @dataclass(frozen=True)
 class Plan:
-    """All experiments of a job.   text : one paragraph on what the machine will do.
+    """All experiments of a job.   text : a sentence or a paragraph on what the machine will do.   points : more on it, label and sentence.
 
     budget_s : machine time that is kept, whatever the single experiments may take; what does not fit is left out.
     notes : lines after the table.   visible : what the records could show, where that was worked out.
@@ -53,6 +55,7 @@ class Plan:
     notes: tuple[str, ...] = ()
     visible: Mapping[str, Any] | None = None
     thermal: Thermal | None = None
+    points: tuple[Point, ...] = ()
 
     @property
     def seconds(self) -> float:
@@ -104,7 +107,7 @@ class Plan:
         )
 
     def lines(self) -> list[str]:
-        """The plan as a paragraph, a table and notes."""
+        """The plan as a paragraph, labelled lines, a table and notes."""
         thermal = self.thermal
         columns = ["experiment", ">travel", ">with stop", ">speed", ">torque", ">belt", ">time", *([">heat"] if thermal else [])]
         rows = [
@@ -121,30 +124,35 @@ class Plan:
             for e in self.experiments
         ]
         rows.append(["on the machine, at most", "", "", "", "", "", f"{self.seconds:.0f} s"])
-        return [self.text, "", *table(columns, rows), *self.heat_lines(), *self.notes]
+        return [self.text, *self.told(), "", *table(columns, rows), *self.heat_lines(), *self.notes]
+
+    def told(self) -> list[Row]:
+        """The points, and after how far it moves how fast, how hard and how long, by the table."""
+        if not self.points:
+            return []
+        most = {name: max(getattr(e, name) for e in self.experiments) for name in ("speed_m_s", "torque_nm", "belt_force_n")}
+        rest = sum(item.seconds for item in self.experiments) > self.budget_s
+        bounds = (
+            ("how fast", f"up to {most['speed_m_s']:.3g} m/s"),
+            ("how hard", f"up to {most['torque_nm']:.3g} N m at the motor and {most['belt_force_n']:.0f} N in the belt"),
+            ("how long", f"up to {self.seconds:.0f} s" + ("; what does not fit is left out and named" if rest else "")),
+        )
+        return point_rows([*self.points[:HOW_FAR], *bounds, *self.points[HOW_FAR:]])
 
 
 def identify_plan(axis: Axis, capabilities: Capabilities, window_m: tuple[float, float] | None = None) -> Plan:
     """Sign check, rising excitation and one frequency response at the present place.   window_m : to be kept, from where it stands."""
-    kept = ""
-    if window_m is not None:
-        kept = (
-            f"It stays between {1e3 * window_m[0]:+.0f} mm and {1e3 * window_m[1]:+.0f} mm of where it stands now (plus is where the "
-            "drive's position counts up). "
-        )
     return Plan(
-        f"The carriage of {axis.name or 'the axis'} will creep some millimetres both ways, then shake around where it stands with rising "
-        f"torque. No loop is closed but to stop it. Keep people and tools out of its travel; Ctrl-C stops it at any time. "
-        f"{kept}{_stop_words(axis, capabilities)}",
+        f"The carriage of {axis.name or 'the axis'} will move by itself.",
         _here(axis, capabilities, window_m),
         notes=claims.notes_before(axis, capabilities),
+        points=identify_points(axis, capabilities, window_m),
     )
 
 
 def commission_plan(axis: Axis, capabilities: Capabilities, extent: Extent = "standard") -> Plan:
     """The whole job."""
-    travel = axis.travel
-    whole = float(travel.max_m or 0.0) - float(travel.min_m or 0.0)
+    whole = float(axis.travel.max_m or 0.0) - float(axis.travel.min_m or 0.0)
     torque = min(axis.motor.peak_torque_nm or math.inf, capabilities.peak_torque_nm)
     moved = _move_speed_m_s(axis, capabilities)
     course = course_before(axis, capabilities, masses_kg(axis)[1])
@@ -155,15 +163,12 @@ def commission_plan(axis: Axis, capabilities: Capabilities, extent: Extent = "st
     heating = math.sqrt(moving * stroking_nm(axis, 1.0) ** 2 + stroking_nm(axis, 0.0) ** 2)  # at rest friction may stay wound up
     move = Experiment("move that verifies the result", min(whole, MOVE_M), whole, moved, torque, force, 3.0 + MOVE_SECONDS, heating)
     budget = programme.BUDGET_S[extent] + (HOLDING_SECONDS if axis.mounting.tilted else 0.0)
-    fits = f"What does not fit into {budget:.0f} s when the carriage is weighed is left out and named. " if extent != "quick" else ""
     return Plan(
-        f"The carriage of {axis.name or 'the axis'} will creep some millimetres both ways, shake around where it stands with rising "
-        f"torque, then travel between {travel.min_m:g} m and {travel.max_m:g} m in closed loop: slow and fast strokes, small triangles and "
-        "fast moves, and shake at other places. Keep people, tools and cables out of its travel; Ctrl-C stops it at any time, and at the "
-        f"end the drive is left as it was found unless you keep the new gains. {fits}{_stop_words(axis, capabilities)}",
+        f"The carriage of {axis.name or 'the axis'} will move by itself.",
         (*_here(axis, capabilities), *steps, move),
         budget,
         claims.notes_before(axis, capabilities),
+        points=commission_points(axis, capabilities),
     )
 
 
@@ -279,33 +284,6 @@ HOMING_SECONDS = 60.0
 #: Of a tilted axis: the torque that holds it is felt for and crept around several times, then found in slow strokes and by an integrator.
 HOLDING_CREEP_SECONDS, HOLDING_STROKES_SECONDS = 25.0, 15.0
 HOLDING_SECONDS = HOLDING_CREEP_SECONDS + HOLDING_STROKES_SECONDS
-
-
-def _stop_words(axis: Axis, capabilities: Capabilities) -> str:
-    """What a stop is counted with."""
-    first = first_deceleration(axis, capabilities.peak_torque_nm)
-    held = ""
-    if axis.mounting.tilted:
-        held = (
-            f"Gravity is held with about {gravity.expected(axis).torque_nm:.2f} N m from before the brake opens until it is closed; while "
-            f"it is felt for, the carriage may slip: the stage goes off when it has by {1e3 * holding.SLIP_M:g} mm, and it rolls on until "
-            f"brake or friction stop it; all tries together stay within {1e3 * phases.SIGN_REACH_M:g} mm. "
-            + ("" if axis.motor.brake_torque_nm else "No brake is stated: only friction holds it without torque. ")
-        )
-    top = (creep.HELD_SHARE if axis.mounting.tilted else creep.BREAKAWAY_SHARE) * min(axis.torque_limit_nm, capabilities.peak_torque_nm)
-    crept_m = creep.run_on_m(axis, top, guard_times_s(capabilities)[0] + capabilities.sample_period_s)
-    guarded = (
-        "Before any torque the computer once falls silent on purpose, at standstill, to see that the drive notices; if it dies in earnest, "
-        f"a light carriage that just breaks away runs on by {1e3 * crept_m:.0f} mm at most, less nearer to an end, and an excitation is no "
-        "stronger than lets it stop before the end. "
-    )
-    stopped = (
-        "A stop at any moment ends within the way 'with stop' (in closed loop: within the travel). Until the carriage is weighed, "
-        f"friction and the velocity loop found in the drive stop it, with {first.value_m_s2:.2g} m/s² at most ({first.binds}, the belt's "
-        "swing counted twice); then a loop designed for it, with as much as loads the belt by its feed force, on top of what it carries "
-        "just then."
-    )
-    return held + guarded + stopped
 
 
 def _here(axis: Axis, capabilities: Capabilities, window_m: tuple[float, float] | None = None) -> tuple[Experiment, ...]:

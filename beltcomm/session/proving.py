@@ -18,10 +18,21 @@ from beltcomm.session import phases
 from beltcomm.session.expectation import BELT_BEYOND
 from beltcomm.session.machine import Machine
 from beltcomm.session.proof import proof
-from beltcomm.session.verification import REST_S, belt_force_limit_n, in_drive, refuse_broken
+from beltcomm.session.verification import belt_force_limit_n, in_drive, refuse_broken
 from beltcomm.sidecar import Sidecar
-from beltcomm.trajectory import Trajectory
-from beltcomm.verify import Demand, PredictedMove, TrackingError, Verdict, demand, judge, predict_move, predict_range, tracking_error
+from beltcomm.trajectory import Trajectory, held
+from beltcomm.verify import (
+    REST_S,
+    Demand,
+    PredictedMove,
+    TrackingError,
+    Verdict,
+    demand,
+    judge,
+    predict_move,
+    predict_range,
+    tracking_error,
+)
 
 Array = NDArray[np.float64]
 
@@ -84,7 +95,7 @@ def verify_move(
     refuse_broken(machine, model, trajectory)
     running = machine.write_cascade(cascade)
     clock_s = machine.session_time_s
-    sent = sent_for(model, running.feedforward, phases.held(trajectory, REST_S), sending, clock_s)
+    sent = sent_for(model, running.feedforward, held(trajectory, REST_S), sending, clock_s)
     drive = in_drive(machine, delay_s)
     path = predict_move(model, running, sent.motor, drive, extra_torque_nm=sent.torque_nm, time_s=clock_s)
     _check_path(machine, path)
@@ -114,7 +125,7 @@ def verify_move(
     spread = predict_range(model, error) if sent.motor.duration_s <= LONGEST_RANGED_S else None
     verdict = judge(recording, machine.ratio, path, sent.motor.position_m, carriage_m=sent.carriage.position_m, predicted_range=spread)
     if sent.torque_nm is not None:
-        plain = phases.held(trajectory, REST_S)
+        plain = held(trajectory, REST_S)
         alone = predict_move(model, running, plain, drive, time_s=clock_s)
         verdict = replace(verdict, reasons=(*verdict.reasons, *_brought(sent, alone, plain)))
     return verdict, demand(trajectory, model)

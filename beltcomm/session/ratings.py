@@ -36,7 +36,8 @@ class Rating:
 
     def words(self) -> str:
         """Both values, and what to do."""
-        told = f"the drive's {self.what} is {self.drive:.3g} {self.unit}, axis.yaml says {self.file or math.nan:.3g} {self.unit}"
+        shown = ".10g" if self.unit == "counts/rev" else ".3g"
+        told = f"the drive's {self.what} is {self.drive:{shown}} {self.unit}, axis.yaml says {self.file or math.nan:{shown}} {self.unit}"
         return f"{told}: {self.remedy}"
 
 
@@ -45,7 +46,6 @@ def ratings(axis: Axis, capabilities: Capabilities) -> tuple[Rating, ...]:
     motor = axis.motor
     share = capabilities.rated_torque_nm / motor.rated_torque_nm if motor.rated_torque_nm else 1.0
     current = motor.rated_torque_nm / motor.torque_constant_nm_a if motor.rated_torque_nm and motor.torque_constant_nm_a else None
-    counts = motor.encoder_counts_per_rev
     return (
         Rating(
             "rated torque",
@@ -78,13 +78,7 @@ def ratings(axis: Axis, capabilities: Capabilities) -> tuple[Rating, ...]:
             "a motor that runs away would be stopped too late; lower 6080h in the drive, or correct motor.max_speed_rad_s",
             most=True,
         ),
-        Rating(
-            "encoder resolution",
-            capabilities.counts_per_rev,
-            counts,
-            "counts/rev",
-            "every way would be scaled by that; correct motor.encoder_counts_per_rev, to what the drive counts in, or the drive's encoder",
-        ),
+        counts_rating(axis, capabilities.counts_per_rev),
     )
 
 
@@ -94,7 +88,23 @@ def check_ratings(axis: Axis, capabilities: Capabilities) -> list[str]:
     wrong = [rating.words() for rating in found if rating.wrong]
     if wrong:
         raise UsageError("; ".join(wrong))
+    counted = counts_rating(axis, capabilities.counts_per_rev)
+    return [counted.words()] if counted.share != 1.0 else []
+
+
+def fault_of(axis: Axis, capabilities: Capabilities) -> str:
+    """What :func:`check_ratings` would refuse, in words; "" for nothing."""
+    try:
+        check_ratings(axis, capabilities)
+    except UsageError as problem:
+        return str(problem)
+    return ""
+
+
+def counts_rating(axis: Axis, counts_per_rev: float) -> Rating:
+    """The encoder: beyond rounding it is wrong, else the drive's number is used; for doctor, plan and commissioning."""
     counts = axis.motor.encoder_counts_per_rev
-    if counts and counts != capabilities.counts_per_rev:
-        return [f"The drive counts {capabilities.counts_per_rev} per revolution, axis.yaml says {counts}; the drive's number is used."]
-    return []
+    remedy = "every way would be scaled by that; correct motor.encoder_counts_per_rev, to what the drive counts in, or the drive's encoder"
+    if counts and abs(counts_per_rev / counts - 1.0) <= RATED_TOLERANCE:
+        remedy = "the drive's number is used"
+    return Rating("encoder resolution", counts_per_rev, counts, "counts/rev", remedy)

@@ -10,8 +10,8 @@ from beltcomm.drive import Capabilities
 from beltcomm.errors import Refused, UsageError
 from beltcomm.model import Model
 from beltcomm.session import gravity, phases
-from beltcomm.session.commission import Settings
 from beltcomm.session.creep import small_move
+from beltcomm.session.findings import Settings
 from beltcomm.session.machine import Machine
 
 #: m: nearer than this the drive and the operator mean the same place.

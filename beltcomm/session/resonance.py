@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import butter, sosfilt
 
 from beltcomm.control import Cascade
 from beltcomm.drive import Motion, Row
@@ -56,6 +55,8 @@ def band_of(model: Model, window_m: tuple[float, float], period_s: float) -> tup
 
 def amplitude_nm(torque_nm: Array, period_s: float, band_hz: tuple[float, float]) -> Array:
     """Amplitude of a torque in a band over the last ``WINDOW_S``:  √(2 mean(τ_b²)),  (n,).   The first value counts as one held before."""
+    from scipy.signal import sosfilt  # takes longer to import than a page of a report to draw
+
     filtered = sosfilt(_filter(period_s, band_hz), torque_nm - torque_nm[0])
     rows = _rows(period_s)
     power = np.cumsum(np.concatenate([np.zeros(rows), filtered**2]))
@@ -134,6 +135,8 @@ class ResonanceWatch:
 
 
 def _filter(period_s: float, band_hz: tuple[float, float]) -> Array:
+    from scipy.signal import butter
+
     return np.asarray(butter(ORDER, band_hz, "bandpass", fs=1.0 / period_s, output="sos"))
 
 

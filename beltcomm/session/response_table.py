@@ -18,7 +18,6 @@ from beltcomm.response import FrequencyResponse
 from beltcomm.result import table
 from beltcomm.session import analyse
 from beltcomm.session.conditions import Condition, condition_of
-from beltcomm.session.phases import characteristic_hz
 from beltcomm.session.words import number
 
 #: A difference is told from this many times its own 95 % interval on: by chance once in 300 comparisons.
@@ -103,7 +102,7 @@ def table_of(recordings: Sequence[Recording], model: Model) -> Table:
         condition = condition_of(recording, model["transmission.ratio"])
         marks: Landmarks | None = None
         try:
-            marks = find_landmarks(response, *characteristic_hz(model, condition.place_m or 0.0))
+            marks = find_landmarks(response, *analyse.characteristic_hz(model, condition.place_m or 0.0))
         except (DataError, UsageError, Refused, ValueError) as problem:
             remarks.append(f"{recording.name}: no antiresonance or resonance ({problem})")
         rows.append(Row(condition, response, marks, math.nan, math.nan))

@@ -15,6 +15,9 @@ from beltcomm.parameters import cascade_to_parameters, parameters_to_cascade
 from beltcomm.result import plain
 from beltcomm.verify import Verdict
 
+#: Title of the plan that was agreed to, among the results of its run.
+PLAN = "plan"
+
 
 def drive_to_dict(capabilities: Capabilities) -> dict[str, Any]:
     """What the later steps need of a drive: ``results/drive.yaml``."""

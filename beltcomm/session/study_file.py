@@ -20,16 +20,15 @@ from beltcomm.parameters import cascade_to_parameters, parameters_to_cascade
 from beltcomm.quantities import parse_quantity
 from beltcomm.result import jsonable, plain
 from beltcomm.runfolder import RunFolder
-from beltcomm.session import analyse, offline, phases
-from beltcomm.session.commission import Findings
+from beltcomm.session import analyse, offline
 from beltcomm.session.cost import offline_move
+from beltcomm.session.findings import Findings
 from beltcomm.session.study_members import Commissioned, Doing, Fleet, Tracked, Work
 from beltcomm.session.tune_job import move_of
-from beltcomm.session.verification import REST_S
 from beltcomm.study.population import Population, Values, nominal_of, population_from, units_of
 from beltcomm.study.tracking import Ground, Targets
-from beltcomm.trajectory import load_move
-from beltcomm.verify import DYNAMIC_TARGET_M, STATIC_TARGET_M, Loop
+from beltcomm.trajectory import held, load_move
+from beltcomm.verify import DYNAMIC_TARGET_M, REST_S, STATIC_TARGET_M, Loop
 
 ENTRIES = ("name", "about", "each", "base", "members", "seed", "population", "ageing", "hidden", "move", "targets")
 BASE_ENTRIES = ("run", "plant", "axis", "gains", "runs")
@@ -202,7 +201,7 @@ def _ground_of_run(run: Path, file: Path | None, base: Mapping[str, Any], target
     move = move_of(folder, structure.period_s, file)
     along = None
     if saved.get("compensated") and structure.torque_feedforward:
-        along = compensation(model, cascade.feedforward, phases.held(move, REST_S), structure.period_s)
+        along = compensation(model, cascade.feedforward, held(move, REST_S), structure.period_s)
     peak = float((folder.load_result("drive") or {}).get("peak_torque_nm") or folder.axis.torque_limit_nm)
     apparent = float(saved.get("apparent_damping_nm_s_rad") or 0.0)
     loop = Loop(structure, delay_s, peak, offline.counts_of(folder))
@@ -211,7 +210,7 @@ def _ground_of_run(run: Path, file: Path | None, base: Mapping[str, Any], target
 
 def _ground_with(ground: Ground) -> Ground:
     """With the rest at the end of the move in which the static error is read."""
-    return replace(ground, move=phases.held(ground.move, REST_S))
+    return replace(ground, move=held(ground.move, REST_S))
 
 
 def _machine(base: Mapping[str, Any], each: str) -> tuple[Axis, PlantFile, str]:

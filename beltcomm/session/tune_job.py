@@ -18,19 +18,18 @@ from beltcomm.errors import UsageError
 from beltcomm.result import Result, plain
 from beltcomm.runfolder import RunFolder
 from beltcomm.session import analyse, offline, phases
-from beltcomm.session.commission import assume_delay, delay
+from beltcomm.session.delays import assume_delay, delay
 from beltcomm.session.design_job import Basis, basis_of, delivered
 from beltcomm.session.options import Options
 from beltcomm.session.store import cascade_from_dict
-from beltcomm.session.verification import MOVE_M, REST_S
 from beltcomm.talk import Silence, Talk
-from beltcomm.trajectory import Trajectory, load_move, plan_trajectory
+from beltcomm.trajectory import Trajectory, held, load_move, plan_trajectory
 from beltcomm.tuning.bench import Bench, Shown, Tracked
 from beltcomm.tuning.changes import changes, error_changes, sentence
 from beltcomm.tuning.curves import DISTURBANCE_NM, OpenLoops, Responses
 from beltcomm.tuning.ground import MOST_PAYLOAD_KG, RANGES, Ground, Setting, setting_from
 from beltcomm.tuning.presets import KINDS, PACES, preset
-from beltcomm.verify import DYNAMIC_TARGET_M, STATIC_TARGET_M, Loop
+from beltcomm.verify import DYNAMIC_TARGET_M, MOVE_M, REST_S, STATIC_TARGET_M, Loop
 
 #: T_R to choose from beside the present one, s.
 VELOCITY_FILTERS_S = (0.001, 0.002, 0.004, 0.008, 0.016)
@@ -203,7 +202,7 @@ def ground_of(basis: Basis, saved: Mapping[str, Any], move: Path | None = None) 
         lambda places, loads: analyse.design_plants(model, places, [mounted + load for load in loads], late_s, apparent),
         lambda cascade: replace(cascade, feedforward=present.feedforward, filter_reference=present.filter_reference),
         (float(travel.min_m or 0.0), float(travel.max_m or 0.0)),
-        phases.held(move_of(folder, structure.period_s, move), REST_S),
+        held(move_of(folder, structure.period_s, move), REST_S),
         Loop(structure, late_s, peak, offline.counts_of(folder)),
         present,
         tuple(sorted({*(lag for lag in VELOCITY_FILTERS_S if _in_drive(lag, structure)), present.velocity_filter_s})),

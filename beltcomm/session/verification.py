@@ -15,14 +15,11 @@ from beltcomm.errors import Refused
 from beltcomm.model import Model
 from beltcomm.session import phases
 from beltcomm.session.machine import Machine
-from beltcomm.trajectory import Trajectory, load_move, plan_trajectory
-from beltcomm.verify import DYNAMIC_TARGET_M, Loop, demand, predict_move, tracking_error
+from beltcomm.trajectory import Trajectory, held, load_move, plan_trajectory
+from beltcomm.verify import DYNAMIC_TARGET_M, MOVE_M, REST_S, Loop, demand, predict_move, tracking_error
 
 Array = NDArray[np.float64]
 
-#: m and s of the verification move: the thesis's 0 to 0.5 m, and the rest in which the static error is read.
-MOVE_M = 0.5
-REST_S = 1.6
 #: Where a drive cannot follow the standard move: share of the target that a prediction aims at, longest move named, s, longest one
 #: driven, s; slowest short one, m/s, and its ramp to full speed, s.
 AIM_SHARE = 0.9
@@ -74,7 +71,7 @@ def kept_by_belt(machine: Machine, model: Model, cascade: Cascade, delay_s: floa
     share = 1.0
     for _ in range(BELT_TRIES):
         move = standard.at(share, machine.drive.capabilities.sample_period_s)
-        force = predict_move(model, cascade, phases.held(move, REST_S), in_drive(machine, delay_s)).belt_force_n
+        force = predict_move(model, cascade, held(move, REST_S), in_drive(machine, delay_s)).belt_force_n
         limit = belt_force_limit_n(machine, model, float(np.max(np.abs(move.velocity_m_s))), BELT_SWING)
         if force <= limit:
             break
@@ -133,7 +130,7 @@ def in_drive(machine: Machine, delay_s: float) -> Loop:
 
 def _error_m(machine: Machine, model: Model, cascade: Cascade, delay_s: float, trajectory: Trajectory) -> float:
     """Predicted dynamic error of a move at the motor, m."""
-    rested = phases.held(trajectory, REST_S)
+    rested = held(trajectory, REST_S)
     path = predict_move(model, cascade, rested, in_drive(machine, delay_s))
     return tracking_error(path.t_s, rested.position_m, path.motor_m).dynamic_m
 
@@ -177,7 +174,7 @@ def within_target(machine: Machine, model: Model, cascade: Cascade, delay_s: flo
     if off <= DYNAMIC_TARGET_M:
         return whole, standard.remark
     text = f"{standard.remark}; " if standard.remark else ""
-    text += f"the standard move would have {1e3 * off:.3g} mm of dynamic error with this controller"
+    text += f"the standard move would have {1e3 * off:.3g} mm of dynamic error at the motor with this controller"
     target = f"{1e3 * DYNAMIC_TARGET_M:g} mm"
     slow = fastest(machine, model, cascade, delay_s, standard)
     if slow is None:

@@ -47,8 +47,8 @@ def number(value: float, interval: float | None, unit: str) -> str:
     return f"{value:.{digits}f} ± {interval:.{digits}f} {unit}"
 
 
-def model_lines(fit: InverseFit, characteristics: Mapping[str, Characteristic]) -> list[str]:
-    """The fitted model with 95 % intervals, its misfit and what to know of it."""
+def model_lines(fit: InverseFit, characteristics: Mapping[str, Characteristic], error: float | None = None) -> list[str]:
+    """The fitted model with 95 % intervals, its misfit and what to know of it.   error : over the noise, in place of the misfit."""
     lines = ["Model (95 % intervals):"]
     for name, (words, unit, factor) in SHOWN.items():
         item = fit.model.parameters.get(name)
@@ -59,8 +59,8 @@ def model_lines(fit: InverseFit, characteristics: Mapping[str, Characteristic]) 
         if name in characteristics:
             item2 = characteristics[name]
             lines.append(f"  {words:36} {number(item2.value * factor, item2.interval * factor, unit)}")
-    level = math.sqrt(fit.misfit)
-    lines.append(f"  unexplained torque is {level:.2f} x the noise ({1e3 * fit.noise_nm:.1f} mN m) over {fit.samples} samples")
+    level = math.sqrt(fit.misfit) if error is None else error
+    lines.append(f"  unexplained torque is {level:.2f} x the noise ({1e3 * fit.noise_nm:.1f} mN m); 1.00: nothing is missing")
     if level > 1.3:
         lines.append("  the model does not explain everything that was measured: look at the recordings before trusting it")
     return lines + [f"  {_named(remark)}" for remark in fit.remarks]

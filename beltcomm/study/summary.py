@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import binomtest, spearmanr
+from scipy.special import betaincinv
 
 Array = NDArray[np.float64]
 
@@ -114,9 +114,10 @@ def summary_of(lines: Sequence[Line], planned: int, targets: Mapping[str, float]
 
 
 def share_of(key: str, count: int, of: int) -> Share:
-    """A share with its interval."""
-    interval = binomtest(count, of).proportion_ci(0.95, method="exact")
-    return Share(key, count, of, count / of, float(interval.low), float(interval.high))
+    """A share with its interval.     Source: Clopper and Pearson, Biometrika 26 (1934) 404."""
+    low = float(betaincinv(count, of - count + 1, 0.025)) if count else 0.0
+    high = float(betaincinv(count + 1, of - count, 0.975)) if count < of else 1.0
+    return Share(key, count, of, count / of, low, high)
 
 
 def _share(key: str, told: Sequence[Line], missed: int) -> Share:
@@ -154,10 +155,16 @@ def _driver(label: str, key: str, drawn: Array, results: Sequence[float | None])
     x, y = drawn[known], np.array([result for result in results if result is not None])
     if len(x) < FEWEST or min(len(np.unique(x)), len(np.unique(y))) < 2:
         return None
-    rho = float(spearmanr(x, y).statistic)
+    rho = float(np.corrcoef(_ranks(x), _ranks(y))[0, 1])
     half = NORMAL * math.sqrt((1.0 + 0.5 * rho**2) / (len(x) - 3))
     z = math.atanh(min(max(rho, -1.0 + 1e-12), 1.0 - 1e-12))
     return Driver(label, key, rho, math.tanh(z - half), math.tanh(z + half))
+
+
+def _ranks(values: Array) -> Array:
+    """1 for the smallest; equal values share the mean of their ranks."""
+    _, place, counts = np.unique(values, return_inverse=True, return_counts=True)
+    return np.asarray((np.cumsum(counts) - 0.5 * (counts - 1))[place], dtype=np.float64)
 
 
 def _result(line: Line, key: str) -> float | None:

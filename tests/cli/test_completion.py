@@ -19,6 +19,8 @@ def here(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     for name in ("recordings", "models"):
         (tmp_path / "runs" / "first" / name).mkdir(parents=True)
     (tmp_path / "runs" / "first" / "models" / "final.yaml").write_text("effects: [belt_stiffness, stribeck]\n", encoding="utf-8")
+    (tmp_path / "runs" / "first" / "axis.yaml").touch()
+    (tmp_path / "my-axis.yaml").touch()
     (tmp_path / "other").mkdir()
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("COMP_WORDS", raising=False)
@@ -40,6 +42,8 @@ def offered(*words: str) -> list[str]:
         (["commission", "--drive", "virtual:g_a"], ["virtual:g_a", "virtual:g_a_25deg"]),
         (["doctor", "--drive", "serial:v"], ["serial:virtual"]),
         (["commission", "--axis", "egc-70-600-v"], ["egc-70-600-vertical"]),
+        (["commission", "--axis", "my"], ["my-axis.yaml"]),
+        (["commission", "--axis", "runs/first/a"], ["runs/first/axis.yaml"]),
         (["commission", "--profile", "cmmp"], ["cmmp-as"]),
         (["simulate", "s_"], ["s_a", "s_b", "s_c"]),
         (["effects", "strib"], ["stribeck"]),

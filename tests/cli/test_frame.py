@@ -18,7 +18,7 @@ from click.testing import CliRunner, Result
 
 from beltcomm.cli.main import VERBS, cli
 from beltcomm.design.specification import PRODUCT_SPECIFICATION
-from beltcomm.errors import DataError, DriveFault, Refused, SafetyStop, UsageError
+from beltcomm.errors import DataError, DriveError, DriveFault, Refused, SafetyStop, UsageError
 
 
 @dataclass
@@ -99,7 +99,8 @@ class StandIn(ModuleType):
 @pytest.fixture
 def api(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> StandIn:
     stand_in = StandIn()
-    monkeypatch.setitem(sys.modules, "beltcomm.api", stand_in)
+    for name in ("beltcomm.api", "beltcomm.session.reporting"):
+        monkeypatch.setitem(sys.modules, name, stand_in)
     monkeypatch.chdir(tmp_path)
     return stand_in
 
@@ -259,6 +260,37 @@ def test_ctrl_c_says_how_the_drive_was_left(api: StandIn, tmp_path: Path, last: 
     outcome = call("friction", "--drive", "virtual", "--run", "R")
     assert outcome.exit_code == 4
     assert words in outcome.stderr
+
+
+@pytest.mark.parametrize(
+    ("error", "last", "drive", "following"),
+    [
+        (
+            SafetyStop("too fast"),
+            "all parameters restored",
+            "stopped; everything in it is as it was found",
+            "beltcomm commission --drive virtual --yes --run R --resume   (when what is said above is mended)",
+        ),
+        (
+            DriveError("no answer"),
+            "restoring the drive failed: no answer",
+            "NOT restored: `beltcomm rollback --drive virtual --run R` writes back what it had",
+            "beltcomm doctor --drive virtual   (finds what is wrong), then beltcomm commission --drive virtual --yes --run R --resume",
+        ),
+        (Refused("no"), "", "nothing was written to it", "beltcomm commission --drive virtual --yes --run R --resume   (when"),
+    ],
+)
+def test_a_failed_commissioning_ends_with_folder_drive_and_next_command(
+    api: StandIn, tmp_path: Path, error: Exception, last: str, drive: str, following: str
+) -> None:
+    api.answer = error
+    (tmp_path / "R" / "recordings").mkdir(parents=True)
+    (tmp_path / "R" / "recordings" / "frf_1.csv").touch()
+    (tmp_path / "R" / "journal.txt").write_text(f"connected to a drive\n{last}\n", encoding="utf-8")
+    outcome = call("commission", "--drive", "virtual", "--yes", "--run", "R")
+    said = outcome.stderr.splitlines()
+    assert said[-3:-1] == ["Folder: R (1 record kept)", f"Drive:  {drive}"]
+    assert said[-1].startswith(f"Next:   {following}")
 
 
 @pytest.mark.parametrize(("number", "code"), [(errno.EROFS, 2), (errno.EACCES, 2), (errno.ENOSPC, 2), (errno.EIO, 1)])

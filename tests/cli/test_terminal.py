@@ -10,7 +10,9 @@ import pytest
 from beltcomm.cli.display import window_line
 from beltcomm.cli.talk import PlainTalk, RichTalk, terminal_talk
 from beltcomm.cli.terminal import echo, failure, fitted
+from beltcomm.finding import Finding
 from beltcomm.result import jsonable, table
+from beltcomm.session.doctor import _lines
 from beltcomm.talk import Place
 
 ROWS = [["sign and breakaway", "2 mm", "0.74 N m"], ["excitation, rising in steps", "30 mm", "1.24 N m"]]
@@ -152,3 +154,16 @@ def test_a_log_has_a_line_for_each_record() -> None:
         "      sweep: carriage at 100 mm (of 0 mm to 500 mm), machine: at most 49 s left",
         "      frf_2: carriage at 100 mm (of 0 mm to 500 mm), machine: at most 49 s left",
     ]
+
+
+def test_the_findings_of_a_doctor_are_drawn_as_tables() -> None:
+    """In a pipe a finding is a mark, a sentence and below it what to do."""
+    found = Finding("this machine", "can", "warning", "no CAN sockets", "`sudo modprobe can`")
+    rows = list(_lines([found]))
+    assert [str(row) for row in rows] == ["this machine:", "  warning      no CAN sockets\n               -> `sudo modprobe can`"]
+    stream = Terminal()
+    echo(rows, stream)
+    head, rule, line, below = printed(stream).rstrip().splitlines()
+    assert head.strip() == "this machine"
+    assert set(rule.strip()) == {"─"}
+    assert (line.split(), below.split()) == (["warning", "no", "CAN", "sockets"], ["->", "`sudo", "modprobe", "can`"])

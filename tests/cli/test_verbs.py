@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import math
 import re
 import sys
 from pathlib import Path
@@ -15,6 +16,7 @@ from beltcomm import drive
 from beltcomm.axis import load_axis
 from beltcomm.axis_entries import COMMISSION_NEEDS
 from beltcomm.cli.frame import Frame
+from beltcomm.cli.init import _otherwise
 from beltcomm.cli.main import cli
 from beltcomm.cli.talk import PlainTalk, RichTalk
 from beltcomm.effects import EFFECTS
@@ -48,7 +50,7 @@ def test_init_by_questions_asks_again_after_a_wrong_answer(tmp_path: Path) -> No
     path = tmp_path / "axis.yaml"
     # name (asked again), no belt (asked again), motor: type, inertia (needed, wrong unit, impossible, right), constant ...
     known = ["EMMS", "", "3 mm", "-1", "0.449 kg cm2", "0.65"]
-    answers = ["", "spindle", "nope", "no", *known, *[""] * 7, "0", "600 mm", *[""] * 12]
+    answers = ["", "spindle", "nope", "no", *known, *[""] * 6, "0", "600 mm", *[""] * 12]
     outcome = call("init", str(path), answer="\n".join(answers) + "\n")
     assert outcome.exit_code == 0, outcome.stderr
     axis = load_axis(path)
@@ -59,6 +61,22 @@ def test_init_by_questions_asks_again_after_a_wrong_answer(tmp_path: Path) -> No
     assert "'mm' is not a unit of it" in outcome.stderr
     assert "motor.inertia_kg_m2 is -1; it must be above 0" in outcome.stderr
     assert outcome.stdout.startswith(f"{path} is written: spindle.")
+
+
+def test_init_takes_what_data_sheets_write_and_goes_back(tmp_path: Path) -> None:
+    """Bits, rpm, teeth times pitch, no brake and so no question for its time; a mistake is put right by going back."""
+    path = tmp_path / "axis.yaml"
+    motor = ["", "0.449 kg cm2", "", "", "", "20 bit", "none", "300 rpm", "back", "3000 rpm", ""]
+    answers = ["belt axis", "yes", *motor, "", "", "", "", "24 x 5 mm", *[""] * 30]
+    outcome = call("init", str(path), answer="\n".join(answers) + "\n")
+    assert outcome.exit_code == 0, outcome.stderr
+    axis = load_axis(path)
+    assert (axis.motor.encoder_counts_per_rev, axis.motor.brake_torque_nm) == (2**20, None)
+    assert axis.motor.max_speed_rad_s == pytest.approx(100.0 * math.pi)
+    assert axis.pulley.effective_radius_m == pytest.approx(0.12 / math.tau)
+    assert "in which the holding brake" not in outcome.stderr
+    assert f"Then: beltcomm doctor --drive DRIVE --axis {path}" in outcome.stdout
+    assert _otherwise("effective_radius_m", "120 mm/rev") == pytest.approx(0.12 / math.tau)
 
 
 def test_init_begins_with_a_shipped_axis(tmp_path: Path) -> None:
@@ -117,7 +135,7 @@ def test_drives_shows_a_broken_adapter_with_its_reason(monkeypatch: pytest.Monke
     monkeypatch.setattr(drive, "find_adapters", lambda: found)
     outcome = call("drives")
     assert outcome.exit_code == 0
-    assert "pkg:BAD    is broken: ImportError: no module named x" in outcome.stdout
+    assert re.search(r"^pkg:BAD +is broken: ImportError: no module named x$", outcome.stdout, re.M)
     listed = json.loads(call("drives", "--json").stdout)["drives"]
     assert [(item["name"], item["works"]) for item in listed] == [("good", True), (None, False)]
 

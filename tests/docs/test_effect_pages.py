@@ -35,6 +35,7 @@ def module(name: str) -> ModuleType:
 
 @pytest.fixture(scope="module")
 def make() -> Any:
+    module("experiments")
     module("symptoms")
     return module("make")
 

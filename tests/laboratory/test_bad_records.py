@@ -26,6 +26,7 @@ from beltcomm.model import build_model
 from beltcomm.recording import Recording
 from beltcomm.runfolder import RunFolder
 from beltcomm.session.cross_check_words import sheet_lines
+from beltcomm.session.laboratory import explainable
 from truth.hidden import draw, write_session
 
 Change = Callable[[Recording], Recording]
@@ -243,3 +244,13 @@ def test_the_command_ends_with_a_sentence_and_its_code(folder: Path, tmp_path: P
         outcome = CliRunner().invoke(cli, [verb, str(tmp_path / "run")])
         assert outcome.exit_code == 3
         assert "the records are too short" in outcome.output
+
+
+def test_a_model_beyond_all_measure_is_unfit_data_and_no_number() -> None:
+    with pytest.raises(DataError, match="cannot be explained by any model of a belt axis") as problem:
+        explainable(2.5e14, Path("R"))
+    assert "2.5e" not in str(problem.value)
+    assert "beltcomm bundle R" in str(problem.value)
+    with pytest.raises(DataError):
+        explainable(math.nan, Path("R"))
+    explainable(300.0, Path("R"))  # poor, but a number

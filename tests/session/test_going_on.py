@@ -15,11 +15,14 @@ import yaml
 from beltcomm import api
 from beltcomm.axis import load_axis
 from beltcomm.errors import DataError, Refused, SafetyStop
+from beltcomm.identify.amplitude import AmplitudeStep, Prediction
 from beltcomm.runfolder import RunFolder
 from beltcomm.session import left_out
 from beltcomm.session.machine import Machine
 from beltcomm.session.options import claim
+from beltcomm.session.phases import as_made
 from beltcomm.session.steps import Step
+from beltcomm.sidecar import ExcitationNote, Sidecar
 from beltcomm.talk import Silence
 from session.bench import Bench, Listener
 from session.hardware import HardwareBench
@@ -144,3 +147,13 @@ def test_without_a_clock_nothing_is_claimed(connect: Callable[[Bench], Bench], t
         folder = RunFolder.create(tmp_path / "run", load_axis(AXIS))
         claim(folder, replace(drive.capabilities), None)
     assert folder.elapsed_s == 0.0
+
+
+@pytest.mark.parametrize(("own_nm", "binds"), [(0.1, "step"), (0.17, "belt force")])
+def test_a_kept_record_is_judged_by_the_amplitude_of_its_sidecar(own_nm: float, binds: str) -> None:
+    """A quiet record of the first session, in which the motor hardly moved, is not taken for one as loud as is allowed today."""
+    planned = AmplitudeStep(0.18, Prediction(0.01, 60.0, 0.2, 0.3, 0.01), "belt force")
+    record = SimpleNamespace(sidecar=Sidecar("frf", excitation=ExcitationNote("prbs", own_nm)))
+    found = as_made(planned, record)  # type: ignore[arg-type]
+    assert (found.amplitude_nm, found.binds) == (own_nm, binds)
+    assert as_made(planned, SimpleNamespace(sidecar=Sidecar("frf"))) is planned  # type: ignore[arg-type]

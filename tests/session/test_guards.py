@@ -16,8 +16,8 @@ from beltcomm.errors import Refused, SafetyStop, UsageError
 from beltcomm.runfolder import RunFolder
 from beltcomm.session import commission as sequence
 from beltcomm.session import creep, phases, proving, referencing, sweeping, verification
-from beltcomm.session.commission import Findings, Settings
 from beltcomm.session.expectation import BELT_BEYOND, BeltWatch
+from beltcomm.session.findings import Findings, Settings
 from beltcomm.session.machine import Machine
 from beltcomm.session.proof import doubts
 from beltcomm.stopping import Braking

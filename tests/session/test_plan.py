@@ -8,7 +8,13 @@ import pytest
 
 from beltcomm.axis import load_axis
 from beltcomm.drive import open_drive
-from beltcomm.session.plan import Experiment, commission_plan
+from beltcomm.errors import UsageError
+from beltcomm.finding import Finding
+from beltcomm.session.agreement import planned
+from beltcomm.session.axis_findings import compared
+from beltcomm.session.options import Options
+from beltcomm.session.plan import Experiment, Plan, commission_plan
+from beltcomm.session.ratings import check_ratings, counts_rating
 
 RIG = load_axis("egc-70-600")
 
@@ -28,3 +34,32 @@ def test_the_speeds_are_those_that_can_be_driven() -> None:
     planned = experiments(5.0)
     assert planned["move that verifies the result"].speed_m_s == pytest.approx(1.0 / (32.0 * 0.5 / 40.0) ** (1.0 / 3.0), rel=0.01)
     assert planned["constant-speed sweep"].speed_m_s < 2.0
+
+
+def test_what_is_agreed_to_stands_in_short_labelled_lines() -> None:
+    """Every label is there, how fast and how hard follow the table, and nothing is a block of words."""
+    with open_drive("virtual:g_a", {"seed": 1}) as drive:
+        plan = commission_plan(RIG, drive.capabilities)
+    told = {row.cells[0]: row.cells[1] for row in plan.told() if not row.head}
+    assert list(told) == [
+        "what moves", "how far", "how fast", "how hard", "how long", "what stops it", "how it brakes", "computer dies", "what is written"
+    ]  # fmt: skip
+    assert max(len(words.split()) for words in [plan.text, *told.values()]) <= 50
+    assert told["how fast"] == f"up to {max(e.speed_m_s for e in plan.experiments):.3g} m/s"
+    assert told["how long"].startswith("up to 75 s; what does not fit")
+
+
+def test_doctor_plan_and_commissioning_say_one_thing_of_the_encoder() -> None:
+    """Half the counts: the doctor calls it wrong, the plan says it will be refused, and it is refused, all with one sentence."""
+    axis = replace(RIG, motor=replace(RIG.motor, encoder_counts_per_rev=32768))
+    with open_drive("virtual:g_a", {"seed": 1}) as drive:
+        with pytest.raises(UsageError, match=r"65536 counts/rev, axis\.yaml says 32768") as refused:
+            check_ratings(axis, drive.capabilities)
+        shown = planned(Plan("", ()), drive.capabilities, Options(), axis)
+    assert shown.exit_code == 1
+    assert f"This plan will be refused: {refused.value}." in shown.text
+    (found,) = [
+        one for one in compared([Finding("drive", "encoder", "ok", "", values={"counts_per_rev": 65536})], axis) if one.name == "encoder"
+    ]
+    assert (found.state, found.remedy) == ("wrong", counts_rating(axis, 65536).remedy)
+    assert found.remedy in str(refused.value)

@@ -12,7 +12,7 @@ from beltcomm.drive import Capabilities, open_drive
 from beltcomm.excitation import choose_prbs, prbs
 from beltcomm.identify.first_estimate import data_sheet_model
 from beltcomm.recording import Recording
-from beltcomm.session import phases
+from beltcomm.session import analyse, phases
 from beltcomm.session.bounds import bounds_of, course_before
 from beltcomm.session.foresight import foresee
 from beltcomm.session.making import holding_at, quieter
@@ -114,7 +114,7 @@ def test_a_quieter_excitation_still_overcomes_friction() -> None:
 def test_a_calmer_sequence_loads_the_belt_less() -> None:
     """At equal torque the belt carries clearly less, and the carriage goes no further."""
     model = data_sheet_model(AXIS, 0.25, 0.0)
-    antiresonance, resonance = phases.characteristic_hz(model, 0.25)
+    antiresonance, resonance = analyse.characteristic_hz(model, 0.25)
     usual = choose_prbs(1e-3, antiresonance, resonance, 7.0)
     found = []
     for choice in (usual, calmer_choice(usual, resonance, 1e-3)):

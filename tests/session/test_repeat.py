@@ -14,7 +14,7 @@ from beltcomm.axis import load_axis
 from beltcomm.errors import Refused, UsageError
 from beltcomm.parameters import GAIN_NAMES
 from beltcomm.runfolder import RunFolder
-from beltcomm.session.commission import Apply
+from beltcomm.session.findings import Apply
 from beltcomm.virtual.bus import FrameHash
 from session.bench import Bench, Listener
 from session.conftest import SEED, Complete

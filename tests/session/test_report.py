@@ -92,9 +92,9 @@ def test_the_first_screen_has_the_numbers_of_the_run(page: str, complete: Comple
     assert tracking["value"] == f"{1e6 * verdict['measured']['dynamic_m']:.0f} µm"
     assert float(model["value"].split()[0]) == pytest.approx(max(numbers["ratio"].values()), abs=0.006)
     assert 40.0 < float(margin["value"].rstrip("°")) < 60.0
-    assert any("beltcomm apply" in step for step in numbers["next"])
+    assert any("beltcomm tune" in step for step in numbers["next"])
     assert numbers["sections"] == [
-        "changes", "safety", "responses", "friction", "model", "model-error", "loops", "tracking", "gains", "journal",
+        "changes", "tracking", "gains", "model", "model-error", "responses", "friction", "loops", "safety", "journal",
     ]  # fmt: skip
 
 
@@ -131,7 +131,7 @@ def test_what_changed_since_another_run_stands_on_the_first_screen(page: str, co
 
 
 def test_a_page_that_cannot_be_made_costs_no_commissioning_its_verdict(tmp_path: Path) -> None:
-    where, line = at_the_end(tmp_path / "nothing")
+    where, line, _ = at_the_end(tmp_path / "nothing")
     assert where is None
     assert "there is no report" in line
     assert "does not exist" in line

@@ -19,16 +19,16 @@ def report(run: Path, *, against: Path | None = None, out: Path | None = None, t
     return made(run, against=against, out=out, talk=talk)
 
 
-def at_the_end(run: Path) -> tuple[str | None, str]:
-    """The page of a run that was just commissioned, and a line on it; None and why where there is none.
+def at_the_end(run: Path) -> tuple[str | None, str, float | None]:
+    """The page of a run that was just commissioned, a line on it, and the model's error over the noise; None and why where there is none.
 
     Whatever is wrong with a page, the verdict it is about stands.
     """
     try:
-        page = str(report(run).data["page"])
+        made = report(run).data
     except Exception as problem:  # an axis was commissioned, and its gains may be in the drive
-        return None, f"Note: there is no report ({type(problem).__name__}: {problem}); beltcomm report {run} makes one"
-    return page, f"Report: {page}"
+        return None, f"Note: there is no report ({type(problem).__name__}: {problem}); beltcomm report {run} makes one", None
+    return str(made["page"]), f"Report: {made['page']}", made["ratio"] and made["ratio"]["overall"]
 
 
 def trend(runs: Sequence[Path], *, limits: Sequence[str] = (), dates: Sequence[str] = (), out: Path | None = None) -> Result:

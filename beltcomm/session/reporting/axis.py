@@ -74,7 +74,7 @@ def _distortion_words(run: Gathered) -> list[str]:
     lines = nonlinearity_lines(nonlinearities(run.recordings))
     return lines or [
         "This excitation has no silent lines: friction, backlash and the like show as scatter from line to line that every period "
-        f"repeats; odd and even cannot be told apart. beltcomm identify --drive DRIVE --run {run.name} --excitation multisine does that."
+        f"repeats; odd and even cannot be told apart. beltcomm identify --drive DRIVE --run {run.place} --excitation multisine does that."
     ]
 
 

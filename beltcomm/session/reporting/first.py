@@ -36,10 +36,8 @@ def _tracking(run: Gathered) -> Fact:
         return Fact("Tracking error", "not measured", "beltcomm verify drives a move and measures it", "note")
     last: Mapping[str, Any] = list(moves.values())[-1]
     measured, predicted = last["measured"], last["predicted"]
-    words = (
-        f"largest while moving, at the motor; predicted {1e6 * predicted['dynamic_m']:.0f} µm; at rest {1e6 * measured['static_m']:.0f} µm"
-    )
-    return Fact("Tracking error", f"{1e6 * measured['dynamic_m']:.0f} µm", words, "good" if last["passed"] else "bad")
+    words = f"largest while moving; predicted {1e6 * predicted['dynamic_m']:.0f} µm; at rest {1e6 * measured['static_m']:.0f} µm"
+    return Fact("Tracking error, motor", f"{1e6 * measured['dynamic_m']:.0f} µm", words, "good" if last["passed"] else "bad")
 
 
 def _model(run: Gathered) -> Fact:
@@ -62,9 +60,9 @@ def _margin(run: Gathered) -> Fact:
     return Fact("Phase margin", f"{least:.0f}°", words, "good" if least >= asked - 0.5 else "note")
 
 
-def next_steps(run: Gathered) -> list[str]:
-    """Commands in the order in which they help."""
-    name = run.name
+def next_steps(run: Gathered, called: str = "") -> list[str]:
+    """Commands in the order in which they help.   called : the run's folder as a terminal takes it; on a page, :attr:`Gathered.place`."""
+    name, virtual = called or run.place, run.folder.drive.get("hardware") == "virtual"
     if run.model is None:
         return [f"beltcomm fit {name}: a model of the records"]
     steps = []
@@ -75,6 +73,8 @@ def next_steps(run: Gathered) -> list[str]:
         steps.append(f"beltcomm design {name}: gains with margins")
     elif not run.verifications:
         steps.append(f"beltcomm verify --drive DRIVE --run {name}: a move that proves the gains")
+    elif virtual:
+        steps.append(f"beltcomm tune {name}: the knobs of the design as sliders; a virtual drive keeps no gains")
     elif list(run.verifications.values())[-1]["passed"]:
         steps.append(f"beltcomm apply --drive DRIVE --run {name}: the gains into the drive (--save keeps them beyond power-off)")
     return steps

@@ -36,7 +36,7 @@ def section(run: Gathered) -> Section:
     """One table: SI before and designed, and the objects of the drive with their raw numbers."""
     designed = run.design.get("parameters")
     if not designed:
-        return Section("gains", "Gains", missing=f"No gains were designed; beltcomm design {run.name} does.")
+        return Section("gains", "Gains", missing=f"No gains were designed; beltcomm design {run.place} does.")
     before = (run.results.get("backup") or {}).get("parameters") or {}
     places = _places(run)
     wanted, stood = _raw(places, designed), _raw(places, before)

@@ -12,7 +12,7 @@ from beltcomm.laboratory.compare import Comparison, compare, landmarks
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 from beltcomm.runfolder import RunFolder
-from beltcomm.session.laboratory import Opened, opened
+from beltcomm.session.laboratory import Opened, explainable, opened
 from beltcomm.session.pictures import middle_of
 from beltcomm.session.revisions import Revision, current_model, revisions
 from beltcomm.talk import Talk
@@ -42,6 +42,11 @@ class Gathered:
         return self.folder.path.resolve().name
 
     @property
+    def place(self) -> str:
+        """The folder as a command takes it: its path where that is relative, else its name."""
+        return str(self.folder.path) if not self.folder.path.is_absolute() else self.name
+
+    @property
     def landmarks(self) -> Mapping[str, float]:
         """Frequencies to mark, Hz; none without a model."""
         return landmarks(self.model, middle_of(self.folder)) if self.model is not None else {}
@@ -63,7 +68,9 @@ def gathered(run: Path, talk: Talk, against: Path | None = None, *, compared: bo
     try:
         if compared:
             laboratory = opened(run, talk)
-            comparison = compare(laboratory.data, laboratory.fitted)
+            against_records = compare(laboratory.data, laboratory.fitted)
+            explainable(against_records.ratio, run)
+            comparison = against_records
     except BeltcommError as problem:
         remarks.append(f"model and measurement were not compared: {problem}")
     results = {name: found for name in folder.names("results") if (found := folder.load_result(name)) is not None}

@@ -18,14 +18,14 @@ from beltcomm.talk import Silence, Talk
 NAME = "report.html"
 #: Every part of the page, in the order shown.
 PARTS = (
-    safety.section,
-    axis.frequency,
-    axis.sliding,
-    model.section,
-    model_error.section,
-    loops.section,
     tracking.section,
     gains.section,
+    model.section,
+    model_error.section,
+    axis.frequency,
+    axis.sliding,
+    loops.section,
+    safety.section,
     safety.journal,
 )
 
@@ -50,7 +50,9 @@ def report(run: Path, *, against: Path | None = None, out: Path | None = None, t
     write_text(beside, json.dumps(jsonable(data), indent=1) + "\n")
     facts = [f"  {fact.name}: {fact.value} ({fact.words})" for fact in page.facts]
     since = [f"Since {before.name}:", *(f"  {line}" for line in page.changes)] if before is not None else []
-    return Result({**data, "page": str(where)}, [page.verdict, *facts, *since, f"Report: {where}, numbers in {beside.name}"])
+    steps = (step.partition(": ") for step in first.next_steps(found, str(run)))
+    following = [f"Next: {command}   ({why})" for command, _, why in steps]
+    return Result({**data, "page": str(where)}, [page.verdict, *following, *facts, *since, f"Report: {where}, numbers in {beside.name}"])
 
 
 def page_of(found: Gathered, before: Gathered | None = None) -> Page:

@@ -24,7 +24,7 @@ TITLE = "Loops and margins"
 def section(run: Gathered) -> Section:
     """Table of margins, Nyquist plots and gains with the measured responses, sensitivity."""
     if not run.design or run.model is None:
-        return Section("loops", TITLE, missing=f"No loop was designed; beltcomm design {run.name} does.")
+        return Section("loops", TITLE, missing=f"No loop was designed; beltcomm design {run.place} does.")
     rows = [
         (
             str(m["plant"]),

@@ -16,7 +16,7 @@ from beltcomm.session.words import SHOWN, number
 def section(run: Gathered) -> Section:
     """Every parameter, its 95 % interval, where it comes from, and what contradicts a data sheet."""
     if run.model is None:
-        return Section("model", "Model", missing=f"There is no model yet; beltcomm fit {run.name} makes one.")
+        return Section("model", "Model", missing=f"There is no model yet; beltcomm fit {run.place} makes one.")
     rows = []
     for name, value in run.model.parameters.items():
         words, unit, scale = SHOWN.get(name, (name, value.unit, 1.0))

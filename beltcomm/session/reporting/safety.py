@@ -10,8 +10,8 @@ import numpy as np
 
 from beltcomm.recording import Recording
 from beltcomm.report.page import Section, Table, Words
-from beltcomm.session.agreement import SAVED
 from beltcomm.session.reporting.gather import Gathered
+from beltcomm.session.store import PLAN
 
 #: Lines of a journal that tell of nobody's safety: what was recorded, fitted or written.
 _WORK = re.compile(r"^(\w+: (\d+ samples|order \d|another sequence)|amplitude |scale: |wrote )")
@@ -20,7 +20,7 @@ _WORK = re.compile(r"^(\w+: (\d+ samples|order \d|another sequence)|amplitude |s
 def section(run: Gathered) -> Section:
     """The plan, what was measured of every experiment beside it, heat, and what was agreed, guarded, stopped and restored."""
     title = "Plan and safety log"
-    plan, lines = run.results.get(SAVED), [line for line in journal_of(run) if not _WORK.match(line)]
+    plan, lines = run.results.get(PLAN), [line for line in journal_of(run) if not _WORK.match(line)]
     if not plan and not lines:
         return Section("safety", title, missing="No machine was moved for this run.")
     parts: list[Words | Table] = []
@@ -56,7 +56,8 @@ def _planned(plan: Mapping[str, Any]) -> list[Words | Table]:
         )
     head = ("planned, at most", "travel mm", "with stop mm", "m/s", "N m", "belt N", "s", "heat %", "rest s before")
     words = "Bounds that the session was agreed with, and that drive and host watched. Heat: (rms torque / rated torque)²."
-    return [Words([str(plan["text"])]), Table(head, rows, words), *_heat(plan)]
+    points = [f"{label}: {sentence}" for label, sentence in plan.get("points") or ()]
+    return [Words([str(plan["text"])]), Words(points, listed=True), Table(head, rows, words), *_heat(plan)]
 
 
 def _heat(plan: Mapping[str, Any]) -> list[Words | Table]:

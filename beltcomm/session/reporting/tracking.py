@@ -27,9 +27,9 @@ def section(run: Gathered) -> Section:
     title = "Tracking"
     moves = [r for r in run.recordings if f"verify_{r.name}" in run.results and r.reference_position is not None]
     if not moves:
-        return Section("tracking", title, missing=f"No move was driven; beltcomm verify --drive DRIVE --run {run.name} drives one.")
+        return Section("tracking", title, missing=f"No move was driven; beltcomm verify --drive DRIVE --run {run.place} drives one.")
     rows = [_row(r.name, run.verifications[r.name]) for r in moves]
-    head = ("move", "result", "dynamic µm", "predicted", "range", "static µm", "predicted")
+    head = ("move", "result", "motor, dynamic µm", "predicted", "range", "motor, static µm", "predicted")
     shown = [moves[0], moves[-1]][-min(SHOWN, len(moves)) :]
     caption = Caption(run.command, f"{run.name}/recordings: {', '.join(r.name for r in shown)}")
     parts: list[Words | Table | Picture] = [
