@@ -26,6 +26,7 @@ from beltcomm.session import (
     own_strokes,
     phases,
     programme,
+    raising,
     sameness,
     scale,
     stops,
@@ -81,7 +82,7 @@ def identify_here(machine: Machine, findings: Findings, *, brief: bool = False) 
     findings.calibrating_s = gain_steps.ensure(machine, findings.breakaway.coulomb_nm)
     sameness.repeat_first_excitation(machine, findings.breakaway, masses)
     machine.begin(TITLES[2])
-    findings.excited = phases.raise_amplitude(machine, findings.breakaway, masses, brief=brief)
+    findings.excited = raising.raise_amplitude(machine, findings.breakaway, masses, brief=brief)
     if findings.holding is not None:
         findings.holding = holding.compare(machine, findings.holding)
     machine.begin(TITLES[3])

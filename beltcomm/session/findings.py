@@ -20,9 +20,10 @@ from beltcomm.trajectory import Trajectory
 from beltcomm.verify import Demand, Verdict
 
 if TYPE_CHECKING:  # what moves a machine takes long to import
-    from beltcomm.session import holding, phases
+    from beltcomm.session import holding
     from beltcomm.session.creep import Breakaway
     from beltcomm.session.programme import Extent
+    from beltcomm.session.raising import Excited
 
 Apply = Literal["keep", "restore", "save"]
 
@@ -61,7 +62,7 @@ class Findings:
 
     breakaway: Breakaway | None = None
     holding: holding.Holding | None = None
-    excited: phases.Excited | None = None
+    excited: Excited | None = None
     thesis: dict[str, MagnitudeFit] = field(default_factory=dict)
     dead_time: DeadTime | None = None
     assumed_delay_s: float = 0.0

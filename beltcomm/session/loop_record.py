@@ -24,6 +24,7 @@ from beltcomm.session.expectation import SURPRISE, TRAVEL_SLACK_M
 from beltcomm.session.findings import Findings
 from beltcomm.session.loop_plan import RISES, TITLES, Job, inside, is_moved
 from beltcomm.session.machine import Machine, Room
+from beltcomm.session.raising import GROWTH
 from beltcomm.sidecar import ExcitationNote, Sidecar
 
 
@@ -34,12 +35,12 @@ def record_all(machine: Machine, findings: Findings, job: Job, *, ask: bool) -> 
     sequence.close_loop(machine, findings, job.model, job.cascade, job.margin_deg, ask=ask)
     number = 1 + sum(name.startswith(f"{job.way}_") and "_rise_" not in name for name in machine.folder.finished_names())
     machine.begin(TITLES[1])
-    amplitude = job.step.amplitude / phases.GROWTH**RISES
+    amplitude = job.step.amplitude / GROWTH**RISES
     for rise in range(1, RISES + 1):
         if not job.speed_m_s and not is_moved(job, amplitude, machine.position_m):
             amplitude = job.step.amplitude  # what friction holds shows nothing
         recording = _record(machine, job, _free(machine, f"{job.way}_{number}_rise_{rise}"), amplitude, rising=True)
-        amplitude = min(phases.GROWTH * amplitude, allowed(recording, amplitude, job.loop.drive.counts_per_rev), job.step.amplitude)
+        amplitude = min(GROWTH * amplitude, allowed(recording, amplitude, job.loop.drive.counts_per_rev), job.step.amplitude)
     machine.begin(TITLES[2])
     return _record(machine, job, _free(machine, f"{job.way}_{number}"), amplitude, rising=False)
 

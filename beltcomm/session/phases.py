@@ -6,8 +6,8 @@ Every phase predicts what its motion will do before it asks the machine to move,
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import TypeVar
 
@@ -18,25 +18,21 @@ from beltcomm.axis import Axis
 from beltcomm.axis_entries import TrajectoryLimits
 from beltcomm.drive import Capabilities
 from beltcomm.errors import Refused, SafetyStop, UsageError
-from beltcomm.excitation import Choice, Excitation, PrbsChoice, choose, choose_prbs, prbs
+from beltcomm.excitation import Choice, Excitation, PrbsChoice, choose, choose_prbs
 from beltcomm.identify.amplitude import (
-    UNKNOWN_MASSES_KG,
     AmplitudeStep,
     MotionLimits,
     around,
     largest_amplitude,
-    unknown_payload,
 )
-from beltcomm.identify.first_estimate import data_sheet_model, first_estimate, moved_enough, stiffness_range
 from beltcomm.model import Model
 from beltcomm.recording import Recording
-from beltcomm.session import analyse, exciting, gravity, host_loss, own_strokes, scale, stops
+from beltcomm.session import analyse, exciting, host_loss, own_strokes, stops
 from beltcomm.session.creep import CLEAR_SHARE as CLEAR_SHARE
 from beltcomm.session.creep import Breakaway, creep
 from beltcomm.session.heat import Thermal
 from beltcomm.session.machine import Machine, Room, stroking
-from beltcomm.session.sequences import HARDLY, SHAPES, calmer_choice, held_choice
-from beltcomm.session.wandering import stands_after
+from beltcomm.session.sequences import HARDLY, calmer_choice, held_choice
 from beltcomm.stopping import total_friction
 from beltcomm.trajectory import Strokes, Trajectory, held, plan_trajectory
 
@@ -50,13 +46,6 @@ SIGN_REACH_M = 1e-2
 END_MARGIN_M = 5e-3
 #: Share of the belt force limit that a prediction may use: the models are known to FIRST_ESTIMATE_SPREAD.
 BELT_SHARE = 0.9
-#: An excitation must reach this share of the breakaway torque; the ramp finds the latter some 20 % too high.
-OVER_BREAKAWAY = 1.0
-#: A belt is at most this many times as stiff, or as soft, as its data sheet says.
-STIFFNESS_FACTOR = 4.0
-#: Growth of the amplitude from one record to the next; below this share of what is allowed a kept record was bound by that growth.
-GROWTH, KEPT_SHARE = 1.7, 0.9
-MOST_STEPS = 5
 #: Shares of the travel kept free at both ends: for the overshoot of a first position loop, and for the drift of a velocity loop.
 OVERSHOOT_SHARE = 0.06
 DRIFT_SHARE = 0.15
@@ -75,19 +64,6 @@ EXCITATION_TRAVEL_M = 0.03
 #: m/s: the carriage gets no faster under an excitation, and is brought from place to place no faster.
 EXCITATION_SPEED_M_S = 0.5
 POSITIONING_SPEED_M_S = 0.5
-
-
-@dataclass(frozen=True)
-class Excited:
-    """Outcome of the amplitude search: the last step, all recordings, and the model that they gave.
-
-    at_most_nm : of the next excitation, whatever its sequence: no record is louder than the one before by more than ``GROWTH``.
-    """
-
-    step: AmplitudeStep
-    recordings: tuple[Recording, ...]
-    model: Model
-    at_most_nm: float
 
 
 def room_around(machine: Machine, position_m: float, travel_m: float) -> Room:
@@ -155,126 +131,6 @@ def excitation_torque_nm(axis: Axis, capabilities: Capabilities, held_nm: float)
     """Largest amplitude of a binary excitation that a motor bears for ever beside what it holds, N m:  a² + τ_g² ≤ τ_rated²."""
     rated = Thermal.of(axis, capabilities).rated_nm
     return min(axis.torque_limit_nm, math.sqrt(max(rated**2 - held_nm**2, 0.0)))
-
-
-def unknown_axis(machine: Machine, breakaway: Breakaway, masses_kg: Sequence[float]) -> tuple[Model, Sequence[Model]]:
-    """The model of the data sheets where the carriage stands, and the family that it may be before anything is measured."""
-    sheet = data_sheet_model(machine.axis, machine.place_m(machine.position_m), breakaway.coulomb_nm)
-    factors = (1.0, 1.0) if machine.place_known else stiffness_range(machine.axis, machine.full_room().window_m)
-    return sheet, unknown_payload(sheet, factors, masses_kg)
-
-
-def raise_amplitude(
-    machine: Machine, breakaway: Breakaway, masses_kg: Sequence[float] = UNKNOWN_MASSES_KG, *, brief: bool = False
-) -> Excited:
-    """Excite at the present place with rising amplitude; each step is predicted from the model so far.   masses_kg : to count with.
-
-    brief : as soon as a limit binds instead of the growth, the response itself is the last step; it is predicted as any other.
-    Raises Refused when friction leaves no room below the limits.
-    """
-    period = machine.drive.capabilities.sample_period_s
-    counts = machine.drive.capabilities.counts_per_rev
-    sheet, family = unknown_axis(machine, breakaway, masses_kg)
-    known = sheet.with_effect("constant_offset", {"torque": machine.holding_nm}) if machine.holding_nm else sheet
-    at_most, shapes = 2.0 * breakaway.coulomb_nm, list(SHAPES)
-    recordings: list[Recording] = []
-    found: Excited | None = None
-    while True:
-        at = machine.position_m  # every excitation leaves the carriage a little beside where it began
-        limits = motion_limits(machine, at)
-        braking, losses = stops.braking_of(machine, breakaway.sliding_nm), host_loss.losses_of(machine, breakaway.sliding_nm)
-        for order, clock in shapes:
-            shape = prbs(order, clock, 2.0, period, 1)
-            unit = shape.torque / shape.amplitude_nm
-            step = largest_amplitude(family, unit, period, at, limits, min(at_most, limits.torque_nm), braking, losses)
-            if step.amplitude_nm >= OVER_BREAKAWAY * breakaway.coulomb_nm:
-                break
-        else:
-            raise Refused(
-                f"friction holds the axis up to {breakaway.coulomb_nm:.3f} N m, but the limit on {step.binds} allows only "
-                f"±{step.amplitude_nm:.3f} N m of excitation; reduce the friction, or {_remedy(machine, step, breakaway)}"
-            )
-        name = f"amplitude_{len(recordings) + 1}"
-        kept = machine.folder.finished(name) is not None
-        if not kept:
-            machine.talk.say(
-                f"excitation ±{step.amplitude_nm:.3f} N m: up to {1e3 * step.prediction.travel_m:.1f} mm, "
-                f"{step.prediction.belt_force_n:.0f} N in the belt (bound by {step.binds}); a stop takes up to "
-                f"{1e3 * step.prediction.stop_m:.1f} mm; {exciting.run_on_words(machine, step.prediction, limits.ends_m)}"
-            )
-        excitation = prbs(order, clock, 2.0 * step.amplitude_nm, period, 1, torque_step_nm=machine.drive.capabilities.torque_step_nm)
-        exposed, room = exciting.Exposed(step.prediction, family, losses), excitation_room(machine, at)
-        try:
-            recordings.append(exciting.excite(machine, name, excitation, at, room, exposed))
-        except SafetyStop as problem:
-            if found is None or not stands_after(machine, problem):
-                raise
-            louder = step.amplitude_nm  # the model does not know it well enough: no louder than what stayed inside
-            machine.talk.say(f"±{louder:.3f} N m let the carriage wander too far; the search ends with ±{found.at_most_nm:.3f} N m")
-            return found
-        if kept:
-            step = as_made(step, recordings[-1])
-        if len(recordings) < MOST_STEPS and not moved_enough(recordings[-1], sheet, counts):
-            if step.binds == "step":  # an axis without Coulomb friction breaks away long before it moves visibly
-                at_most = GROWTH * step.amplitude_nm
-                continue
-            if len(shapes) > 1:  # a heavy carriage hardly follows fast changes
-                shapes = shapes[1:]
-                continue
-        with machine.withdrawing():
-            model = believable(first_estimate(recordings[-1:], known, counts), sheet)
-        machine.folder.journal(
-            f"amplitude {step.amplitude_nm:.3f} N m ({step.binds}): mass {model['cart.mass']:.2f} kg, "
-            f"stiffness {model['belt_stiffness.stiffness']:.4g} N/m"
-        )
-        scale.check_first(machine, model, recordings[-1])
-        stops.lend_brake(machine, model, at)
-        family = around(balanced(model))
-        at_most = GROWTH * step.amplitude_nm
-        counted = stops.braking_of(machine), host_loss.losses_of(machine)
-        following = largest_amplitude(family, unit, period, at, limits, min(at_most, limits.torque_nm), *counted)
-        bound = following.amplitude_nm < 1.1 * step.amplitude_nm or (brief and following.binds != "step")
-        if bound or len(recordings) >= MOST_STEPS:
-            return Excited(following, tuple(recordings), model, at_most)
-        found = Excited(step, tuple(recordings), model, step.amplitude_nm)
-
-
-def as_made(step: AmplitudeStep, recording: Recording) -> AmplitudeStep:
-    """A step as a kept record was made: with the amplitude that its sidecar notes, which was bound by the steps where more is allowed now.
-
-    Judged by today's step, a record that hardly moved would pass for one as loud as the limits allow.
-    """
-    note = recording.sidecar.excitation
-    if note is None or not note.amplitude_nm:
-        return step
-    own_nm = note.amplitude_nm
-    return replace(step, amplitude_nm=own_nm, binds="step" if own_nm < KEPT_SHARE * step.amplitude_nm else step.binds)
-
-
-def believable(model: Model, sheet: Model) -> Model:
-    """A first estimate within what can be: a gap or a lag drives it to a feather on a rod, and no prediction may count on that."""
-    stiffness, mass = sheet["belt_stiffness.stiffness"], UNKNOWN_MASSES_KG[0]
-    low, high = stiffness / STIFFNESS_FACTOR, stiffness * STIFFNESS_FACTOR
-    found = {"cart.mass": max(model["cart.mass"], mass), "belt_stiffness.stiffness": min(max(model["belt_stiffness.stiffness"], low), high)}
-    return model if all(model[name] == value for name, value in found.items()) else model.with_values(found, "first estimate, bounded")
-
-
-def _remedy(machine: Machine, step: AmplitudeStep, breakaway: Breakaway) -> str:
-    """What to do about a limit that lets no excitation move the axis, in words."""
-    if not machine.axis.payload.mass_kg and ("travel" in step.binds or step.binds == "speed"):
-        return (
-            f"state payload.mass_kg in axis.yaml: a carriage of {UNKNOWN_MASSES_KG[0]:g} kg is counted with until it is weighed, and a "
-            "heavier one may be shaken harder"
-        )
-    if "travel" in step.binds:
-        return machine.more_room
-    factor = breakaway.coulomb_nm / step.amplitude_nm if step.amplitude_nm else np.inf
-    if machine.weight_n and "belt" in step.binds:
-        return gravity.less_steep(machine, BELT_SHARE * machine.axis.belt_force_limit_n, factor * step.prediction.belt_force_n)
-    return (
-        f"check that limit in axis.yaml: it would have to be {factor:.2g} times as high, which only the data sheets of belt, axis and "
-        "motor can allow"
-    )
 
 
 def frequency_response(

@@ -15,6 +15,7 @@ from beltcomm.recording import Recording
 from beltcomm.session import exciting, host_loss, phases, stops
 from beltcomm.session.creep import Breakaway
 from beltcomm.session.machine import Machine
+from beltcomm.session.raising import unknown_axis
 from beltcomm.session.sequences import SHAPES
 
 #: Breakaway torque and motion may differ by this factor from the earlier session's: temperature, place and grease do less.
@@ -80,7 +81,7 @@ def _as_then(
     Raises Refused.
     """
     own, at = machine.drive.capabilities, machine.position_m
-    _, family = phases.unknown_axis(machine, breakaway, masses_kg)
+    _, family = unknown_axis(machine, breakaway, masses_kg)
     braking, losses = stops.braking_of(machine, breakaway.sliding_nm), host_loss.losses_of(machine, breakaway.sliding_nm)
     one = prbs(*shape, 2.0, own.sample_period_s, 1)
     unit = one.torque / one.amplitude_nm

@@ -20,7 +20,7 @@ from beltcomm.runfolder import RunFolder
 from beltcomm.session import left_out
 from beltcomm.session.machine import Machine
 from beltcomm.session.options import claim
-from beltcomm.session.phases import as_made
+from beltcomm.session.raising import as_made
 from beltcomm.session.steps import Step
 from beltcomm.sidecar import ExcitationNote, Sidecar
 from beltcomm.talk import Silence

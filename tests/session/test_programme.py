@@ -19,6 +19,7 @@ from beltcomm.session.making import holding_at, quieter
 from beltcomm.session.paths import path_of, start_of
 from beltcomm.session.plan import commission_plan
 from beltcomm.session.programme import BUDGET_S, BY_EXTENT, STANDARD, THOROUGH, Item, fitting, named
+from beltcomm.session.raising import believable
 from beltcomm.session.sequences import calmer_choice
 from beltcomm.session.steps import Step
 from beltcomm.simulate.forward import simulate_torque
@@ -146,8 +147,8 @@ def test_a_first_estimate_stays_within_what_can_be() -> None:
     """Inside a gap the motor feels a feather on a rod; as soon as the gap is crossed, ten kilograms."""
     sheet = data_sheet_model(AXIS, 0.25, 0.1)
     usual = sheet.with_values({"cart.mass": 5.0})
-    assert phases.believable(usual, sheet) is usual
-    bounded = phases.believable(sheet.with_values({"cart.mass": 0.09, "belt_stiffness.stiffness": 5.5e6}), sheet)
+    assert believable(usual, sheet) is usual
+    bounded = believable(sheet.with_values({"cart.mass": 0.09, "belt_stiffness.stiffness": 5.5e6}), sheet)
     assert bounded["cart.mass"] == 0.3
     assert bounded["belt_stiffness.stiffness"] == pytest.approx(4.0 * sheet["belt_stiffness.stiffness"])
 
