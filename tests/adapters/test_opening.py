@@ -7,6 +7,7 @@ import math
 import pytest
 
 from adapters.stub_node import StubBus, StubNode
+from beltcomm.configfiles import find_config, read_yaml, to_yaml, write_text
 from beltcomm.drive import find_adapters, open_drive
 from beltcomm.errors import BusError, DriveError, UsageError
 from beltcomm_adapters.buses import Address
@@ -88,6 +89,20 @@ def test_a_connected_drive_tells_what_it_is():
         assert not capabilities.referenced
         with pytest.raises(UsageError, match="no quantity x; it has position_rad"):
             drive.read(["x"])
+
+
+def test_a_plant_file_may_state_another_motor(tmp_path):
+    path = tmp_path / "large.yaml"
+    plant = read_yaml(find_config("plants", "g_b"))
+    nameplate = {"rated_torque_nm": 22.0, "peak_torque_nm": 60.0, "rated_current_a": 30.0}
+    write_text(path, to_yaml({**plant, "drive": {**plant["drive"], **nameplate}}))
+    with open_drive(f"virtual:{path}") as drive:
+        found = drive.capabilities
+    assert (found.rated_torque_nm, found.rated_current_a) == (22.0, 30.0)
+    assert found.peak_torque_nm == pytest.approx(60.0, rel=1e-3)
+    write_text(path, to_yaml({**plant, "drive": {"rated_torque_nm": -1.0}}))
+    with pytest.raises(UsageError, match="rated_torque_nm is -1; give a positive number"):
+        open_drive(f"virtual:{path}")
 
 
 def test_a_failing_connect_releases_the_bus_and_gives_back_what_it_took():

@@ -14,11 +14,13 @@ from beltcomm.errors import Refused
 from beltcomm.excitation import prbs
 from beltcomm.identify.amplitude import (
     FIRST_ESTIMATE_SPREAD,
+    UNKNOWN_MASSES_KG,
     MotionLimits,
     Prediction,
     around,
     largest_amplitude,
     predict,
+    unknown_masses_kg,
     unknown_payload,
 )
 from beltcomm.identify.first_estimate import data_sheet_model
@@ -171,3 +173,9 @@ def test_no_room_is_refused_with_what_binds(family: Sequence[Model]) -> None:
     smooth = [m.with_values({"coulomb.level": 0.0, "cart_friction.level": 0.0}) for m in family]
     with pytest.raises(Refused, match="limit on belt force"):
         largest_amplitude(smooth, UNIT, PERIOD_S, AT_M, MotionLimits(10.0, 100.0, 100.0, 0.5), 0.6)
+
+
+def test_a_stated_payload_leaves_out_carriages_that_are_much_lighter() -> None:
+    assert unknown_masses_kg(None) == unknown_masses_kg(0.0) == UNKNOWN_MASSES_KG
+    assert min(unknown_masses_kg(5.0)) == 2.5
+    assert unknown_masses_kg(500.0) == (250.0,)

@@ -1,0 +1,105 @@
+"""The search of the amplitude: which step follows which outcome.  Machine and models are stood in for; whole ones are in test_complete."""
+
+from __future__ import annotations
+
+from contextlib import nullcontext
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from beltcomm.axis import load_axis
+from beltcomm.errors import SafetyStop
+from beltcomm.identify.amplitude import AmplitudeStep, Prediction
+from beltcomm.model import load_plant
+from beltcomm.session import raising
+from beltcomm.session.creep import Breakaway
+from beltcomm.talk import Silence
+
+BREAKAWAY = Breakaway(0.1, 0.1)
+MODEL = load_plant("g_b").model
+
+
+class Search:
+    """What a step may be (limit_nm), whether it moves the axis, what stops it, and what was done."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, limit_nm: float = 10.0, moves_from_nm: float = 0.0) -> None:
+        self.limit_nm, self.moves_from_nm = limit_nm, moves_from_nm
+        self.stops_from_nm, self.reason, self.stands = float("inf"), "position", True
+        self.made: list[tuple[float, int]] = []
+        folder = SimpleNamespace(finished=lambda _name: None, journal=lambda _text: None)
+        capabilities = SimpleNamespace(counts_per_rev=65536, sample_period_s=1e-3)
+        self.machine: Any = SimpleNamespace(
+            drive=SimpleNamespace(capabilities=capabilities),
+            axis=load_axis("egc-70-600"),
+            folder=folder,
+            talk=Silence(),
+            holding_nm=0.0,
+            withdrawing=nullcontext,
+        )
+        for name, stand_in in {
+            "unknown_axis": lambda *_: (MODEL, [MODEL]),
+            "_next": self.next,
+            "_made": self.make,
+            "_louder": lambda _machine, _family, _made, most_nm: self.step(most_nm),
+            "moved_enough": lambda recording, *_: recording >= self.moves_from_nm,
+            "first_estimate": lambda *_: MODEL,
+            "stands_after": lambda _machine, problem: self.stands and problem.reason == "position",
+        }.items():
+            monkeypatch.setattr(raising, name, stand_in)
+        monkeypatch.setattr(raising.scale, "check_first", lambda *_: None)
+        monkeypatch.setattr(raising.stops, "lend_brake", lambda *_: None)
+
+    def step(self, most_nm: float) -> AmplitudeStep:
+        return AmplitudeStep(min(most_nm, self.limit_nm), Prediction(0.0, 0.0, 0.0, 0.0), "step" if most_nm < self.limit_nm else "speed")
+
+    def next(self, _machine: Any, _breakaway: Any, _family: Any, shapes: Any, most_nm: float) -> Any:
+        return SimpleNamespace(step=self.step(most_nm), at_m=0.25, shape=shapes[0])
+
+    def make(self, _machine: Any, _name: str, wanted: Any, _kept: bool) -> Any:
+        amplitude = wanted.step.amplitude_nm
+        if amplitude >= self.stops_from_nm:
+            raise SafetyStop("too far", self.reason)
+        self.made.append((round(amplitude, 3), wanted.shape[1]))
+        return amplitude
+
+    def __call__(self, **options: Any) -> raising.Excited:
+        return raising.raise_amplitude(self.machine, BREAKAWAY, **options)
+
+
+def test_the_amplitude_grows_until_a_limit_binds(monkeypatch: pytest.MonkeyPatch) -> None:
+    search = Search(monkeypatch, limit_nm=0.5)
+    found = search()
+    assert [a for a, _ in search.made] == [0.2, 0.34, 0.5]
+    assert found.step.amplitude_nm == 0.5
+
+
+def test_a_brief_search_leaves_the_bound_step_to_the_response(monkeypatch: pytest.MonkeyPatch) -> None:
+    search = Search(monkeypatch, limit_nm=0.5)
+    found = search(brief=True)
+    assert [a for a, _ in search.made] == [0.2, 0.34]
+    assert found.step.amplitude_nm == 0.5
+    assert found.at_most_nm == pytest.approx(1.7 * 0.34)
+
+
+def test_where_a_limit_binds_and_nothing_moves_the_changes_become_slower(monkeypatch: pytest.MonkeyPatch) -> None:
+    search = Search(monkeypatch, limit_nm=0.2, moves_from_nm=1.0)
+    search()
+    assert [clock for _, clock in search.made] == [2, 3, 4, 6], "each sequence once, then the estimate says what it can"
+
+
+def test_a_carriage_that_wanders_ends_the_search_with_what_stayed_inside(monkeypatch: pytest.MonkeyPatch) -> None:
+    search = Search(monkeypatch)
+    search.stops_from_nm = 0.5
+    found = search()
+    assert [a for a, _ in search.made] == [0.2, 0.34]
+    assert found.step.amplitude_nm == found.at_most_nm == pytest.approx(0.34)
+
+
+@pytest.mark.parametrize(("stops_from_nm", "reason", "stands"), [(0.1, "position", True), (0.5, "speed", True), (0.5, "position", False)])
+def test_any_other_stop_ends_the_session(monkeypatch: pytest.MonkeyPatch, stops_from_nm: float, reason: str, stands: bool) -> None:
+    """At the first record nothing is known yet; speed would come again; what still rolls is no place to go on from."""
+    search = Search(monkeypatch)
+    search.stops_from_nm, search.reason, search.stands = stops_from_nm, reason, stands
+    with pytest.raises(SafetyStop):
+        search()
