@@ -198,7 +198,7 @@ def _ask_number(key: str, name: str, meaning: str, default: float | None, fault:
         wrong = fault(value)
         if not wrong:
             return value
-        click.echo(f"    {key} is {value:g}; {wrong}", err=True)
+        click.echo(f"    {key} is {value:g}{unit and f' {unit}'}; {wrong}", err=True)
 
 
 def _otherwise(name: str, text: str) -> float | None:

@@ -59,7 +59,7 @@ def test_init_by_questions_asks_again_after_a_wrong_answer(tmp_path: Path) -> No
     assert "motor.inertia_kg_m2 is needed for" in outcome.stderr
     assert "'nope' is neither yes nor no" in outcome.stderr
     assert "'mm' is not a unit of it" in outcome.stderr
-    assert "motor.inertia_kg_m2 is -1; it must be above 0" in outcome.stderr
+    assert "motor.inertia_kg_m2 is -1 kg m²; it must be above 0" in outcome.stderr
     assert outcome.stdout.startswith(f"{path} is written: spindle.")
 
 

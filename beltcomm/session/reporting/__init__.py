@@ -28,7 +28,7 @@ def at_the_end(run: Path) -> tuple[str | None, str, float | None]:
         made = report(run).data
     except Exception as problem:  # an axis was commissioned, and its gains may be in the drive
         return None, f"Note: there is no report ({type(problem).__name__}: {problem}); beltcomm report {run} makes one", None
-    return str(made["page"]), f"Report: {made['page']}", made["ratio"] and made["ratio"]["overall"]
+    return str(made["page"]), f"Report: {made['page']}", (made.get("ratio") or {}).get("overall")
 
 
 def trend(runs: Sequence[Path], *, limits: Sequence[str] = (), dates: Sequence[str] = (), out: Path | None = None) -> Result:
