@@ -12,12 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from beltcomm.session import analyse, offline, phases, proving, stops, verification
+from beltcomm.session import analyse, offline, phases, proving, raising, stops, verification
 from beltcomm.session import commission as sequence
 
 PURE: tuple[tuple[Any, str], ...] = (
-    (phases, "first_estimate"),
+    (raising, "first_estimate"),
     (phases, "largest_amplitude"),
+    (raising, "largest_amplitude"),
     (analyse, "design_cascade"),
     (analyse, "cautious_cascade"),
     (analyse, "thesis_fit"),

@@ -14,15 +14,16 @@ import pytest
 from beltcomm import api
 from beltcomm.identify.final import FinalModel, final_model
 from beltcomm.runfolder import RunFolder
-from beltcomm.session import analyse, offline, phases, stops
+from beltcomm.session import analyse, offline, phases, raising, stops
 from beltcomm.session import commission as sequence
 from session.bench import Bench, Listener
 
 SEED = 1
 #: Long calculations whose result depends on their arguments alone.
 PURE = (
-    (phases, "first_estimate"),
+    (raising, "first_estimate"),
     (phases, "largest_amplitude"),
+    (raising, "largest_amplitude"),
     (analyse, "design_cascade"),
     (analyse, "cautious_cascade"),
     (stops, "braked_by_loop"),
