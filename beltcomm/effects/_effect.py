@@ -169,7 +169,8 @@ class Effect:
     apart; no diagnosis uses these.    harmonic : a sine and a cosine of the motor angle times the
     first parameter, added to the load or to the gain of the torque (so that all orders can be searched in one pass).    rattles : the
     carriage is free at times, within a gap that is the first parameter, m: only the torque says where it is then.    bound : it only
-    says how much any law of its kind could explain; a diagnosis never adds it.
+    says how much any law of its kind could explain; a diagnosis never adds it.    linear : its law is affine in positions and speeds (a
+    friction level: constant), the same at every place and time, for any values of its parameters: it is simulated without an integrator.
     """
 
     name: str
@@ -195,6 +196,7 @@ class Effect:
     remedy: str = ""
     alike: Mapping[str, str] = field(default_factory=dict)
     bound: bool = False
+    linear: bool = False
 
     def full_names(self) -> tuple[str, ...]:
         """Names of its own parameters as they stand in a model: ``effect.parameter``."""

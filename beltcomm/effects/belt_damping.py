@@ -39,5 +39,6 @@ EFFECT = Effect(
             "excite while the carriage travels (identify --loop direct): friction no longer poses as damping, the belt's stays"
         ),
     },
+    linear=True,
     source="(2.25), (2.27)",
 )

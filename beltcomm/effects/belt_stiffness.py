@@ -29,5 +29,6 @@ EFFECT = Effect(
     alike={
         "coupling": "excite near both ends of the travel: the stiffness of a belt changes with the place, that of a coupling does not",
     },
+    linear=True,
     source="(2.25)",
 )

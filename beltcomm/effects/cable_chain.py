@@ -42,5 +42,6 @@ EFFECT = Effect(
         "tilt": "slow strokes over the whole travel: a tilt pulls the same everywhere, a chain changes with the place",
         "friction_position": "compare both directions: friction turns its sign with the motion, the pull of a chain does not",
     },
+    linear=True,
     source="data sheet",
 )

@@ -41,5 +41,6 @@ EFFECT = Effect(
     alike={
         "cable_chain": "slow strokes over the whole travel: the pull of a chain changes with the place, an offset does not",
     },
+    linear=True,
     source="(2.22)",
 )

@@ -90,6 +90,7 @@ def on(body: str) -> Effect:
         alike=_ALIKE[body],
         trials=_TRIALS.get(body),
         causes="guide and its seals" if body == "cart" else "bearings, seals",
+        linear=True,
         source="(2.21), (2.23); measured by (3.36)",
     )
 

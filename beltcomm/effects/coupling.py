@@ -40,5 +40,6 @@ EFFECT = Effect(
         "belt_stiffness": "excite near both ends of the travel: what a coupling adds to the compliance is the same everywhere",
         "end_pulley": "excite near both ends of the travel: the mode of a coupling stays where it is, that of the end pulley moves",
     },
+    linear=True,
     source="thesis table A.3; data sheet",
 )

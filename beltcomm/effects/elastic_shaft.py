@@ -58,5 +58,6 @@ EFFECT = Effect(
     alike={
         "payload_mode": "take the payload off: its mode goes, that of the shaft stays",
     },
+    linear=True,
     source="(2.38) for a shaft instead of a belt; data sheet",
 )

@@ -75,5 +75,6 @@ EFFECT = Effect(
         "coupling": "excite near both ends of the travel: the mode of the end pulley moves with the carriage, that of a coupling stays",
         "payload_mode": "take the payload off: its mode goes, that of the end pulley stays",
     },
+    linear=True,
     source="(2.11)-(2.20)",
 )

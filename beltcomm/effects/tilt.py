@@ -41,5 +41,6 @@ EFFECT = Effect(
         "constant_offset": "slow strokes with a second known payload: only a tilt grows with the mass",
         "cable_chain": "slow strokes over the whole travel: a chain changes with the place, a tilt does not",
     },
+    linear=True,
     source="(2.22)",
 )

@@ -74,6 +74,7 @@ def on(body: str) -> Effect:
         check="grease, seals, bearing preload; repeat warm",
         remedy="grease by the data sheet, less preload; what is usual for the axis is sent along",
         alike=_ALIKE[body],
+        linear=True,
         source="(2.21), (2.23); measured by (3.36)",
     )
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from beltcomm.errors import Refused
 from beltcomm.linear import fastest_rate, operating_point
 from beltcomm.model import Model
-from beltcomm.simulate.forward import simulate_torque
+from beltcomm.simulate.forward import integrate_torque
 from beltcomm.stopping import HEAVIEST_KG, Braking, HostLoss, run_on, total_friction, total_inertia
 
 Array = NDArray[np.float64]
@@ -171,7 +171,7 @@ def predict(
     for model in family:
         # eigenvalue times sub-step below 0.3: phase error of the fastest mode below 0.4 %
         substeps = max(5, int(np.ceil(sample_s * fastest_rate(model, operating_point(model, position_m)) / 0.3)))
-        result = simulate_torque(model, torque, sample_s, position_m, substeps=substeps)
+        result = integrate_torque(model, torque, sample_s, position_m, substeps=substeps)
         travel = max(travel, float(np.max(np.abs(result.cart_position_m - result.cart_position_m[0]))))
         speeds = np.diff(result.cart_position_m) / sample_s
         fastest = float(np.max(np.abs(speeds)))

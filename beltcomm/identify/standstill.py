@@ -24,7 +24,7 @@ from beltcomm.identify.residual import stretches, torque_noise
 from beltcomm.model import Model, Value
 from beltcomm.recording import Recording
 from beltcomm.response import estimate_response
-from beltcomm.simulate.forward import simulate_torque
+from beltcomm.simulate.forward import integrate_torque
 from beltcomm.simulate.inverse import fine_load
 
 Array = NDArray[np.float64]
@@ -165,7 +165,7 @@ def _shown_by(model: Model, recording: Recording, fit: MagnitudeFit) -> float | 
     period = recording.sample_period_s
     place = recording.sidecar.start_position_m or 0.0
     try:
-        moved = simulate_torque(model.with_values(still), recording.torque - float(np.mean(recording.torque)), period, place)
+        moved = integrate_torque(model.with_values(still), recording.torque - float(np.mean(recording.torque)), period, place)
         response = estimate_response(recording.torque, moved.position_rad, period, note.period_samples, note.first_sample)
         return sum(parts(fit_magnitude(response, model["transmission.ratio"], model["motor.inertia"], solver=fit.solver)))
     except BeltcommError:

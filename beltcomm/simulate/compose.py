@@ -60,12 +60,22 @@ def kernel_for(model: Model) -> Kernel:
     return _kernel(model.base_bodies, model.effects)
 
 
+def states_of(model: Model) -> int:
+    """Length of ``q``: see :class:`Kernel`; compiles nothing."""
+    return _states(model.base_bodies, model.effects)
+
+
+@lru_cache(maxsize=64)
+def _states(base_bodies: tuple[str, ...], effects: tuple[str, ...]) -> int:
+    writer = Writer(base_bodies, effects)
+    return len(writer.bodies) + len(writer.onsets())
+
+
 @lru_cache(maxsize=64)
 def _kernel(base_bodies: tuple[str, ...], effects: tuple[str, ...]) -> Kernel:
     module = import_stable(kernel_source(base_bodies, effects))
     bodies = tuple(body.name for _, body in body_list(effects, base_bodies))
-    states = len(bodies) + len(Writer(base_bodies, effects).onsets())
-    return Kernel(bodies, states, module.advance, module.run, module.follow, module.forces, module.levels)
+    return Kernel(bodies, _states(base_bodies, effects), module.advance, module.run, module.follow, module.forces, module.levels)
 
 
 def kernel_source(base_bodies: tuple[str, ...], effects: tuple[str, ...]) -> str:

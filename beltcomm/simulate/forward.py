@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 from beltcomm.errors import Refused, UsageError
 from beltcomm.linear import describes, fastest_rate, operating_point
 from beltcomm.model import Model
-from beltcomm.simulate.compose import kernel_for
+from beltcomm.simulate.compose import kernel_for, states_of
+from beltcomm.simulate.exact import exact_record, is_exact
 from beltcomm.simulate.imperfect import is_late, late_torque
 from beltcomm.statics import equilibrium
 
@@ -65,44 +67,91 @@ def simulate_torque(
     position_m : m, carriage at the start, at rest in static equilibrium (beltcomm.linear.equilibrium); unused with ``state``.
     substeps : integration steps per sampling period.     time_s : s, session clock at the start.
 
+    Laws that are linear, with friction of constant level, are solved exactly (``exact.is_exact``): ``substeps`` then only divides a torque
+    that acts late.
+
     Raises UsageError when the sub-steps are too long for the model, Refused when the carriage leaves what the model describes.
     """
+    return _simulated(model, torque_nm, sample_period_s, position_m, substeps, time_s, state, _solved if is_exact(model) else _integrated)
+
+
+def integrate_torque(
+    model: Model,
+    torque_nm: ArrayLike,
+    sample_period_s: float,
+    position_m: float = 0.0,
+    substeps: int = 20,
+    time_s: float = 0.0,
+    state: State | None = None,
+) -> Simulated:
+    """The same by integration steps, whatever the model."""
+    return _simulated(model, torque_nm, sample_period_s, position_m, substeps, time_s, state, _integrated)
+
+
+#: (model, state, torque, its period s, steps in it, time s) -> angle, speed, carriage, belt force, (4, n), and the state at the end.
+_Motion = Callable[[Model, State, Array, float, int, float], tuple[Array, State]]
+
+
+def _simulated(
+    model: Model,
+    torque_nm: ArrayLike,
+    sample_period_s: float,
+    position_m: float,
+    substeps: int,
+    time_s: float,
+    state: State | None,
+    motion: _Motion,
+) -> Simulated:
     torque = np.ascontiguousarray(torque_nm, dtype=np.float64)
     if torque.ndim != 1 or not np.all(np.isfinite(torque)):
         raise UsageError(f"the torque must be one row of finite numbers, not an array of shape {torque.shape}")
-    check_step(model, position_m, sample_period_s, substeps)
+    (check_step if motion is _integrated else check_period)(model, position_m, sample_period_s, substeps)
     start = state or at_rest(model, position_m)
-    q, v = start.positions.copy(), start.speeds.copy()
     if is_late(model):  # the acting torque changes within a sampling period: every sub-step becomes a period of its own
         h = sample_period_s / substeps
-        fine = np.empty((4, torque.size * substeps))
         acting = late_torque(model, np.repeat(torque, substeps), h)
-        kernel_for(model).run(q, v, model.vector(), acting, time_s, h, 1, *fine)
+        fine, end = motion(model, start, acting, h, 1, time_s)
         theta, omega, cart = fine[:3, ::substeps].copy()
         belt = fine[3].reshape(-1, substeps).max(axis=1)
     else:
-        theta, omega, cart, belt = np.empty((4, torque.size))
-        kernel_for(model).run(q, v, model.vector(), torque, time_s, sample_period_s, substeps, theta, omega, cart, belt)
+        (theta, omega, cart, belt), end = motion(model, start, torque, sample_period_s, substeps, time_s)
     for reached in (np.min(cart, initial=position_m), np.max(cart, initial=position_m)):
         if not describes(model, float(reached)):
             raise Refused(f"the carriage ran to {reached:g} m, where model {model.name!r} has no belt; use less torque or time")
     t_s = np.asarray(time_s + sample_period_s * np.arange(torque.size))
-    return Simulated(t_s, theta, omega, cart, belt, State(q, v))
+    return Simulated(t_s, theta, omega, cart, belt, end)
+
+
+def _solved(model: Model, start: State, torque: Array, period_s: float, substeps: int, time_s: float) -> tuple[Array, State]:
+    n = start.positions.size
+    out, end = exact_record(model, np.concatenate([start.positions, start.speeds]), torque, period_s)
+    return out, State(end[:n], end[n:])
+
+
+def _integrated(model: Model, start: State, torque: Array, period_s: float, substeps: int, time_s: float) -> tuple[Array, State]:
+    q, v, out = start.positions.copy(), start.speeds.copy(), np.empty((4, torque.size))
+    kernel_for(model).run(q, v, model.vector(), torque, time_s, period_s, substeps, *out)
+    return out, State(q, v)
 
 
 def at_rest(model: Model, position_m: float) -> State:
     """Static equilibrium with the carriage at ``position_m``."""
     positions = equilibrium(model, position_m).positions
-    unloaded = np.zeros(kernel_for(model).states - len(positions))
+    unloaded = np.zeros(states_of(model) - len(positions))
     return State(np.concatenate([positions, unloaded]), np.zeros_like(positions))
 
 
-def check_step(model: Model, position_m: float, duration_s: float, substeps: int) -> None:
-    """Raise UsageError unless ``substeps`` integration steps in ``duration_s`` resolve the model's fastest motion there."""
+def check_period(model: Model, position_m: float, duration_s: float, substeps: int) -> None:
+    """Raise UsageError for a period, a number of steps or a place that means nothing."""
     if not (duration_s > 0.0 and substeps >= 1):
         raise UsageError(f"simulation needs a period above 0 s and at least one sub-step, not {duration_s:g} s and {substeps}")
     if not describes(model, position_m):
         raise UsageError(f"the carriage cannot start at {position_m:g} m: model {model.name!r} has no belt there")
+
+
+def check_step(model: Model, position_m: float, duration_s: float, substeps: int) -> None:
+    """Raise UsageError unless ``substeps`` integration steps in ``duration_s`` resolve the model's fastest motion there."""
+    check_period(model, position_m, duration_s, substeps)
     needed = duration_s * fastest_rate(model, operating_point(model, position_m)) / LARGEST_STEP
     if substeps < needed:
         raise UsageError(

@@ -1,4 +1,4 @@
-"""Forward simulation against closed forms, energy, an independent integrator, and the inverse."""
+"""Forward simulation against closed forms, energy, an independent integrator, and the inverse; exact steps have tests of their own."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 from beltcomm.errors import Refused, UsageError
 from beltcomm.model import Model, build_model
 from beltcomm.simulate.compose import inverse_kernel
-from beltcomm.simulate.forward import State, simulate_torque
+from beltcomm.simulate.forward import State, integrate_torque, simulate_torque
 from beltcomm.simulate.inverse import switchboard
 from beltcomm.simulate.observer import NOTHING
 from beltcomm.statics import equilibrium
@@ -47,7 +47,7 @@ def test_free_oscillation_has_its_frequency_and_decay() -> None:
     omega, zeta = math.sqrt(C / reduced), D / (2.0 * math.sqrt(C * reduced))
     stretch, period, substeps = 1e-3, 1e-3, 100
     start = State(np.array([stretch / IT, 0.0]), np.zeros(2))
-    out = simulate_torque(axis(), np.zeros(100), period, substeps=substeps, state=start)
+    out = integrate_torque(axis(), np.zeros(100), period, substeps=substeps, state=start)
     t, damped = out.t_s, omega * math.sqrt(1.0 - zeta**2)
     wave = np.cos(damped * t) + zeta / math.sqrt(1.0 - zeta**2) * np.sin(damped * t)
     expected = stretch * np.exp(-zeta * omega * t) * wave
@@ -62,7 +62,7 @@ def test_coulomb_friction_stops_after_its_distance_and_holds() -> None:
     """θ = J ω²/(2 τ_c) after t = J ω/τ_c; then nothing moves at all."""
     inertia, speed, level = 1e-3, 30.0, 0.4
     start = State(np.array([5.0]), np.array([speed]))
-    out = simulate_torque(motor(level), np.zeros(200), 1e-3, state=start)
+    out = integrate_torque(motor(level), np.zeros(200), 1e-3, state=start)
     stop = inertia * speed / level
     step = 1e-3 / 20
     assert out.position_rad[-1] - 5.0 == pytest.approx(inertia * speed**2 / (2 * level), abs=level / inertia * step**2)
@@ -106,7 +106,7 @@ def test_energy_stays_without_losses() -> None:
     """Symplectic: the energy swings by at most (ω h)²/4 of itself and does not drift over 1300 oscillations."""
     stretch, period, substeps = 1e-3, 1e-3, 20
     start = State(np.array([stretch / IT, 0.0]), np.zeros(2))
-    out = simulate_torque(axis(belt_damping__damping=0.0), np.zeros(12_000), period, substeps=substeps, state=start)
+    out = integrate_torque(axis(belt_damping__damping=0.0), np.zeros(12_000), period, substeps=substeps, state=start)
     cart_speed = -INERTIA / (IT * MASS) * out.velocity_rad_s  # the momentum of both is zero
     spring = 0.5 * C * (IT * out.position_rad - out.cart_position_m) ** 2
     energy = spring + 0.5 * INERTIA * out.velocity_rad_s**2 + 0.5 * MASS * cart_speed**2
@@ -197,7 +197,7 @@ def test_friction_through_reversals_converges_to_the_independent_integrator() ->
     omega = math.sqrt(C * (IT**2 / INERTIA + 1.0 / MASS))
     errors = []
     for substeps in (20, 40, 80, 160):
-        end = simulate_torque(model, np.zeros(20), 1e-3, substeps=substeps, state=start).end
+        end = integrate_torque(model, np.zeros(20), 1e-3, substeps=substeps, state=start).end
         errors.append(abs(end.positions[0] - y[0]))
         assert errors[-1] < 2e-3 / IT * omega**3 * (1e-3 / substeps) ** 2 * end_time / 24.0
     ratios = np.array(errors[:-1]) / np.array(errors[1:])
@@ -243,7 +243,7 @@ def test_inverse_of_the_simulated_motion_is_its_torque(friction: float) -> None:
     for substeps in (20, 40, 80):
         h = 1e-3 / substeps
         torque = np.repeat(held, substeps)
-        out = simulate_torque(model, torque, h, substeps=1)
+        out = integrate_torque(model, torque, h, substeps=1)
         load, cart = np.empty_like(torque), np.empty_like(torque)
         board = switchboard(model.base_bodies, model.effects)
         p = board.spread(model.vector())
@@ -262,9 +262,9 @@ def test_inverse_of_the_simulated_motion_is_its_torque(friction: float) -> None:
 
 def test_too_coarse_steps_are_refused_with_the_number_needed() -> None:
     with pytest.raises(UsageError, match=r"1 sub-steps in 1 ms are too few for model 'axis'; use 2 or more"):
-        simulate_torque(axis(), np.zeros(3), 1e-3, substeps=1)
+        integrate_torque(axis(), np.zeros(3), 1e-3, substeps=1)
     with pytest.raises(UsageError, match="period above 0 s"):
-        simulate_torque(axis(), np.zeros(3), 0.0)
+        integrate_torque(axis(), np.zeros(3), 0.0)
 
 
 @pytest.mark.parametrize("torque", [np.zeros((2, 2)), [0.0, math.nan]])

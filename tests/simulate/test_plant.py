@@ -10,7 +10,7 @@ import pytest
 from beltcomm.errors import Refused, UsageError
 from beltcomm.model import Model, build_model
 from beltcomm.plant import Plant
-from beltcomm.simulate.forward import simulate_torque
+from beltcomm.simulate.forward import integrate_torque
 from beltcomm.simulate.plant import SimulatedPlant
 
 IT, STOP_N_M = 0.01242, 2e5
@@ -26,7 +26,7 @@ def axis(**values: float) -> Model:
 
 def test_steps_are_those_of_the_simulation() -> None:
     torque = 0.4 * np.sign(np.sin(np.arange(300) / 17.0))
-    whole = simulate_torque(axis(), torque, 1e-3, position_m=0.3)
+    whole = integrate_torque(axis(), torque, 1e-3, position_m=0.3)
     plant: Plant = SimulatedPlant(axis(), 0.3)
     for n, value in enumerate(torque.tolist()):
         assert plant.position_rad == pytest.approx(whole.position_rad[n] - 0.3 / IT, abs=1e-12)

@@ -28,7 +28,7 @@ from beltcomm.effects import EFFECTS
 from beltcomm.errors import BeltcommError
 from beltcomm.linear import describes
 from beltcomm.model import Model, load_plant
-from beltcomm.simulate.forward import State, at_rest, simulate_torque
+from beltcomm.simulate.forward import Simulated, State, at_rest, integrate_torque, simulate_torque
 from beltcomm.simulate.loop import LoopDrive, close_loop
 from beltcomm.simulate.plant import SimulatedPlant, substeps_needed
 from benchmarks.speeds.measure import Figure, in_turn, ratio, spread
@@ -116,9 +116,17 @@ def error(found: Array, true: Array) -> float:
 # -- solvers: each a function of its step or tolerance that returns what is compared ---------------------------------------------
 
 
-def ours(c: Case, substeps: int) -> Array:
-    """``simulate_torque``."""
-    found = simulate_torque(c.model, c.torque_nm, PERIOD_S, 0.25, substeps, state=c.start)
+def ours(c: Case, _: float) -> Array:
+    """``simulate_torque``, which solves these plants exactly: it has no setting."""
+    return _seen_of(simulate_torque(c.model, c.torque_nm, PERIOD_S, 0.25, state=c.start), c)
+
+
+def steps(c: Case, substeps: int) -> Array:
+    """``integrate_torque``: the steps that every other model of ours takes."""
+    return _seen_of(integrate_torque(c.model, c.torque_nm, PERIOD_S, 0.25, substeps, state=c.start), c)
+
+
+def _seen_of(found: Simulated, c: Case) -> Array:
     return np.column_stack([found.velocity_rad_s, c.p[2] * found.position_rad - found.cart_position_m])
 
 
@@ -204,7 +212,7 @@ Solver = tuple[str, Callable[[Case, float], Array], tuple[float, ...]]
 
 def solvers(frictionless: bool) -> list[Solver]:
     """Name, function and its settings, ours first; those that are not installed are left out."""
-    found: list[Solver] = [("beltcomm", ours, SUBSTEPS)]  # type: ignore[list-item]
+    found: list[Solver] = [("beltcomm", ours, (0.0,)), ("beltcomm by steps", steps, SUBSTEPS)]  # type: ignore[list-item]
     for method in ("RK45", "LSODA", "DOP853"):
         found.append((f"scipy {method}", functools.partial(general, method), TOLERANCES))
     found.append(("scipy RK45, anew at each step of the torque", functools.partial(held, "RK45"), TOLERANCES[:4]))
@@ -241,11 +249,8 @@ def equal_accuracy(title: str, frictionless: bool, rounds: int, aim: float | Non
         if best is None:
             yield Figure("simulation", f"{title}: {name}", float("nan"), "x real time", note=f"never below an error of {min(tried):.1e}")
             continue
-        chosen.append(
-            (f"{name}|{settings[best]:g}|{tried[best]:.1e}", functools.partial(solve, long if name == "beltcomm" else c, settings[best]))
-        )
-        if name == "beltcomm":  # at the default step too
-            chosen.append((f"beltcomm, 20 steps per ms|20|{error(ours(c, 20), true):.1e}", functools.partial(ours, long, 20)))
+        record = long if name.startswith("beltcomm") else c
+        chosen.append((f"{name}|{settings[best]:g}|{tried[best]:.1e}", functools.partial(solve, record, settings[best])))
     taken = in_turn([action for _, action in chosen], rounds)
     for (label, _), values in zip(chosen, taken, strict=True):
         name, setting, wrong = label.split("|")
@@ -319,13 +324,13 @@ def _batch(runs: int) -> float:
     c = case(False)
     long = replace(c, torque_nm=np.tile(c.torque_nm, LONGER))
     for _ in range(runs):
-        ours(long, 20)
+        ours(long, 0.0)
     return 0.0
 
 
 def batched(rounds: int) -> Iterator[Figure]:
     """Runs per second of as many processes as there are cores, over those of one."""
-    cores, runs = os.cpu_count() or 1, 50
+    cores, runs = os.cpu_count() or 1, 200
     with ProcessPoolExecutor(cores) as pool:
         list(pool.map(_batch, [1] * cores))
         found = []
@@ -356,18 +361,19 @@ def events() -> Iterator[Figure]:
 
     stops.terminal = True  # type: ignore[attr-defined]
     true = solve_ivp(f, (0.0, 2.0), start_of(c), method="DOP853", rtol=1e-12, atol=1e-14, events=stops).t_events[0][0]
-    for substeps in (20, 160):
-        h = PERIOD_S / substeps
-        found = simulate_torque(c.model, np.zeros(round(1.2 * true / h)), h, 0.25, 1, state=c.start)
-        cart_m_s = np.diff(found.cart_position_m) / h  # the mean of a step, which is the speed half a step later
-        cart_m_s = np.concatenate([[SPEED_M_S], 0.5 * (cart_m_s[1:] + cart_m_s[:-1])])
-        slowest = np.minimum(found.velocity_rad_s[:-1] * c.p[2], cart_m_s)
-        first = int(np.argmax(slowest <= 0.0))
-        ahead = slowest[first - 2] - slowest[first - 1]  # per step, before friction changed its sign
-        wrong_s = h * (first - 1 + slowest[first - 1] / ahead) - true
-        yield Figure(
-            "simulation", f"time of the first sticking, {substeps} steps per ms", 1e6 * abs(wrong_s), "us off", note=f"at {true:.4f} s"
-        )
+    for name, simulate in (("exact", simulate_torque), ("20 steps per ms", integrate_torque)):
+
+        def slowest(t: float, simulate: Any = simulate) -> float:
+            whole = int(t / PERIOD_S)
+            end = simulate(c.model, np.zeros(whole), PERIOD_S, 0.25, state=c.start).end
+            end = simulate(c.model, np.zeros(1), t - whole * PERIOD_S, 0.25, state=end).end
+            return float(np.min(end.speeds * [c.p[2], 1.0]))
+
+        before, after = true - 1e-4, true + 1e-4
+        for _ in range(40):
+            middle = 0.5 * (before + after)
+            before, after = (middle, after) if slowest(middle) > 0.0 else (before, middle)
+        yield Figure("simulation", f"time of the first sticking, {name}", 1e6 * abs(before - true), "us off", note=f"at {true:.4f} s")
 
 
 def run(rounds: int) -> Iterator[Figure]:
