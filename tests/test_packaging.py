@@ -103,12 +103,12 @@ print(json.dumps({
 
 
 def test_the_installed_command_commissions_an_axis_within_its_times(site: Path, tmp_path: Path) -> None:
-    """Everything from the wheel, nothing compiled before: 75 s on the machine, and less than a minute of work for it."""
+    """Everything from the wheel, nothing compiled before: 20 s on the machine, and less than two minutes of work for it."""
     before = used_s()
-    said = run(site, tmp_path, str(site / "bin" / "beltcomm"), "commission", "--drive", "virtual:g_b", "--yes", "--json")
+    said = run(site, tmp_path, str(site / "bin" / "beltcomm"), "commission", "--drive", "virtual:g_b", "--yes", "--quick", "--json")
     result = json.loads(said)
     assert result["verdict"]["passed"]
-    assert result["machine_seconds"] <= 75.0
+    assert result["machine_seconds"] <= 20.0
     assert used_s() - before < 120.0
     (folder,) = (tmp_path / "runs").iterdir()
     assert (tmp_path / result["run"]).samefile(folder)

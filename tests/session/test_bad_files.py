@@ -26,8 +26,7 @@ def refuses(outcome: Result, code: int, *words: str) -> None:
     """One sentence on stderr with all these words, nothing on stdout, no traceback."""
     assert outcome.exit_code == code, outcome.output
     assert outcome.stdout == ""
-    *_, sentence = outcome.stderr.strip().splitlines()
-    assert sentence.startswith("beltcomm: ")
+    (sentence,) = [line for line in outcome.stderr.splitlines() if line.startswith("beltcomm: ")]
     assert "Traceback" not in outcome.stderr
     assert "unexpected error" not in sentence
     for word in words:

@@ -39,6 +39,7 @@ FOREIGN = {
     "--nthreads",
     "--draws",
     "--history",
+    "--accesses",
 }
 
 

@@ -100,7 +100,7 @@ def test_a_drive_without_feedforward_gets_the_move_it_can_follow(connect: Connec
     """
     bench = connect(Bench("g_a", profile="cmmp-as", gain_units=(0.37, 1.6, 1.0)))
     run = tmp_path / "run"
-    result = api.commission(bench.name, "egc-70-600", run, options=YES)
+    result = api.commission(bench.name, "egc-70-600", run, options=replace(YES, quick=True))
     units = RunFolder.open(run).load("results", "calibration")["units"]
     assert [units[n]["unit"] / units[n]["assumed"] for n in ("kp_nm_s_rad", "kpp_1_s")] == pytest.approx([0.37, 1.6], rel=0.05)
     check_commissioned(bench, load_axis("egc-70-600"), run, result, exit_code=1)
