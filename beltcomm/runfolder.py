@@ -30,6 +30,7 @@ from beltcomm.configfiles import did_you_mean, read_yaml, to_yaml, write_text
 from beltcomm.errors import DataError, UsageError
 from beltcomm.recording import Recording, RecordingWriter, Sidecar, common_side, load_recording, save_recording
 from beltcomm.recording_columns import MOTOR_COLUMNS
+from beltcomm.sidecar import load_sidecar
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 #: How an unfinished record is called after a second attempt was begun.
@@ -151,7 +152,8 @@ class RunFolder:
         """
         broken_off = {path.name.removesuffix(".csv.part") for path in self.recordings_folder.glob("*.csv.part")}
         for note in sorted(self.recordings_folder.glob("*.yaml")):
-            if not note.with_suffix(".csv").is_file() and note.stem not in broken_off:
+            # One that says that it is unfinished was left alone where the folder could not be written any more: no row is lost.
+            if not note.with_suffix(".csv").is_file() and note.stem not in broken_off and load_sidecar(note)[0].finished:
                 raise DataError(f"{note} describes a recording, but {note.stem}.csv is missing; bring it back or delete the sidecar")
         return sorted(path.stem for path in self.recordings_folder.glob("*.csv"))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import os
 import signal
@@ -13,10 +14,13 @@ import numpy as np
 import pytest
 
 from beltcomm import drive
+from beltcomm.axis import load_axis
 from beltcomm.configfiles import read_yaml
 from beltcomm.errors import UsageError
 from beltcomm.recording import RecordingWriter, Sidecar, load_recording
 from beltcomm.recording_writer import FLUSH_ROWS, MOTOR_COLUMNS
+from beltcomm.runfolder import RunFolder
+from campaign.disk import Disk
 from recording.samples import csv_text, rows, signals, write
 
 ROW = (0.0, 0.1, math.nan, 0.5, math.nan, math.nan, math.nan, math.nan)
@@ -111,6 +115,23 @@ def test_wrong_rows_and_folders_are_errors(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs /dev/full")
+@pytest.mark.parametrize("earlier", [False, True])
+@pytest.mark.parametrize("fails_at", range(1, 11))
+def test_whenever_the_folder_becomes_read_only_it_can_be_gone_on_with(tmp_path: Path, fails_at: int, earlier: bool) -> None:
+    """A sidecar that was left alone is no lost recording; with one broken off before, which is moved aside first."""
+    folder = RunFolder.create(tmp_path / "run", load_axis("egc-70-600"))
+    if earlier:
+        with pytest.raises(KeyError):
+            fill(folder.recordings_folder / "sweep.csv", 10, KeyError())
+    disk = Disk(folder.path, full=False, fails_at=fails_at)
+    with disk.mounted(), contextlib.suppress(UsageError, OSError):
+        fill(folder.recordings_folder / "sweep.csv", 10)
+    finished = folder.finished_names()
+    assert finished == (["sweep"] if (folder.recordings_folder / "sweep.csv").is_file() else [])
+    fill(folder.recordings_folder / "again.csv", 10)
+    assert "again" in folder.finished_names()
+
+
 def test_a_full_disk_is_a_sentence(tmp_path: Path) -> None:
     writer = RecordingWriter(tmp_path / "a.csv", Sidecar())
     writer._file.close()  # type: ignore[union-attr]
