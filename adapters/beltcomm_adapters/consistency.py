@@ -15,7 +15,7 @@ _TIME_S: Final = 0.1
 _SLOW_RAD_S: Final = 2.0
 #: s: both are smoothed with this lag first.  What a drive filters its speed with is not known; it matters near the sampling rate, where a
 #: belt may ring, and not for the motion below.
-_SMOOTH_S: Final = 0.02
+_SMOOTH_S: Final = 0.008
 
 
 class Odometer:
