@@ -48,6 +48,8 @@ from beltcomm.sidecar import Sidecar
 VERIFYING_S = 4.0
 #: The same for a velocity loop, which follows slow moves only and takes several tries to arrive anywhere.
 DRIFTING_S = 22.0
+#: Share of the torque with which a record is made again after the carriage went too far.
+QUIETER = 0.7
 #: s of machine time that finding sign and breakaway takes as a rule.
 CREPT_S = 2.0
 #: s, from where a dead time is looked for; evidence that it must have.
@@ -175,14 +177,24 @@ def record_steps(machine: Machine, findings: Findings, model: Model, cascade: Ca
         names = "; ".join(step.title(course.place_m(step)) for step in without)
         findings.remarks.append(f"not recorded, for {programme.BUDGET_S[extent]:.0f} s of machine time are not enough: {names}")
     loudest = findings.excited.step.amplitude_nm if findings.excited else machine.axis.torque_limit_nm
+    share = 1.0
     needed, left_out = [item.step for item in items if item.rank == 0], LeftOut(machine, model)
     for name, step in programme.named(steps, ("frf_1",)):
-        try:
-            making.make(machine, loop, step, name, loudest)
-        except (DataError, Refused, SafetyStop) as problem:  # the axis stands; the result does not rest on this record
-            if step in needed or not left_out.admits(step, problem):
-                raise
-            findings.remarks.append(f"{name} ({step.title(course.place_m(step))}) was left out: {problem}")
+        made = False
+        while not made:
+            try:
+                making.make(machine, loop, step, name, loudest, share)
+            except SafetyStop as problem:  # the model does not quite know how far this machine goes: again, and all that follow, quieter
+                if not left_out.admits(step, problem):
+                    raise
+                share *= QUIETER
+                findings.remarks.append(f"{name} is made with {share:.2g} times the torque, after this: {problem}")
+                continue
+            except (DataError, Refused) as problem:  # the result does not rest on this record
+                if step in needed:
+                    raise
+                findings.remarks.append(f"{name} ({step.title(course.place_m(step))}) was left out: {problem}")
+            made = True
 
 
 def measure_friction(machine: Machine, model: Model, name: str = "sweep", speeds_m_s: Sequence[float] = ()) -> Recording:

@@ -1,16 +1,16 @@
-"""Which failures of a further record a commissioning survives, and how the carriage is brought back after one."""
+"""Which stops of a further record a commissioning survives, and how the carriage is brought back after one."""
 
 from __future__ import annotations
 
-from beltcomm.errors import BeltcommError, DataError, Refused
+from beltcomm.errors import SafetyStop
 from beltcomm.model import Model
 from beltcomm.session import phases
 from beltcomm.session.machine import Machine
 from beltcomm.session.steps import Step
 from beltcomm.session.wandering import stands_after
 
-#: Safety stops that one session goes on after: a second one is no accident.
-MOST_STOPS = 1
+#: Safety stops that one session goes on after: with less torque each time a third one is no accident.
+MOST_STOPS = 2
 #: m/s of bringing the carriage back.
 BACK_M_S = 0.05
 
@@ -22,15 +22,12 @@ class LeftOut:
         self._machine, self._model = machine, model
         self._stops = 0
 
-    def admits(self, step: Step, problem: BeltcommError) -> bool:
-        """Whether the session goes on without a step that failed like this; after a stop the carriage is at its place again.
+    def admits(self, step: Step, problem: SafetyStop) -> bool:
+        """Whether the session goes on after a stop like this; then the carriage is at the place of the step again.
 
-        Records that could not be used, or were refused before they moved; of safety stops only the first one of an open-loop record whose
-        carriage drifted too far, when it stands inside its travel.  Torque and speed beyond their limits would come again, and a key that
-        was let go is a will.  Raises what bringing the carriage back raises.
+        Of an open-loop record whose carriage went too far, ``MOST_STOPS`` times, when it stands inside its travel.   Raises what bringing
+        the carriage back raises.
         """
-        if isinstance(problem, (DataError, Refused)):
-            return True
         machine = self._machine
         if step.kind != "response" or self._stops >= MOST_STOPS or not stands_after(machine, problem):
             return False

@@ -49,17 +49,17 @@ class Closed:
     delay_s: float
 
 
-def make(machine: Machine, loop: Closed, step: Step, name: str, loudest_nm: float) -> None:
+def make(machine: Machine, loop: Closed, step: Step, name: str, loudest_nm: float, share: float = 1.0) -> None:
     """Record one step; a record that a resumed run has already is left alone.
 
-    loudest_nm : N m, largest excitation to try.   Raises what the machine raises.
+    loudest_nm : N m, largest excitation to try.   share : of the torque that an excitation would have.   Raises what the machine raises.
     """
     if machine.folder.finished(name) is not None:
         machine.talk.say(f"{name}: kept from the earlier run")
         return
     machine.talk.say(f"{name}: {step.words()}")
     if step.kind == "response":
-        respond(machine, loop.model, step, name, loudest_nm)
+        respond(machine, loop.model, step, name, loudest_nm, share)
         return
     course = course_of(machine, loop.model)
     phases.move_to(machine, start_of(step, course), loop.model)
@@ -75,8 +75,8 @@ def make(machine: Machine, loop: Closed, step: Step, name: str, loudest_nm: floa
     machine.record(name, machine.follow(path, machine.stroking()), phases.loose_room(machine), sidecar)
 
 
-def respond(machine: Machine, model: Model, step: Step, name: str, loudest_nm: float) -> None:
-    """A frequency response at a place of its own."""
+def respond(machine: Machine, model: Model, step: Step, name: str, loudest_nm: float, share: float) -> None:
+    """A frequency response at a place of its own.   share : of its torque."""
     low, high = machine.full_room().window_m
     phases.move_to(machine, low + step.place * (high - low), model)
     if machine.folder.finished(SWEEP) is not None and machine.stroking() == "position":
@@ -87,7 +87,13 @@ def respond(machine: Machine, model: Model, step: Step, name: str, loudest_nm: f
         amplitude = quieter(loudest_made(machine) or loudest_nm, total_friction(model), step.share)
     wanted = step.seconds or RESPONSE_S
     respond_for = partial(
-        phases.frequency_response, machine, name, model, amplitude, held_out=step.held_out, loud=step.share >= LOUD and not step.held_out
+        phases.frequency_response,
+        machine,
+        name,
+        model,
+        share * amplitude,
+        held_out=step.held_out,
+        loud=step.share >= LOUD and not step.held_out,
     )
     short_if_possible(respond_for, wanted)
 
