@@ -152,8 +152,16 @@ function ticks(low, high, count) {
   return found;
 }
 
+// Asked for once a window: asking makes the browser lay out all that was drawn before.
+let widths = {};
+window.addEventListener("resize", () => {
+  widths = {};
+  plots();
+  plotTracked();
+});
+
 function plot(id, x, y, curves) {
-  const place = $(id), width = Math.max(place.clientWidth, 240), height = Math.min(Math.max(0.52 * width, 190), 300);
+  const place = $(id), width = Math.max(widths[id] ||= place.clientWidth, 240), height = Math.min(Math.max(0.52 * width, 190), 300);
   const left = 54, right = 12, top = 22 * Math.ceil(curves.length / (width < 330 ? 1 : 2)) + 6, bottom = 40;
   const svg = document.createElementNS(SVG, "svg");
   svg.setAttribute("viewBox", `0 0 ${width} ${height + top}`);
