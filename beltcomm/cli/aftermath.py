@@ -34,7 +34,7 @@ def aftermath(words: Sequence[str], run: Path, drive: str, code: int, *, resumes
     told = [state for line in journal_of(run) for begin, state in _STATES.items() if line.startswith(begin)]
     rollback = f"beltcomm rollback --drive {shlex.quote(drive or 'DRIVE')} --run {shlex.quote(str(run))}"
     state = told[-1].format(rollback=rollback) if told else "nothing was written to it"
-    again = again_command(words, run, resumes=resumes)
+    again = again_command(words, run, resumes=resumes) if kept else shlex.join(["beltcomm", *(w for w in words if w != "--resume")])
     following = f"{again}   (when what is said above is mended)"
     if code == DriveError.exit_code:
         following = f"beltcomm doctor --drive {shlex.quote(drive or 'DRIVE')}   (finds what is wrong), then {again}"

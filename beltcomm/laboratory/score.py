@@ -165,7 +165,9 @@ class Scorer:
 
     def grown(self, effect: Effect, own: Mapping[str, float], trial: Trial) -> Model:
         """The model with the effect, and with what the trial changes of the base."""
-        model = self.model.with_values(trial.base, "trial") if trial.base else self.model
+        bounds = self.model.parameters  # on data that do not fit their axis file a trial may lead beyond what can be
+        base = {name: min(max(value, bounds[name].low), bounds[name].high) for name, value in trial.base.items()} if trial.base else {}
+        model = self.model.with_values(base, "trial") if base else self.model
         return model.with_effect(effect.name, own)
 
     def start_values(self, effect: Effect, trial: Trial, amounts: Array) -> dict[str, float]:

@@ -61,7 +61,7 @@ def agree(
     talk.say(*plan.lines())
     if machine is not None:
         machine.planned_s = plan.seconds
-    if fault := plan.heat_fault():
+    if fault := plan.heat_fault(axis):
         raise Refused(f"{fault}; nothing was moved")
     if options.simulate_first and machine is not None and agreement is not None:
         rehearse(machine, options, talk, agreement.job, agreement.goes_on)
@@ -128,14 +128,12 @@ def planned(plan: Plan, capabilities: Capabilities | None = None, options: Optio
         plan = _whole(plan, axis, capabilities, options)
         referencing.inside(axis, options.position_m)
         plan = with_homing(plan, axis, capabilities) if options.home else plan
-    fault = plan.heat_fault()
-    if not fault and capabilities and axis:
-        fault = fault_of(axis, capabilities)
-    refused = [f"This plan will be refused: {fault}."] if fault else []
+    wrong = fault_of(axis, capabilities) if capabilities and axis else ""
+    refused = [f"This plan will be refused: {fault}." for fault in (wrong, plan.heat_fault(axis)) if fault]
     return Result(
         {"plan": plain(plan), "seconds": plan.seconds, "visible": plan.visible, **plan.heat_dict()},
         [*plan.lines(), *refused, "Nothing was moved (--dry-run)."],
-        1 if fault else 0,
+        1 if refused else 0,
     )
 
 

@@ -175,7 +175,8 @@ def record_steps(machine: Machine, findings: Findings, model: Model, cascade: Ca
     steps, without = programme.fitting(items, lambda step: bounds.seconds_of(step, course), left)
     if without:
         names = "; ".join(step.title(course.place_m(step)) for step in without)
-        findings.remarks.append(f"not recorded, for {programme.BUDGET_S[extent]:.0f} s of machine time are not enough: {names}")
+        longer = "; --thorough has time for more" if extent == "standard" else ""
+        findings.remarks.append(f"not recorded, for {programme.BUDGET_S[extent]:.0f} s of machine time are not enough: {names}{longer}")
     loudest = findings.excited.step.amplitude_nm if findings.excited else machine.axis.torque_limit_nm
     share = 1.0
     needed, left_out = [item.step for item in items if item.rank == 0], LeftOut(machine, model)

@@ -67,15 +67,20 @@ class Plan:
         """Heat of the whole plan by its upper bounds; None where motor and drive are not known yet."""
         return heat_plan(self.thermal, ((e.heating_nm, e.seconds) for e in self.experiments)) if self.thermal else None
 
-    def heat_fault(self) -> str:
-        """Why the motor would not bear the plan, in words; "" when it does."""
+    def heat_fault(self, axis: Axis | None = None) -> str:
+        """Why the motor would not bear the plan, in words; "" when it does.   axis : whose file the remedy is looked for in."""
         if self.heat is None or self.thermal is None or self.heat.fullest <= 1.0:
             return ""
         hottest = max(self.experiments, key=lambda e: e.heating_nm**2 * e.seconds)
+        remedy = (
+            "check torque and feed force in axis.yaml, or choose slower motions"
+            if axis is None or axis.limits.acceleration_m_s2 is not None
+            else "state limits.acceleration_m_s2 in axis.yaml: without it motions are planned with all the torque that there is"
+        )
         return (
             f"the motor would be overloaded: {hottest.title} takes up to {hottest.heating_nm:.3g} N m (rms) for {hottest.seconds:.0f} s, "
             f"rated are {self.thermal.rated_nm:.3g} N m, and {self.thermal.peak_nm:.3g} N m for {self.thermal.overload_s:g} s "
-            f"({self.thermal.source}); check torque and feed force in axis.yaml, or choose slower motions"
+            f"({self.thermal.source}); {remedy}"
         )
 
     def heat_lines(self) -> list[str]:

@@ -63,8 +63,9 @@ def check_scale(machine: Machine, model: Model, factor: float) -> None:
     raise Refused(
         f"torque over acceleration of the motor shows an inertia of {found:.3g} kg m², by axis.yaml it is {stated:.3g} kg m²: {times}, and "
         "nothing faster is tried. Either the drive's torque is scaled wrongly (6076h; thousandths of something else than rated torque), "
-        "or its angle (encoder resolution 608Fh, gear 6091h, feed 6092h, position factor 6093h), or motor, coupling and pulley inertia in "
-        "axis.yaml are wrong. Turn the motor once by hand and watch its position, or measure a creep with a ruler: beltcomm move --by 50mm"
+        "or its angle (encoder resolution 608Fh, gear 6091h, feed 6092h, position factor 6093h), or gearbox.ratio or an inertia of motor, "
+        "gearbox, coupling or pulley in axis.yaml is. Turn the motor once by hand and watch its position, or measure a creep with a ruler: "
+        "beltcomm move --drive DRIVE --axis AXIS --by 50mm"
     )
 
 
@@ -91,7 +92,7 @@ def feed_constant_in_doubt(axis: Axis, model: Model, position_m: float | None) -
     return (
         f"the belt is {times} than its data sheet says. A feed constant that is wrong in axis.yaml looks like this: with "
         f"{1e3 * math.tau * now * math.sqrt(share):.3g} mm per turn of the motor instead of {1e3 * math.tau * now:.3g} mm it would fit. "
-        "A loose belt does too: measure a creep with a ruler, beltcomm move --by 50mm"
+        "A loose belt does too: measure a creep with a ruler, beltcomm move --drive DRIVE --axis AXIS --by 50mm"
     )
 
 
