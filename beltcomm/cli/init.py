@@ -155,7 +155,7 @@ def _ask_all(start: Axis) -> dict[str, Any]:
             continue
         if not asked or questions[asked[-1]][0] != section:
             click.echo(f"\n{_TITLES[section]}", err=True)
-        default = getattr(getattr(start, section), name, None)
+        default = answers.get((section, name), getattr(getattr(start, section), name, None))
         try:
             if name == "name":
                 answers[section, name] = _answer("  Type", default or "", back=True)
