@@ -66,7 +66,7 @@ def test_init_by_questions_asks_again_after_a_wrong_answer(tmp_path: Path) -> No
 def test_init_takes_what_data_sheets_write_and_goes_back(tmp_path: Path) -> None:
     """Bits, rpm, teeth times pitch, no brake and so no question for its time; a mistake is put right by going back."""
     path = tmp_path / "axis.yaml"
-    motor = ["", "0.449 kg cm2", "", "", "", "20 bit", "none", "300 rpm", "back", "3000 rpm", "back", ""]
+    motor = ["", "0.449 kg cm2", "", "", "", "20 bit", "none", "300 rpm", "back", "3000 rpm", "back", "", ""]
     answers = ["belt axis", "yes", *motor, "", "", "", "", "24 x 5 mm", *[""] * 30]
     outcome = call("init", str(path), answer="\n".join(answers) + "\n")
     assert outcome.exit_code == 0, outcome.stderr
