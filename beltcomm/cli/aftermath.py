@@ -27,22 +27,25 @@ def journal_of(run: Path | None) -> list[str]:
         return []
 
 
-def aftermath(words: Sequence[str], run: Path, drive: str, code: int, *, resumes: bool) -> dict[str, str]:
-    """Three labelled sentences.   words : of the command line.   code : its exit code.   resumes : the verb knows ``--resume``."""
+def aftermath(words: Sequence[str], run: Path, journal: Sequence[str], drive: str, code: int, *, resumes: bool) -> dict[str, str]:
+    """Three labelled sentences.   words : of the command line.   journal : lines that it wrote.   code : its exit code.
+
+    resumes : the verb knows ``--resume``.
+    """
     kept = sum(1 for _ in (run / "recordings").glob("*.csv"))
     records = f"{kept} record{'s' if kept != 1 else ''} kept" if kept else "nothing recorded yet"
-    told = [state for line in journal_of(run) for begin, state in _STATES.items() if line.startswith(begin)]
+    told = [state for line in journal for begin, state in _STATES.items() if line.startswith(begin)]
     rollback = f"beltcomm rollback --drive {shlex.quote(drive or 'DRIVE')} --run {shlex.quote(str(run))}"
     state = told[-1].format(rollback=rollback) if told else "nothing was written to it"
-    again = again_command(words, run, resumes=resumes) if kept else shlex.join(["beltcomm", *(w for w in words if w != "--resume")])
+    again = again_command(words, None if resumes and not kept else run, resumes=resumes)
     following = f"{again}   (when what is said above is mended)"
     if code == DriveError.exit_code:
         following = f"beltcomm doctor --drive {shlex.quote(drive or 'DRIVE')}   (finds what is wrong), then {again}"
     return {"folder": f"{run} ({records})", "drive": state, "next": following}
 
 
-def again_command(words: Sequence[str], run: Path, *, resumes: bool) -> str:
-    """The command once more into the same folder, to be pasted."""
+def again_command(words: Sequence[str], run: Path | None, *, resumes: bool) -> str:
+    """The command once more, to be pasted.   run : the folder to go on in; None begins a new one, whatever was asked for before."""
     kept: list[str] = []
     skip = False
     for word in words:
@@ -53,4 +56,5 @@ def again_command(words: Sequence[str], run: Path, *, resumes: bool) -> str:
             skip = True
             continue
         kept.append(word)
-    return shlex.join(["beltcomm", *kept, "--run", str(run), *(["--resume"] if resumes else [])])
+    into = [] if run is None else ["--run", str(run), *(["--resume"] if resumes else [])]
+    return shlex.join(["beltcomm", *kept, *into])

@@ -67,11 +67,25 @@ class Frame:
         self.json = "--json" in words
         self.verbose = 0
         self.ended = False
-        self.run: Path | None = None
+        self._run: Path | None = None
+        self._journal_before = 0
         self.drive = ""
         self.bus_log = False
         self._traces: Traces | None = None
         self._talk: PlainTalk | RichTalk | None = None
+
+    @property
+    def run(self) -> Path | None:
+        """The run folder, once known."""
+        return self._run
+
+    @run.setter
+    def run(self, folder: Path | None) -> None:
+        self._run, self._journal_before = folder, len(journal_of(folder))
+
+    def _journal(self) -> list[str]:
+        """What this command wrote into the run's journal: how an earlier one left the drive says nothing of today."""
+        return journal_of(self._run)[self._journal_before :]
 
     def guarded(self, command: Callable[[], Any]) -> int:
         """Run a command and return its exit code; every exception becomes a sentence on stderr.  Then what it leaves behind is written."""
@@ -119,7 +133,7 @@ class Frame:
 
     def _left_behind(self) -> str:
         """How axis and drive were left, by the last word of the run's journal: nothing is promised that did not happen."""
-        last = (journal_of(self.run) or [""])[-1]
+        last = (self._journal() or [""])[-1]
         if last.startswith("all parameters restored"):
             return "; the axis is stopped and the drive's own gains are restored"
         if last.startswith("restoring the drive failed"):
@@ -189,7 +203,7 @@ class Frame:
         verb = self.words[0] if self.words else ""
         if verb not in RECORDING or self.run is None or not self.run.is_dir() or code == UsageError.exit_code:
             return {}
-        return aftermath(self.words, self.run, self.drive, code, resumes=verb in RESUMABLE)
+        return aftermath(self.words, self.run, self._journal(), self.drive, code, resumes=verb in RESUMABLE)
 
     def _failed(self, sentence: str, code: int, left: Mapping[str, str] = MappingProxyType({})) -> int:
         try:

@@ -7,7 +7,7 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
@@ -74,7 +74,7 @@ class Options:
 
 
 class StandIn(ModuleType):
-    """``beltcomm.api`` that remembers its calls and answers with ``answer``, or raises it."""
+    """``beltcomm.api`` that remembers its calls, does what ``during`` says, and answers with ``answer``, or raises it."""
 
     Options = Options
 
@@ -82,6 +82,7 @@ class StandIn(ModuleType):
         super().__init__("beltcomm.api")
         self.calls: list[tuple[str, tuple[Any, ...], dict[str, Any]]] = []
         self.answer: Outcome | BaseException = Outcome()
+        self.during: Callable[[], object] = lambda: None
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("_"):
@@ -89,6 +90,7 @@ class StandIn(ModuleType):
 
         def function(*args: Any, **kwargs: Any) -> Outcome:
             self.calls.append((name, args, kwargs))
+            self.during()
             if isinstance(self.answer, BaseException):
                 raise self.answer
             return self.answer
@@ -256,7 +258,7 @@ def test_ctrl_c_is_exit_code_4(api: StandIn, tmp_path: Path) -> None:
 def test_ctrl_c_says_how_the_drive_was_left(api: StandIn, tmp_path: Path, last: str, words: str) -> None:
     api.answer = KeyboardInterrupt()
     (tmp_path / "R").mkdir()
-    (tmp_path / "R" / "journal.txt").write_text(f"connected\n{last}\n", encoding="utf-8")
+    api.during = lambda: (tmp_path / "R" / "journal.txt").write_text(f"connected\n{last}\n", encoding="utf-8")
     outcome = call("friction", "--drive", "virtual", "--run", "R")
     assert outcome.exit_code == 4
     assert words in outcome.stderr
@@ -286,7 +288,7 @@ def test_a_failed_commissioning_ends_with_folder_drive_and_next_command(
     api.answer = error
     (tmp_path / "R" / "recordings").mkdir(parents=True)
     (tmp_path / "R" / "recordings" / "frf_1.csv").touch()
-    (tmp_path / "R" / "journal.txt").write_text(f"connected to a drive\n{last}\n", encoding="utf-8")
+    api.during = lambda: (tmp_path / "R" / "journal.txt").write_text(f"connected to a drive\n{last}\n", encoding="utf-8")
     outcome = call("commission", "--drive", "virtual", "--yes", "--run", "R")
     said = outcome.stderr.splitlines()
     assert said[-3:-1] == ["Folder: R (1 record kept)", f"Drive:  {drive}"]
