@@ -142,7 +142,8 @@ class Exchange:
             for out, data in zip(self._out, frames):  # noqa: B905  # as many as mapped; a check per cycle costs time
                 out.data = bytearray(data)
                 send(out)
-            link.show_life(now_s)
+            if now_s >= link.life_due_s:
+                link.show_life(now_s)
             sample = self._answer(now_s + _WAIT_SHARE * period_s)
         except INTERFACE_ERRORS as error:
             raise link.gone(error) from error

@@ -6,6 +6,7 @@ that waits would stall reception, and because virtual time has no second thread.
 
 from __future__ import annotations
 
+import math
 import struct
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -41,7 +42,7 @@ class Link:
     """The host's end of the wire to node ``node``.
 
     emergency : the last EMCY with an error in it, None since :meth:`forget_emergency` or since the node took it back.
-    last_life_s : when the last sign of life went out.
+    last_life_s : when the last sign of life went out.   life_due_s : when the next one must, never (inf) without guarding.
     restarted : a boot-up message has come: what was written to the node and not saved is gone, for the rest of the connection.
     """
 
@@ -54,7 +55,8 @@ class Link:
         self._handlers: dict[int, Callable[[can.Message], None]] = {0x80 + node: self._on_emergency, 0x700 + node: self._on_life}
         self._life: can.Message | None = None
         self._life_period_s = 0.0
-        self._next_life_s = self.last_life_s = 0.0
+        self.last_life_s = 0.0
+        self.life_due_s = math.inf
 
     def subscribe(self, cob_id: int, handler: Callable[[can.Message], None]) -> None:
         """Have ``handler`` called with every data frame of this identifier."""
@@ -107,8 +109,7 @@ class Link:
             now_s = self.clock.now()
             self.show_life(now_s)
             wait_s = max(end_s - now_s, 0.0)
-            if self._life is not None:
-                wait_s = min(wait_s, self._next_life_s - now_s)
+            wait_s = min(wait_s, self.life_due_s - now_s)
             message = self.receive(wait_s)
             if message is not None:
                 self.dispatch(message)
@@ -133,14 +134,14 @@ class Link:
         else:
             self._life = None
         self._life_period_s = guard_s / SIGNS_PER_GUARD_TIME
-        self._next_life_s = self.clock.now()
+        self.life_due_s = math.inf if kind is None else self.clock.now()
 
     def show_life(self, now_s: float) -> None:
         """Send the sign of life when it is due."""
-        if self._life is not None and now_s >= self._next_life_s:
+        if self._life is not None and now_s >= self.life_due_s:
             self.send(self._life)
             self.last_life_s = now_s
-            self._next_life_s = now_s + self._life_period_s
+            self.life_due_s = now_s + self._life_period_s
 
     def _on_emergency(self, message: can.Message) -> None:
         if len(message.data) < 3:

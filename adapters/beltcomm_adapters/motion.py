@@ -50,6 +50,8 @@ _STILL_RAD_S: Final = 0.1
 _STILL_TIME_S: Final = 0.02
 #: Operation Enabled, as one comparison for every cycle.
 _STATE_MASK: Final = 0x6F
+#: Bits of which a row is told at all; hardly one has any.
+_TELLING: Final = WARNING | INTERNAL_LIMIT | FOLLOWING_ERROR
 _ENABLED_PATTERN: Final = 0x27
 
 
@@ -70,6 +72,9 @@ class Tally:
     def note(self, sample: Sample, k: int) -> None:
         """Row k.   Raises SafetyStop for a following error (bit 13), and for torque that is cut (bit 11) for longer than ``CUT_S``."""
         word = sample.statusword
+        if not word & _TELLING:
+            self._cut = 0
+            return
         self._warned += bool(word & WARNING)
         self.limited += bool(word & INTERNAL_LIMIT)
         if word & FOLLOWING_ERROR and self._mode in POSITION_MODES:
@@ -248,7 +253,8 @@ class Run:
                         self._watch.follow(before, setpoints.position[k - 1])
                     off_s = abs(sample.stamp_s - before.stamp_s - self._period_s)
                     tally.irregular += off_s > IRREGULAR_SHARE * self._period_s
-                    jitter_s = max(jitter_s, off_s)
+                    if off_s > jitter_s:
+                        jitter_s = off_s
                     sink(make_row(k - 1, start_s, before, sample))
                     rows += 1
             before = sample

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
+from struct import Struct
 from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
 
 from beltcomm.drive import Motion, MotionKind
 from beltcomm_adapters.cia402 import ENABLE_INTERPOLATION, ENABLE_OPERATION
@@ -13,6 +16,7 @@ from beltcomm_adapters.exchange import MappedObject
 from beltcomm_adapters.scaling import Scaling
 
 _CONTROLWORD: Final[MappedObject] = (0x6040, 0, 16)
+_WORD, _TORQUE, _WORD_TORQUE, _WORD_LONG, _LONG_TORQUE = (Struct(code).pack for code in ("<H", "<h", "<Hh", "<Hi", "<ih"))
 #: Modes in which a torque is commanded: profile and cyclic synchronous torque.
 TORQUE_MODES: Final = (4, 10)
 #: Modes in which a position controller runs.
@@ -66,14 +70,14 @@ class Setpoints:
     def of(cls, motion: Motion, scaling: Scaling) -> Setpoints:
         """Quantise a motion."""
 
-        def raw(values: Sequence[float], unit: float) -> tuple[int, ...]:
-            return tuple(round(value / unit) for value in values)
+        def raw(values: NDArray[np.float64], unit: float) -> tuple[int, ...]:
+            return tuple(np.rint(values / unit).astype(np.int64).tolist())
 
         return cls(
             motion.kind,
-            raw(motion.position_rad.tolist(), scaling.position_rad),
-            raw(motion.velocity_rad_s.tolist(), scaling.speed_rad_s),
-            raw(motion.torque_nm.tolist(), scaling.torque_nm),
+            raw(motion.position_rad, scaling.position_rad),
+            raw(motion.velocity_rad_s, scaling.speed_rad_s),
+            raw(motion.torque_nm, scaling.torque_nm),
         )
 
 
@@ -89,14 +93,14 @@ class Frames:
     def of(self, controlword: int, position: int, velocity: int, torque: int) -> tuple[bytes, ...]:
         """One payload per receive PDO."""
         if self._layout.mode == 6:
-            return (struct.pack("<H", controlword),)
+            return (_WORD(controlword),)
         if self._kind == "torque":
-            return (struct.pack("<Hh", controlword, torque),)
+            return (_WORD_TORQUE(controlword, torque),)
         if self._kind == "velocity":
-            asked = struct.pack("<Hi", controlword, velocity)
-            return (asked, struct.pack("<h", torque)) if self._offsets else (asked,)
-        head = struct.pack("<Hi", controlword, position)
-        return (head, struct.pack("<ih", velocity, torque)) if self._offsets else (head,)
+            asked = _WORD_LONG(controlword, velocity)
+            return (asked, _TORQUE(torque)) if self._offsets else (asked,)
+        head = _WORD_LONG(controlword, position)
+        return (head, _LONG_TORQUE(velocity, torque)) if self._offsets else (head,)
 
     def at_rest(self, controlword: int, position: int) -> tuple[bytes, ...]:
         """The torque that holds the axis where torque is commanded, no speed, and ``position`` where positions are commanded."""

@@ -43,8 +43,11 @@ class Watch:
         """Raises SafetyStop when ``sample`` breaks a limit, DriveError when its position and speed cannot be of one motion."""
         before, self._before = self._before, sample
         stamp_s, position, torque, _, velocity, _ = sample
-        elapsed_s = max(stamp_s - before.stamp_s, self._period_s) if before is not None else math.inf
-        travel = position - before.position if before is not None else 0
+        elapsed_s, travel = math.inf, 0
+        if before is not None:
+            elapsed_s, travel = stamp_s - before.stamp_s, position - before.position
+            if elapsed_s < self._period_s:
+                elapsed_s = self._period_s
         # A jump of the angle is the reason for whatever else it breaks, so it comes first; one count at either end is no speed.
         if self._differences and abs(travel) - 1 > self._travel_per_s * elapsed_s:
             speed = travel / elapsed_s * self._scaling.position_rad

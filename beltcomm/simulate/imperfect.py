@@ -50,11 +50,15 @@ def angle_sensor(model: Model) -> Callable[[float], float]:
 
     def measured(theta: float) -> float:
         shown = theta
-        for _ in range(6 if laws else 0):  # the error is some milliradians, and as much per radian: each round gains two to three digits
+        for _ in range(6):  # the error is some milliradians, and as much per radian: each round gains two to three digits
             shown = theta - sum(law(shown, *values) for law, values in laws)
         return shown
 
-    return measured
+    return measured if laws else _as_it_is
+
+
+def _as_it_is(theta: float) -> float:
+    return theta
 
 
 def path_response(model: Model, freq_hz: Array) -> NDArray[np.complex128]:

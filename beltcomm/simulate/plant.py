@@ -72,6 +72,7 @@ class SimulatedPlant:
             self._q[carriage] -= belt_stretch_m / self._lever
         self._inertia = model[name]
         self._low, self._high = end_stops_m or (-math.inf, math.inf)
+        self._endless = end_stops_m is None
         self._substeps_per_s = 1e3 * substeps_per_ms
         self._measured = angle_sensor(model)
         self._start_rad = self._measured(float(self._q[0]))
@@ -105,26 +106,30 @@ class SimulatedPlant:
             self._duration_s = duration_s
             self._count = max(1, math.ceil(duration_s * self._substeps_per_s - 1e-6))
             self._h = duration_s / self._count
-        q, v, i = self._q, self._v, self._carriage
-        x = q.item(i) * self._lever
-        reach = 2.0 * abs(v.item(i)) * self._lever * duration_s + 1e-3  # it can hardly double its speed within one step
+        q, v = self._q, self._v
         if self._late:
             self._step_late(torque_nm)
-        elif self._low < x - reach and x + reach < self._high:
+        elif self._endless or self._far_from_stops(duration_s):
             self.belt_force_n = self._advance(q, v, self._p, torque_nm, self.time_s, self._h, self._count)
         else:
             self._step_near_stop(torque_nm)
         self.time_s += duration_s
         self.position_rad = self._measured(q.item(0)) - self._start_rad
         self.velocity_rad_s = v.item(0)
-        self.cart_position_m = q.item(i) * self._lever - self._start_m
+        self.cart_position_m = q.item(self._carriage) * self._lever - self._start_m
         if abs(self.cart_position_m - self._known_m) > _LOOK_EVERY_M:
             self._look()
+
+    def _far_from_stops(self, duration_s: float) -> bool:
+        """Whether neither can be reached within one step, in which the speed can hardly double."""
+        x = self._q.item(self._carriage) * self._lever
+        reach = 2.0 * abs(self._v.item(self._carriage)) * self._lever * duration_s + 1e-3
+        return self._low < x - reach and x + reach < self._high
 
     @property
     def plain(self) -> bool:
         """Whether :meth:`follow` can run it: torque acts when it is set, the angle is shown as it is, and no buffers stand at its ends."""
-        return not self._late and self._measured(1.0) == 1.0 and math.isinf(self._high - self._low)
+        return not self._late and self._measured(1.0) == 1.0 and self._endless
 
     def follow(
         self,

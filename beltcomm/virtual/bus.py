@@ -85,7 +85,7 @@ class VirtualClock:
                 line.alive(bus.tick)
             last = self._last_tick(t_s - line.ahead_s(bus.tick))
         else:
-            last = self._last_tick(t_s)
+            last = math.ceil(t_s * TICKS_PER_SECOND - _ROUNDING_TICKS)
             while bus.tick < last:
                 bus.advance()
         if bus.tick == last:  # so that ``now() >= t_s`` holds when t_s is an ulp above its tick
@@ -94,6 +94,18 @@ class VirtualClock:
     @staticmethod
     def _last_tick(t_s: float) -> int:
         return math.ceil(t_s * TICKS_PER_SECOND - _ROUNDING_TICKS)
+
+
+class DataFrame(can.Message):
+    """A frame that a node has sent.   What all of them have in common stands once, in the class: ``can.Message`` sets it anew each time."""
+
+    __slots__ = ()
+    is_extended_id = is_remote_frame = is_error_frame = is_fd = bitrate_switch = error_state_indicator = False
+    is_rx, channel = True, None
+
+    def __init__(self, timestamp: float, arbitration_id: int, data: bytes) -> None:
+        self.timestamp, self.arbitration_id = timestamp, arbitration_id
+        self.data, self.dlc = bytearray(data), len(data)
 
 
 class LockstepBus(can.BusABC):
@@ -185,22 +197,22 @@ class LockstepBus(can.BusABC):
 
         With ``timeout=None`` virtual time runs on until a frame comes, however long that is.   Raises can.CanOperationError in bus-off.
         """
-        ticks_left: float | None = None
         queue = self._queue
+        last: float | None = None
         while True:
             if self.line is not None:
                 self.line.interface(self.tick)
             while queue:
-                time_s, identifier, data = queue.popleft()
-                message = can.Message(time_s, identifier, False, data=data)
+                message = DataFrame(*queue.popleft())
                 if self._filters is None or self._matches_filters(message):
                     return message
-            if ticks_left is None:
-                ticks_left = math.inf if timeout is None else math.ceil(timeout * TICKS_PER_SECOND - _ROUNDING_TICKS)
-            if ticks_left <= 0:
+            if timeout == 0.0:
+                return None
+            if last is None:
+                last = math.inf if timeout is None else self.tick + math.ceil(timeout * TICKS_PER_SECOND - _ROUNDING_TICKS)
+            if self.tick >= last:
                 return None
             self.advance()
-            ticks_left -= 1
 
     def _to_nodes(self, identifier: int, data: bytes, remote: bool) -> None:
         for node in self._nodes:

@@ -81,27 +81,23 @@ class StateMachine:
 
     fault_bits : bits 3-0 in the state Fault, 08h as CiA 402 says or 0Fh as some CMMP-AS settings show.
     entered(number, state) : called after each transition.
+    status_bits : the statusword's bits of the state.   operates : it is Operation Enabled.   (Asked in every tick: an enum is slow.)
     """
 
     def __init__(self, entered: Callable[[int, State], None], fault_bits: int = 0x08) -> None:
-        self.state = State.NOT_READY
         self.quick_stop_holds = False
         self._entered = entered
-        self._status_bits = {**_STATUS_BITS, State.FAULT: fault_bits}
+        self._bits_of = {**_STATUS_BITS, State.FAULT: fault_bits}
+        self._stand_in(State.NOT_READY)
 
     @property
     def powered(self) -> bool:
         """Whether the motor carries torque."""
         return self.state in POWERED
 
-    @property
-    def status_bits(self) -> int:
-        """The statusword's bits of the state."""
-        return self._status_bits[self.state]
-
     def power_on(self) -> None:
         """Start of the drive; transitions 0 and 1, the self-test is over at once."""
-        self.state = State.NOT_READY
+        self._stand_in(State.NOT_READY)
         self._go(1, State.SWITCH_ON_DISABLED)
 
     def control(self, controlword: int) -> None:
@@ -135,5 +131,10 @@ class StateMachine:
             self._go(12, State.SWITCH_ON_DISABLED)
 
     def _go(self, number: int, state: State) -> None:
-        self.state = state
+        self._stand_in(state)
         self._entered(number, state)
+
+    def _stand_in(self, state: State) -> None:
+        self.state = state
+        self.status_bits = self._bits_of[state]
+        self.operates = state is State.OPERATION_ENABLED

@@ -136,7 +136,7 @@ class Loops:
 
     def torque(self, torque_nm: float) -> float:
         """All loops open: the torque itself, limited."""
-        self.open()
+        self._closed, self.asked_rad_s = False, None
         if abs(torque_nm) > self.limit_nm:
             torque_nm = math.copysign(self.limit_nm, torque_nm)
         return self._decide(torque_nm)

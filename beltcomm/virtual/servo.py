@@ -211,10 +211,10 @@ class Servo:
     def run(self) -> None:
         """The loop of the tick, then the tick itself."""
         loops = self._loops
-        state = self.machine.state
+        operates = self.machine.operates
         loops.begin()
         torque_nm = 0.0
-        if state == State.OPERATION_ENABLED:
+        if operates:
             torque_nm = self._mode.step()
         elif self._dictionary.stage_on:
             torque_nm = self._stop.step()
@@ -317,7 +317,7 @@ class Servo:
         word = machine.status_bits | (_VOLTAGE_ENABLED if self._faults.has_power else 0)
         if self._remote:
             word |= _REMOTE
-        if machine.state == State.OPERATION_ENABLED:
+        if machine.operates:
             word |= self._mode.status()
         if self._supervision.following_error and self._mode_number in _WITH_POSITION_REFERENCE:
             word |= BIT_13
