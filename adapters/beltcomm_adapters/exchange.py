@@ -50,6 +50,9 @@ class Sample(NamedTuple):
     demand: int | None
 
 
+#: A named tuple's own constructor is a Python function.
+_sample: Final = tuple.__new__
+
 MappedObject = tuple[int, int, int]  # index, subindex, length in bits
 
 
@@ -189,7 +192,7 @@ class Exchange:
                 f"the drive's synchronous answers have {len(first.data)} and {len(second.data)} bytes, mapped were 8 and 6; "
                 "another master is changing its PDOs"
             ) from error
-        return Sample(first.timestamp, position, torque, statusword, velocity, demand)
+        return _sample(Sample, (first.timestamp, position, torque, statusword, velocity, demand))
 
     def _in_order(self, sample: Sample, asked_s: float) -> Sample | None:
         """The sample, None when it is no younger than the one before.   Raises BusError when the clock of its stamp was set."""

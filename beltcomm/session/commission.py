@@ -92,7 +92,7 @@ def identify_here(machine: Machine, findings: Findings, *, brief: bool = False) 
     respond_for = partial(phases.frequency_response, machine, "frf_1", excited.model, excited.at_most_nm)
     making.short_if_possible(respond_for, programme.SHORT_S if brief else making.RESPONSE_S)
     model = first_model(machine, findings)
-    scale.check_fitted(machine, model)
+    scale.check_fitted(machine, model, excited.model, machine.folder.recording("frf_1"))
     return model
 
 
@@ -103,7 +103,11 @@ def first_model(machine: Machine, findings: Findings) -> Model:
     start = findings.excited.model if findings.excited else None
     with machine.withdrawing():
         found = final_model(recordings, machine.axis, counts, start=start)
-        findings.final = found if not found.fit.suspect else with_late_torque(found, recordings, machine.axis, counts)
+        if found.fit.suspect:
+            found = with_late_torque(found, recordings, machine.axis, counts)
+        if found.fit.suspect and start is not None:
+            found = from_records_alone(found, recordings, machine.axis, counts)
+        findings.final = found
     model = findings.final.fit.model
     claims.note_after(findings.remarks, model, machine.axis, machine.drive.capabilities, machine.position_m)
     measure_delay_and_damping(findings, recordings, model)
@@ -121,6 +125,18 @@ def with_late_torque(found: FinalModel, recordings: Sequence[Recording], axis: A
     except DataError:
         return found
     return other if evidence(other.fit, found.fit) > CLEAR_EVIDENCE else found
+
+
+def from_records_alone(found: FinalModel, recordings: Sequence[Recording], axis: Axis, counts_per_rev: int) -> FinalModel:
+    """The fit begun anew from its own records, where that explains them; else the fit as it is.
+
+    The estimate it began from is kept near the data sheets, which may be far from the machine: the fit can end beside it.
+    """
+    try:
+        other = final_model(recordings, axis, counts_per_rev)
+    except DataError:
+        return found
+    return found if other.fit.suspect else other
 
 
 def close_first_loop(machine: Machine, findings: Findings, model: Model, *, ask: bool = False) -> Cascade:

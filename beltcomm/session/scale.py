@@ -38,6 +38,39 @@ def accelerating_share(recording: Recording, inertia_kg_m2: float) -> float:
     return float(inertia_kg_m2 * np.sqrt(np.mean(acceleration[large] ** 2) / np.mean(torque[large] ** 2)))
 
 
+def inertia_share(axis: Axis, model: Model) -> float:
+    """Inertia of a fit over that of the data sheets."""
+    return model["motor.inertia"] / axis.motor_side_inertia_kg_m2
+
+
+def _contradiction(axis: Axis, model: Model) -> str:
+    share, stated = inertia_share(axis, model), axis.motor_side_inertia_kg_m2
+    times = f"{max(share, 1.0 / share):.2g} times {'more' if share > 1.0 else 'less'}"
+    return (
+        f"torque over acceleration of the motor shows an inertia of {model['motor.inertia']:.3g} kg m², by axis.yaml it is {stated:.3g} "
+        f"kg m²: {times}"
+    )
+
+
+def not_told_apart(axis: Axis, model: Model, first: Model, response: Recording, more_room: str) -> str:
+    """In words, that a fit takes the carriage for a part of the motor, whose inertia an excitation before it has shown rightly.
+
+    model : the fit.   first : the estimate before it.   response : what was fitted.   more_room : what gives more of it.
+    """
+    ratio = axis.transmission_m_rad
+    together = axis.motor_side_inertia_kg_m2 + first["cart.mass"] * ratio**2
+    friction_nm = first["coulomb.level"] + first["cart_friction.level"] * ratio
+    peak_nm = float(np.abs(response.torque).max())
+    return (
+        f"{_contradiction(axis, model)}. The excitation before it showed {inertia_share(axis, first):.2f} times that of axis.yaml, so "
+        f"torques and angles are scaled rightly, and it is likelier that {response.name} does not tell motor and carriage apart: together "
+        f"they are {together:.3g} kg m². The carriage moved by {1e3 * ratio * float(np.ptp(response.position)):.1f} mm at most, and "
+        f"friction takes {100.0 * min(friction_nm / peak_nm, 1.0):.0f} % of the ±{peak_nm:.3g} N m. It needs more way or more torque: {more_room}; "
+        "look whether limits.feed_force_n and pulley_torque_nm allow more by the data sheets; and compare belt.specific_stiffness_n "
+        "and coupling.stiffness_nm_rad with theirs, for an excitation planned by a wrong stiffness shakes beside the resonance"
+    )
+
+
 def check_first(machine: Machine, model: Model, recording: Recording) -> None:
     """The same with the first estimate; nothing is said of a record in which friction took most of the torque.   Raises Refused."""
     share = accelerating_share(recording, machine.axis.motor_side_inertia_kg_m2)
@@ -52,25 +85,28 @@ def check_scale(machine: Machine, model: Model, factor: float) -> None:
 
     factor : by which they may differ.   Raises Refused with both values and what to look at.
     """
-    stated, found = machine.axis.motor_side_inertia_kg_m2, model["motor.inertia"]
-    share = found / stated
+    share = inertia_share(machine.axis, model)
     machine.folder.journal(
-        f"scale: torque over acceleration shows {found:.3g} kg m² at the motor, axis.yaml {stated:.3g}, {share:.2f} times that"
+        f"scale: torque over acceleration shows {model['motor.inertia']:.3g} kg m² at the motor, axis.yaml "
+        f"{machine.axis.motor_side_inertia_kg_m2:.3g}, {share:.2f} times that"
     )
     if 1.0 / factor <= share <= factor:
         return
-    times = f"{max(share, 1.0 / share):.2g} times {'more' if share > 1.0 else 'less'}"
     raise Refused(
-        f"torque over acceleration of the motor shows an inertia of {found:.3g} kg m², by axis.yaml it is {stated:.3g} kg m²: {times}, and "
-        "nothing faster is tried. Either the drive's torque is scaled wrongly (6076h; thousandths of something else than rated torque), "
-        "or its angle (encoder resolution 608Fh, gear 6091h, feed 6092h, position factor 6093h), or gearbox.ratio or an inertia of motor, "
-        "gearbox, coupling or pulley in axis.yaml is. Turn the motor once by hand and watch its position, or measure a creep with a ruler: "
-        "beltcomm move --drive DRIVE --axis AXIS --by 50mm"
+        f"{_contradiction(machine.axis, model)}, and nothing faster is tried. Either the drive's torque is scaled wrongly (6076h; "
+        "thousandths of something else than rated torque), or its angle (encoder resolution 608Fh, gear 6091h, feed 6092h, position factor "
+        "6093h), or gearbox.ratio or an inertia of motor, gearbox, coupling or pulley in axis.yaml is. Turn the motor once by hand and "
+        "watch its position, or measure a creep with a ruler: beltcomm move --drive DRIVE --axis AXIS --by 50mm"
     )
 
 
-def check_fitted(machine: Machine, model: Model) -> None:
-    """The same with the model of a frequency response, before a loop is closed; a feed constant in doubt is a remark.   Raises Refused."""
+def check_fitted(machine: Machine, model: Model, first: Model, response: Recording) -> None:
+    """The same with the model of a frequency response, before a loop is closed; a feed constant in doubt is a remark.   Raises Refused.
+
+    first : what the excitation before it showed; where that agrees with the data sheets, it is not the scale that is wrong.
+    """
+    if inertia_share(machine.axis, model) > FITTED_FACTOR and 1.0 / FIRST_FACTOR <= inertia_share(machine.axis, first) <= FIRST_FACTOR:
+        raise Refused(not_told_apart(machine.axis, model, first, response, machine.more_room))
     check_scale(machine, model, FITTED_FACTOR)
     doubt = feed_constant_in_doubt(machine.axis, model, machine.place_m(machine.position_m))
     if doubt:

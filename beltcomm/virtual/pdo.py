@@ -7,7 +7,7 @@ COB-ID written while the PDO is valid is 08000022h; a mapping entry while their 
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from beltcomm.virtual.dictionary import Entry, ObjectDictionary, SdoAbort
 from beltcomm.virtual.emcy import Code
@@ -27,6 +27,17 @@ def _restricted(identifier: int) -> bool:
         or 0x601 <= identifier <= 0x67F
         or identifier >= 0x6E0
     )
+
+
+def _packer(pack: Callable[..., bytes], entries: Sequence[Entry]) -> Callable[[], bytes]:
+    """What makes the frame of these objects as they are then; two or three, which go out every period, without a list between."""
+    if len(entries) == 2:
+        first, second = entries
+        return lambda: pack(first.value, second.value)
+    if len(entries) == 3:
+        one, two, three = entries
+        return lambda: pack(one.value, two.value, three.value)
+    return lambda: pack(*[entry.value for entry in entries])
 
 
 class _Pdo:
@@ -162,16 +173,14 @@ class _TransmitPdo(_Pdo):
         self._syncs = 0
         self._sent: bytes | None = None
         self._sent_at = 0
-
-    def _data(self) -> bytes:
-        return self._struct.pack(*[entry.value for entry in self.entries])
+        self._data = _packer(self._struct.pack, self.entries)
 
     def on_sync(self) -> None:
         """One SYNC for a PDO of type n; sent with every n-th."""
         self._syncs += 1
         if self._syncs >= self.sync_type:
             self._syncs = 0
-            self._send(self.identifier, self._struct.pack(*[entry.value for entry in self.entries]))
+            self._send(self.identifier, self._data())
 
     def on_tick(self, tick: int) -> None:
         """Types 254 and 255: on change, not sooner than the inhibit time, and whenever the event timer runs out."""

@@ -6,7 +6,8 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -17,10 +18,13 @@ from beltcomm.axis import Axis, load_axis
 from beltcomm.cli.main import cli
 from beltcomm.drive import Capabilities, Drive, Limits, Motion, open_drive
 from beltcomm.errors import Refused, UsageError
+from beltcomm.identify.first_estimate import data_sheet_model
+from beltcomm.recording import Recording
+from beltcomm.session import commission
 from beltcomm.session.foresight import sheet_model
 from beltcomm.session.machine import Machine
 from beltcomm.session.ratings import check_ratings
-from beltcomm.session.scale import STIFFNESS, feed_constant_in_doubt, ruler
+from beltcomm.session.scale import STIFFNESS, check_fitted, feed_constant_in_doubt, ruler
 from session.bench import Bench, Listener
 from truth.rigs import nominal
 
@@ -176,3 +180,37 @@ def test_what_is_smaller_than_that_or_only_lower_is_not(drive: Capabilities) -> 
     assert "the drive's number is used" in said
     assert check_ratings(Axis(), drive) == []
     assert math.isclose(drive.rated_current_a, 1.43 / 0.65)
+
+
+def test_a_fit_that_takes_the_carriage_for_the_motor_is_not_blamed_on_the_scaling() -> None:
+    """The excitation before it showed the motor's own inertia, and scales do not change in between."""
+    first = data_sheet_model(RIG, 0.25, 0.1)
+    both = first["motor.inertia"] + first["cart.mass"] * RIG.transmission_m_rad**2
+    t = np.arange(500) * 1e-3
+    shaken = 0.5 * np.sin(40.0 * t)
+    response = Recording("frf_1", t, shaken, 0.1 * shaken)
+    machine: Any = SimpleNamespace(axis=RIG, more_room="give a wider --window", folder=SimpleNamespace(journal=lambda _text: None))
+    with pytest.raises(Refused) as refused:
+        check_fitted(machine, first.with_values({"motor.inertia": both}), first, response)
+    words = str(refused.value)
+    assert "showed 1.00 times that of axis.yaml, so torques and angles are scaled rightly" in words
+    assert f"moved by {1e3 * RIG.transmission_m_rad * 0.1:.1f} mm at most" in words
+    assert "20 % of the ±0.5 N m. It needs more way or more torque: give a wider --window" in words
+    with pytest.raises(Refused, match="6076h"):  # the motor alone was too heavy before: then it is the scale
+        check_fitted(machine, first.with_values({"motor.inertia": both}), first.with_values({"motor.inertia": both}), response)
+
+
+def test_a_fit_that_went_astray_is_begun_anew_from_its_records(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As on an axis whose coupling is twenty times as stiff as its data sheet says: the first estimate is kept near the sheet."""
+    made = {name: SimpleNamespace(fit=SimpleNamespace(suspect=name == "astray")) for name in ("astray", "right")}
+    begun: list[str] = []
+
+    def final_model(_records: Any, _axis: Any, _counts: int, **start: Any) -> Any:
+        begun.append("with a start" if start else "without")
+        return made["right"]
+
+    monkeypatch.setattr(commission, "final_model", final_model)
+    assert commission.from_records_alone(cast("Any", made["astray"]), [], RIG, 65536) is made["right"]
+    made["right"].fit.suspect = True
+    assert commission.from_records_alone(cast("Any", made["astray"]), [], RIG, 65536) is made["astray"]
+    assert begun == ["without", "without"]
