@@ -42,6 +42,7 @@ from beltcomm.session.machine import Machine
 from beltcomm.session.programme import Extent
 from beltcomm.session.proof import SURE_MARGIN_DEG, move_name, proof, thin_margins
 from beltcomm.session.proving import verify_move
+from beltcomm.session.strokes import SWEEP_LONGEST_S
 from beltcomm.sidecar import Sidecar
 
 #: s of machine time kept for the move that verifies, with the way to its start.
@@ -214,12 +215,17 @@ def record_steps(machine: Machine, findings: Findings, model: Model, cascade: Ca
             made = True
 
 
-def measure_friction(machine: Machine, model: Model, name: str = "sweep", speeds_m_s: Sequence[float] = ()) -> Recording:
-    """The constant-speed sweep alone, three of its speeds twice.   speeds_m_s : instead of the usual seven, each once."""
+def measure_friction(
+    machine: Machine, model: Model, name: str = "sweep", speeds_m_s: Sequence[float] = (), longest_s: float = SWEEP_LONGEST_S
+) -> Recording:
+    """The constant-speed sweep alone, three of its speeds twice.   speeds_m_s : instead of the usual seven, each once.
+
+    longest_s : s, that a plateau counts at most.
+    """
     machine.begin(TITLES[5])
     if machine.folder.finished(name) is None and not sweeping.room_to_sweep(machine, model, speeds_m_s):
         phases.move_to(machine, phases.stroke_ends(machine)[0], model)
-    strokes = sweeping.sweep(machine, model, speeds_m_s)
+    strokes = sweeping.sweep(machine, model, speeds_m_s, longest_s)
     sidecar = Sidecar(
         experiment="friction_sweep",
         start_position_m=machine.position_m,
@@ -289,7 +295,7 @@ def commission(machine: Machine, settings: Settings, findings: Findings) -> Find
         model = identify_here(machine, findings, brief=brief)
         cascade = close_first_loop(machine, findings, model, ask=settings.ask)
         if brief:
-            measure_friction(machine, model, speeds_m_s=programme.QUICK_M_S)
+            measure_friction(machine, model, speeds_m_s=programme.QUICK_M_S, longest_s=programme.QUICK_PLATEAU_S)
         else:
             record_steps(machine, findings, model, cascade, settings.extent)
         cascade = fit_and_design(machine, findings, settings)

@@ -104,7 +104,8 @@ def verify_move(
     lag = SURPRISE * float(np.max(np.abs(sent.motor.position_m - path.motor_m))) + LAG_SLACK_M
     start = float(trajectory.position_m[0])
     if machine.folder.finished(name) is None and abs(machine.position_m - start) > 1e-4:
-        phases.move_to(machine, start, model)
+        top = float(np.max(np.abs(trajectory.velocity_m_s)))  # these gains are about to be driven at that speed, with more force
+        phases.move_to(machine, start, model, max(top, phases.POSITIONING_SPEED_M_S))
     # Positioning ends a little beside its goal; a reference that begins elsewhere would be a step, and no part of the move.
     beside = replace(sent.motor, position_m=sent.motor.position_m + machine.position_m - start)
     sidecar = Sidecar(

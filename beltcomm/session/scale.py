@@ -65,9 +65,9 @@ def not_told_apart(axis: Axis, model: Model, first: Model, response: Recording, 
         f"{_contradiction(axis, model)}. The excitation before it showed {inertia_share(axis, first):.2f} times that of axis.yaml, so "
         f"torques and angles are scaled rightly, and it is likelier that {response.name} does not tell motor and carriage apart: together "
         f"they are {together:.3g} kg m². The carriage moved by {1e3 * ratio * float(np.ptp(response.position)):.1f} mm at most, and "
-        f"friction takes {100.0 * min(friction_nm / peak_nm, 1.0):.0f} % of the ±{peak_nm:.3g} N m. It needs more way or more torque: {more_room}; "
-        "look whether limits.feed_force_n and pulley_torque_nm allow more by the data sheets; and compare belt.specific_stiffness_n "
-        "and coupling.stiffness_nm_rad with theirs, for an excitation planned by a wrong stiffness shakes beside the resonance"
+        f"friction takes {100.0 * min(friction_nm / peak_nm, 1.0):.0f} % of the ±{peak_nm:.3g} N m. It needs more way or more torque: "
+        f"{more_room}; look whether limits.feed_force_n and pulley_torque_nm allow more by the data sheets; and compare "
+        "belt.specific_stiffness_n and coupling.stiffness_nm_rad with theirs: an excitation planned by wrong ones misses the resonance"
     )
 
 

@@ -47,12 +47,13 @@ def sweep_strokes(
     which: Which = "twice",
     speeds_m_s: Sequence[float] = (),
     settle_s: float = 0.0,
+    longest_s: float = SWEEP_LONGEST_S,
 ) -> Strokes:
     """Strokes both ways at seven speeds, from a slow creep to the fastest that still has a plateau within the travel.
 
     which : three of the seven twice, each once, or two of them again, for how well friction repeats.
     speeds_m_s : instead of the seven; all slower in proportion where the fastest cannot be had.   settle_s : s, that the axis takes beside
-    the run-in until it is as fast as its reference.
+    the run-in until it is as fast as its reference.   longest_s : s, plateau that counts.
     """
     shortest_s = max(SWEEP_SHORTEST_S, PLATEAU_ROWS * period_s)
     fastest = fastest_stroke_m_s(limits.speed_m_s, limits.acceleration_m_s2, abs(far_m - at_m), shortest_s + settle_s)
@@ -63,5 +64,5 @@ def sweep_strokes(
     if speeds_m_s:
         speeds = [v * min(1.0, fastest / max(speeds_m_s)) for v in speeds_m_s]
     run_in_s = SWEEP_RUN_IN_S + settle_s
-    given = {"run_in_s": run_in_s, "rest_s": 0.15, "longest_plateau_s": run_in_s + max(SWEEP_LONGEST_S, 1.5 * shortest_s)}
+    given = {"run_in_s": run_in_s, "rest_s": 0.15, "longest_plateau_s": run_in_s + max(longest_s, 1.5 * shortest_s)}
     return constant_speed_strokes(at_m, far_m, speeds, limits, period_s, **given)

@@ -9,7 +9,7 @@ import numpy as np
 from beltcomm.model import Model
 from beltcomm.session import own_strokes, phases
 from beltcomm.session.machine import Machine
-from beltcomm.session.strokes import SWEEP_SHORTEST_S, fastest_stroke_m_s, sweep_strokes
+from beltcomm.session.strokes import SWEEP_LONGEST_S, SWEEP_SHORTEST_S, fastest_stroke_m_s, sweep_strokes
 from beltcomm.trajectory import Strokes
 
 
@@ -27,9 +27,11 @@ def room_to_sweep(machine: Machine, model: Model, speeds_m_s: Sequence[float]) -
     return bool(speeds_m_s) and fastest_stroke_m_s(limits.speed_m_s, limits.acceleration_m_s2, way_m, plateau_s) >= max(speeds_m_s)
 
 
-def sweep(machine: Machine, model: Model, speeds_m_s: Sequence[float] = ()) -> Strokes:
+def sweep(machine: Machine, model: Model, speeds_m_s: Sequence[float] = (), longest_s: float = SWEEP_LONGEST_S) -> Strokes:
     """:func:`sweep_strokes` from where the carriage stands to the farther end.   speeds_m_s : instead of the usual seven."""
     at, period = machine.position_m, machine.drive.capabilities.sample_period_s
     far = farther_end_m(machine)
     limits, settle_s = phases.gentle_limits(machine, model, np.inf), own_strokes.settle_s(machine)
-    return phases.stoppable(machine, limits, lambda slower_: sweep_strokes(at, far, slower_, period, "twice", speeds_m_s, settle_s))
+    return phases.stoppable(
+        machine, limits, lambda slower_: sweep_strokes(at, far, slower_, period, "twice", speeds_m_s, settle_s, longest_s)
+    )

@@ -1,8 +1,8 @@
 """Machine time of a whole commissioning, and what it is worth, on axes of 0.3 m to 3 m with carriages of 0.4 kg to 40 kg.
 
-Two build sizes: the belt and motor of the shipped rig, and one with eight times the feed force.  The belt's stiffness follows from its
-length,  k = EA (1/l1 + 1/(2 l3 - l1));  friction is a share of the feed force: the rig's for the small size, a twentieth for the
-large one.  The truth goes into the virtual drive only; errors are told beside it.
+Two build sizes: the belt and motor of the shipped rig, and one with eight times the feed force, a direct drive without a coupling.  The
+belt's stiffness follows from its length,  k = EA (1/l1 + 1/(2 l3 - l1));  friction is a share of the feed force: the rig's for the small
+size, a twentieth for the large one.  The truth goes into the virtual drive only; errors are told beside it.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ def written(size: Size, travel_m: float, mass_kg: float, folder: Path) -> tuple[
         "name": f"{size.name} {travel_m:g} m, {mass_kg:g} kg",
         "motor": axis["motor"]
         | {"inertia_kg_m2": 0.7 * size.inertia_kg_m2, "rated_torque_nm": size.rated_nm, "peak_torque_nm": size.peak_nm},
-        "coupling": axis["coupling"] | {"inertia_kg_m2": 0.0},
+        "coupling": axis["coupling"] | {"inertia_kg_m2": 0.0} | ({"stiffness_nm_rad": None} if size.name == "large" else {}),
         "pulley": axis["pulley"] | {"effective_radius_m": size.radius_m, "inertia_kg_m2": 0.3 * size.inertia_kg_m2, "teeth": None},
         "belt": axis["belt"] | {"specific_stiffness_n": size.ea_n, "pulley_distance_m": distance, "preload_n": 1.05 * size.force_n},
         "travel": {"min_m": 0.0, "max_m": travel_m, "driven_side_offset_m": 0.05},
