@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -111,6 +112,12 @@ def _study_in(path: Path, data: Mapping[str, Any], doing: Doing) -> Study:
         axis, plant, words = _machine(base, each)
         model, delay_s, start_m = plant.model, plant.setpoint_delay_s, 0.0
     population = population_from(data, model, seed)
+    nominal = nominal_of(model, delay_s, start_m)
+    for name, one in population.drawn.items():
+        if one.kind == "tolerance" and nominal[name] == 0.0:
+            raise UsageError(
+                f"population.{name} has a tolerance, and its nominal value here is 0, of which every share is 0; write uniform"
+            )
     if not (population.drawn or population.old or population.hidden):
         raise UsageError("nothing differs between the members; give population, ageing or hidden")
     if each == "track":
@@ -128,7 +135,7 @@ def _study_in(path: Path, data: Mapping[str, Any], doing: Doing) -> Study:
         count,
         work,
         population,
-        nominal_of(model, delay_s, start_m),
+        nominal,
         (),
         _noise(each) or {"dynamic_m": targets.dynamic_m, "static_m": targets.static_m},
         words,
@@ -183,8 +190,9 @@ def _ground(path: Path, data: Mapping[str, Any], base: Mapping[str, Any], target
             model, structure, positions_m=ends, masses_kg=[model["cart.mass"]], dead_time_s=delay_s, apparent_damping_nm_s_rad=0.0
         )
         words += ", a design for its nominal values"
-    loop = Loop(structure, delay_s, axis.torque_limit_nm, plant.counts_per_rev)
-    return _ground_with(Ground(model, cascade, loop, move, None, 0.0, analyse.design_plants, targets)), words
+    peak = float(plant.motor.get("peak_torque_nm") or axis.motor.peak_torque_nm or axis.torque_limit_nm)  # as of the drive of a run
+    loop = Loop(structure, delay_s, peak, plant.counts_per_rev)
+    return _ground_with(Ground(model, cascade, loop, move, None, 0.0, analyse.design_plants, targets, _travel_m(axis))), words
 
 
 def _ground_of_run(run: Path, file: Path | None, base: Mapping[str, Any], targets: Targets) -> tuple[Ground, str]:
@@ -205,12 +213,18 @@ def _ground_of_run(run: Path, file: Path | None, base: Mapping[str, Any], target
     peak = float((folder.load_result("drive") or {}).get("peak_torque_nm") or folder.axis.torque_limit_nm)
     apparent = float(saved.get("apparent_damping_nm_s_rad") or 0.0)
     loop = Loop(structure, delay_s, peak, offline.counts_of(folder))
-    return _ground_with(Ground(model, cascade, loop, move, along, apparent, analyse.design_plants, targets)), f"model and design of {run}"
+    ground = Ground(model, cascade, loop, move, along, apparent, analyse.design_plants, targets, _travel_m(folder.axis))
+    return _ground_with(ground), f"model and design of {run}"
 
 
 def _ground_with(ground: Ground) -> Ground:
     """With the rest at the end of the move in which the static error is read."""
     return replace(ground, move=held(ground.move, REST_S))
+
+
+def _travel_m(axis: Axis) -> tuple[float, float]:
+    low, high = axis.travel.min_m, axis.travel.max_m
+    return -math.inf if low is None else low, math.inf if high is None else high
 
 
 def _machine(base: Mapping[str, Any], each: str) -> tuple[Axis, PlantFile, str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -13,6 +14,7 @@ from beltcomm.control import Cascade
 from beltcomm.design.design_plant import DesignPlant
 from beltcomm.design.loops import sample_plants
 from beltcomm.design.margins import margins_on
+from beltcomm.errors import Refused
 from beltcomm.model import Model
 from beltcomm.study.population import DrawnAxis
 from beltcomm.trajectory import Trajectory
@@ -37,7 +39,7 @@ class Ground:
 
     model : of the base.   cascade : the design on trial.   loop : what the drive adds, with the base's delay.   move : with its rest.
     along_nm : torque sent along with the move, (n,), or None.   plants : of model, places, carriage masses, delay and the apparent
-    damping, every variant that margins are asked for.
+    damping, every variant that margins are asked for.   travel_m : of the carriage.
     """
 
     model: Model
@@ -48,6 +50,7 @@ class Ground:
     apparent_damping_nm_s_rad: float
     plants: Callable[[Model, Sequence[float], Sequence[float], float, float], list[DesignPlant]]
     targets: Targets
+    travel_m: tuple[float, float] = (-math.inf, math.inf)
 
     @property
     def start_m(self) -> float:
@@ -59,8 +62,16 @@ def track(ground: Ground, axis: DrawnAxis) -> dict[str, Any]:
     """Predicted errors, forces and worst margins of the design on this axis.
 
     Keys end in their unit; ``*_cart`` at the carriage; margins are the worst of both ends of the move and every damping down to none.
-    passed : both targets kept, and every loop stable.   Raises Refused where the carriage leaves what the model describes.
+    passed : both targets kept, and every loop stable.   Raises Refused where the move leaves the travel, or the carriage what the model
+    describes.
     """
+    moved = replace_start(ground.move, axis.start_m)
+    first, last = float(moved.position_m.min()), float(moved.position_m.max())
+    if first < ground.travel_m[0] or last > ground.travel_m[1]:
+        raise Refused(
+            f"the move would go from {first:.4g} m to {last:.4g} m, the travel is {ground.travel_m[0]:g}..{ground.travel_m[1]:g} m; "
+            "let move.from end earlier, or give a shorter move"
+        )
     period = ground.loop.structure.period_s
     variants = ground.plants(
         axis.model,
@@ -79,7 +90,6 @@ def track(ground: Ground, axis: DrawnAxis) -> dict[str, Any]:
         "gain_margin_db": min(min(one.gain_margin_db, one.position_gain_margin_db) for one in margins),
         "sensitivity_db": max(max(one.sensitivity_db, one.position_sensitivity_db) for one in margins),
     }
-    moved = replace_start(ground.move, axis.start_m)
     path = predict_move(axis.model, ground.cascade, moved, replace(ground.loop, delay_s=axis.delay_s), extra_torque_nm=ground.along_nm)
     motor = tracking_error(path.t_s, moved.position_m, path.motor_m)
     cart = tracking_error(path.t_s, moved.position_m, path.cart_m)

@@ -7,15 +7,19 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from beltcomm import api
+from beltcomm.axis import load_axis
 from beltcomm.configfiles import find_config, read_yaml
 from beltcomm.errors import BeltcommError, SafetyStop
 from beltcomm.model import load_plant
 from beltcomm.result import Result
+from beltcomm.runfolder import RunFolder
 from beltcomm.session.study_job import study_of
 from beltcomm.session.study_members import Doing, diagnosed
+from study.conftest import STUDY
 
 MACHINES: dict[str, Any] = {"base": {"plant": "g_a", "axis": "egc-70-600"}, "members": 3, "each": "commission", "ageing": None}
 
@@ -85,3 +89,77 @@ def test_a_fleet_with_runs_that_hold_nothing(tmp_path: Path) -> None:
     (tmp_path / "runs" / "a" / "recordings" / "new.csv").touch()
     with pytest.raises(BeltcommError, match="run folder or the version of beltcomm differ"):
         api.study(study, tmp_path / "out", workers=1)
+
+
+def moving(folder: Path) -> Path:
+    """A user's own move: 0.1 m to 0.3 m in a second."""
+    t = np.arange(1001) * 1e-3
+    rows = [f"{time:.3f},{x!r}" for time, x in zip(t, (0.2 - 0.1 * np.cos(np.pi * t)).tolist(), strict=True)]
+    (folder / "move.csv").write_text("\n".join(["t_s,position_m", *rows]) + "\n", encoding="utf-8")
+    return folder / "move.csv"
+
+
+def test_a_population_around_a_run_with_a_move_of_its_own_from_other_places(written: Callable[..., Path], tmp_path: Path) -> None:
+    """The run holds the plant and the gains of the study beside it: the same results.   Where a move leaves the travel is a result too."""
+    plant, gains = load_plant("g_a"), STUDY["base"]["gains"]
+    folder = RunFolder.create(tmp_path / "run", load_axis("egc-70-600"))
+    folder.save_model("final", plant.model.to_dict())
+    folder.save_design("final", {"parameters": gains, "dead_time_s": plant.setpoint_delay_s})
+    told = {
+        "members": 8,
+        "move": str(moving(tmp_path)),
+        "population": {"payload": {"choice": ["0 kg", "2 kg"]}, "move.from": {"choice": ["5 mm", "350 mm", "500 mm"]}},
+        "ageing": None,
+    }
+    found = {}
+    for name, base in (("run", {"run": str(tmp_path / "run")}), ("plant", STUDY["base"])):
+        api.study(written(base=base, **told), tmp_path / name, workers=1, report=False)
+        lines = [json.loads(text) for text in (tmp_path / name / "members.jsonl").read_text(encoding="utf-8").splitlines()]
+        found[name] = [(line["values"], line.get("found"), line.get("error")) for line in lines]
+    assert found["run"] == found["plant"]
+    reached = {values["move.from"]: (result, error) for values, result, error in found["run"]}
+    assert reached[0.5][0] is None
+    assert "the move would go from 0.5 m to 0.7 m, the travel is -0.01..0.57 m" in reached[0.5][1]
+    errors = {payload: [r["dynamic_m"] for v, r, _ in found["run"] if r and v["payload"] == payload] for payload in (0.0, 2.0)}
+    assert errors[2.0] == pytest.approx([errors[2.0][0]] * len(errors[2.0]), rel=1e-3)  # this belt is as stiff everywhere
+    assert min(errors[2.0]) > 1.1 * max(errors[0.0])
+
+
+def commissioned_run(drive: str, axis: Any, run: Path, *, options: Any) -> Result:
+    """Stands in for a commissioning that leaves records."""
+    assert options.thorough
+    run.mkdir()
+    (run / "machine").write_text(drive.removeprefix("virtual:"), encoding="utf-8")
+    return Result({}, [])
+
+
+def diagnose_run(run: Path, *, cost: bool) -> Result:
+    """Stands in for a diagnosis that sees what is large."""
+    model = load_plant((run / "machine").read_text(encoding="utf-8")).model
+    added = [name for name in ("stribeck", "cogging") if name in model.effects and model.get("stribeck.amount") > 0.04]
+    return Result({"verdict": "explained" if added else "nothing missing", "steps": [{"added": name} for name in added]}, [])
+
+
+def test_a_population_is_diagnosed_and_a_stopped_study_goes_on(
+    written: Callable[..., Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("beltcomm.session.laboratory.diagnose_run", diagnose_run)
+    hidden = {"none": {}, "stribeck": {"amount": {"uniform": [0.02, 0.06]}, "speed_scale": 2.5}}
+    study = written(**{**MACHINES, "each": "diagnose", "members": 12, "hidden": hidden})
+    doing = Doing(commissioned_run)
+    whole = study_of(study, tmp_path / "whole", doing=doing, workers=1)
+    lines = [json.loads(text) for text in (tmp_path / "whole" / "members.jsonl").read_text(encoding="utf-8").splitlines()]
+    seen = [line["values"]["stribeck.amount"] > 0.04 for line in lines[1::2]]
+    assert [line["found"]["hidden effect named"] for line in lines[1::2]] == seen
+    assert all(line["found"] == {"verdict": "nothing missing", "named": [], "healthy left alone": True} for line in lines[::2])
+    shares = {one["key"]: (one["count"], one["of"]) for one in whole.data["shares"]}
+    assert shares["hidden effect named"] == (sum(seen), 6)
+    assert whole.text[0].startswith(
+        f"Diagnosis against the truth: of the others the hidden effect is named: {100 * sum(seen) / 6:.3g} % (95 %: "
+    )
+    assert "of the healthy ones nothing is named: 100 % (95 %: 54.1 to 100 %; 6 of 6)" in whole.text[0]
+    stopped = study_of(study, tmp_path / "stopped", doing=doing, workers=1, limit=5)
+    assert stopped.data["done"] == 5
+    study_of(study, tmp_path / "stopped", doing=doing, workers=1)
+    for name in ("members.jsonl", "summary.json"):
+        assert (tmp_path / "stopped" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()

@@ -85,6 +85,7 @@ def test_age_payload_and_a_hidden_effect_make_the_axis() -> None:
         ({"population": {"cart.mass": {"uniform": ["2 mm", "3 kg"]}}}, "'mm' is not a unit of it"),
         ({"population": {"cart.mass": {"normal": [1]}}}, r"write \[MEAN, STANDARD DEVIATION\]"),
         ({"population": {"payload": {"tolerance": "5 %"}}}, "has no nominal value"),
+        ({"population": {"move.from": {"tolerance": "5 %"}}}, "its nominal value here is 0, of which every share is 0"),
         ({"ageing": {"age": {"uniform": [0, 1]}}}, "ageing needs both"),
         ({"hidden": {"stribek": {}}}, "did you mean stribeck"),
         ({"population": None, "ageing": None}, "nothing differs between the members"),
