@@ -5,7 +5,7 @@ from __future__ import annotations
 import can
 import pytest
 
-from beltcomm.virtual.bus import FrameHash, LockstepBus
+from beltcomm.virtual.bus import DataFrame, FrameHash, LockstepBus
 
 
 class Echo:
@@ -176,3 +176,9 @@ def test_real_time_counts_missed_cycles_and_does_not_catch_up() -> None:
     assert bus.missed_cycles == 4
     assert wall.time_s == pytest.approx(100.008)  # tick 3 was due at 100.003, is taken at 100.0075, tick 4 at 100.008
     bus.shutdown()
+
+
+def test_a_frame_that_comes_in_is_what_python_can_would_make_of_it() -> None:
+    own, theirs = DataFrame(1.5, 0x181, b"\x01\x02"), can.Message(1.5, 0x181, False, data=b"\x01\x02")
+    assert all(getattr(own, name) == getattr(theirs, name) for name in can.Message.__slots__ if name != "__weakref__")
+    own.is_error_frame = True  # whoever listens may change it
