@@ -66,13 +66,15 @@ class VirtualClock:
 
     def __init__(self, bus: LockstepBus) -> None:
         self._bus = bus
-        self._asked_for_s = 0.0
+        self._asked_for_s = self._plain_s = 0.0
         self._asked_tick = 0
 
     def now(self) -> float:
         """Virtual time in s, a whole number of ticks (up to the rounding of the time last slept to), as the host's clock shows it."""
         tick, line = self._bus.tick, self._bus.line
-        now_s = tick / TICKS_PER_SECOND if line is None else tick / TICKS_PER_SECOND + line.ahead_s(tick)
+        if line is None:
+            return self._plain_s if tick == self._asked_tick else tick / TICKS_PER_SECOND
+        now_s = tick / TICKS_PER_SECOND + line.ahead_s(tick)
         return self._asked_for_s if tick == self._asked_tick and self._asked_for_s > now_s else now_s
 
     def sleep_until(self, t_s: float) -> None:
@@ -90,6 +92,7 @@ class VirtualClock:
                 bus.advance()
         if bus.tick == last:  # so that ``now() >= t_s`` holds when t_s is an ulp above its tick
             self._asked_for_s, self._asked_tick = t_s, last
+            self._plain_s = max(t_s, last / TICKS_PER_SECOND)
 
     @staticmethod
     def _last_tick(t_s: float) -> int:

@@ -137,9 +137,11 @@ class Loops:
     def torque(self, torque_nm: float) -> float:
         """All loops open: the torque itself, limited."""
         self._closed, self.asked_rad_s = False, None
-        if abs(torque_nm) > self.limit_nm:
+        if abs(torque_nm) >= self.limit_nm:
             torque_nm = math.copysign(self.limit_nm, torque_nm)
-        return self._decide(torque_nm)
+            self.limited = True
+        self.demand_nm = torque_nm
+        return torque_nm
 
     def velocity(self, speed_rad_s: float, acceleration_rad_s2: float, extra_nm: float = 0.0) -> float:
         """Velocity loop on a reference."""

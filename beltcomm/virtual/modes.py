@@ -326,7 +326,8 @@ class CyclicTorque(_Cyclic):
         """Torque setpoint of this tick, N m: what is asked for, not interpolated."""
         if self.controlword & HALT:
             return self.loops.torque(0.0)
-        return self.loops.torque(self._target_torque.value * self.loops.nm_per_unit + self.extra_nm())
+        nm_per_unit = self.loops.nm_per_unit
+        return self.loops.torque(self._target_torque.value * nm_per_unit + self._torque_offset.value * nm_per_unit)
 
 
 class Stop(Mode):

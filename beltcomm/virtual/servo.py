@@ -157,10 +157,9 @@ class Servo:
         now_s = self._now_s = tick / TICKS_PER_SECOND
         loops, stage, encoder, dictionary = self._loops, self._stage, self._encoder, self._dictionary
         before = encoder.angle_rad
-        encoder.latch(now_s)
-        loops.angle_rad = encoder.angle_rad
+        angle = loops.angle_rad = encoder.latch(now_s)
         pole = loops.filter_pole
-        speed = loops.speed_rad_s = pole * loops.speed_rad_s + (1.0 - pole) * (encoder.angle_rad - before) / TICK_S
+        speed = loops.speed_rad_s = pole * loops.speed_rad_s + (1.0 - pole) * (angle - before) / TICK_S
         scaling = loops.scaling
         position = _int32((encoder.counts + loops.shift_counts) * loops.units_per_count)
         self._position.value = position
@@ -313,8 +312,10 @@ class Servo:
             self._output.value = _int32(loops.output_rad_s * loops.scaling.velocity)
 
     def _publish_status(self) -> None:
-        machine, loops = self.machine, self._loops
-        word = machine.status_bits | (_VOLTAGE_ENABLED if self._faults.has_power else 0)
+        machine, loops, profile, faults = self.machine, self._loops, self._profile, self._faults
+        word = machine.status_bits
+        if faults.dc_link_v is None or faults.has_power:
+            word |= _VOLTAGE_ENABLED
         if self._remote:
             word |= _REMOTE
         if machine.operates:
@@ -329,7 +330,7 @@ class Servo:
             word |= _WARNING
         if self.referenced:
             word |= _REFERENCED
-        if self._profile.vendor_bits and self._dictionary.moving:
+        if profile.vendor_bits and self._dictionary.moving:
             word |= _MOVING
         self._statusword.value = word
         if self._vendor_status is not None:

@@ -160,12 +160,13 @@ class Encoder:
         self.counts = 0
         self.angle_rad = 0.0
 
-    def latch(self, now_s: float) -> None:
-        """Take a sample."""
+    def latch(self, now_s: float) -> float:
+        """Take a sample; returns its angle."""
         faults = self._faults
         if faults.encoder_step_at_s is not None and now_s >= faults.encoder_step_at_s:
             self._jumped += faults.encoder_step_counts
             faults.encoder_step_at_s = None
         counts = math.floor((self._plant.position_rad - self._zero_rad) * self._per_rad * faults.encoder_sign + 0.5)
-        self.counts = counts + self._jumped
-        self.angle_rad = self.counts * self.rad_per_count
+        self.counts = counts = counts + self._jumped
+        self.angle_rad = angle = counts * self.rad_per_count
+        return angle
