@@ -5,7 +5,8 @@ A tick of matplotlib is five artists that copy each other: making, measuring and
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -30,7 +31,7 @@ BELOW = 0.5
 #: Share of an axis by which rounding may put a mark outside.
 ROUNDING = 1e-6
 #: Side of an axis -> where it lies, its marks, the direction to the numbers, and how these stand there.
-_SIDES = {
+_SIDES: Mapping[str, tuple[float, Any, tuple[float, float], tuple[str, str]]] = {
     "bottom": (0.0, TICKDOWN, (0.0, -1.0), ("center", "top")),
     "top": (1.0, TICKUP, (0.0, 1.0), ("center", "baseline")),
     "left": (0.0, TICKLEFT, (-1.0, 0.0), ("right", "center_baseline")),
@@ -61,9 +62,9 @@ def drawn(axis: Axis) -> list[Text]:
         if shown.get(f"label{side}"):
             texts += _numbers(axes, side, known, shown.get("labelsize"))
     if texts and (offset := formatter.get_offset()):
-        below = texts[0].get_transform() - ScaledTranslation(0.0, texts[0].get_size() / POINTS_PER_INCH, axes.figure.dpi_scale_trans)
+        line = ScaledTranslation(0.0, -float(texts[0].get_fontsize()) / POINTS_PER_INCH, axes.figure.dpi_scale_trans)
         if across:
-            texts.append(axes.text(1.0, 0.0, offset, ha="right", va="top", transform=below))
+            texts.append(axes.text(1.0, 0.0, offset, ha="right", va="top", transform=texts[0].get_transform() + line))
         else:
             texts.append(axes.text(0.0, 1.0, offset, ha="left", va="bottom", transform=axes.transAxes))
     return texts
@@ -73,14 +74,15 @@ def without(axis: Axis) -> None:
     """Let the ticks go, of all axes that share this one."""
     axis.set_major_locator(NullLocator())
     axis.set_minor_locator(NullLocator())
+    axis.offsetText.set_visible(False)
 
 
-def _shares(axis: Axis, at: Sequence[float]) -> Array:
+def _shares(axis: Axis, at: Sequence[float] | Array) -> Array:
     """Where values lie: 0 at the left or lower end of an axis, 1 at the other."""
     if not len(at):
         return np.zeros(0)
     low, high, *scaled = axis.get_transform().transform(np.array([*axis.get_view_interval(), *at], dtype=np.float64))
-    return (np.array(scaled) - low) / (high - low)
+    return np.asarray((np.array(scaled) - low) / (high - low))
 
 
 def _ends(side: str, shares: Sequence[float] | Array) -> tuple[Array, Array]:
@@ -89,9 +91,11 @@ def _ends(side: str, shares: Sequence[float] | Array) -> tuple[Array, Array]:
 
 
 def _marks(axes: Axes, side: str, shares: Sequence[float] | Array, length_pt: float, width_pt: float) -> None:
-    if len(shares):
-        look = {"linestyle": "none", "marker": _SIDES[side][1], "markersize": length_pt, "markeredgewidth": width_pt, "color": "black"}
-        axes.add_artist(Line2D(*_ends(side, shares), transform=axes.transAxes, clip_on=False, zorder=BELOW, **look))
+    if not len(shares):
+        return
+    marks = Line2D(*_ends(side, shares), linestyle="none", marker=_SIDES[side][1], markersize=length_pt, markeredgewidth=width_pt)
+    marks.set(transform=axes.transAxes, clip_on=False, zorder=BELOW, color="black")
+    axes.add_artist(marks)
 
 
 def _numbers(axes: Axes, side: str, known: Sequence[tuple[float, str]], size: float | None) -> list[Text]:

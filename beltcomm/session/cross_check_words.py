@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,12 +19,14 @@ from beltcomm.laboratory.cross_checks import (
     resonances,
     sheet_doubts,
 )
-from beltcomm.laboratory.diagnosis import Diagnosis
 from beltcomm.laboratory.fitting import Fitted
 from beltcomm.laboratory.intervals import with_intervals
 from beltcomm.laboratory.score import ground_of
 from beltcomm.recording import Recording
 from beltcomm.session.words import number
+
+if TYPE_CHECKING:  # the report, which searches for nothing, uses this module too
+    from beltcomm.laboratory.diagnosis import Diagnosis
 
 #: Share of the squares below which no law of friction is worth looking for, and from which the bound is worth a line.
 WORTH = 0.05

@@ -26,7 +26,7 @@ from beltcomm.model import build_model
 from beltcomm.recording import Recording
 from beltcomm.runfolder import RunFolder
 from beltcomm.session.cross_check_words import sheet_lines
-from beltcomm.session.laboratory import explainable
+from beltcomm.session.opened import explainable
 from truth.hidden import draw, write_session
 
 Change = Callable[[Recording], Recording]
