@@ -94,11 +94,11 @@ def sheet_lines(doubts: Sequence[SheetDoubt], axis: Axis) -> list[str]:
 
 
 #: Units of the doubts as they are shown.
-_UNITS = {"N/m": (1e-3, "kN/m"), "kg m²": (1e6, "kg mm²")}
+_UNITS = {"N/m": (1e-3, "kN/m"), "kg m²": (1e4, "kg cm²")}
 #: What stands behind an entry of the axis file: words, and what it may differ by.
 _SHEETS = {
-    "motor.inertia_kg_m2": ("the inertia on the motor's side", "data sheets are within 20 %"),
-    "belt.specific_stiffness_n": ("the belt's stiffness", "data sheets are within 30 %"),
+    "motor.inertia_kg_m2": ("the inertia on the motor's side", "data sheets may be off by a factor of 1.2: -17 to +20 %"),
+    "belt.specific_stiffness_n": ("the belt's stiffness", "data sheets may be off by a factor of 1.3: -23 to +30 %"),
 }
 _CHECKS = {
     "motor.inertia_kg_m2": (

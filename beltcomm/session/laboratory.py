@@ -135,7 +135,7 @@ def sight(folder: RunFolder, found: Diagnosis, recordings: Sequence[Recording], 
     model = found.base.model
     missing = lacking(recordings, model["transmission.ratio"]) if "cart" in model.base_bodies else []
     data["lacking"] = missing
-    lines = words.lacking_lines(missing) + words.sight_lines(sights, not_named(model, recordings))
+    lines = words.lacking_lines(missing) + words.sight_lines(sights, folder.path, not_named(model, recordings))
     if following:
         travel = float(folder.axis.travel.max_m or 1.0) - float(folder.axis.travel.min_m or 0.0)
         wanted = plan_for(found.twins, [one for one in sights if not one.seen], recorded_sets(recordings, travel))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 from beltcomm.errors import DataError
@@ -30,7 +31,7 @@ class Opened:
     fitted: Fitted
     records: Checked
 
-    @property
+    @cached_property
     def sheets(self) -> tuple[SheetDoubt, ...]:
         """What of the data sheets the model contradicts."""
         return doubts_of(self.fitted, self.folder.axis, self.records.recordings)

@@ -131,10 +131,10 @@ def test_what_changed_since_another_run_stands_on_the_first_screen(page: str, co
 
 
 def test_a_page_that_cannot_be_made_costs_no_commissioning_its_verdict(tmp_path: Path) -> None:
-    where, line, _ = at_the_end(tmp_path / "nothing")
-    assert where is None
-    assert "there is no report" in line
-    assert "does not exist" in line
+    ended = at_the_end(tmp_path / "nothing")
+    assert ended.page is None
+    assert "there is no report" in ended.line
+    assert "does not exist" in ended.line
 
 
 def test_gains_stand_beside_the_numbers_of_the_drive(page: str, complete: Complete) -> None:
