@@ -71,7 +71,7 @@ def sheet_lines(doubts: Sequence[SheetDoubt], axis: Axis) -> list[str]:
     """As sentences: a wrong data sheet is no effect."""
     lines = []
     for doubt in doubts:
-        what, known = _SHEETS[doubt.entry]
+        what, known, where = _SHEETS[doubt.entry]
         scale, unit = _UNITS.get(doubt.unit, (1.0, doubt.unit))
         interval = None if doubt.interval is None else scale * doubt.interval
         share = f"{100.0 * abs(doubt.factor - 1.0):.0f} % {'less' if doubt.factor < 1.0 else 'more'} than"
@@ -79,7 +79,7 @@ def sheet_lines(doubts: Sequence[SheetDoubt], axis: Axis) -> list[str]:
             share = f"{doubt.factor:.3g} times what"
         lines.append(
             f"Data sheet: {what} was measured as {number(scale * doubt.found, interval, unit)}, {share} the "
-            f"{scale * doubt.sheet:.4g} {unit} of {axis} ({known}). The model uses what was "
+            f"{scale * doubt.sheet:.4g} {unit} of {axis}{where} ({known}). The model uses what was "
             "measured; look at data sheet and machine, no effect is missing for it."
         )
         if not doubt.common:
@@ -95,10 +95,14 @@ def sheet_lines(doubts: Sequence[SheetDoubt], axis: Axis) -> list[str]:
 
 #: Units of the doubts as they are shown.
 _UNITS = {"N/m": (1e-3, "kN/m"), "kg m²": (1e4, "kg cm²")}
-#: What stands behind an entry of the axis file: words, and what it may differ by.
+#: What stands behind an entry of the axis file: words, what it may differ by, and where it holds.
 _SHEETS = {
-    "motor.inertia_kg_m2": ("the inertia on the motor's side", "data sheets may be off by a factor of 1.2: -17 to +20 %"),
-    "belt.specific_stiffness_n": ("the belt's stiffness", "data sheets may be off by a factor of 1.3: -23 to +30 %"),
+    "motor.inertia_kg_m2": ("the inertia on the motor's side", "data sheets may be off by a factor of 1.2: -17 to +20 %", ""),
+    "belt.specific_stiffness_n": (
+        "the belt's stiffness",
+        "data sheets may be off by a factor of 1.3: -23 to +30 %",
+        " at the nearest of the places recorded",
+    ),
 }
 _CHECKS = {
     "motor.inertia_kg_m2": (
