@@ -87,7 +87,7 @@ def after_diagnosis(found: Diagnosis, run: Path) -> list[str]:
 
 def lacking_lines(missing: Sequence[str]) -> list[str]:
     """Which records are not there."""
-    return ["These records lack:", *(f"  {line}" for line in missing)] if missing else []
+    return ["Little can be seen here of some things:", *(f"  {line}" for line in missing)] if missing else []
 
 
 def sight_lines(sights: Sequence[Sight], run: Path, unnamed: Collection[str] = ()) -> list[str]:

@@ -39,7 +39,7 @@ def commission_points(axis: Axis, capabilities: Capabilities, lightest_kg: float
         ),
         ("how far", f"between {axis.travel.min_m:g} m and {axis.travel.max_m:g} m, with every stop: keep people, tools and cables out"),
         (
-            "which speed",
+            "how heavy",
             f"speeds in the table are those of a carriage of {lightest_kg:g} kg, the lightest that is thought of; a heavier one, weighed "
             "before it travels, is driven more slowly",
         ),
