@@ -20,14 +20,40 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     group.addoption("--drive-torque-nm", type=float, help="largest torque, motor shaft, N m")
 
 
+#: The longest, begun first, so that no worker waits for another at the end.  On a fresh clone the first fills the cache of compiled
+#: code with what most tests need, while the second compiles for a home of its own: nothing is compiled twice.
+FIRST = (
+    "tests/session",
+    "tests/test_packaging.py",
+    "tests/session/test_machines.py",
+    "tests/laboratory/test_hidden_effect.py",
+    "tests/laboratory/test_draws.py",
+    "tests/laboratory/test_demo.py",
+    "tests/identify/test_inverse_fit.py",
+    "tests/study/test_workers.py",
+)
+
+
+def work_unit(nodeid: str) -> str:
+    """What one worker takes: a whole file, and all of tests/session that shares one commissioning."""
+    file = nodeid.partition("::")[0]
+    return "tests/session" if file.startswith("tests/session/") and not file.endswith("test_machines.py") else file
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    if hasattr(config, "workerinput"):
+        places = {unit: place for place, unit in enumerate(FIRST)}
+        items.sort(key=lambda item: places.get(work_unit(item.nodeid), len(FIRST)))
+
+
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> object:
-    """Workers (``-n 2``) take whole files, and all of tests/session that shares one commissioning: no fixture is built twice."""
+    """Workers (``-n 2``) take whole work units: no fixture is built twice."""
     from xdist.scheduler import LoadScopeScheduling
 
     class ByFixture(LoadScopeScheduling):
         def _split_scope(self, nodeid: str) -> str:
-            file = nodeid.partition("::")[0]
-            return "tests/session" if file.startswith("tests/session/") and not file.endswith("test_machines.py") else file
+            return work_unit(nodeid)
 
+    config.option.loadscopereorder = False  # the order is that of the collection, not that of the number of tests
     return ByFixture(config, log)

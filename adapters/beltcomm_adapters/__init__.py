@@ -17,3 +17,5 @@ virtual          the same drive on the virtual bus       virtual_serial   ... at
 synctime         the host's clock where a drive's time is the count of SYNCs
 virtual_service  the virtual drive for other processes
 """
+
+from beltcomm.virtual import bare_can as bare_can  # before anything of it imports can

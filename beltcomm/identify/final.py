@@ -45,11 +45,12 @@ def final_model(
     counts_per_rev: int,
     *,
     start: Model | None = None,
+    reversals: bool | None = None,
     progress: Callable[[float], None] = lambda _fraction: None,
 ) -> FinalModel:
     """Fit all recordings with a constant belt stiffness, and by position where the places disagree; keep the better.
 
-    ``start`` replaces the start values found from the excited records.
+    ``start`` replaces the start values found from the excited records.   reversals : see :func:`fit_inverse`.
     Raises DataError when there is no excited record to start from, or none is usable; DamagedRecord when the angle of one jumps.
     """
     excited = [r for r in recordings if r.sidecar.experiment == "frf" and not r.sidecar.held_out]
@@ -70,11 +71,11 @@ def final_model(
     if apart and len(at) < len(placed):  # a record that does not say where it was made can only disturb a law along the travel
         nowhere = [r.name for r in placed if r.sidecar.start_position_m is None]
         told = [r for r in recordings if r.name not in nowhere]
-        found = final_model(told, axis, counts_per_rev, start=start, progress=progress)
+        found = final_model(told, axis, counts_per_rev, start=start, reversals=reversals, progress=progress)
         return replace(found, reason=f"{found.reason}; left out, because nobody knows where it was made: {', '.join(nowhere)}")
     start = as_constant(start, float(np.median(at)) if at else 0.0)
     share = 0.5 if apart else 1.0
-    constant = fit_inverse(recordings, start, counts_per_rev=counts_per_rev, progress=lambda f: progress(share * f))
+    constant = fit_inverse(recordings, start, counts_per_rev=counts_per_rev, reversals=reversals, progress=lambda f: progress(share * f))
     refuse_jumps(recordings, constant, counts_per_rev)
     places = stiffness_by_record(recordings, constant.model, counts_per_rev, constant.noise_nm)
     spread = clear_spread(places)
@@ -92,6 +93,7 @@ def final_model(
         varying_start,
         counts_per_rev=counts_per_rev,
         fixed=("transmission.ratio", "belt_spans.pulley_distance"),
+        reversals=constant.reversals,  # else the evidence would compare different samples
         progress=lambda f: progress(0.5 + 0.5 * f),
     )
     gain = evidence(varying, constant)

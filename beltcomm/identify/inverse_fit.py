@@ -18,6 +18,7 @@ from scipy.special import stdtrit
 
 from beltcomm.errors import DataError
 from beltcomm.identify.residual import Stretch, stretches, torque_noise, whitened
+from beltcomm.identify.reversals import turns_at_once
 from beltcomm.identify.uncertainty import remark_on, remark_on_rounding, remarks_on_pairs, sandwich
 from beltcomm.model import Model, expected_parameters
 from beltcomm.recording import Recording
@@ -46,6 +47,12 @@ OUTLIER = 25.0
 #: Parameters that are 0 until the data speak for them, and by how much the objective must fall for them: two deviations.
 DOUBTFUL = ("viscous_cart.damping",)
 WORTH_HAVING = 4.0
+#: Mean square of the whitened residual in samples with a reversal, over that of the others, up to which they count; and standard
+#: deviations by which they may move a mass or a stiffness: twice a 95 % interval, of two estimates of which one is up to twice as wide.
+REVERSAL_MISFIT = 1.15
+MOST_MOVED = 4.0
+#: What they may move as they see it, for it is them that tell it.
+RUBBING = ("coulomb.", "cart_friction.", "viscous")
 #: What the intervals allow for: the encoder's rounding is white noise only roughly, its step counts as if it were this much larger.
 ROUNDING_DOUBT = 2.0**0.5
 
@@ -59,6 +66,7 @@ class InverseFit:
     objective : minus twice the log likelihood, block-robust: what models of the same samples are compared by.
     record_misfit : by record.   samples : number that counted.   noise_nm : N m rms.
     freedom : degrees of freedom of the intervals (Student).     remarks : sentences (bounds, what is known badly and why).
+    reversals : whether samples in which the motor passes through a reversal counted.
     """
 
     model: Model
@@ -73,6 +81,7 @@ class InverseFit:
     noise_nm: float
     freedom: int
     remarks: tuple[str, ...]
+    reversals: bool = False
 
     @property
     def suspect(self) -> bool:
@@ -92,10 +101,12 @@ def fit_inverse(
     counts_per_rev: int,
     fixed: Sequence[str] = ("transmission.ratio",),
     noise_nm: float | None = None,
+    reversals: bool | None = None,
     progress: Callable[[float], None] = lambda _fraction: None,
 ) -> InverseFit:
     """Fit all parameters of ``start`` but the ``fixed`` ones to the recordings that are not held out.
 
+    reversals : whether samples in which the motor passes through a reversal count too; None: where friction is seen to turn round at once.
     Raises DataError when too few samples are left or the fit does not converge to finite values.
     """
     noise = torque_noise([r for r in recordings if not r.sidecar.held_out]) if noise_nm is None else noise_nm
@@ -109,18 +120,67 @@ def fit_inverse(
     # Far from the solution all blocks are bad, and weighting them down would leave the search without a slope.
     solution, _ = problem.minimised(problem.start(), robust=False, progress=lambda f: progress(0.4 * f))
     better = problem.model_at(solution)
-    pieces = [piece for recording in recordings for piece in stretches(recording, better, step, noise, fitted=True)]
-    fitted = [piece for piece in pieces if not piece.held_out]
-    groups = _labels(fitted, _check_enough(fitted, free))
-    problem = _Problem(fitted, better, free)
-    solution, objective = problem.minimised(problem.start(), robust=True, progress=lambda f: progress(0.4 + 0.4 * f))
-    for i, name in enumerate(free):
+    pieces = _pieces(recordings, better, step, noise)
+    group_s = _check_enough(_to_fit(pieces), free)
+    problem = _Problem(_to_fit(pieces), better, free)
+    solution, objective = _settled(problem, lambda f: progress(0.4 + 0.3 * f))
+    through = None if reversals is False else _with_reversals(recordings, problem, solution, step, noise, anyway=reversals is True)
+    if through is not None:
+        pieces, problem, solution, objective = through
+    progress(1.0)
+    groups = _labels(problem.pieces, group_s)
+    found = _report(problem, solution, objective, groups, [piece for piece in pieces if piece.held_out], noise)
+    return replace(found, reversals=through is not None)
+
+
+def _pieces(recordings: Sequence[Recording], model: Model, step_rad: float, noise_nm: float, *, reversals: bool = False) -> list[Stretch]:
+    found = [stretches(recording, model, step_rad, noise_nm, fitted=True, reversals=reversals) for recording in recordings]
+    return [piece for pieces in found for piece in pieces]
+
+
+def _to_fit(pieces: Sequence[Stretch]) -> list[Stretch]:
+    return [piece for piece in pieces if not piece.held_out]
+
+
+def _settled(problem: _Problem, progress: Callable[[float], None] = lambda _fraction: None) -> tuple[Array, float]:
+    """Minimum of the problem, doubtful parameters left out where they bring too little; unknowns and O."""
+    solution, objective = problem.minimised(problem.start(), robust=True, progress=progress)
+    for i, name in enumerate(problem.free):
         if name in DOUBTFUL and solution[i] > problem.low[i]:
             without, higher = problem.minimised(np.where(np.arange(len(solution)) == i, problem.low, solution), robust=True, fixed=(i,))
             if higher - objective < WORTH_HAVING:
                 solution, objective = without, higher
-    progress(1.0)
-    return _report(problem, solution, objective, groups, [piece for piece in pieces if piece.held_out], noise)
+    return solution, objective
+
+
+def _with_reversals(
+    recordings: Sequence[Recording], problem: _Problem, solution: Array, step_rad: float, noise_nm: float, *, anyway: bool
+) -> tuple[list[Stretch], _Problem, Array, float] | None:
+    """The fit with the samples in which the motor passes through a reversal; None where these do not fit to the others, but ``anyway``.
+
+    Friction that needs a way to turn round, or is higher at low speed, is seen there first and would pull at all parameters.
+    """
+    model = problem.model_at(solution)
+    if not turns_at_once(model):
+        return None
+    pieces = _pieces(recordings, model, step_rad, noise_nm, reversals=True)
+    more = _Problem(_to_fit(pieces), model, problem.free)
+    found, objective = _settled(more)
+    added = np.concatenate([(a.keep & ~b.keep)[a.keep] for a, b in zip(more.pieces, problem.pieces, strict=True)])
+    if anyway:
+        return pieces, more, found, objective
+    squares = more.residual(found) ** 2
+    if not added.any() or float(np.mean(squares[added])) > REVERSAL_MISFIT * max(1.0, float(np.mean(squares[~added]))):
+        return None
+    jacobian = more.jacobian(found) * more.judged(np.sqrt(squares))[1][:, None]
+    own = len(problem.free)
+    told = np.array([not name.startswith(RUBBING) for name in problem.free])
+    counted = np.flatnonzero(np.any(jacobian != 0.0, axis=0))
+    deviation = np.zeros(len(found))
+    deviation[counted] = np.sqrt(np.diag(np.linalg.pinv(jacobian[:, counted].T @ jacobian[:, counted])))
+    before = problem.full(solution)[problem.places] / more.scale[:own]
+    moved = np.abs(found[:own] - before) > MOST_MOVED * deviation[:own]
+    return None if np.any(moved & told & (deviation[:own] > 0.0)) else (pieces, more, found, objective)
 
 
 def _check_enough(pieces: Sequence[Stretch], free: Sequence[str]) -> float:

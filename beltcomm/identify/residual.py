@@ -12,13 +12,14 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.compiled import compiled
 from beltcomm.identify.following import Follower, follower_for, follows
+from beltcomm.identify.reversals import LEVEL, passed, turns_at_once
 from beltcomm.identify.whitening import NoisePath, Whitener, noise_path, whiten
 from beltcomm.linear import matrices, operating_point
 from beltcomm.model import Model
@@ -57,7 +58,8 @@ class Stretch:
     keep : ndarray (n,) bool, samples that count.     noise_nm : torque noise, N m rms.    step_rad : encoder step, rad.
     offset_m : m, the belt may be stretched by up to this at the start.   whitener : gains worked out beforehand for a model near the
     right one; without it every evaluation works out its own.   group : see :func:`grouped`.   rounding : shares for ``whitener``.
-    follower : observer where the carriage is free at times, see :func:`dressed`.
+    follower : observer where the carriage is free at times, see :func:`dressed`.   turns : what the kernel's Coulomb friction of level 1
+    lacks at reversals that count, (n,); without it samples with a reversal do not count.
     """
 
     record: str
@@ -73,6 +75,7 @@ class Stretch:
     rounding: tuple[float, float] = (1.0, 0.0)
     group: int = 1
     follower: Follower | None = None
+    turns: Array | None = None
 
     @cached_property
     def firsts(self) -> NDArray[np.intp]:
@@ -99,11 +102,19 @@ class Stretch:
 
 
 def stretches(
-    recording: Recording, model: Model, step_rad: float, noise_nm: float, *, fitted: bool = False, substeps: int = SUBSTEPS
+    recording: Recording,
+    model: Model,
+    step_rad: float,
+    noise_nm: float,
+    *,
+    fitted: bool = False,
+    substeps: int = SUBSTEPS,
+    reversals: bool = False,
 ) -> list[Stretch]:
     """The gapless pieces of a recording that hold at least 50 samples; ``model`` gives inertia and transmission.
 
     fitted : the model's load is good enough to say how the motor moves between the samples.   substeps : fine steps then.
+    reversals : samples in which the motor passes through a reversal count too, for a model with :func:`turns_at_once`, and fitted.
     """
     sample = recording.sample_period_s
     cuts = [0, *(int(i) + 1 for i in recording.gaps()), len(recording.t_s)]
@@ -123,12 +134,14 @@ def stretches(
             position, torque, sample, inertia, start_rad=place, substeps=substeps if fitted else COARSE_SUBSTEPS, time_s=time
         )
         if fitted:
-            load, _ = fine_load(model, motion)
-            if np.all(np.abs(load) < ABSURD_NM):  # else the model lets its bodies fly off and says nothing of the motor
-                acting = acting_cells(model, motion, torque)
-                push = coarse(acting, len(acting) // (len(motion.theta) - 1))
-                motion = reconstruct(position, push, sample, inertia, start_rad=place, substeps=substeps, time_s=time, load=load)
-        keep = ~resting(motion, STICK_SPEED_M_S if recording.side == "load" else STICK_SPEED_RAD_S)
+            motion = rebuilt(motion, model, position, torque, place)
+        stick_speed, turns = STICK_SPEED_M_S if recording.side == "load" else STICK_SPEED_RAD_S, None
+        if fitted and reversals and turns_at_once(model):
+            motion, keep, turns = passed(
+                motion, model, stick_speed, partial(rebuilt, model=model, position=position, torque=torque, start_rad=place)
+            )
+        else:
+            keep = ~resting(motion, stick_speed)
         if "cart" in model.base_bodies:
             keep &= ran_in(motion, ratio)
         else:
@@ -146,9 +159,23 @@ def stretches(
                 noise_nm,
                 step_rad,
                 start_offset(model, motion),
+                turns=turns,
             )
         )
     return pieces
+
+
+def rebuilt(
+    motion: FineMotion, model: Model, position: Array, torque: Array, start_rad: float, *, lacking: Array | float = 0.0
+) -> FineMotion:
+    """The motion between the samples with the load that it gives rise to, and one that is lacking there, N m, mean over each fine step."""
+    load, _ = fine_load(model, motion)
+    if not np.all(np.abs(load) < ABSURD_NM):  # the model lets its bodies fly off and says nothing of the motor
+        return motion
+    acting = acting_cells(model, motion, torque)
+    push = coarse(acting, len(acting) // (len(motion.theta) - 1)) - lacking
+    inertia, since = model["motor.inertia"], motion.time_s
+    return reconstruct(position, push, motion.sample_s, inertia, start_rad=start_rad, substeps=motion.substeps, time_s=since, load=load)
 
 
 def start_offset(model: Model, motion: FineMotion) -> float:
@@ -256,7 +283,8 @@ def evaluate(stretch: Stretch, model: Model, vector: Array, offset_m: float = 0.
     """Residual e[n], N m at the motor shaft, (n,): all samples, also those not kept.   offset_m : see ``fine_load``."""
     if stretch.follower is not None:
         return stretch.follower.innovations(model, stretch.motion, stretch.torque, vector)[1]
-    return torque_residual(model, stretch.motion, stretch.torque, vector, offset_m)
+    left = torque_residual(model, stretch.motion, stretch.torque, vector, offset_m)
+    return left if stretch.turns is None else left + vector[model.index(LEVEL)] * stretch.turns
 
 
 def whitened(stretch: Stretch, model: Model, vector: Array, offset_m: float = 0.0) -> Array:

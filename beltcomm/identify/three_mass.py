@@ -104,7 +104,7 @@ def compare_masses(
     Raises UsageError when the axis file lacks the belt's data, DataError as :func:`beltcomm.identify.final.final_model`.
     """
     axis.require("the three-mass model", "belt.specific_stiffness_n", "belt.pulley_distance_m")
-    two = final_model(recordings, axis, counts_per_rev, progress=lambda f: progress(0.4 * f))
+    two = final_model(recordings, axis, counts_per_rev, reversals=False, progress=lambda f: progress(0.4 * f))
     three = fit_three_mass(recordings, axis, two.fit, counts_per_rev, progress=lambda f: progress(0.4 + 0.5 * f))
     if "belt_stiffness" in two.fit.model.effects and evidence(three, two.fit) > 0.0:
         two = with_spans(two, axis, recordings, counts_per_rev)
@@ -121,7 +121,7 @@ def with_spans(two: FinalModel, axis: Axis, recordings: Sequence[Recording], cou
     places = {r.name: stiffness for r in recordings if r.sidecar.experiment == "frf" and not r.sidecar.held_out}
     start = by_position(two.fit.model, axis, recordings, places)
     fixed = ("transmission.ratio", "belt_spans.pulley_distance")
-    spans = fit_inverse(recordings, start, counts_per_rev=counts_per_rev, fixed=fixed, noise_nm=two.fit.noise_nm)
+    spans = fit_inverse(recordings, start, counts_per_rev=counts_per_rev, fixed=fixed, noise_nm=two.fit.noise_nm, reversals=False)
     gain = evidence(spans, two.fit)
     return (
         FinalModel(spans, two.fit, f"spans with a massless end pulley: evidence {gain:+.3g} against one stiffness") if gain > 0.0 else two
@@ -148,7 +148,7 @@ def fit_three_mass(
     best: InverseFit | None = None
     for number, start in enumerate(ranked[: MOST_STARTS if two.suspect else 1]):
         try:
-            found = fit_inverse(excited, start, counts_per_rev=counts_per_rev, fixed=fixed, noise_nm=two.noise_nm)
+            found = fit_inverse(excited, start, counts_per_rev=counts_per_rev, fixed=fixed, noise_nm=two.noise_nm, reversals=False)
         except DataError:
             continue
         if best is None or found.objective / found.samples < best.objective / best.samples:
@@ -166,6 +166,7 @@ def fit_three_mass(
             counts_per_rev=counts_per_rev,
             fixed=fixed,
             noise_nm=two.noise_nm,
+            reversals=False,
             progress=lambda f: progress(0.5 + 0.5 * f),
         )
     except DataError as problem:

@@ -7,6 +7,7 @@ import hashlib
 import pickle
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import wraps
 from pathlib import Path
 from typing import Any
 
@@ -56,6 +57,7 @@ def save(path: Path) -> None:
 
 
 def _remembering(function: Callable[..., Any]) -> Callable[..., Any]:
+    @wraps(function)
     def call(*args: Any, **named: Any) -> Any:
         digest = hashlib.sha256(function.__qualname__.encode())
         _feed(digest, (args, named))

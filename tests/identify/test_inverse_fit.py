@@ -11,7 +11,8 @@ from beltcomm.errors import DataError
 from beltcomm.identify.inverse_fit import InverseFit, fit_inverse
 from beltcomm.model import Model
 from beltcomm.recording import Recording
-from identify.records import COUNTS, PERIOD_S, Recorder, true_model
+from beltcomm.simulate.forward import simulate_torque
+from identify.records import COUNTS, PERIOD_S, STEP_RAD, Recorder, true_model
 from truth import Axis, ConstantBelt, TruthPlant
 from truth.rigs import draw
 
@@ -256,3 +257,22 @@ def test_slow_strokes_alone_are_refused_where_they_would_mislead(rig: str) -> No
     for name in unnamed:
         for fit in fits:
             assert abs(deviations(fit, truth)[name]) < 4.0, name
+
+
+def test_samples_with_a_reversal_count_where_friction_turns_at_once(g_b: Case) -> None:
+    assert g_b.fit.reversals
+    without = fit_inverse(g_b.records, g_b.fit.model, counts_per_rev=COUNTS, reversals=False)
+    assert without.samples < 0.75 * g_b.fit.samples
+    assert half(g_b.fit, "motor.inertia") < 0.8 * half(without, "motor.inertia")
+
+
+def test_friction_that_needs_a_way_to_turn_round_keeps_them_out() -> None:
+    plant = draw("g_b", np.random.default_rng(24))
+    truth = true_model(plant)
+    soft = truth.with_effect("presliding", {"length": 5e-6})
+    record = Recorder(24).shaken(plant, 0.3, 4, "prbs")
+    assert record.sidecar.excitation is not None
+    moved = simulate_torque(soft, record.torque, PERIOD_S, 0.3)
+    counted = np.floor(moved.position_rad / STEP_RAD) * STEP_RAD
+    fit = fit_inverse([replace(record, position=counted)], start_beside(truth), counts_per_rev=COUNTS)
+    assert not fit.reversals

@@ -25,6 +25,8 @@ def diagnosed(name: str, place: Path) -> tuple[dict[str, Any], dict[str, Any]]:
         archive.extractall(place, filter="data")
     result = CliRunner().invoke(cli, ["diagnose", str(place / name), "--no-cost", "--json"], standalone_mode=False)
     assert result.exception is None, result.exception
+    assert not (place / name / "models").exists(), "diagnose changes nothing"
+    assert not (place / name / "pictures").exists()
     return json.loads(result.stdout), yaml.safe_load((DRAWS / f"{name}.answer.yaml").read_text(encoding="utf-8"))
 
 
@@ -39,6 +41,7 @@ def test_a_healthy_machine_reads_one_and_nothing_is_named(tmp_path: Path) -> Non
 def test_the_hidden_effect_is_named_and_explains_all(tmp_path: Path) -> None:
     found, answer = diagnosed("draw_b", tmp_path)
     assert [found["ranking"][0]["effect"]] == answer["effects"]
+    assert found["ranking"][0]["accepted"]
     assert found["verdict"] == "explained"
     assert found["base"]["ratio"] > 1.5
     assert found["after"]["ratio"] == pytest.approx(1.0, abs=0.05)

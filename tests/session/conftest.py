@@ -5,16 +5,20 @@ from __future__ import annotations
 import pickle
 import shutil
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from functools import wraps
+from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import pytest
 
 from beltcomm import api
+from beltcomm.axis import Axis
 from beltcomm.identify.final import FinalModel, final_model
+from beltcomm.recording import Recording
 from beltcomm.runfolder import RunFolder
-from beltcomm.session import analyse, offline, phases, raising, stops
+from beltcomm.session import analyse, offline, phases, raising, sameness, stops
 from beltcomm.session import commission as sequence
 from session.bench import Bench, Listener
 
@@ -24,8 +28,10 @@ PURE = (
     (raising, "first_estimate"),
     (phases, "largest_amplitude"),
     (raising, "largest_amplitude"),
+    (sameness, "largest_amplitude"),
     (analyse, "design_cascade"),
     (analyse, "cautious_cascade"),
+    (analyse, "feasible_cascade"),
     (stops, "braked_by_loop"),
 )
 
@@ -83,26 +89,55 @@ def copy_of_complete(complete: Complete, tmp_path: Path) -> Callable[..., Path]:
 
 @pytest.fixture
 def fitted(complete: Complete, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Calculations that these tests do not look at: the final fit is that of the complete run, and nothing is computed twice."""
+    """A calculation that these tests do not look at: the final fit is that of the complete run."""
     for module in (sequence, offline):
         monkeypatch.setattr(module, "final_model", lambda *_args, **_kwargs: complete.final)
+
+
+@pytest.fixture(autouse=True)
+def remembered(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing in ``PURE`` is computed twice with the same arguments, by whichever test."""
     remember_pure(monkeypatch)
 
 
 def remember_pure(patch: pytest.MonkeyPatch) -> None:
-    """Nothing in ``PURE`` is computed twice with the same arguments, by whichever test."""
+    """The same, as long as the patch lasts."""
     for place, name in PURE:
         patch.setattr(place, name, remembering(getattr(place, name)))
+
+
+class Key(pickle.Pickler):
+    """Arguments without the names of the files that they came from, which are for messages only."""
+
+    NAMES: ClassVar[dict[type, str]] = {Recording: "file", Axis: "source"}
+
+    def reducer_override(self, item: Any) -> Any:
+        if type(item) not in self.NAMES:
+            return NotImplemented
+        name = self.NAMES[type(item)]
+        return dict, ({field.name: getattr(item, field.name) for field in fields(item) if field.name != name},)
+
+    @classmethod
+    def of(cls, *arguments: Any) -> bytes:
+        file = BytesIO()
+        pickler = cls(file)
+        pickler.fast = True  # equal values have equal bytes, whether or not an object stands in two places
+        pickler.dump(arguments)
+        return file.getvalue()
 
 
 _known: dict[bytes, Any] = {}
 
 
 def remembering(function: Callable[..., Any]) -> Callable[..., Any]:
-    """The same pure function, which computes nothing twice."""
+    """The same pure function, which computes nothing twice; arguments that have no bytes, as a test's stand-ins, are not remembered."""
 
+    @wraps(function)
     def call(*args: Any, **kwargs: Any) -> Any:
-        key = pickle.dumps((function.__qualname__, args, kwargs))
+        try:
+            key = Key.of(function.__qualname__, args, kwargs)
+        except (pickle.PicklingError, AttributeError, TypeError, ValueError):
+            return function(*args, **kwargs)
         if key not in _known:
             _known[key] = function(*args, **kwargs)
         return _known[key]

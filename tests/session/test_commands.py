@@ -14,9 +14,7 @@ from click.testing import CliRunner, Result
 from beltcomm.cli.main import cli
 from beltcomm.parameters import GAIN_NAMES
 from beltcomm.recording import load_recording
-from beltcomm.result import Result as Answer
 from beltcomm.runfolder import RunFolder
-from beltcomm.session import reporting
 from session.bench import RATIO, Bench
 from session.conftest import Complete
 
@@ -342,19 +340,6 @@ def test_a_dry_run_moves_and_writes_nothing(make_bench: MakeBench, copy_of_compl
     assert bench.parameters() == bench.initial
 
 
-@pytest.mark.usefixtures("fitted")
-def test_commission_prints_one_json_object(make_bench: MakeBench, copy_of_complete: Copy, monkeypatch: pytest.MonkeyPatch) -> None:
-    make_bench()
-    monkeypatch.setattr(reporting, "report", lambda run: Answer({"page": str(run / "report.html")}, []))
-    outcome = call("commission", *DRIVE, "--yes", "--run", copy_of_complete(), "--resume", "--json")
-    data = json_of(outcome)
-    assert data["verdict"]["passed"] is True
-    assert data["model"]["parameters"]["cart.mass"]["value"] == pytest.approx(13.44, rel=0.03)
-    assert {"run", "machine_seconds", "remarks", "model", "fit", "friction", "design", "verdict"} <= set(data)
-    assert data["page"].endswith("report.html")
-    assert "[8/8] verification" in outcome.stderr
-
-
 def test_nobody_can_be_asked(make_bench: MakeBench, tmp_path: Path) -> None:
     """Without --yes and with a closed stdin: usage, not a yes."""
     bench = make_bench()
@@ -364,6 +349,7 @@ def test_nobody_can_be_asked(make_bench: MakeBench, tmp_path: Path) -> None:
     assert bench.plant.cart_position_m == 0.0
 
 
+@pytest.mark.usefixtures("fitted")
 def test_a_design_that_replaces_proven_gains_says_so(copy_of_complete: Copy) -> None:
     run = copy_of_complete()
     said = "the gains before were proven by a move and are replaced"

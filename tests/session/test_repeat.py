@@ -13,11 +13,13 @@ from beltcomm import api
 from beltcomm.axis import load_axis
 from beltcomm.errors import Refused, UsageError
 from beltcomm.parameters import GAIN_NAMES
+from beltcomm.result import Result as Answer
 from beltcomm.runfolder import RunFolder
-from beltcomm.session.findings import Apply
+from beltcomm.session import reporting
 from beltcomm.virtual.bus import FrameHash
 from session.bench import Bench, Listener
 from session.conftest import SEED, Complete
+from session.test_commands import DRIVE, call, json_of
 
 MakeBench = Callable[..., Bench]
 Copy = Callable[..., Path]
@@ -74,34 +76,62 @@ def test_a_run_broken_off_goes_on_without_repeating_what_is_finished(make_bench:
 
 
 @pytest.mark.usefixtures("fitted")
-def test_a_finished_run_repeats_nothing(make_bench: MakeBench, copy_of_complete: Copy, complete: Complete) -> None:
+def test_a_finished_run_repeats_nothing_and_is_told_in_one_json_object(
+    make_bench: MakeBench, copy_of_complete: Copy, complete: Complete, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(reporting, "report", lambda run: Answer({"page": str(run / "report.html")}, []))
     run, bench = copy_of_complete(), make_bench()
     before = contents(run)
-    result = api.commission(bench.name, "egc-70-600", run, options=api.Options(yes=True, seed=SEED, resume=True))
+    outcome = call("commission", *DRIVE, "--yes", "--run", run, "--resume", "--json")
+    data = json_of(outcome)
     assert contents(run) == before
-    assert result.exit_code == 0
-    assert result.data["verdict"].measured == complete.result.data["verdict"].measured
+    assert data["verdict"]["passed"] is True
+    assert data["verdict"]["measured"] == complete.result.to_json()["verdict"]["measured"]
+    assert data["model"]["parameters"]["cart.mass"]["value"] == pytest.approx(13.44, rel=0.03)
+    assert {"run", "machine_seconds", "remarks", "model", "fit", "friction", "design", "verdict"} <= set(data)
+    assert data["page"].endswith("report.html")
+    assert "[8/8] verification" in outcome.stderr
     assert bench.now_s < 10.0  # the sign check and the way to the start of the move at most
 
 
 @pytest.mark.parametrize("changed", ["payload", "gains"])
 @pytest.mark.usefixtures("fitted")
 def test_a_move_driven_with_another_design_is_no_proof(make_bench: MakeBench, copy_of_complete: Copy, changed: str) -> None:
+    """It is driven again; and the new gains stay when that is asked for."""
     run, bench = copy_of_complete(), make_bench()
     options = api.Options(yes=True, seed=SEED, resume=True, payload_kg=30.0 if changed == "payload" else None)
     if changed == "gains":  # the record was driven with another K_P
+        options = replace(options, apply="save")
         note = run / "recordings" / "move_1.yaml"
         data = yaml.safe_load(note.read_text(encoding="utf-8"))
         data["controller"]["gains"]["kp_nm_s_rad"] *= 1.01
         note.write_text(yaml.safe_dump(data), encoding="utf-8")
     before = contents(run)
-    api.commission(bench.name, "egc-70-600", run, options=options)
+    result = api.commission(bench.name, "egc-70-600", run, options=options)
     folder = RunFolder.open(run)
     assert {"move_1", "move_2"} <= set(folder.finished_names())
     assert before.items() <= contents(run).items()
     designed = folder.load("designs", "final")["parameters"]
     assert folder.recording("move_2").sidecar.controller["gains"] == pytest.approx(designed)
     assert folder.load("results", "verify_move_2")["proof"]["further_payloads_kg"] == ([30.0] if changed == "payload" else [])
+    if changed == "gains":
+        assert result.exit_code == 0, "\n".join(result.lines())
+        check_saved(bench, run, designed)
+
+
+def check_saved(bench: Bench, run: Path, designed: dict[str, float]) -> None:
+    """The designed gains and nothing else are in the drive, beyond power-off, until the backup of the run folder is written back."""
+    now = bench.parameters()
+    for name, value in designed.items():
+        assert now[name] == pytest.approx(value, rel=1e-6)  # REAL32
+    assert {n: v for n, v in now.items() if n not in GAIN_NAMES} == {n: v for n, v in bench.initial.items() if n not in GAIN_NAMES}
+    assert bench.stands_disabled()
+    bench.power_cycle()
+    assert bench.parameters() == now
+    api.rollback(bench.name, run, options=api.Options(yes=True, apply="save"))
+    assert bench.parameters() == bench.initial
+    bench.power_cycle()
+    assert bench.parameters() == bench.initial
 
 
 def test_another_axis_is_not_the_run_that_was_begun(make_bench: MakeBench, copy_of_complete: Copy) -> None:
@@ -161,24 +191,3 @@ def test_there_is_nothing_to_go_on_with(make_bench: MakeBench, tmp_path: Path) -
     with pytest.raises(UsageError, match="does not exist; check --run or leave --resume out"):
         api.commission(bench.name, "egc-70-600", tmp_path / "none", options=api.Options(yes=True, resume=True))
     assert not (tmp_path / "none").exists()
-
-
-@pytest.mark.parametrize("apply", ["save"])
-@pytest.mark.usefixtures("fitted")
-def test_the_new_gains_stay_when_asked_for(make_bench: MakeBench, copy_of_complete: Copy, apply: Apply) -> None:
-    run, bench = copy_of_complete("move_1"), make_bench()
-    result = api.commission(bench.name, "egc-70-600", run, options=api.Options(yes=True, seed=SEED, resume=True, apply=apply))
-    assert result.exit_code == 0, "\n".join(result.lines())
-    designed = RunFolder.open(run).load("designs", "final")["parameters"]
-    now = bench.parameters()
-    for name, value in designed.items():
-        assert now[name] == pytest.approx(value, rel=1e-6)  # REAL32
-    assert {n: v for n, v in now.items() if n not in GAIN_NAMES} == {n: v for n, v in bench.initial.items() if n not in GAIN_NAMES}
-    assert bench.stands_disabled()
-    bench.power_cycle()
-    assert bench.parameters() == (now if apply == "save" else bench.initial)
-    # and back, by the backup that the run folder holds
-    api.rollback(bench.name, run, options=api.Options(yes=True, apply="save"))
-    assert bench.parameters() == bench.initial
-    bench.power_cycle()
-    assert bench.parameters() == bench.initial

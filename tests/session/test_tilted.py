@@ -22,7 +22,6 @@ from beltcomm.sidecar import Sidecar
 from beltcomm.stopping import Braking, Stop
 from beltcomm.trajectory import constant_speed_strokes
 from session.bench import RATIO, Bench, Listener
-from session.conftest import remember_pure
 from truth.plant import TruthPlant
 from truth.rigs import nominal
 
@@ -56,7 +55,6 @@ def standing(axis: Axis | str, tilt_deg: float, **motor: Any) -> Axis:
 def soft_stops(monkeypatch: pytest.MonkeyPatch) -> None:
     """The search for the hardest stop takes seconds and is examined in tests/test_stopping.py: here any that is soft enough.  A second of
     response less is no worse here."""
-    remember_pure(monkeypatch)
     monkeypatch.setattr(making, "RESPONSE_S", 5.0)
     found = Braking(1.5, 0.06, 5e-3), Stop(0.0, 0.0)
     monkeypatch.setattr(stops, "braked_by_loop", lambda *_args, **_kwargs: found)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from click.testing import CliRunner
@@ -13,7 +14,9 @@ from beltcomm import api
 from beltcomm.cli.main import cli
 from beltcomm.configfiles import read_yaml
 from beltcomm.errors import Refused, UsageError
+from beltcomm.identify.final import FinalModel, final_model
 from beltcomm.runfolder import RunFolder
+from beltcomm.session import commission, offline
 from beltcomm.virtual.faults import Faults
 from session.bench import Bench, Listener
 from session.test_bad_drive import AXIS, YES, MakeBench, fails
@@ -23,22 +26,30 @@ LOW_M, HIGH_M = -0.02, 0.03
 
 @dataclass
 class Here:
-    """An identification of rig g_b inside a window, and what was seen of it."""
+    """An identification of rig g_b inside a window, and what was seen of it.   final : its fit."""
 
     bench: Bench
     path: Path
     result: api.Result
     talk: Listener
+    final: FinalModel
 
 
 @pytest.fixture(scope="module")
 def here(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Here]:
     bench, talk = Bench("g_b", start_m=0.31, referenced=False), Listener()
     path = tmp_path_factory.mktemp("here") / "run"
+    fits: list[FinalModel] = []
+
+    def fit(*args: Any, **kwargs: Any) -> FinalModel:
+        fits.append(final_model(*args, **kwargs))
+        return fits[-1]
+
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(api, "open_drive", bench.open)
+        patch.setattr(commission, "final_model", fit)
         result = api.identify(bench.name, AXIS, path, options=replace(YES, window_m=(LOW_M, HIGH_M)), talk=talk)
-    yield Here(bench, path, result, talk)
+    yield Here(bench, path, result, talk, fits[-1])
     bench.close()
 
 
@@ -86,6 +97,7 @@ def test_it_says_what_is_not_possible_and_how_to_get_there(here: Here) -> None:
 
 def test_fit_and_design_cope_with_it_and_what_needs_a_reference_says_so(here: Here, monkeypatch: pytest.MonkeyPatch) -> None:
     """The fit says what it holds for, the design too, in its file as well; what moves along the travel is refused."""
+    monkeypatch.setattr(offline, "final_model", lambda *_args, **_kwargs: here.final)  # of the same records
     fitted = CliRunner().invoke(cli, ["fit", str(here.path)])
     assert fitted.exit_code == 0
     assert "the stiffness holds for that place alone" in fitted.stdout

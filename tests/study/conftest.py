@@ -11,7 +11,7 @@ import pytest
 from beltcomm import api
 from beltcomm.configfiles import to_yaml
 
-MEMBERS = 40
+MEMBERS = 20
 STUDY: dict[str, Any] = {
     "name": "small",
     "base": {

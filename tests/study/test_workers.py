@@ -19,6 +19,7 @@ from beltcomm import api
 from beltcomm.errors import DataError, Refused, UsageError
 from beltcomm.session.study_workers import answers
 from beltcomm.talk import Silence
+from study.conftest import MEMBERS
 from study.dying import dying, dying_once
 
 RESULTS = ("members.jsonl", "summary.json")
@@ -81,12 +82,12 @@ def test_a_killed_study_goes_on_in_other_processes(small: Path, alone: Path, tmp
             time.sleep(0.01)
         process.kill()
     before = members.read_bytes().splitlines()
-    assert 1 <= len(before) < 40
+    assert 1 <= len(before) < MEMBERS
     with open(members, "ab") as file:
-        file.write(b'{"member": 39, "key')  # what a write that was cut off leaves behind
+        file.write(b'{"member": 19, "key')  # what a write that was cut off leaves behind
     said = Told()
     api.study(small, tmp_path, workers=2, report=False, talk=said)
-    assert f"{40 - len(before)} members to compute ({len(before)} are done)" in said.said[0]
+    assert f"{MEMBERS - len(before)} members to compute ({len(before)} are done)" in said.said[0]
     assert set(before) <= set(members.read_bytes().splitlines())
     assert same(alone, tmp_path)
 
@@ -105,8 +106,8 @@ def test_a_folder_of_another_study_is_left_alone(written: Callable[..., Path], s
         api.study(written(seed=4), alone)
     with pytest.raises(UsageError, match="base, design, move, targets"):
         api.study(written(targets={"dynamic": "2 mm"}), alone)
-    with pytest.raises(UsageError, match="this study has 20"):
-        api.study(written(members=20), alone)
+    with pytest.raises(UsageError, match="this study has 10"):
+        api.study(written(members=10), alone)
     assert (alone / "members.jsonl").read_bytes() == before
 
 
@@ -129,5 +130,5 @@ def test_a_member_again_is_the_same(small: Path, alone: Path, tmp_path: Path) ->
     line = json.loads((alone / "members.jsonl").read_text(encoding="utf-8").splitlines()[7])
     assert {key: again.data[key] for key in line} == line
     assert (tmp_path / "plant.yaml").is_file()
-    with pytest.raises(UsageError, match="members 0 to 39"):
-        api.study_member(small, 40)
+    with pytest.raises(UsageError, match="members 0 to 19"):
+        api.study_member(small, MEMBERS)

@@ -1,0 +1,146 @@
+"""Reversals that the motor passes through: where dry friction turns round at one instant, and what a grid of time misses of it.
+
+A motor that comes to standstill may stick, and then carries any torque up to its friction: nothing is known there.  One that goes on
+the other way with more torque to spare than friction takes cannot have stuck.  Its friction is -level before the instant t₀ at which
+the speed is zero and +level after it (or the reverse); with the accelerations a₁ before and a₂ after it, in a fine step of length h,
+
+    t₀ - t_k = h t₁/(t₁ + t₂),    t₁ = |ω_k|/a₁,    t₂ = |ω_k+1|/a₂.
+
+The kernel lets friction turn at a point of the grid, and Simpson's rule takes a jump for a curve: both together are off by a third of a
+fine step, 20 us, and always to the same side.  Beside samples without a reversal that is nothing; in samples with one it would
+be 0.5 % of the motor's inertia.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltcomm.compiled import compiled
+from beltcomm.model import Model
+from beltcomm.simulate.inverse import FineMotion
+from beltcomm.simulate.mean import triangular_mean
+
+Array = NDArray[np.float64]
+
+#: Parameter of the friction that turns.
+LEVEL = "coulomb.level"
+#: Rounds in which instants and motion find each other.
+ROUNDS = 2
+#: Torque that a motor has to spare after a reversal, over its friction, for it not to have stuck.
+TO_SPARE = 1.0
+#: An acceleration beside a reversal is taken as this share, at least, of the mean over the step in which it lies.
+LEAST_SHARE = 0.2
+#: Fine steps after which the kernel's friction has turned round.
+TURNED = 4
+
+
+def turns_at_once(model: Model) -> bool:
+    """Whether the motor's friction, as the model has it, has one level and turns round where the speed does."""
+    rubbing = {e.name for e in model.effect_list() if e.body == "motor" and e.slot in ("friction_level", "friction_onset")}
+    return "cart" in model.base_bodies and rubbing <= {"coulomb"}
+
+
+def passed(
+    motion: FineMotion, model: Model, slow_rad_s: float, rebuilt: Callable[..., FineMotion]
+) -> tuple[FineMotion, NDArray[np.bool_], Array | None]:
+    """The motion with friction that turns at the right instants, samples that count, (n,), and what the kernel's friction of level 1 lacks.
+
+    rebuilt : motion between the samples made anew; ``lacking`` : a load more, N m, mean over each fine step.
+    """
+    level = model.get(LEVEL)
+    if not level:  # nothing holds this motor anywhere
+        keep = np.ones(motion.samples, dtype=np.bool_)
+        keep[[0, -1]] = False
+        return motion, keep, None
+    ratio, least = model["transmission.ratio"], TO_SPARE * level / model["motor.inertia"]
+    for _ in range(ROUNDS):
+        _, instants = passages(motion, slow_rad_s, least)
+        motion = rebuilt(motion, lacking=level * missed(motion, instants, ratio)[0])
+    doubtful, instants = passages(motion, slow_rad_s, least)
+    return motion, ~samples_at(doubtful, motion.substeps), missed(motion, instants, ratio)[1]
+
+
+def passages(motion: FineMotion, slow_rad_s: float, least_rad_s2: float) -> tuple[NDArray[np.bool_], Array]:
+    """Points of the fine grid, (fine,), at which the motor may have stuck; and instants at which it surely did not, in fine steps.
+
+    slow_rad_s : speed above which it is surely moving.   least_rad_s2 : with this much, before and after, it goes through a reversal.
+    """
+    doubtful = np.zeros(len(motion.omega), dtype=np.bool_)
+    instants = np.empty(len(motion.omega))
+    count = _passages(motion.omega, slow_rad_s, least_rad_s2 * motion.sample_s / motion.substeps, doubtful, instants)
+    return doubtful, instants[:count].copy()
+
+
+@compiled
+def _passages(omega: Array, slow: float, least: float, doubtful: NDArray[np.bool_], instants: Array) -> int:
+    """:func:`passages` with ``least`` per fine step; number of instants."""
+    n, count, i = omega.shape[0], 0, 0
+    while i < n:
+        turned = i > 0 and abs(omega[i]) >= slow and omega[i - 1] * omega[i] < 0.0
+        if abs(omega[i]) >= slow and not turned:
+            i += 1
+            continue
+        first = i - 1  # the last point that surely moves, or -1
+        last = i
+        while last < n and abs(omega[last]) < slow:
+            last += 1
+        crossed, at = 0, -1
+        for k in range(max(first, 0), min(last, n - 1)):
+            if omega[k] * omega[k + 1] <= 0.0:
+                crossed, at = crossed + 1, k
+        through = first >= 1 and last < n - 1 and crossed == 1 and omega[first] * omega[last] < 0.0
+        if through:
+            mean = abs(omega[at + 1] - omega[at])
+            before = max(abs(omega[at] - omega[at - 1]), LEAST_SHARE * mean)
+            after = max(abs(omega[at + 2] - omega[at + 1]), LEAST_SHARE * mean)
+            one, two = abs(omega[at]) / before, abs(omega[at + 1]) / after
+            instant = at + one / (one + two)
+            through = min(abs(omega[first]) / (instant - first), abs(omega[last]) / (last - instant)) >= least
+            if through:
+                instants[count] = instant
+                count += 1
+        if not through:
+            for k in range(max(first, 0), min(last + 1, n)):
+                doubtful[k] = True
+        i = max(last, i + 1)
+    return count
+
+
+def samples_at(doubtful: NDArray[np.bool_], substeps: int) -> NDArray[np.bool_]:
+    """Samples whose triangular weight touches a doubtful point; the ends too; (fine,) -> (n,)."""
+    inside = np.any(np.lib.stride_tricks.sliding_window_view(doubtful, substeps + 1)[::substeps], axis=1)
+    touched = np.ones(len(doubtful) // substeps + 1, dtype=np.bool_)
+    touched[1:-1] = inside[:-1] | inside[1:]
+    return touched
+
+
+def missed(motion: FineMotion, instants: Array, ratio: float) -> tuple[Array, Array]:
+    """What the kernel's friction of level 1 N m lacks around these instants: mean over each fine step, (fine - 1,), and over each
+    sample with its triangular weight, (n,), ends 0.   ratio : m/rad.
+    """
+    points = _directions(motion.theta, ratio / motion.bristle_m)
+    kernel = 0.5 * (points[:-1] + points[1:])
+    cells = kernel.copy()
+    place = instants.astype(np.intp)
+    for k, share in zip(place, instants - place, strict=True):
+        side = 1.0 if motion.omega[k + 1] > 0.0 else -1.0
+        cells[k] = side * (1.0 - 2.0 * share)
+        cells[k + 1 : k + TURNED] = side
+    rows = cells.reshape(motion.samples - 1, motion.substeps)
+    ramp = (np.arange(motion.substeps) + 0.5) / motion.substeps**2  # the middle of a step weighs it exactly: the weight is linear within it
+    mean = np.zeros(motion.samples)
+    mean[1:-1] = rows[:-1] @ ramp + rows[1:] @ ramp[::-1]
+    return cells - kernel, mean - triangular_mean(points, motion.substeps)
+
+
+@compiled
+def _directions(theta: Array, turning: float) -> Array:
+    """Direction of the motor's friction as the kernel has it, -1 to 1, at each point of the fine grid."""
+    z, out = 0.0, np.zeros(theta.shape[0])
+    for k in range(1, theta.shape[0]):
+        z = min(1.0, max(-1.0, z + turning * (theta[k] - theta[k - 1])))
+        out[k] = z
+    return out
