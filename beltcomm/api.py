@@ -98,8 +98,9 @@ def commission(drive: str, axis: Axis | str, run: Path, *, options: Options | No
     outcome.keep_text(folder, text.whole())
     page = None
     if options.report:
-        page, line, error = at_the_end(run)
-        text = outcome.commission_text(folder, findings, drive, page=line, error=error)
+        ended = at_the_end(run)
+        page = ended.page
+        text = outcome.commission_text(folder, findings, drive, page=ended.line, error=ended.error, doubts=ended.doubts)
         outcome.keep_text(folder, text.whole())
     found = {**outcome.data(folder, findings), "visible": plan.visible, "page": page}
     return Result(found, text.short(), 0 if findings.succeeded else 1)

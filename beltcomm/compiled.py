@@ -8,6 +8,7 @@ from functools import lru_cache, wraps
 from typing import TYPE_CHECKING, ParamSpec, TypeVar, cast
 
 import numba
+from numba.core import event
 
 if TYPE_CHECKING:
     from threadpoolctl import ThreadpoolController
@@ -37,6 +38,29 @@ def in_lanes(function: Callable[_P, _R]) -> Callable[_P, _R]:
         return cast("Callable[_P, _R]", numba.njit(cache=True, error_model="numpy", fastmath={"contract"})(function))
     except RuntimeError:
         return cast("Callable[_P, _R]", numba.njit(error_model="numpy", fastmath={"contract"})(function))
+
+
+def when_compiling(begun: Callable[[], None], ended: Callable[[], None]) -> None:
+    """Call these before and after everything that is really compiled; what is found in the cache, and what another kernel needs, is not.
+
+    begun, ended : of the outermost one.
+    """
+    depth = 0
+
+    class Listener(event.Listener):
+        def on_start(self, event: object) -> None:
+            nonlocal depth
+            depth += 1
+            if depth == 1:
+                begun()
+
+        def on_end(self, event: object) -> None:
+            nonlocal depth
+            depth -= 1
+            if depth == 0:
+                ended()
+
+    event.register("numba:compile", Listener())  # type: ignore[no-untyped-call]
 
 
 def in_one_thread(function: Callable[_P, _R]) -> Callable[_P, _R]:

@@ -236,7 +236,11 @@ class Frame:
 
 def api() -> Any:
     """:mod:`beltcomm.api`, imported when a verb runs: numba takes longer to import than ``--help`` may last."""
-    return importlib.import_module("beltcomm.api")
+    from beltcomm.cli import kernels
+
+    module = importlib.import_module("beltcomm.api")
+    kernels.listen()
+    return module
 
 
 def axis_for(axis: str | None, drive: str, run: Path | None, resume: bool) -> Axis:

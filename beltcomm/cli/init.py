@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 import re
 import sys
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +21,7 @@ from beltcomm.quantities import parse_quantity, unit_of
 
 if TYPE_CHECKING:
     from beltcomm.axis import Axis
+    from beltcomm.axis_entries import Entry
 
 _INTRODUCTION = (
     "I ask for the data sheets' values of motor, coupling, pulley, belt and limits. Write a unit if it is not the one in "
@@ -44,7 +47,10 @@ _OTHERWISE = {
 }
 #: Asked only where another entry of the section has a value.
 _ONLY_WITH = {"brake_time_s": "brake_torque_nm"}
+#: Behind the name of the file: what was answered when the questions were broken off.
+UNFINISHED = ".unfinished"
 _NONE, _BACK = ("none", "no", "-"), ("back", "<")
+_TEETH = re.compile(r"(\d+)\s*(?:teeth)?\s*[x×*]\s*(.+)", re.IGNORECASE)
 _BELT_SECTIONS = ("gearbox", "coupling", "pulley", "belt")
 
 
@@ -58,21 +64,27 @@ _BELT_SECTIONS = ("gearbox", "coupling", "pulley", "belt")
 def command(frame: Frame, /, file: Path, template: str | None, entries: tuple[str, ...], yes: bool) -> int:
     """Write FILE (axis.yaml): what is known of an axis beforehand, by questions from its data sheets."""
     from beltcomm.axis import Axis, axis_from_dict, load_axis, save_axis
+    from beltcomm.configfiles import read_yaml
 
     if file.is_dir():
         raise UsageError(f"{file} is a folder; give the name of the file to write, such as {file / 'axis.yaml'}")
-    start = load_axis(template) if template else Axis()
+    unfinished = file.with_name(f"{file.name}{UNFINISHED}")
+    begun = unfinished.is_file() and not (template or entries or yes)
+    start = load_axis(template) if template else axis_from_dict(read_yaml(unfinished), unfinished) if begun else Axis()
     data = start.to_dict()
     # an axis that is begun with values asks no more than whether a file may be overwritten
     if entries or yes:
         for text in entries:
             _set(data, text)
     else:
-        data = _ask_all(start)
+        if begun:
+            click.echo(f"{unfinished} holds the answers of a start that was broken off; Enter keeps them.\n", err=True)
+        data = _ask_all(start, unfinished)
     axis = axis_from_dict(data)
     if file.exists() and not yes and not frame.talk().confirm(f"{file} exists. Overwrite it?"):
         raise Refused(f"{file} was left as it is; give another file name")
     save_axis(axis, file)
+    unfinished.unlink(missing_ok=True)
     missing = _missing(axis)
     lines = [f"{file} is written: {axis.name or 'an axis without a name'}."]
     lines += [f"Still needed: {entry} for {purpose}." for entry, purpose in missing.items()]
@@ -132,8 +144,8 @@ def _with_key(key: str, name: str, text: str) -> float:
         raise UsageError(f"{key.removesuffix(name)}{error}") from error
 
 
-def _ask_all(start: Axis) -> dict[str, Any]:
-    """All entries by questions; a wrong answer is explained and asked again."""
+def _ask_all(start: Axis, unfinished: Path) -> dict[str, Any]:
+    """All entries by questions; a wrong answer is explained and asked again.   unfinished : what is known when they are broken off."""
     from beltcomm.axis_entries import SECTIONS, entries_of
 
     click.echo(_INTRODUCTION, err=True)
@@ -145,39 +157,88 @@ def _ask_all(start: Axis) -> dict[str, Any]:
         data.pop(section, None)
     entries = {section: entries_of(kind) for section, kind in sections.items()}
     questions = [(section, name) for section in sections for name in (*(["name"] if section == "motor" else []), *entries[section])]
-    answers: dict[tuple[str, str], Any] = {}
+    answers = _Answers(data["name"])
+    try:
+        _ask_each(questions, entries, start, answers)
+    except (KeyboardInterrupt, UsageError):
+        _keep(answers.known, unfinished)
+        raise
+    return {**data, **{section: answers.known.get(section, {}) for section in sections}}
+
+
+def _keep(known: dict[str, Any], unfinished: Path) -> None:
+    from beltcomm.configfiles import to_yaml, write_text
+
+    if len(known) > 1:  # more than its name
+        write_text(unfinished, to_yaml(known))
+        click.echo(f"\nWhat was answered is kept in {unfinished}; the same command goes on with it.", err=True)
+
+
+class _Answers:
+    """What was answered.   told : by section and name, in the order asked.   implied : what one of them says of others, not asked then."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.told: dict[tuple[str, str], Any] = {}
+        self.implied: dict[tuple[str, str], float] = {}
+
+    @property
+    def known(self) -> dict[str, Any]:
+        """As axis.yaml has it."""
+        found: dict[str, Any] = {"name": self.name}
+        for (section, name), value in {**self.told, **self.implied}.items():
+            if value not in (None, ""):
+                found.setdefault(section, {})[name] = value
+        return found
+
+    def fault(self, section: str, name: str, value: float) -> str:
+        """What a further answer contradicts, "" for nothing."""
+        from beltcomm.axis import axis_from_dict
+
+        known = self.known
+        try:
+            axis_from_dict({**known, section: {**known.get(section, {}), name: value}})
+        except UsageError as error:
+            return str(error)
+        return ""
+
+
+def _ask_each(questions: Sequence[tuple[str, str]], entries: Mapping[str, Mapping[str, Entry]], start: Axis, answers: _Answers) -> None:
+    """The questions one after the other, and back."""
+    before: dict[tuple[str, str], Any] = {}  # answered before somebody went back
     asked: list[int] = []
     at = 0
     while at < len(questions):
-        section, name = questions[at]
-        if name in _ONLY_WITH and answers.get((section, _ONLY_WITH[name])) is None:
+        section, name = key = questions[at]
+        if key in answers.implied or (name in _ONLY_WITH and answers.told.get((section, _ONLY_WITH[name])) is None):
             at += 1
             continue
         if not asked or questions[asked[-1]][0] != section:
             click.echo(f"\n{_TITLES[section]}", err=True)
-        default = answers.get((section, name), getattr(getattr(start, section), name, None))
+        default = before.get(key, getattr(getattr(start, section), name, None))
         try:
             if name == "name":
-                answers[section, name] = _answer("  Type", default or "", back=True)
+                answers.told[key] = _answer("  Type", default or "", back=True)
             else:
-                entry = entries[section][name]
-                answers[section, name] = _ask_number(f"{section}.{name}", name, entry.meaning, default, entry.fault)
+                value, text = _ask_number(f"{section}.{name}", name, entries[section][name], default, partial(answers.fault, section, name))
+                answers.told[key] = value
+                if name == "effective_radius_m":
+                    answers.implied = _toothed(text)
         except _Back:
             at = asked.pop() if asked else 0
+            before[questions[at]] = answers.told.pop(questions[at], None)
             continue
         asked.append(at)
         at += 1
-    for section in sections:
-        data[section] = {name: value for (of, name), value in answers.items() if of == section and value not in (None, "")}
-    return data
 
 
 class _Back(Exception):
     """The question before is asked again."""
 
 
-def _ask_number(key: str, name: str, meaning: str, default: float | None, fault: Any) -> float | None:
-    unit, needed = unit_of(name), COMMISSION_NEEDS.get(key, "")
+def _ask_number(key: str, name: str, entry: Entry, default: float | None, contradicts: Callable[[float], str]) -> tuple[float | None, str]:
+    """A number, and how it was written.   contradicts : what was answered before, in words."""
+    unit, needed, meaning = unit_of(name), COMMISSION_NEEDS.get(key, ""), entry.meaning
     shown = ", ".join(filter(None, [unit or "number", _OTHERWISE.get(name, "")]))
     while True:
         text = _answer(f"  {meaning[0].upper()}{meaning[1:]} [{shown}]", "" if default is None else f"{default!r}", back=True)
@@ -188,17 +249,27 @@ def _ask_number(key: str, name: str, meaning: str, default: float | None, fault:
             needed = ""
             continue
         if not text or text.lower() in _NONE:
-            return None
+            return None, ""
         try:
             value = _otherwise(name, text)
             value = _with_key(key, name, text) if value is None else value
         except UsageError as error:
             click.echo(f"    {error}", err=True)
             continue
-        wrong = fault(value)
-        if not wrong:
-            return value
-        click.echo(f"    {key} is {value:g}{unit and f' {unit}'}; {wrong}", err=True)
+        if wrong := entry.fault(value):
+            click.echo(f"    {key} is {value:g}{unit and f' {unit}'}; {wrong}", err=True)
+        elif wrong := contradicts(value):
+            click.echo(f"    {wrong}; give another value, or 'back' to change what was answered before", err=True)
+        else:
+            return value, text
+
+
+def _toothed(text: str) -> dict[tuple[str, str], float]:
+    """What ``22 x 8 mm`` says beside the radius; nothing for a radius that was written otherwise."""
+    found = _TEETH.fullmatch(text)
+    if not found:
+        return {}
+    return {("pulley", "teeth"): int(found[1]), ("belt", "pitch_m"): parse_quantity(found[2], "pitch_m")}
 
 
 def _otherwise(name: str, text: str) -> float | None:
@@ -208,8 +279,7 @@ def _otherwise(name: str, text: str) -> float | None:
         return float(2 ** int(bits[1]))
     if name != "effective_radius_m":
         return None
-    teeth = re.fullmatch(r"(\d+)\s*(?:teeth)?\s*[x×*]\s*(.+)", text, re.IGNORECASE)
-    if teeth:
+    if teeth := _TEETH.fullmatch(text):
         return int(teeth[1]) * parse_quantity(teeth[2], "pitch_m") / math.tau
     turn = re.fullmatch(r"(.+?)\s*(?:/|per)\s*(?:rev|turn|revolution|u)", text, re.IGNORECASE)
     return parse_quantity(turn[1], "travel_m") / math.tau if turn else None

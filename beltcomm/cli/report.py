@@ -7,6 +7,7 @@ from pathlib import Path
 
 import click
 
+from beltcomm.cli import kernels
 from beltcomm.cli import options as shared
 from beltcomm.cli.frame import Frame
 
@@ -23,6 +24,8 @@ def command(frame: Frame, /, run: Path, against: Path | None, out: Path | None) 
     gc.disable()  # before the imports: a process of some seconds ends before anything is worth collecting
     try:
         from beltcomm.session.reporting import report as page  # alone: what moves a machine takes long to import
+
+        kernels.listen()
 
         return frame.show(page(run, against=against, out=out, talk=frame.talk()))
     finally:

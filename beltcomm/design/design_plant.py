@@ -163,7 +163,7 @@ def with_friction_fractions(plant: DesignPlant, fractions: Sequence[float]) -> l
             plant,
             motor_damping_nm_s_rad=fraction * plant.motor_damping_nm_s_rad,
             cart_damping_ns_m=fraction * plant.cart_damping_ns_m,
-            name=f"{plant.name}, {100.0 * fraction:.0f} % of the apparent damping".lstrip(", "),
+            name=f"{plant.name}, {100.0 * fraction:.0f} % of the damping seen at standstill".lstrip(", "),
         )
         for fraction in fractions
     ]

@@ -68,9 +68,12 @@ def lacking(recordings: Sequence[Recording], ratio_m_rad: float) -> list[str]:
     speeds = [float(np.percentile(np.abs(np.gradient(r.position, r.t_s)), 90.0)) * ratio_m_rad for r in to_fit]
     strokes = [speed for r, speed in zip(to_fit, speeds, strict=True) if r.sidecar.experiment != "frf"]
     if not any(speed < SLOW_M_S for speed in strokes):
-        lines.append(f"no stroke below {SLOW_M_S:g} m/s: friction at low speed, cogging and ripple are hardly seen")
+        lines.append(
+            f"no fitted record stays below {SLOW_M_S:g} m/s for nine tenths of its time: friction at low speed, cogging and ripple "
+            "are hardly seen"
+        )
     if not any(speed > 0.5 for speed in strokes):
-        lines.append("no stroke above 0.5 m/s: drag and saturation are hardly seen")
+        lines.append("no fitted record is faster than 0.5 m/s for a tenth of its time: drag and saturation are hardly seen")
     places = [r.sidecar.start_position_m for r in to_fit if r.sidecar.start_position_m is not None]
     ways = [float(np.ptp(r.position)) * ratio_m_rad for r in to_fit]
     if max(ways, default=0.0) < APART_M and (len(places) < 2 or np.ptp(places) < APART_M):

@@ -151,14 +151,11 @@ def bode_figure(pairs: Sequence[ResponsePair], landmarks: Mapping[str, float], c
         middle.set_ylabel("phase in degrees")
         lower.set_yscale("log")
         lower.set_ylim(0.1, 1500.0)
-        lower.set_yticks([0.1, 1.0, 10.0, 100.0, 1000.0], ["0.1", "1", "10", "100", "1000"])
+        style.numbers_at(lower.yaxis, [0.1, 1.0, 10.0, 100.0, 1000.0])
         lower.set_ylabel("difference in %")
         lower.legend(loc="upper right", fontsize=8, ncols=2)
         middle.set_ylim(-370.0, 10.0)
-        middle.set_yticks([-360, -270, -180, -90, 0])
+        style.numbers_at(middle.yaxis, style.DEGREES)
         strip.set(xlabel="frequency in Hz", ylabel="coherence", ylim=(0.0, 1.05))
-        strip.xaxis.set_major_formatter(style.plain_numbers())
-        ticks = [t for t in (1, 2, 5, 10, 20, 50, 100, 200, 500) if strip.get_xlim()[0] <= t <= strip.get_xlim()[1]]
-        strip.set_xticks(ticks)
-        strip.minorticks_off()
+        style.hertz(strip.xaxis)
     return made

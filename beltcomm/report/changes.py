@@ -44,7 +44,7 @@ def changes_figure(bars: Sequence[Bar], before: str, now: str, caption: style.Ca
             text = f"{bar.change:+.3g}" + ("" if bar.interval is None else f" ± {bar.interval:.2g}")
             axes.annotate(f"  {text} %", (1.0, row), xycoords=("axes fraction", "data"), va="center", fontsize=8, color=colour)
         axes.axvline(0.0, color=style.FAINT, linewidth=1.2, zorder=0.5)
-        axes.set_yticks(range(len(bars)), [bar.words for bar in bars])
+        style.numbers_at(axes.yaxis, range(len(bars)), [bar.words for bar in bars])
         axes.set_ylim(len(bars) - 0.4, -0.6)
         axes.set_xlim(-end, end)
         axes.set_xlabel("change in %; grey: usual, with nothing wrong; diamond: interval not known")

@@ -71,8 +71,7 @@ def maps_figure(
             spots[name].legend(loc="upper right", fontsize=8)
         bar = made.colorbar(image, cax=spots["bar"], extend="max")
         bar.set_label("error / noise (the same scale in every picture; blue-grey: too little data)")
-        bar.set_ticks([1.0, 1.5, 2.0, 3.0, 5.0, 10.0], labels=["1", "1.5", "2", "3", "5", "10"])
-        bar.ax.minorticks_off()
+        style.numbers_at(bar.ax.yaxis, [1.0, 1.5, 2.0, 3.0, 5.0, 10.0])
     return made
 
 
@@ -83,9 +82,8 @@ def _band_map(axes: Axes, judged: Sequence[Judged], landmarks: Mapping[str, floa
     axes.set_facecolor(style.NO_DATA)
     rows = np.arange(len(table.names) + 1) - 0.5
     image = axes.pcolormesh(table.edges, rows, ratio, norm=style.noise_norm(), cmap=style.COLOURS, rasterized=True)
-    axes.set_yticks(
-        range(len(table.names)), [f"{n} (held out)" if h else n for n, h in zip(table.names, table.held_out, strict=True)], fontsize=8
-    )
+    names = [f"{n} (held out)" if h else n for n, h in zip(table.names, table.held_out, strict=True)]
+    style.numbers_at(axes.yaxis, range(len(names)), names, 8.0)
     axes.invert_yaxis()
     axes.grid(False)
     axes.set_xlabel("frequency in Hz")
@@ -119,9 +117,9 @@ def _by_speed(axes: Axes, samples: Samples) -> None:
                 text = f"{ratio[row, column]:.1f}\n{units.factor * float(np.mean(samples.more[inside])):+.0f}"
                 colour = "white" if ratio[row, column] > 4.0 else "black"
                 axes.text(column - first + 0.5, row, text, ha="center", va="center", fontsize=8, color=colour)
-    axes.set_yticks([0, 1], ["forward", "backward"])
+    style.numbers_at(axes.yaxis, [0, 1], ["forward", "backward"])
     axes.set_ylim(1.5, -0.5)
-    axes.set_xticks(range(last - first + 1), [f"{v:g}" for v in edges[first : last + 1]], fontsize=8)
+    style.numbers_at(axes.xaxis, range(last - first + 1), [f"{v:g}" for v in edges[first : last + 1]], 8.0)
     axes.set_xlabel(f"speed in {units.length}/s\n(in each cell: error/noise, and measured minus model in {units.small})")
 
 

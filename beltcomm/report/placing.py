@@ -5,6 +5,7 @@ Matplotlib's own layouts measure everything four times, which takes longer than 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -13,15 +14,15 @@ from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.text import Text
-from matplotlib.ticker import FixedLocator
 from matplotlib.transforms import ScaledTranslation
 from numpy.typing import NDArray
+
+from beltcomm.report.ticks import MAJOR_PT, POINTS_PER_INCH, drawn, without
 
 Array = NDArray[np.float64]
 
 #: Inches around the figure, and between what belongs to neighbouring axes.
 EDGE_IN, GAP_IN = 0.05, 0.08
-POINTS_PER_INCH = 72.0
 #: Inches that axes mostly need at their left and right, below with a label and above with a title: which numbers stand along them goes
 #: with their size.
 USUAL_IN = (0.7, 0.1, 0.4, 0.3)
@@ -55,7 +56,11 @@ def place(figure: Figure) -> bool:
     if not set_within([_usual(axes) for axes in figure.get_axes()]):
         return False
     renderer = FigureCanvasAgg(figure).get_renderer()  # type: ignore[no-untyped-call]
-    return set_within([_margins(axes, renderer) for axes in figure.get_axes()])
+    around = [_margins(axes, renderer) for axes in figure.get_axes()]
+    for axes in figure.get_axes():
+        without(axes.xaxis)
+        without(axes.yaxis)
+    return set_within(around)
 
 
 def _spread(
@@ -85,28 +90,34 @@ def _margins(axes: Axes, renderer: Any) -> Array:
     if not axes.axison:
         return np.zeros(4)
     found = np.zeros(4)
+    told: set[Text] = set()
     for axis, low, high in ((axes.xaxis, BOTTOM, TOP), (axes.yaxis, LEFT, RIGHT)):
-        axis.set_label_coords(0.5, 0.5)  # else its place is measured too
-        shown = axis.label.get_visible() and bool(axis.label.get_text())
-        axis.label.set_visible(False)
-        axis.set_major_locator(FixedLocator([float(at) for at in axis.get_majorticklocs()]))  # what is measured is what will stand there
-        box = axis.get_tightbbox(renderer, for_layout_only=True)
-        axis.label.set_visible(shown)
-        beyond = np.zeros(4) if box is None else _beyond(axes, box.extents)
-        if shown:
+        beyond = np.zeros(4)
+        numbers = drawn(axis)
+        told.update(numbers)
+        for number in _farthest(numbers, along=axis is axes.xaxis):
+            beyond = np.maximum(beyond, _beyond(axes, number.get_window_extent(renderer).extents))
+        if axis.label.get_visible() and axis.label.get_text():
             side = high if axis.get_label_position() in ("right", "top") else low
-            beyond[side] += axis.labelpad / POINTS_PER_INCH
+            beyond[side] = max(float(beyond[side]), MAJOR_PT[0] / POINTS_PER_INCH) + axis.labelpad / POINTS_PER_INCH
             _label(axes, axis, side, float(beyond[side]))
             size = axis.label.get_window_extent(renderer)
             beyond[side] += (size.height if axis is axes.xaxis else size.width) / axes.figure.dpi
         found = np.maximum(found, beyond)
     for child in axes.get_children():
-        if isinstance(child, Text) and child.get_text() and child.get_visible():
+        if isinstance(child, Text) and child not in told and child.get_text() and child.get_visible():
             beyond = _beyond(axes, child.get_window_extent(renderer).extents)
             if child not in axes.texts:  # a title that is too long is no reason for narrower axes
                 beyond[[LEFT, RIGHT]] = 0.0
             found = np.maximum(found, beyond)
     return found
+
+
+def _farthest(numbers: Sequence[Text], *, along: bool) -> list[Text]:
+    """Those that may reach farthest: along the axis the first, the last and the highest one, across it the longest ones."""
+    if along:
+        return [numbers[0], numbers[-1], max(numbers, key=lambda t: t.get_text().count("\n"))] if numbers else []
+    return [t for t in numbers if len(t.get_text()) >= max(len(other.get_text()) for other in numbers) - 1]
 
 
 def _beyond(axes: Axes, extents: Any) -> Array:

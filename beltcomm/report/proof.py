@@ -123,7 +123,7 @@ def _phase(
     axes.axhline(-180.0, color=style.FAINT, linewidth=1.2, zorder=0.5)
     _over_frequency(axes, hz[-1])
     axes.set_ylim(-400.0, 20.0)
-    axes.set_yticks([-360, -270, -180, -90, 0])
+    style.numbers_at(axes.yaxis, style.DEGREES)
     axes.set_xlabel("frequency in Hz")
     axes.set_ylabel("phase in degrees")
 
@@ -174,9 +174,7 @@ def _unwrapped(loop: NDArray[np.complex128]) -> NDArray[np.float64]:
 def _over_frequency(axes: Axes, highest_hz: float) -> None:
     axes.set_xscale("log")
     axes.set_xlim(0.5, highest_hz)
-    axes.set_xticks([t for t in (1, 2, 5, 10, 20, 50, 100, 200, 500) if t <= highest_hz])
-    axes.xaxis.set_major_formatter(style.plain_numbers())
-    axes.minorticks_off()
+    style.hertz(axes.xaxis)
 
 
 def _colour(k: int) -> str:

@@ -38,18 +38,15 @@ def responses_figure(
         upper.set_ylabel("|angle/torque| in dB re 1 rad/(N m)")
         upper.legend(loc="upper right", fontsize=8, title="95 % of the noise shaded", title_fontsize=8)
         middle.set_ylabel("phase in degrees")
-        middle.set_yticks([-360, -270, -180, -90, 0])
+        style.numbers_at(middle.yaxis, style.DEGREES)
         middle.set_ylim(-400.0, 60.0)
-        lower.set_yticks(range(len(shown)), [label.split(",")[0] for label, *_ in shown])
+        style.numbers_at(lower.yaxis, range(len(shown)), [label.split(",")[0] for label, *_ in shown])
         lower.set_ylim(len(shown) - 0.4, -0.6)
         lower.set_title("antiresonance (down) and resonance (up) with 95 %", fontsize=9, fontweight="normal")
         lower.set_xlabel("frequency in Hz")
         lower.set_xscale("log")
         lower.set_xlim(min(r.freq_hz[0] for _, r, _ in shown), max(r.freq_hz[-1] for _, r, _ in shown))
-        low, high = lower.get_xlim()
-        lower.set_xticks([t for t in (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000) if low <= t <= high])
-        lower.xaxis.set_major_formatter(style.plain_numbers())
-        lower.minorticks_off()
+        style.hertz(lower.xaxis)
     return made
 
 

@@ -32,9 +32,7 @@ def sensitivity_figure(design: DesignResult, caption: style.Caption) -> Figure:
             bound = design.specification.sensitivity_db
             axes.axhline(bound, color=style.SEVERE, linewidth=1.0, linestyle=(0, (5, 3)), label=f"allowed: {bound:g} dB")
             axes.set(xscale="log", xlabel="frequency in Hz", ylim=(-40.0, max(12.0, 1.1 * float(level.max()))), title=name)
-            axes.set_xticks([t for t in (1, 2, 5, 10, 20, 50, 100, 200, 500) if t <= hz[-1]])
-            axes.xaxis.set_major_formatter(style.plain_numbers())
-            axes.minorticks_off()
+            style.hertz(axes.xaxis)
             axes.legend(loc="lower right", fontsize=8)
         made.axes[0].set_ylabel("|S| in dB")
     return made

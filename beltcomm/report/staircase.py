@@ -85,7 +85,8 @@ def change_figure(change: str, records: Sequence[RecordChange], before: float, a
         axes.plot([], [], "o", color="white", markeredgecolor=style.MEASURED, label="before")
         axes.plot([], [], "o", color=style.RESIDUAL, label="after")
         axes.plot([], [], "X", color=style.SEVERE, label="after, and worse")
-        axes.set_yticks(range(len(ordered)), [f"{r.record} (held out)" if r.held_out else r.record for r in ordered], fontsize=9)
+        names = [f"{r.record} (held out)" if r.held_out else r.record for r in ordered]
+        style.numbers_at(axes.yaxis, range(len(ordered)), names, 9.0)
         axes.set_ylim(len(ordered) - 0.4, -0.6)
         style.ratio_ticks(axes, 0.8, 1.15 * top, vertical=False)
         style.floor_line(axes, vertical=True)

@@ -10,18 +10,25 @@ from typing import Any
 
 from matplotlib import rc_context
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
+from matplotlib.ticker import FixedFormatter, FixedLocator, Formatter, FuncFormatter, NullLocator
 
 #: Okabe and Ito's colours, told apart with any kind of colour vision and in grey.
 MEASURED, MODEL, RESIDUAL, HELD_OUT, SEVERE = "#000000", "#E69F00", "#0072B2", "#56B4E9", "#D55E00"
 FAINT = "#BBBBBB"
+GRID, GRID_WIDTH = "#E4E4E4", 0.6
 #: Errors in units of the noise: one scale for every picture of every run, pale at the noise, dark far above it, also in grey.
 LOWEST, HIGHEST, COLOURS = 1.0, 10.0, "YlOrBr"
 #: Where there is too little data.
 NO_DATA = "#D5DCE4"
 #: Inches: wide enough for two columns of text.
 WIDTH = 10.0
+#: Ticks of axes of phase.
+DEGREES = (-360.0, -270.0, -180.0, -90.0, 0.0)
+#: Hz, of the ticks of logarithmic axes.
+HERTZ = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000)
 #: Letters of a line of text above a figure.
 LINE = 118
 #: The same of a title in bold.
@@ -31,8 +38,8 @@ _STYLE: Any = {
     "font.size": 10.0,
     "axes.grid": True,
     "axes.axisbelow": True,
-    "grid.color": "#E4E4E4",
-    "grid.linewidth": 0.6,
+    "grid.color": GRID,
+    "grid.linewidth": GRID_WIDTH,
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.titlesize": 11.0,
@@ -83,16 +90,28 @@ def ratio_ticks(axes: Axes, lowest: float, highest: float, *, vertical: bool = T
     """A logarithmic axis of ratios with plain numbers."""
     fine = (0.8, 0.9, 1.1, 1.2, 1.3, 1.5, 1.7) if highest <= 3.0 * lowest else (0.7, 1.5, 3.0) if highest <= 20.0 else ()
     ticks = [v for v in sorted((0.5, 1.0, *fine, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0)) if lowest <= v <= highest]
-    axis = axes.yaxis if vertical else axes.xaxis
     if vertical:
         axes.set_yscale("log")
         axes.set_ylim(lowest, highest)
     else:
         axes.set_xscale("log")
         axes.set_xlim(lowest, highest)
-    axis.set_major_locator(fixed(ticks))
-    axis.set_major_formatter(plain_numbers())
-    axis.set_minor_locator(fixed([]))
+    numbers_at(axes.yaxis if vertical else axes.xaxis, ticks)
+
+
+def numbers_at(axis: Axis, at: Sequence[float], words: Sequence[str] | None = None, size: float | None = None) -> None:
+    """Ticks at these values only, with plain numbers or these words; the limits stay.   size : of the letters, points."""
+    axis.set_major_locator(FixedLocator(list(at)))
+    axis.set_major_formatter(plain_numbers() if words is None else FixedFormatter(list(words)))
+    axis.set_minor_locator(NullLocator())
+    if size is not None:
+        axis.set_tick_params(labelsize=size)
+
+
+def hertz(axis: Axis) -> None:
+    """Ticks of a logarithmic axis of frequencies, as far as its limits go."""
+    low, high = axis.get_view_interval()
+    numbers_at(axis, [t for t in HERTZ if low <= t <= high])
 
 
 def highest_shown(values: Sequence[float]) -> float:
@@ -110,15 +129,6 @@ def save(picture: Figure, path: Path) -> Path:
     return path
 
 
-def fixed(ticks: Sequence[float]) -> Any:
-    """Ticks at these values."""
-    from matplotlib.ticker import FixedLocator
-
-    return FixedLocator(list(ticks))
-
-
-def plain_numbers() -> Any:
+def plain_numbers() -> Formatter:
     """Numbers without powers of ten."""
-    from matplotlib.ticker import FuncFormatter
-
     return FuncFormatter(lambda value, _place: f"{value:g}")

@@ -44,7 +44,7 @@ def notes_before(axis: Axis, capabilities: Capabilities) -> tuple[str, ...]:
     """Lines under a plan: the exchange, what its records can claim, and what is in doubt."""
     top = claimed_hz(capabilities.sample_period_s)
     how = capabilities.exchange or f"A SYNC every {1e3 * capabilities.sample_period_s:g} ms"
-    notes = [f"{how}. What is above {top:.0f} Hz, {CLAIMED_SHARE:g} of the sampling rate, cannot be claimed."]
+    notes = [f"{how}: resonances up to {top:.0f} Hz can be measured."]
     expected = expected_hz(axis)
     if expected is not None and expected[1] > top:
         low, high = expected
@@ -66,8 +66,8 @@ def remark_after(resonance_hz: float, capabilities: Capabilities) -> str | None:
     if not (math.isfinite(resonance_hz) and resonance_hz > top):
         return None
     return (
-        f"{_RESONANCE} {resonance_hz:.0f} Hz is above {CLAIMED_SHARE:g} of the sampling rate ({top:.0f} Hz): its frequency and damping, "
-        f"and every margin near it, are guesses. {_remedy(capabilities)}"
+        f"{_RESONANCE} {resonance_hz:.0f} Hz is above {top:.0f} Hz, the most that this rate of sampling can measure: its frequency and "
+        f"damping, and every margin near it, are guesses. {_remedy(capabilities)}"
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,12 +19,14 @@ from beltcomm.laboratory.cross_checks import (
     resonances,
     sheet_doubts,
 )
-from beltcomm.laboratory.diagnosis import Diagnosis
 from beltcomm.laboratory.fitting import Fitted
 from beltcomm.laboratory.intervals import with_intervals
 from beltcomm.laboratory.score import ground_of
 from beltcomm.recording import Recording
 from beltcomm.session.words import number
+
+if TYPE_CHECKING:  # the report, which searches for nothing, uses this module too
+    from beltcomm.laboratory.diagnosis import Diagnosis
 
 #: Share of the squares below which no law of friction is worth looking for, and from which the bound is worth a line.
 WORTH = 0.05
@@ -69,7 +71,7 @@ def sheet_lines(doubts: Sequence[SheetDoubt], axis: Axis) -> list[str]:
     """As sentences: a wrong data sheet is no effect."""
     lines = []
     for doubt in doubts:
-        what, known = _SHEETS[doubt.entry]
+        what, known, where = _SHEETS[doubt.entry]
         scale, unit = _UNITS.get(doubt.unit, (1.0, doubt.unit))
         interval = None if doubt.interval is None else scale * doubt.interval
         share = f"{100.0 * abs(doubt.factor - 1.0):.0f} % {'less' if doubt.factor < 1.0 else 'more'} than"
@@ -77,7 +79,7 @@ def sheet_lines(doubts: Sequence[SheetDoubt], axis: Axis) -> list[str]:
             share = f"{doubt.factor:.3g} times what"
         lines.append(
             f"Data sheet: {what} was measured as {number(scale * doubt.found, interval, unit)}, {share} the "
-            f"{scale * doubt.sheet:.4g} {unit} of {axis} ({known}). The model uses what was "
+            f"{scale * doubt.sheet:.4g} {unit} of {axis}{where} ({known}). The model uses what was "
             "measured; look at data sheet and machine, no effect is missing for it."
         )
         if not doubt.common:
@@ -92,11 +94,15 @@ def sheet_lines(doubts: Sequence[SheetDoubt], axis: Axis) -> list[str]:
 
 
 #: Units of the doubts as they are shown.
-_UNITS = {"N/m": (1e-3, "kN/m"), "kg m²": (1e6, "kg mm²")}
-#: What stands behind an entry of the axis file: words, and what it may differ by.
+_UNITS = {"N/m": (1e-3, "kN/m"), "kg m²": (1e4, "kg cm²")}
+#: What stands behind an entry of the axis file: words, what it may differ by, and where it holds.
 _SHEETS = {
-    "motor.inertia_kg_m2": ("the inertia on the motor's side", "data sheets are within 20 %"),
-    "belt.specific_stiffness_n": ("the belt's stiffness", "data sheets are within 30 %"),
+    "motor.inertia_kg_m2": ("the inertia on the motor's side", "data sheets may be off by a factor of 1.2: -17 to +20 %", ""),
+    "belt.specific_stiffness_n": (
+        "the belt's stiffness",
+        "data sheets may be off by a factor of 1.3: -23 to +30 %",
+        " at the nearest of the places recorded",
+    ),
 }
 _CHECKS = {
     "motor.inertia_kg_m2": (

@@ -20,9 +20,10 @@ from beltcomm.session import friction_study, friction_words, orders, phases, pic
 from beltcomm.session.bounds import Experiment, course_before, stroking_nm
 from beltcomm.session.commission import measure_friction
 from beltcomm.session.machine import Machine, stroking
-from beltcomm.session.orders import DEFAULT, Stroke, Wanted
+from beltcomm.session.orders import Stroke, Wanted
 from beltcomm.session.plan import MOVE_SECONDS, Plan, friction_plan, gentle_force_n
 from beltcomm.session.sign import sign_words
+from beltcomm.session.strokes import DEFAULT
 from beltcomm.sidecar import Sidecar, load_sidecar
 from beltcomm.trajectory import Trajectory
 

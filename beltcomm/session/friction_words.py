@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,8 +14,11 @@ from beltcomm.identify.standstill import Standstill
 from beltcomm.identify.sweeps import Drift, LoadDependence, Sweep, clear
 from beltcomm.model import Value
 from beltcomm.result import table
-from beltcomm.session.orders import DEFAULT, Stroke
+from beltcomm.session.strokes import DEFAULT
 from beltcomm.session.words import number
+
+if TYPE_CHECKING:  # the report uses this module too, and drives no stroke
+    from beltcomm.session.orders import Stroke
 
 #: A prediction within this factor of what was seen explains it.
 EXPLAINS = 1.5

@@ -34,6 +34,15 @@ UNITS = {
 }
 
 
+#: Those that people read in another unit than programs do, and the factor.
+READ_AS = {
+    "prefilter_omega_rad_s": ("Hz", 0.5 / math.pi),
+    "prefilter_roll_off_rad_s": ("Hz", 0.5 / math.pi),
+    "speed_limit_rad_s": ("r/min", 30.0 / math.pi),
+    "ff_inertia_kg_m2": ("kg cm²", 1e4),
+}
+
+
 @dataclass(frozen=True)
 class Change:
     """One object that is to hold another value.   before : its raw value now.   before_si : its parameter's value now, None for none."""
@@ -68,7 +77,8 @@ class Differences:
         """As plain text: object, raw values, and SI values where the object holds a parameter."""
         rows = []
         for one in self.changes:
-            name, unit = one.wanted.name, UNITS.get(one.wanted.name, "")
+            name = one.wanted.name
+            unit = unit_of(name)
             meant = f"{_shown(name, one.before_si)} -> {_shown(name, one.wanted.value)} {unit}".rstrip() if name else ""
             rows.append([one.wanted.title, _raw(one.before), "->", _raw(one.wanted.raw), name, meant])
         shown = table(["object", ">raw, now", "->", "then", "parameter", "now -> then"], rows, "  ") if rows else ["  nothing differs"]
@@ -79,11 +89,20 @@ def _raw(value: float) -> str:
     return f"{value:.6g}" if value != int(value) or abs(value) >= 1e10 else f"{int(value)}"
 
 
+def unit_of(name: str) -> str:
+    """The unit in which people read a parameter."""
+    return READ_AS[name][0] if name in READ_AS else UNITS.get(name, "")
+
+
+def read_as(name: str, value: float) -> str:
+    """A parameter in that unit, in words where its number is a code."""
+    if name == "prefilter_kind" and value in range(len(PREFILTER_KINDS)):
+        return PREFILTER_KINDS[int(value)]
+    return f"{READ_AS[name][1] * value if name in READ_AS else value:.6g}"
+
+
 def _shown(name: str, value: float | None) -> str:
-    """A value in words where its number is a code."""
-    if value is None:
-        return "?"
-    return PREFILTER_KINDS[int(value)] if name == "prefilter_kind" and value in range(len(PREFILTER_KINDS)) else f"{value:.6g}"
+    return "?" if value is None else read_as(name, value)
 
 
 def named_differences(drive: Drive, wanted: Mapping[str, float]) -> Differences:

@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from beltcomm.configfiles import write_text
 from beltcomm.errors import BeltcommError
 from beltcomm.laboratory.data import Data
-from beltcomm.laboratory.diagnosis import fitted_base
 from beltcomm.laboratory.fitting import Fitted
 from beltcomm.laboratory.kept import kept, key_of, restored
 from beltcomm.model import Model
@@ -29,6 +28,8 @@ def fitted_to(folder: RunFolder, recordings: Sequence[Recording], start: Model) 
             return restored(recordings, found["fit"])
     except (OSError, ValueError, KeyError, TypeError, BeltcommError):
         pass  # nothing there, or nothing that can be used: it is made again
+    from beltcomm.laboratory.diagnosis import fitted_base  # the report mostly finds its fit, and imports no search
+
     data, fitted = fitted_base(recordings, folder.axis, start)
     if (fit := kept(data, fitted)) is not None:
         try:

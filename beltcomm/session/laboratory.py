@@ -4,20 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from beltcomm.effects import effect_named
-from beltcomm.errors import DataError, UsageError
+from beltcomm.errors import UsageError
 from beltcomm.laboratory.compare import Comparison, compare, landmarks, worst
-from beltcomm.laboratory.cross_checks import SheetDoubt
 from beltcomm.laboratory.data import Data
 from beltcomm.laboratory.diagnosis import NEXT_ITERATIONS, Diagnosis, again, diagnose, settled
 from beltcomm.laboratory.fitting import Fitted, fit
 from beltcomm.laboratory.intervals import with_intervals
 from beltcomm.laboratory.place_words import in_words
-from beltcomm.laboratory.run_checks import Checked, checked
 from beltcomm.laboratory.scope import lacking, not_named, within_scope
 from beltcomm.laboratory.score import ground_of
 from beltcomm.laboratory.stage import Candidate, with_effect
@@ -30,60 +27,17 @@ from beltcomm.runfolder import RunFolder
 from beltcomm.session import ladder_words as words
 from beltcomm.session import pictures as drawn
 from beltcomm.session.cost import cost_lines, cost_or_reason
-from beltcomm.session.cross_check_words import as_data, check_lines, cross_checked, doubts_of, sheet_lines
-from beltcomm.session.kept_fit import fitted_to
+from beltcomm.session.cross_check_words import as_data, check_lines, cross_checked, sheet_lines
 from beltcomm.session.next_plan import NAME, plan_for, recorded_sets
+from beltcomm.session.opened import Opened, explainable, opened, records_of
 from beltcomm.session.response_table import table_lines, table_of
 from beltcomm.session.revisions import Revision, as_mapping, changed_recordings, current_model, current_revision, new_revision, revisions
 from beltcomm.talk import Silence, Talk
 
 #: A held-out error must fall by more than this share of itself to confirm an effect.
 CONFIRMED_SHARE = 0.0
-#: Error over noise from which on nothing is said of a model: whole torques are some hundred times the noise of a drive.
-FARTHEST = 1e4
 #: Names of one family that no motion of the axis can tell apart, and the effect that stands for it.
 FAMILY = {"tilt": "constant_offset", "coulomb_asymmetry": "constant_offset", "current_offset": "constant_offset"}
-
-
-@dataclass(frozen=True)
-class Opened:
-    """A run folder with its model fitted to its records."""
-
-    folder: RunFolder
-    data: Data
-    fitted: Fitted
-    records: Checked
-
-    @property
-    def sheets(self) -> tuple[SheetDoubt, ...]:
-        """What of the data sheets the model contradicts."""
-        return doubts_of(self.fitted, self.folder.axis, self.records.recordings)
-
-
-def records_of(folder: RunFolder) -> Checked:
-    """The records of a run, checked together.   Raises DataError for records that no model can be judged on."""
-    return checked(folder.recordings(), folder.axis, foreign=not folder.drive)
-
-
-def opened(run: Path, talk: Talk) -> Opened:
-    """The current model of a run, or the base model where there is none yet, fitted to all records."""
-    folder = RunFolder.open(run)
-    records = records_of(folder)
-    talk.phase(1, 1, "fit of the present model")
-    model = current_model(folder)
-    start = model if model is not None else start_model(folder.axis, records.recordings)
-    data, fitted = fitted_to(folder, records.recordings, start)
-    return Opened(folder, data, fitted, records)
-
-
-def explainable(ratio: float, run: Path) -> None:
-    """Raises DataError where a model is so far off that its error is no number of this axis, as of a run that failed early."""
-    if not ratio < FARTHEST:
-        raise DataError(
-            f"the records of {run} cannot be explained by any model of a belt axis (its error would be more than {FARTHEST:.0f} times the "
-            "noise): they are of a session that failed, or hold another quantity than they say. Make them again with `beltcomm "
-            f"commission`, or take the wrong ones out of {run / 'recordings'}; `beltcomm bundle {run}` packs all for whoever helps"
-        )
 
 
 def compare_run(run: Path, *, pictures: bool = True, command: str = "", talk: Talk | None = None) -> Result:
@@ -181,7 +135,7 @@ def sight(folder: RunFolder, found: Diagnosis, recordings: Sequence[Recording], 
     model = found.base.model
     missing = lacking(recordings, model["transmission.ratio"]) if "cart" in model.base_bodies else []
     data["lacking"] = missing
-    lines = words.lacking_lines(missing) + words.sight_lines(sights, not_named(model, recordings))
+    lines = words.lacking_lines(missing) + words.sight_lines(sights, folder.path, not_named(model, recordings))
     if following:
         travel = float(folder.axis.travel.max_m or 1.0) - float(folder.axis.travel.min_m or 0.0)
         wanted = plan_for(found.twins, [one for one in sights if not one.seen], recorded_sets(recordings, travel))

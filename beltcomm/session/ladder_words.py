@@ -82,15 +82,15 @@ def after_diagnosis(found: Diagnosis, run: Path) -> list[str]:
         return [f"Next: beltcomm add {added[0]} {run}"]
     if found.verdict != "nothing missing":
         return [f"Next: beltcomm compare {run} shows where the error sits; look there on the machine."]
-    return []
+    return [f"Next: beltcomm report {run}   (nothing is missing in the model: everything known of the axis on one page)"]
 
 
 def lacking_lines(missing: Sequence[str]) -> list[str]:
     """Which records are not there."""
-    return ["These records lack:", *(f"  {line}" for line in missing)] if missing else []
+    return ["Little can be seen here of some things:", *(f"  {line}" for line in missing)] if missing else []
 
 
-def sight_lines(sights: Sequence[Sight], unnamed: Collection[str] = ()) -> list[str]:
+def sight_lines(sights: Sequence[Sight], run: Path, unnamed: Collection[str] = ()) -> list[str]:
     """What these data could not have shown.   unnamed : effects that are not named from them, whatever they show."""
     blind = [sight for sight in sights if not sight.seen and sight.effect.name not in unnamed]
     if not blind:
@@ -102,7 +102,7 @@ def sight_lines(sights: Sequence[Sight], unnamed: Collection[str] = ()) -> list[
             continue
         size = f" ({sight.parameter} {sight.hardest * sight.size:.2g} {sight.unit})" if sight.unit else ""
         lines.append(f"  {sight.effect.name:24} only from {sight.hardest:.2g} x a typical one on{size}")
-    return [*lines, "  `beltcomm diagnose RUN --next` writes the plan of the records that would show them."]
+    return [*lines, f"  `beltcomm diagnose {run} --next` writes the plan of the records that would show them."]
 
 
 def beyond_bounds(sight: Sight) -> bool:

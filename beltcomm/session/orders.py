@@ -11,7 +11,7 @@ from beltcomm.axis import Axis
 from beltcomm.axis_entries import TrajectoryLimits
 from beltcomm.comparisons.friction import REPEATS, SHUFFLED
 from beltcomm.errors import Refused, UsageError
-from beltcomm.session.strokes import SWEEP_RUN_IN_S, SWEEP_SHORTEST_S
+from beltcomm.session.strokes import DEFAULT, SWEEP_RUN_IN_S, SWEEP_SHORTEST_S
 from beltcomm.trajectory import Trajectory, constant_speed_strokes, join, ramp_length_m
 
 Order = Literal["I", "II", "III", "IV", "V", "VI", "all"]
@@ -27,8 +27,6 @@ WORDS = {
     "VI": "as I, with a payload mounted",
     "default": "seven speeds, three of them twice",
 }
-#: Name of the sweep without an order.
-DEFAULT = "default"
 #: s of a plateau behind its run-in, at least where the way is there; a whole turn of the pulley may take as long as the second.
 PLATEAU_S, TURN_S = 0.6, 1.6
 REST_S = 0.15

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -142,10 +143,12 @@ class Ending:
         return [*self.top, *self.bottom]
 
 
-def commission_text(folder: RunFolder, findings: Findings, drive: str, *, page: str = "", error: float | None = None) -> Ending:
+def commission_text(
+    folder: RunFolder, findings: Findings, drive: str, *, page: str = "", error: float | None = None, doubts: Sequence[str] = ()
+) -> Ending:
     """The verdict first, then what to do next, everything behind it, and where the files are.
 
-    page : a line on the report.   error : of the model over the noise, as the report has it.
+    page : a line on the report.   error : of the model over the noise, as the report has it.   doubts : of the data sheets, likewise.
     """
     passed = findings.verdict is not None and findings.verdict.passed
     suspect = findings.final is None or findings.final.fit.suspect
@@ -169,6 +172,7 @@ def commission_text(folder: RunFolder, findings: Findings, drive: str, *, page: 
         "",
         *(words.verdict_lines(findings.verdict, findings.demand) if findings.verdict else []),
         *model_text(findings, error=error, compared=False),
+        *(f"  {doubt}" for doubt in doubts),
         *gravity_text(folder, findings),
         *(words.design_lines(findings.design, findings.cascade) if findings.design and findings.cascade else []),
     ]

@@ -26,6 +26,8 @@ from beltcomm.session.revisions import Revision
 if TYPE_CHECKING:  # matplotlib takes longer to import than a command without pictures may last
     from matplotlib.figure import Figure
 
+    from beltcomm.report.style import Caption
+
 FOLDER = "pictures"
 #: Sentences above the error maps.
 SENTENCES = 3
@@ -44,23 +46,37 @@ def comparison_pictures(folder: RunFolder, data: Data, fitted: Fitted, found: Co
 
 def comparison_figures(folder: RunFolder, data: Data, fitted: Fitted, found: Comparison, command: str) -> dict[str, Figure]:
     """The same as figures, by name."""
-    from beltcomm.report import bode, maps, overlay, style
+    from beltcomm.report import bode
 
-    shown = f"{folder.path.resolve().name}/recordings, {len(found.records)} records"
-    caption = style.Caption(command or f"beltcomm compare {folder.path}", shown)
+    figures = error_figures(folder, data, fitted, found, command)
+    pairs = bode.response_pairs(data.recordings, found.judged)
+    if pairs:
+        named = landmarks(fitted.model, middle_of(folder))
+        figures["compare_response"] = bode.bode_figure(pairs, named, _compared(folder, found, command))
+    return figures
+
+
+def error_figures(folder: RunFolder, data: Data, fitted: Fitted, found: Comparison, command: str) -> dict[str, Figure]:
+    """The error maps and the worst record, by name."""
+    from beltcomm.report import maps, overlay
+
+    caption = _compared(folder, found, command)
     named = landmarks(fitted.model, middle_of(folder))
     sentences = [in_words(place, named) for place in worst(found)[:SENTENCES]]
     excess = {r.name: (r.ratio**2 - 1.0) * r.samples for r in found.records}
     name = max(excess, key=lambda record: excess[record])
     excited = any(r.name == name and r.sidecar.experiment == "frf" for r in data.recordings)
-    figures = {
+    return {
         "compare_maps": maps.maps_figure(found.judged, found.ratio, found.held_out, named, sentences, caption),
         "compare_overlay": overlay.overlay_figure(overlay.trace_of(found.judged, name, excited), caption),
     }
-    pairs = bode.response_pairs(data.recordings, found.judged)
-    if pairs:
-        figures["compare_response"] = bode.bode_figure(pairs, named, caption)
-    return figures
+
+
+def _compared(folder: RunFolder, found: Comparison, command: str) -> Caption:
+    from beltcomm.report.style import Caption
+
+    shown = f"{folder.path.resolve().name}/recordings, {len(found.records)} records"
+    return Caption(command or f"beltcomm compare {folder.path}", shown)
 
 
 def change_picture(folder: RunFolder, rung: Revision, before: Comparison, after: Comparison, command: str) -> tuple[list[str], list[str]]:

@@ -90,12 +90,13 @@ class Plan:
             return []
         pauses = sum(heat.pauses_s)
         lines = [
-            f"thermal share {100.0 * heat.continuous:.0f} % of continuous, up to {100.0 * heat.hottest:.0f} % in one experiment: "
-            f"(rms torque / rated torque of {thermal.rated_nm:.3g} N m)², by the upper bounds of this table; overload of "
-            f"{thermal.peak_nm:.3g} N m for {thermal.overload_s:g} s ({thermal.source}), up to {100.0 * heat.fullest:.0f} % of it used"
+            f"The motor warms by {100.0 * heat.continuous:.0f} % of what it bears for ever, in the hottest experiment by "
+            f"{100.0 * heat.hottest:.0f} %: heat is (rms torque / rated torque of {thermal.rated_nm:.3g} N m)², at most as in this table.",
+            f"Of the short overload of {thermal.peak_nm:.3g} N m for {thermal.overload_s:g} s ({thermal.source}) "
+            + (f"up to {100.0 * heat.fullest:.0f} % is used." if heat.fullest > 0.0 else "nothing is used."),
         ]
         return lines + (
-            [f"the motor rests for up to {pauses:.0f} s in all between the experiments, so that it cools"] if pauses >= 1.0 else []
+            [f"The motor rests for up to {pauses:.0f} s in all between the experiments, so that it cools."] if pauses >= 1.0 else []
         )
 
     def heat_dict(self) -> dict[str, Any]:
@@ -105,7 +106,7 @@ class Plan:
     def summary(self) -> str:
         """The plan in one line, for the journal."""
         most = {name: max(getattr(e, name) for e in self.experiments) for name in ("reach_m", "speed_m_s", "torque_nm", "belt_force_n")}
-        share = f", thermal share {100.0 * self.heat.continuous:.0f} % of continuous" if self.heat else ""
+        share = f", motor heat {100.0 * self.heat.continuous:.0f} % of continuous" if self.heat else ""
         return (
             f"{len(self.experiments)} experiments in up to {self.seconds:.0f} s, with stops up to {1e3 * most['reach_m']:.0f} mm, "
             f"{most['speed_m_s']:.3g} m/s, {most['torque_nm']:.3g} N m, {most['belt_force_n']:.0f} N{share}"
@@ -128,6 +129,9 @@ class Plan:
             ]
             for e in self.experiments
         ]
+        whole = sum(round(item.seconds) for item in self.experiments)  # what the column adds up to
+        if whole > self.budget_s:
+            rows.append(["all of them, if each took its longest", "", "", "", "", "", f"{whole} s"])
         rows.append(["on the machine, at most", "", "", "", "", "", f"{self.seconds:.0f} s"])
         return [self.text, *self.told(), "", *table(columns, rows), *self.heat_lines(), *self.notes]
 
@@ -173,7 +177,7 @@ def commission_plan(axis: Axis, capabilities: Capabilities, extent: Extent = "st
         (*_here(axis, capabilities), *steps, move),
         budget,
         claims.notes_before(axis, capabilities),
-        points=commission_points(axis, capabilities),
+        points=commission_points(axis, capabilities, masses_kg(axis)[0]),
     )
 
 

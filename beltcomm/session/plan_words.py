@@ -29,8 +29,8 @@ def point_rows(points: Sequence[Point]) -> list[Row]:
     return rows
 
 
-def commission_points(axis: Axis, capabilities: Capabilities) -> tuple[Point, ...]:
-    """The whole job: what moves and how far first, then how it stops and what is written."""
+def commission_points(axis: Axis, capabilities: Capabilities, lightest_kg: float) -> tuple[Point, ...]:
+    """The whole job: what moves and how far first, then how it stops and what is written.   lightest_kg : carriage of the speeds."""
     return (
         (
             "what moves",
@@ -38,6 +38,11 @@ def commission_points(axis: Axis, capabilities: Capabilities) -> tuple[Point, ..
             "and fast strokes, small triangles, fast moves; and shakes at other places",
         ),
         ("how far", f"between {axis.travel.min_m:g} m and {axis.travel.max_m:g} m, with every stop: keep people, tools and cables out"),
+        (
+            "how heavy",
+            f"speeds in the table are those of a carriage of {lightest_kg:g} kg, the lightest that is thought of; a heavier one, weighed "
+            "before it travels, is driven more slowly",
+        ),
         *_stops(axis, capabilities),
         ("what is written", "gains, while it works; at the end the drive is left as it was found, unless you keep the new gains"),
     )

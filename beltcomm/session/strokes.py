@@ -10,6 +10,8 @@ import numpy as np
 from beltcomm.axis_entries import TrajectoryLimits
 from beltcomm.trajectory import Strokes, constant_speed_strokes
 
+#: Name of the sweep without an order.
+DEFAULT = "default"
 Which = Literal["twice", "once", "again"]
 
 #: Friction sweep: slowest speed, number of speeds, run-in left out, shortest and longest plateau that counts.

@@ -20,7 +20,7 @@ from beltcomm.talk import Silence, Talk
 
 #: (name in the model, words, unit shown, factor)
 _SHOWN = (
-    ("motor.inertia", "motor-side inertia", "kg mm²", 1e6),
+    ("motor.inertia", "motor-side inertia", "kg cm²", 1e4),
     ("cart.mass", "carriage mass", "kg", 1.0),
     ("end_pulley.mass", "end pulley, inertia over r²", "kg", 1.0),
     ("belt_sections.specific_stiffness", "belt specific stiffness EA", "kN", 1e-3),

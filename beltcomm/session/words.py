@@ -18,7 +18,7 @@ from beltcomm.verify import Demand, Verdict
 
 #: Name in the model -> words, unit shown, factor.
 SHOWN = {
-    "motor.inertia": ("motor-side inertia", "kg mm²", 1e6),
+    "motor.inertia": ("motor-side inertia", "kg cm²", 1e4),
     "cart.mass": ("carriage mass", "kg", 1.0),
     "belt_stiffness.stiffness": ("belt stiffness", "kN/m", 1e-3),
     "belt_spans.specific_stiffness": ("belt specific stiffness EA", "kN", 1e-3),
@@ -127,18 +127,19 @@ def design_lines(design: DesignResult, cascade: Cascade) -> list[str]:
     feedforward = cascade.feedforward
     lines = [
         "Controller:",
-        f"  K_P {cascade.kp_nm_s_rad:.4g} N m s/rad, K_I {cascade.ki_nm_rad:.4g} N m/rad, K_PP {cascade.kpp_1_s:.3g} 1/s, "
-        f"T_R {1e3 * cascade.velocity_filter_s:.2g} ms, prefilter {shown}",
-        f"  feedforward at the motor: inertia {1e6 * feedforward.inertia_kg_m2:.0f} kg mm², viscous "
+        f"  position gain (K_PP) {cascade.kpp_1_s:.3g} 1/s, velocity gain (K_P) {cascade.kp_nm_s_rad:.4g} N m s/rad, integral gain (K_I) "
+        f"{cascade.ki_nm_rad:.4g} N m/rad, filter of the speed (T_R) {1e3 * cascade.velocity_filter_s:.2g} ms, prefilter {shown}",
+        f"  feedforward at the motor: inertia {1e4 * feedforward.inertia_kg_m2:.2f} kg cm², viscous "
         f"{1e3 * feedforward.viscous_nm_s_rad:.2f} mN m s/rad, Coulomb {1e3 * feedforward.coulomb_nm:.1f} mN m, "
         f"velocity {feedforward.velocity:g}, {1e3 * feedforward.advance_s:.2f} ms ahead"
         if feedforward.inertia_kg_m2 or feedforward.coulomb_nm or feedforward.viscous_nm_s_rad or feedforward.velocity
         else "  feedforward: none" + ("" if design.structure.velocity_feedforward else ", this drive has none"),
-        f"  holds by calculation on {len(design.plants)} variants of the model (both ends, payloads, damping down to none): "
-        f"velocity phase margin at least {worst.phase_margin_deg:.0f} deg, position {slowest.position_phase_margin_deg:.0f} deg, "
-        f"resonance at most {max(m.suppression_db for m in design.margins):.1f} dB, sensitivity at most {sensitivity:.1f} dB",
+        f"  stable by calculation on {len(design.plants)} variants of the model (both ends, payloads, damping down to none), with this "
+        f"to spare: phase margin {worst.phase_margin_deg:.0f}° in the velocity loop and {slowest.position_phase_margin_deg:.0f}° in the "
+        f"position loop, resonance at {max(m.suppression_db for m in design.margins):.1f} dB; what disturbs is amplified by "
+        f"{sensitivity:.1f} dB at most (sensitivity)",
     ]
-    lines += [f"  bound by: {reason}" for reason in design.binding]
+    lines += [f"  higher gains would break: {reason}" for reason in design.binding]
     return lines + [f"  {remark}" for remark in design.remarks]
 
 

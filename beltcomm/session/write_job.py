@@ -104,7 +104,9 @@ def backup_list(folder: RunFolder) -> Result:
     found = backups.listed(folder)
     data = [{"name": one.name, "file": str(one.path), "when": one.when, "before": one.before} for one in found]
     text = ["Backups of this run:", *backups.list_lines(found)]
-    return Result({"run": str(folder.path), "backups": data}, [*text, "Next: beltcomm rollback --drive DRIVE --run RUN --backup NAME"])
+    return Result(
+        {"run": str(folder.path), "backups": data}, [*text, f"Next: beltcomm rollback --drive DRIVE --run {folder.path} --backup NAME"]
+    )
 
 
 def _of_file(read: ObjectFile) -> tuple[list[ObjectValue], list[str]]:

@@ -36,6 +36,7 @@ function number(value) {
 
 // ---- one change at a time: the newest setting is asked for, what it overtook is not drawn
 
+const SOON_MS = 30;
 let changedAt = 0;
 function changed() {
   version += 1;
@@ -50,13 +51,16 @@ async function work() {
     while (drawn !== version) {
       const now = version, began = changedAt;
       const found = await ask("update", setting);
-      const following = now === version && ask("track", setting); // computed while the curves are drawn
+      const following = now === version && ask("track", setting);
+      // What comes at once is drawn with the curves: painting a page takes longer than waiting for it.
+      const early = following && (await Promise.race([following, new Promise((go) => setTimeout(go, SOON_MS))]));
       drawUpdate(found);
+      if (early && now === version) drawTracked(early);
       window.timings.update.push(performance.now() - began);
       if (!following) continue;
-      const path = await following;
+      const path = early || (await following);
       if (now !== version) continue;
-      drawTracked(path);
+      if (!early) drawTracked(path);
       window.timings.track.push(performance.now() - began);
       const reach = await ask("reach", setting);
       if (now !== version) continue;

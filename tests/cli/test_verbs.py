@@ -80,6 +80,23 @@ def test_init_takes_what_data_sheets_write_and_goes_back(tmp_path: Path) -> None
     assert _otherwise("effective_radius_m", "120 mm/rev") == pytest.approx(0.12 / math.tau)
 
 
+def test_init_broken_off_keeps_its_answers_and_holds_each_against_those_before(tmp_path: Path) -> None:
+    path = tmp_path / "axis.yaml"
+    unfinished = tmp_path / "axis.yaml.unfinished"
+    motor = ["", "0.449 kg cm2", "", "5", "3", "7", "20 bit", "none", "", ""]  # a peak below the rated torque is asked again
+    outcome = call("init", str(path), answer="\n".join(["belt axis", "yes", *motor, "", "", "", "", "22 x 8 mm", ""]) + "\n")
+    assert outcome.exit_code == 2, "stdin is closed"
+    assert "must not exceed motor.peak_torque_nm, 3 N m; give another value, or .back. to change" in outcome.stderr.replace("'", ".")
+    assert "kept in" in outcome.stderr
+    assert not path.exists()
+    assert unfinished.is_file()
+    outcome = call("init", str(path), answer="\n".join(["", "yes", *[""] * 45]) + "\n")
+    assert outcome.exit_code == 0, outcome.stderr
+    axis = load_axis(path)
+    assert (axis.name, axis.motor.peak_torque_nm, axis.get("pulley.teeth"), axis.get("belt.pitch_m")) == ("belt axis", 7.0, 22, 0.008)
+    assert not unfinished.exists()
+
+
 def test_init_begins_with_a_shipped_axis(tmp_path: Path) -> None:
     path = tmp_path / "axis.yaml"
     assert call("init", str(path), "--from", "egc-70-600", "--set", "payload.mass_kg=11.2").exit_code == 0

@@ -112,7 +112,7 @@ def test_friction_fractions_scale_friction_and_leave_the_belt_damper() -> None:
     none, half = with_friction_fractions(replace(S_A, name="far end"), (0.0, 0.5))
     assert (none.motor_damping_nm_s_rad, none.cart_damping_ns_m, none.belt_damping_ns_m) == (0.0, 0.0, 20.0)
     assert half.friction_damping_nm_s_rad == pytest.approx(0.5 * S_A.friction_damping_nm_s_rad)
-    assert half.name == "far end, 50 % of the apparent damping"
+    assert half.name == "far end, 50 % of the damping seen at standstill"
 
 
 @pytest.mark.parametrize(

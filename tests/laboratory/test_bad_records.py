@@ -26,7 +26,7 @@ from beltcomm.model import build_model
 from beltcomm.recording import Recording
 from beltcomm.runfolder import RunFolder
 from beltcomm.session.cross_check_words import sheet_lines
-from beltcomm.session.laboratory import explainable
+from beltcomm.session.opened import explainable
 from truth.hidden import draw, write_session
 
 Change = Callable[[Recording], Recording]
@@ -225,7 +225,7 @@ def test_strokes_alone_bear_no_name_of_the_belt_or_of_a_delay(run: tuple[list[Re
     assert within_scope(friction, slow) == (friction, [])
     assert [line.partition(":")[0].partition(" (")[0] for line in lacking(slow, axis.transmission_m_rad)] == [
         "no excited record",
-        "no stroke above 0.5 m/s",
+        "no fitted record is faster than 0.5 m/s for a tenth of its time",
         "one place only",
         "no record is held out",
     ]

@@ -25,7 +25,8 @@ def ladder(*ratios: float) -> Figure:
 
 
 def texts(picture: Figure) -> str:
-    return " ".join(str(item.get_text()) for item in picture.findobj(lambda artist: hasattr(artist, "get_text")))
+    marks = [label for axes in picture.get_axes() for label in (*axes.get_xticklabels(), *axes.get_yticklabels())]
+    return " ".join(str(item.get_text()) for item in [*marks, *picture.findobj(lambda artist: hasattr(artist, "get_text"))])
 
 
 def axes_of(picture: Figure) -> Axes:

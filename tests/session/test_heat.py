@@ -96,7 +96,7 @@ def test_the_weaker_of_motor_and_drive_counts(capabilities: Capabilities) -> Non
 def test_the_plan_says_its_thermal_share_and_what_it_assumes(capabilities: Capabilities) -> None:
     plan = replace(identify_plan(RIG, capabilities), thermal=Thermal.of(RIG, capabilities))
     text = "\n".join(plan.lines())
-    assert "thermal share 60 % of continuous, up to 75 % in one experiment" in text  # 75 % is (1.24/1.43)²
+    assert "The motor warms by 60 % of what it bears for ever, in the hottest experiment by 75 %" in text  # 75 % is (1.24/1.43)²
     assert "overload of 3.1 N m for 2 s (assumed: neither axis.yaml nor the drive tells)" in text
     assert plan.heat_dict()["heat"]["hottest"] == pytest.approx((1.24 / 1.43) ** 2, rel=1e-3)
 
@@ -129,7 +129,7 @@ def overloading(capabilities: Capabilities, seconds: float) -> Plan:
 
 def test_a_plan_beyond_continuous_is_spread_by_pauses_and_one_beyond_the_store_refused(capabilities: Capabilities) -> None:
     spread = overloading(capabilities, 1.5)
-    assert "the motor rests for up to 4 s in all between the experiments" in "\n".join(spread.lines())
+    assert "The motor rests for up to 4 s in all between the experiments" in "\n".join(spread.lines())
     assert spread.heat_fault() == ""
     with open_drive("virtual:g_a", {"seed": 1}) as drive:
         with pytest.raises(Refused, match=r"the motor would be overloaded: move takes up to 2\.86 N m \(rms\) for 10 s.*nothing was moved"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import pytest
@@ -42,11 +43,14 @@ def test_what_is_agreed_to_stands_in_short_labelled_lines() -> None:
         plan = commission_plan(RIG, drive.capabilities)
     told = {row.cells[0]: row.cells[1] for row in plan.told() if not row.head}
     assert list(told) == [
-        "what moves", "how far", "how fast", "how hard", "how long", "what stops it", "how it brakes", "computer dies", "what is written"
+        "what moves", "how far", "how fast", "how hard", "how long", "how heavy", "what stops it", "how it brakes",
+        "computer dies", "what is written",
     ]  # fmt: skip
     assert max(len(words.split()) for words in [plan.text, *told.values()]) <= 50
     assert told["how fast"] == f"up to {max(e.speed_m_s for e in plan.experiments):.3g} m/s"
     assert told["how long"].startswith("up to 75 s; what does not fit")
+    *each, whole, kept = (int(line.split()[-2]) for line in plan.lines() if re.search(r"  \d+ s$", line))
+    assert (sum(each), kept) == (whole, 75)
 
 
 def test_doctor_plan_and_commissioning_say_one_thing_of_the_encoder() -> None:

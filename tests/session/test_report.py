@@ -14,11 +14,11 @@ import pytest
 from beltcomm import api
 from beltcomm.configfiles import read_yaml, to_yaml
 from beltcomm.errors import DataError, UsageError
+from beltcomm.laboratory import diagnosis
 from beltcomm.laboratory.diagnosis import fitted_base
 from beltcomm.runfolder import RunFolder
-from beltcomm.session import kept_fit
 from beltcomm.session.kept_fit import FILE, fitted_to
-from beltcomm.session.laboratory import records_of
+from beltcomm.session.opened import records_of
 from beltcomm.session.reporting import at_the_end
 from beltcomm.session.revisions import current_model
 from session.conftest import Complete
@@ -114,7 +114,7 @@ def test_a_fit_that_was_kept_is_the_one_that_was_found(
     assert [p.rounding for p in data.fitted] == [p.rounding for p in fresh_data.fitted]
     sidecar = run / "recordings" / "frf_1.yaml"
     sidecar.write_text(sidecar.read_text(encoding="utf-8").replace("held_out: false", "held_out: true"), encoding="utf-8")
-    monkeypatch.setattr(kept_fit, "fitted_base", lambda *_: pytest.fail("searched anew"))
+    monkeypatch.setattr(diagnosis, "fitted_base", lambda *_: pytest.fail("searched anew"))
     with pytest.raises(pytest.fail.Exception, match="searched anew"):
         fitted_to(folder, records, model)
 
@@ -131,10 +131,10 @@ def test_what_changed_since_another_run_stands_on_the_first_screen(page: str, co
 
 
 def test_a_page_that_cannot_be_made_costs_no_commissioning_its_verdict(tmp_path: Path) -> None:
-    where, line, _ = at_the_end(tmp_path / "nothing")
-    assert where is None
-    assert "there is no report" in line
-    assert "does not exist" in line
+    ended = at_the_end(tmp_path / "nothing")
+    assert ended.page is None
+    assert "there is no report" in ended.line
+    assert "does not exist" in ended.line
 
 
 def test_gains_stand_beside_the_numbers_of_the_drive(page: str, complete: Complete) -> None:

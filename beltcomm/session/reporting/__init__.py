@@ -6,6 +6,7 @@ The functions here import what draws only when they are called: it takes longer 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from beltcomm.result import Result
@@ -19,16 +20,26 @@ def report(run: Path, *, against: Path | None = None, out: Path | None = None, t
     return made(run, against=against, out=out, talk=talk)
 
 
-def at_the_end(run: Path) -> tuple[str | None, str, float | None]:
-    """The page of a run that was just commissioned, a line on it, and the model's error over the noise; None and why where there is none.
+@dataclass(frozen=True)
+class Ended:
+    """The page of a run that was just commissioned, None where there is none.   line : on it, or why there is none.
 
-    Whatever is wrong with a page, the verdict it is about stands.
+    error : of the model over the noise.   doubts : what of the data sheets the model contradicts, in words.
     """
+
+    page: str | None
+    line: str
+    error: float | None = None
+    doubts: Sequence[str] = ()
+
+
+def at_the_end(run: Path) -> Ended:
+    """Makes the page.   Whatever is wrong with it, the verdict it is about stands."""
     try:
         made = report(run).data
     except Exception as problem:  # an axis was commissioned, and its gains may be in the drive
-        return None, f"Note: there is no report ({type(problem).__name__}: {problem}); beltcomm report {run} makes one", None
-    return str(made["page"]), f"Report: {made['page']}", (made.get("ratio") or {}).get("overall")
+        return Ended(None, f"Note: there is no report ({type(problem).__name__}: {problem}); beltcomm report {run} makes one")
+    return Ended(str(made["page"]), f"Report: {made['page']}", (made.get("ratio") or {}).get("overall"), made["data_sheet_words"])
 
 
 def trend(runs: Sequence[Path], *, limits: Sequence[str] = (), dates: Sequence[str] = (), out: Path | None = None) -> Result:

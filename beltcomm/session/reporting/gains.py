@@ -6,9 +6,9 @@ from collections.abc import Mapping
 
 from beltcomm.errors import BeltcommError
 from beltcomm.objects import ParameterObject, name_of, object_values
-from beltcomm.parameters import GAIN_NAMES, PREFILTER_KINDS
+from beltcomm.parameters import GAIN_NAMES
 from beltcomm.report.page import Section, Table, Words
-from beltcomm.session.gains import UNITS
+from beltcomm.session.gains import read_as, unit_of
 from beltcomm.session.reporting.gather import Gathered
 from beltcomm.session.store import parameters_from_dict
 
@@ -45,25 +45,25 @@ def section(run: Gathered) -> Section:
         if name not in designed:
             continue
         place = places.get(name)
-        shown = (NAMES[name], _shown(name, before.get(name)), _shown(name, designed[name]), UNITS.get(name, ""))
+        shown = (NAMES[name], _shown(name, before.get(name)), _shown(name, designed[name]), unit_of(name))
         held = ("not in this drive", "", "") if place is None else (name_of(place.index, place.subindex), place.type, _step(place))
         rows.append((*shown, *held, stood.get(name, ""), wanted.get(name, "")))
     head: tuple[str, ...] = (
         "gain",
         "before",
         "designed",
-        "SI unit",
+        "unit",
         "object",
         "type",
         "one unit of the drive is",
         "raw before",
         "raw designed",
     )
-    words = "SI values act at the motor shaft. The raw numbers are what stands in the drive's objects, in the drive maker's own units."
+    words = "Values act at the motor shaft. The raw numbers are what stands in the drive's objects, in the drive maker's own units."
     if not places:
         words = "The drive's objects are not known for this run; beltcomm apply shows them when it is connected."
         head, rows = head[:4], [row[:4] for row in rows]
-    bound = [f"bound by: {line}" for line in run.design.get("binding") or ()]
+    bound = [f"higher gains would break: {line}" for line in run.design.get("binding") or ()]
     return Section("gains", "Gains, as they are written to the drive", [Table(head, rows, words), Words(bound, listed=True)])
 
 
@@ -100,8 +100,6 @@ def _step(place: ParameterObject) -> str:
 def _shown(name: str, value: float | None) -> str:
     if value is None:
         return "unknown"
-    if name == "prefilter_kind":
-        return PREFILTER_KINDS[int(value)]
     if name == "filter_reference":
         return "yes" if value else "no"
-    return f"{value:.6g}"
+    return read_as(name, value)

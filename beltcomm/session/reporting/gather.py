@@ -12,7 +12,7 @@ from beltcomm.laboratory.compare import Comparison, compare, landmarks
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 from beltcomm.runfolder import RunFolder
-from beltcomm.session.laboratory import Opened, explainable, opened
+from beltcomm.session.opened import Opened, explainable, opened
 from beltcomm.session.pictures import middle_of
 from beltcomm.session.revisions import Revision, current_model, revisions
 from beltcomm.talk import Talk

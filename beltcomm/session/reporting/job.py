@@ -10,6 +10,7 @@ from beltcomm.configfiles import write_text
 from beltcomm.errors import UsageError
 from beltcomm.report.page import Page, render
 from beltcomm.result import Result, jsonable, plain
+from beltcomm.session.cross_check_words import sheet_lines
 from beltcomm.session.reporting import axis, changes, first, gains, loops, model, model_error, safety, tracking
 from beltcomm.session.reporting.gather import Gathered, gathered
 from beltcomm.talk import Silence, Talk
@@ -78,6 +79,7 @@ def page_of(found: Gathered, before: Gathered | None = None) -> Page:
 def numbers_of(found: Gathered, page: Page, before: Gathered | None = None) -> dict[str, Any]:
     """What the page shows, for programs."""
     comparison = found.comparison
+    doubts = found.laboratory.sheets if found.laboratory is not None else ()
     return {
         "run": found.name,
         "verdict": page.verdict,
@@ -86,6 +88,8 @@ def numbers_of(found: Gathered, page: Page, before: Gathered | None = None) -> d
         "next": list(page.next_steps),
         "sections": [section.key for section in page.sections],
         "ratio": None if comparison is None else {"overall": comparison.ratio, "held_out": comparison.held_out},
+        "data_sheet": [plain(doubt) for doubt in doubts],
+        "data_sheet_words": [line.replace(f"{found.folder.path.resolve()}/", "") for line in sheet_lines(doubts, found.folder.axis)],
         "results": plain(dict(found.results)),
         "against": None if before is None else {"run": before.name, "changes": plain(changes.compared(before, found))},
     }

@@ -16,9 +16,9 @@ def section(run: Gathered) -> Section:
         return Section("model-error", "Where the model fails", missing=f"Nothing to compare; beltcomm fit {run.place} makes a model.")
     places = [in_words(place, run.landmarks) for place in worst(found)] or ["No place stands out."]
     rows = [(r.name, f"{r.ratio:.2f}", f"{r.samples}", "held out" if r.held_out else "fitted") for r in found.records]
-    drawn = pictures.comparison_figures(run.folder, run.laboratory.data, run.laboratory.fitted, found, run.command)
+    drawn = pictures.error_figures(run.folder, run.laboratory.data, run.laboratory.fitted, found, run.command)
     parts: list[Words | Table | Picture] = [Words(places, listed=True)]
-    parts += [picture_of(figure) for name, figure in drawn.items() if name != "compare_response"]
+    parts += [picture_of(figure) for figure in drawn.values()]
     parts.append(Table(("record", "error / noise", "samples", "used"), rows, "1.00 means that nothing is missing in that record."))
     if run.rungs:
         parts += [picture_of(figure) for figure in pictures.ladder_figures(run.folder, run.rungs, run.command).values()]
