@@ -10,8 +10,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import scipy.signal  # noqa: F401  what is loaded when it is first needed must not be loaded while an axis waits for it
-
 from beltcomm.axis import Axis, load_axis
 from beltcomm.control import Cascade
 from beltcomm.design.compensation import compensated

@@ -21,4 +21,8 @@ from beltcomm.cli.frame import Frame, api, today
 def command(frame: Frame, /, effect: str, run: Path, pictures: bool, cost: bool) -> int:
     """Add EFFECT to the model of RUN, fit everything again and show the error before and after."""
     frame.run = run
-    return frame.show(api().add(effect, run, cost=cost, pictures=pictures, command=frame.line(), when=today(), talk=frame.talk()))
+    return frame.show(
+        api("beltcomm.session.laboratory").add_to_run(
+            effect, run, cost=cost, pictures=pictures, command=frame.line(), when=today(), talk=frame.talk()
+        )
+    )

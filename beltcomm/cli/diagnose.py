@@ -20,4 +20,5 @@ from beltcomm.cli.frame import Frame, api, today
 def command(frame: Frame, /, run: Path, auto: bool, cost: bool, following: bool) -> int:
     """Say which physical effect the model of RUN lacks, with evidence; changes nothing without --auto."""
     frame.run = run
-    return frame.show(api().diagnose(run, cost=cost, following=following, auto=auto, command=frame.line(), when=today(), talk=frame.talk()))
+    diagnose = api("beltcomm.session.laboratory").diagnose_run
+    return frame.show(diagnose(run, cost=cost, following=following, auto=auto, command=frame.line(), when=today(), talk=frame.talk()))

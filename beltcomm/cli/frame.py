@@ -234,11 +234,14 @@ class Frame:
         return ""
 
 
-def api() -> Any:
-    """:mod:`beltcomm.api`, imported when a verb runs: numba takes longer to import than ``--help`` may last."""
+def api(home: str = "beltcomm.api") -> Any:
+    """:mod:`beltcomm.api`, imported when a verb runs: numba takes longer to import than ``--help`` may last.
+
+    home : module of a function that needs no machine; without what moves one it is there in half the time.
+    """
     from beltcomm.cli import kernels
 
-    module = importlib.import_module("beltcomm.api")
+    module = importlib.import_module(home)
     kernels.listen()
     return module
 
@@ -278,7 +281,9 @@ def options_of(**values: Any) -> Any:
     """``api.Options`` from what was given on the command line, and the clock on the wall; its defaults hold for the rest."""
     import time
 
-    return api().Options(wall_clock=time.time, **{name: value for name, value in values.items() if value is not None})
+    return api("beltcomm.session.options").Options(
+        wall_clock=time.time, **{name: value for name, value in values.items() if value is not None}
+    )
 
 
 def today() -> str:

@@ -43,7 +43,9 @@ def command(
         if drive is not None:
             raise click.UsageError("--compare needs no machine; leave --drive out", ctx)
         frame.run = folders[0] if folders else None
-        return frame.show(api().friction_compare(folders, pictures=pictures, command=frame.line(), talk=frame.talk()))
+        return frame.show(
+            api("beltcomm.session.friction_study").friction_compare(folders, pictures=pictures, command=frame.line(), talk=frame.talk())
+        )
     if runs:
         raise click.UsageError(
             f"what shall be done with {runs[0]}? --run RUN sweeps there, --compare RUN RUN sets sweeps side by side", ctx

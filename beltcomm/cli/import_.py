@@ -111,7 +111,7 @@ def command(
     if check_only:
         if files or run is None:
             raise UsageError("--check takes --run RUN and no FILE")
-        return frame.show(api().check_imports(run))
+        return frame.show(api("beltcomm.foreign.job").check_imports(run))
     if not files:
         raise UsageError("no file is given; beltcomm import FILE --map torque_nm=NAME --map position_rad=NAME ...")
     from beltcomm.foreign.store import recording_name
@@ -122,7 +122,9 @@ def command(
 
     words = {"axis": chosen, "sidecar": _sidecar(given), "name": given["name"], "dry_run": given["dry_run"]}
     try:
-        return frame.show(api().import_recordings(files, frame.run, _reading(given), **words, ask=_ask if _can_be_asked() else None))
+        return frame.show(
+            api("beltcomm.foreign.job").import_recordings(files, frame.run, _reading(given), **words, ask=_ask if _can_be_asked() else None)
+        )
     except NeedsAnswers as error:
         if given["dry_run"]:
             raise Refused(f"{error}. Give --map for these, or leave --dry-run out to get a file of mappings to be edited") from error

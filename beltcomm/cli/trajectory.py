@@ -41,4 +41,6 @@ def command(frame: Frame, /, file: Path, start_m: float, end_m: float, yes: bool
     `beltcomm verify --move FILE`.
     """
     said = {name: value for name, value in given.items() if value is not None}
-    return frame.show(api().trajectory(file, start_m, end_m, **said, options=options_of(yes=yes), talk=frame.talk()))
+    return frame.show(
+        api("beltcomm.session.move_file").trajectory(file, start_m, end_m, **said, options=options_of(yes=yes), talk=frame.talk())
+    )

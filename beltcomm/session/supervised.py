@@ -9,6 +9,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import scipy.signal  # noqa: F401  what is loaded when it is first needed must not be loaded while an axis waits for it
+
 from beltcomm.drive import Capabilities, Clock, Drive, ExchangeReport, Guarding, Limits, Motion, Row, Sink
 from beltcomm.errors import BeltcommError, Refused, SafetyStop
 from beltcomm.objects import ObjectValue

@@ -101,7 +101,11 @@ class StandIn(ModuleType):
 @pytest.fixture
 def api(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> StandIn:
     stand_in = StandIn()
-    for name in ("beltcomm.api", "beltcomm.session.reporting"):
+    for name in (
+        "beltcomm.api", "beltcomm.session.reporting", "beltcomm.session.options", "beltcomm.session.laboratory", "beltcomm.session.fit_job",
+        "beltcomm.session.friction_study", "beltcomm.session.convert", "beltcomm.session.export", "beltcomm.session.bundle",
+        "beltcomm.session.thesis", "beltcomm.session.move_file", "beltcomm.foreign.job",
+    ):  # fmt: skip
         monkeypatch.setitem(sys.modules, name, stand_in)
     monkeypatch.chdir(tmp_path)
     return stand_in
