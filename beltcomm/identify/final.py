@@ -14,9 +14,9 @@ from beltcomm.effects import effect_named
 from beltcomm.effects.belt_spans import stiffness as stiffness_at
 from beltcomm.errors import DataError
 from beltcomm.identify.first_estimate import data_sheet_model, first_estimate
-from beltcomm.identify.inverse_fit import OUTLIER, SUSPECT_MISFIT, InverseFit, fit_inverse
+from beltcomm.identify.inverse_fit import SUSPECT_MISFIT, InverseFit, fit_inverse
 from beltcomm.identify.jumps import proven_jumps, refuse
-from beltcomm.identify.residual import Stretch, stretches, whitened
+from beltcomm.identify.residual import OUTLIER, Stretch, stretches, whitened
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 

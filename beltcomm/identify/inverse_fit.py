@@ -13,15 +13,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
 from scipy.special import stdtrit
 
 from beltcomm.errors import DataError
-from beltcomm.identify.residual import Stretch, stretches, torque_noise, whitened
+from beltcomm.identify.residual import Stretch, squares_left, stretches, torque_noise, whitened
 from beltcomm.identify.reversals import turns_at_once
 from beltcomm.identify.uncertainty import remark_on, remark_on_rounding, remarks_on_pairs, sandwich
 from beltcomm.model import Model, expected_parameters
 from beltcomm.recording import Recording
+from beltcomm.side_by_side import side_by_side
 
 Array = NDArray[np.float64]
 
@@ -42,8 +42,6 @@ LONGEST_SEARCH = 40
 #: the one below which a failed step is not tried again in smaller ones.
 SMALLEST_GAIN = 0.01
 ROUGH = 1.0
-#: Squared whitened residual beyond which a sample has no more weight when a start offset is looked for: five deviations.
-OUTLIER = 25.0
 #: Parameters that are 0 until the data speak for them, and by how much the objective must fall for them: two deviations.
 DOUBTFUL = ("viscous_cart.damping",)
 WORTH_HAVING = 4.0
@@ -134,7 +132,10 @@ def fit_inverse(
 
 
 def _pieces(recordings: Sequence[Recording], model: Model, step_rad: float, noise_nm: float, *, reversals: bool = False) -> list[Stretch]:
-    found = [stretches(recording, model, step_rad, noise_nm, fitted=True, reversals=reversals) for recording in recordings]
+    def of(recording: Recording) -> list[Stretch]:
+        return stretches(recording, model, step_rad, noise_nm, fitted=True, reversals=reversals)
+
+    found = side_by_side(of, recordings)
     return [piece for pieces in found for piece in pieces]
 
 
@@ -234,13 +235,14 @@ class _Problem:
         return whitened(self.pieces[i], self.model, self.full(x), self.pieces[i].offset_m * float(x[len(self.free) + i]))
 
     def residual(self, x: Array) -> Array:
-        return np.concatenate([self.one(i, x) for i in range(len(self.pieces))])
+        return np.concatenate(side_by_side(lambda i: self.one(i, x), range(len(self.pieces))))
 
     def jacobian(self, x: Array, *, central: bool = False) -> Array:
         """One-sided differences while searching, central ones for the covariance."""
         columns = np.zeros((self.ends[-1], len(x)))
-        here = [self.one(i, x) for i in range(len(self.pieces))] if not central else []
-        for j in range(len(x)):
+        here = side_by_side(lambda i: self.one(i, x), range(len(self.pieces))) if not central else []
+
+        def fill(j: int) -> None:
             step = 1e-3 * max(abs(x[j]), 0.1)
             ahead, behind = x.copy(), x.copy()
             ahead[j] = x[j] + step if x[j] + step <= self.high[j] else x[j] - step
@@ -250,6 +252,8 @@ class _Problem:
             for i in touched:
                 difference = self.one(i, ahead) - (self.one(i, behind) if central else here[i])
                 columns[self.ends[i] : self.ends[i + 1], j] = difference / (ahead[j] - behind[j])
+
+        side_by_side(fill, range(len(x)))
         return columns
 
     def with_coarser_encoder(self, factor: float) -> _Problem:
@@ -393,13 +397,3 @@ def _report(problem: _Problem, x: Array, objective: float, groups: NDArray[np.in
         freedom=freedom,
         remarks=tuple(remark for remark in remarks if remark),
     )
-
-
-def squares_left(piece: Stretch, model: Model, vector: Array) -> Array:
-    """Squared whitened residual of a stretch that the model was not fitted to; only where its carriage stuck at the start is."""
-
-    def cost(offset_m: float) -> float:
-        return float(np.sum(np.minimum(whitened(piece, model, vector, offset_m) ** 2, OUTLIER)))
-
-    best = minimize_scalar(cost, bounds=(-piece.offset_m, piece.offset_m), method="bounded", options={"xatol": 1e-7})
-    return whitened(piece, model, vector, float(best.x)) ** 2

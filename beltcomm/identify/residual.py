@@ -16,6 +16,7 @@ from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
 
 from beltcomm.compiled import compiled
 from beltcomm.identify.following import Follower, follower_for, follows
@@ -46,6 +47,8 @@ SUBSTEPS = 16
 COARSE_SUBSTEPS = 4
 #: m; largest stretch of the belt at the start of a stretch that begins in motion: 10 m/s² on 10 kg and 200 kN/m.
 MOVING_STRETCH_M = 5e-4
+#: Squared whitened residual beyond which a sample has no more weight when a start offset is looked for: five deviations.
+OUTLIER = 25.0
 #: By how much more than the model's friction at the carriage the belt may be stretched where the axis begins at rest.
 HELD_SPREAD = 1.2
 
@@ -292,6 +295,16 @@ def whitened(stretch: Stretch, model: Model, vector: Array, offset_m: float = 0.
     if stretch.follower is not None:
         return followed(stretch, model, vector)
     return in_noise(stretch, model, vector, evaluate(stretch, model, vector, offset_m))
+
+
+def squares_left(piece: Stretch, model: Model, vector: Array) -> Array:
+    """Squared whitened residual of a stretch that the model was not fitted to; only where its carriage stuck at the start is."""
+
+    def cost(offset_m: float) -> float:
+        return float(np.sum(np.minimum(whitened(piece, model, vector, offset_m) ** 2, OUTLIER)))
+
+    best = minimize_scalar(cost, bounds=(-piece.offset_m, piece.offset_m), method="bounded", options={"xatol": 1e-7})
+    return whitened(piece, model, vector, float(best.x)) ** 2
 
 
 def followed(stretch: Stretch, model: Model, vector: Array, wanted: Array | None = None) -> Array:
