@@ -33,6 +33,8 @@ Array = NDArray[np.float64]
 #: rad/s at the motor: below this speed anywhere within a sample the motor may be sticking.  Three encoder steps of a 65536-count
 #: encoder per millisecond; on simulated axes 0.1 still lets sticking samples through and 0.2 to 0.8 give equal residuals.
 STICK_SPEED_RAD_S = 0.3
+#: The same in steps of the encoder per sample, where a reversal is looked for: below that its instant is the rounding's.
+STICK_STEPS = 3.0
 #: m/s, the same for an axis known at its load side.
 STICK_SPEED_M_S = 4e-3
 #: s, and steps of the encoder: a motor that gets on by so many steps in so long, before and after, is not at rest.
@@ -140,8 +142,9 @@ def stretches(
             motion = rebuilt(motion, model, position, torque, place)
         stick_speed, turns = STICK_SPEED_M_S if recording.side == "load" else STICK_SPEED_RAD_S, None
         if fitted and reversals and turns_at_once(model):
+            slow = max(stick_speed, STICK_STEPS * step_rad / sample)
             motion, keep, turns = passed(
-                motion, model, stick_speed, partial(rebuilt, model=model, position=position, torque=torque, start_rad=place)
+                motion, model, slow, partial(rebuilt, model=model, position=position, torque=torque, start_rad=place)
             )
         else:
             keep = ~resting(motion, stick_speed)
