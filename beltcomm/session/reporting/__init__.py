@@ -37,9 +37,9 @@ def at_the_end(run: Path) -> Ended:
     """Makes the page.   Whatever is wrong with it, the verdict it is about stands."""
     try:
         made = report(run).data
+        return Ended(str(made["page"]), f"Report: {made['page']}", (made.get("ratio") or {}).get("overall"), made["data_sheet_words"])
     except Exception as problem:  # an axis was commissioned, and its gains may be in the drive
         return Ended(None, f"Note: there is no report ({type(problem).__name__}: {problem}); beltcomm report {run} makes one")
-    return Ended(str(made["page"]), f"Report: {made['page']}", (made.get("ratio") or {}).get("overall"), made["data_sheet_words"])
 
 
 def trend(runs: Sequence[Path], *, limits: Sequence[str] = (), dates: Sequence[str] = (), out: Path | None = None) -> Result:
