@@ -24,9 +24,9 @@ def compiled(function: Callable[_P, _R]) -> Callable[_P, _R]:
     written (``njit(cache=True)`` raises there, at import) it lives as long as the process.
     """
     try:
-        return cast("Callable[_P, _R]", numba.njit(cache=True, nogil=True)(function))
+        return cast("Callable[_P, _R]", numba.njit(cache=True)(function))
     except RuntimeError:  # "no locator available": numba has found no place for its cache
-        return cast("Callable[_P, _R]", numba.njit(nogil=True)(function))
+        return cast("Callable[_P, _R]", numba.njit(function))
 
 
 def in_lanes(function: Callable[_P, _R]) -> Callable[_P, _R]:
@@ -35,9 +35,9 @@ def in_lanes(function: Callable[_P, _R]) -> Callable[_P, _R]:
     With the test the compiler cannot put the neighbours into one register.
     """
     try:
-        return cast("Callable[_P, _R]", numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})(function))
+        return cast("Callable[_P, _R]", numba.njit(cache=True, error_model="numpy", fastmath={"contract"})(function))
     except RuntimeError:
-        return cast("Callable[_P, _R]", numba.njit(nogil=True, error_model="numpy", fastmath={"contract"})(function))
+        return cast("Callable[_P, _R]", numba.njit(error_model="numpy", fastmath={"contract"})(function))
 
 
 def when_compiling(begun: Callable[[], None], ended: Callable[[], None]) -> None:

@@ -21,7 +21,6 @@ from beltcomm.identify.reversals import turns_at_once
 from beltcomm.identify.uncertainty import remark_on, remark_on_rounding, remarks_on_pairs, sandwich
 from beltcomm.model import Model, expected_parameters
 from beltcomm.recording import Recording
-from beltcomm.side_by_side import side_by_side
 
 Array = NDArray[np.float64]
 
@@ -132,10 +131,7 @@ def fit_inverse(
 
 
 def _pieces(recordings: Sequence[Recording], model: Model, step_rad: float, noise_nm: float, *, reversals: bool = False) -> list[Stretch]:
-    def of(recording: Recording) -> list[Stretch]:
-        return stretches(recording, model, step_rad, noise_nm, fitted=True, reversals=reversals)
-
-    found = side_by_side(of, recordings)
+    found = [stretches(recording, model, step_rad, noise_nm, fitted=True, reversals=reversals) for recording in recordings]
     return [piece for pieces in found for piece in pieces]
 
 
@@ -235,14 +231,13 @@ class _Problem:
         return whitened(self.pieces[i], self.model, self.full(x), self.pieces[i].offset_m * float(x[len(self.free) + i]))
 
     def residual(self, x: Array) -> Array:
-        return np.concatenate(side_by_side(lambda i: self.one(i, x), range(len(self.pieces))))
+        return np.concatenate([self.one(i, x) for i in range(len(self.pieces))])
 
     def jacobian(self, x: Array, *, central: bool = False) -> Array:
         """One-sided differences while searching, central ones for the covariance."""
         columns = np.zeros((self.ends[-1], len(x)))
-        here = side_by_side(lambda i: self.one(i, x), range(len(self.pieces))) if not central else []
-
-        def fill(j: int) -> None:
+        here = [self.one(i, x) for i in range(len(self.pieces))] if not central else []
+        for j in range(len(x)):
             step = 1e-3 * max(abs(x[j]), 0.1)
             ahead, behind = x.copy(), x.copy()
             ahead[j] = x[j] + step if x[j] + step <= self.high[j] else x[j] - step
@@ -252,8 +247,6 @@ class _Problem:
             for i in touched:
                 difference = self.one(i, ahead) - (self.one(i, behind) if central else here[i])
                 columns[self.ends[i] : self.ends[i + 1], j] = difference / (ahead[j] - behind[j])
-
-        side_by_side(fill, range(len(x)))
         return columns
 
     def with_coarser_encoder(self, factor: float) -> _Problem:

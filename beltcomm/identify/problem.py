@@ -18,7 +18,6 @@ from beltcomm.compiled import in_one_thread
 from beltcomm.effects import effect_named
 from beltcomm.identify.residual import Stretch, followed, in_noise
 from beltcomm.model import Model, expected_parameters
-from beltcomm.side_by_side import side_by_side
 from beltcomm.simulate.inverse import (
     FineMotion,
     Lags,
@@ -181,7 +180,7 @@ class Problem:
 
     def residual(self, x: Array) -> Array:
         """Whitened residual of all pieces, (n,)."""
-        return np.concatenate(side_by_side(lambda i: self.one(i, x), range(len(self.pieces))))
+        return np.concatenate([self.one(i, x) for i in range(len(self.pieces))])
 
     def jacobian(self, x: Array, only: Sequence[int] | None = None) -> Array:
         """One-sided differences, (n, unknowns); ``only`` : columns that are asked for, the others stay 0."""
@@ -190,9 +189,7 @@ class Problem:
         offsets = OFFSET_M * x[own:] if self.movable else np.zeros(len(self.pieces))
         asked = range(len(x)) if only is None else only
         vector = self.full(x)
-
-        def fill(i: int) -> None:
-            piece = self.pieces[i]
+        for i, piece in enumerate(self.pieces):
             follows = piece.follower is not None
             old = self.balance(i, x, float(offsets[i]))
             here = old.residual
@@ -227,8 +224,6 @@ class Problem:
             if changes:
                 white = in_noise(piece, self.model, vector, np.stack(list(changes.values()), axis=1))
                 columns[self.ends[i] : self.ends[i + 1], list(changes)] = white
-
-        side_by_side(fill, range(len(self.pieces)))
         return columns
 
     def block_means(self, residual: Array) -> Array:

@@ -18,7 +18,6 @@ from beltcomm.identify.residual import Stretch, creeping, evaluate, path_of, str
 from beltcomm.identify.whitening import whitener
 from beltcomm.model import Model
 from beltcomm.recording import Recording
-from beltcomm.side_by_side import side_by_side
 
 Array = NDArray[np.float64]
 
@@ -81,16 +80,14 @@ def made(
 
     shares : by record, :func:`rounding_shares`; all of it white where it is missing.   usual : fine steps a sample.
     """
+    pieces = []
     rattles = any(effect.rattles for effect in model.effect_list())
-
-    def of(recording: Recording) -> list[Stretch]:
+    for recording in recordings:
         shown, group = shares.get(recording.name, (1.0, 0.0)), group_of(recording)
         stroke = recording.sidecar.experiment == "friction_sweep"
         substeps = (RATTLING_STROKE_SUBSTEPS if rattles else STROKE_SUBSTEPS) if stroke else (RATTLING_SUBSTEPS if rattles else usual)
-        found = stretches(recording, model, step_rad, noise_nm, fitted=True, substeps=substeps)
-        return [rewhitened(replace(piece, rounding=shown, group=group), model) for piece in found]
-
-    pieces = list(itertools.chain.from_iterable(side_by_side(of, recordings)))
+        for piece in stretches(recording, model, step_rad, noise_nm, fitted=True, substeps=substeps):
+            pieces.append(rewhitened(replace(piece, rounding=shown, group=group), model))
     return Data(
         tuple(recordings),
         tuple(p for p in pieces if not p.held_out),
@@ -119,14 +116,12 @@ def remade(data: Data, model: Model, offsets_m: Array, substeps: int = SUBSTEPS)
     """
     left: dict[str, list[tuple[Stretch, Array]]] = {}
     starts = [*offsets_m, *np.zeros(len(data.held_out))]
-    pieces, vector = (*data.fitted, *data.held_out), model.vector()
-    torques = side_by_side(lambda item: evaluate(item[0], model, vector, float(item[1])), zip(pieces, starts, strict=True))
-    for piece, torque in zip(pieces, torques, strict=True):
-        left.setdefault(piece.record, []).append((piece, torque))
+    for piece, offset in zip((*data.fitted, *data.held_out), starts, strict=True):
+        left.setdefault(piece.record, []).append((piece, evaluate(piece, model, model.vector(), float(offset))))
     if follows(model):  # what an observer leaves says nothing of the rounding; the shares found before stay
         shares = {piece.record: piece.rounding for piece in (*data.fitted, *data.held_out)}
     else:
-        shares = dict(zip(left, side_by_side(lambda parts: rounding_shares(parts, model), left.values()), strict=True))
+        shares = {name: rounding_shares(parts, model) for name, parts in left.items()}
     return made(data.recordings, model, data.noise_nm, data.step_rad, shares, substeps)
 
 

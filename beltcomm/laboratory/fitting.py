@@ -14,7 +14,6 @@ from beltcomm.identify.problem import OFFSET_M, Minimum, Problem, free_parameter
 from beltcomm.identify.residual import Stretch, dressed, whitened
 from beltcomm.laboratory.data import Data
 from beltcomm.model import Model
-from beltcomm.side_by_side import side_by_side
 
 Array = NDArray[np.float64]
 
@@ -82,7 +81,7 @@ def fit_of(
     else:
         found = problem.minimise(problem.start(offsets), iterations, enough=enough)
     best = problem.model_at(found.x, "laboratory")
-    held_residual = tuple(side_by_side(lambda piece: judged(piece, best), data.held_out))
+    held_residual = tuple(judged(piece, best) for piece in data.held_out)
     return Fitted(best, problem, found.x, found.residual, found.objective, held_residual, held_objective(data, held_residual))
 
 

@@ -9,7 +9,6 @@ the sums of products of each block.  Finite changes and not derivatives: right f
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,7 +16,6 @@ from numpy.typing import NDArray
 
 from beltcomm.compiled import compiled
 from beltcomm.identify.problem import Problem
-from beltcomm.side_by_side import side_by_side
 
 Array = NDArray[np.float64]
 
@@ -25,8 +23,6 @@ Array = NDArray[np.float64]
 IMITATED = 1e-8
 #: Passes of the reweighting, and the gain below which it ends, nats.
 PASSES, ENOUGH = 12, 0.05
-#: Parts in which products are summed; each block by itself, so that the sums do not depend on it.
-AT_ONCE = 8
 
 
 @dataclass(frozen=True)
@@ -174,15 +170,8 @@ def _robust(count: Array, means: Array) -> float:
     return float(np.sum(count * np.where(means < 1.0, means, 1.0 + np.log(np.maximum(means, 1.0)))))
 
 
-def _products(starts: NDArray[np.int64], active: NDArray[np.bool_], left: Array, right: Array) -> Array:
-    """leftᵀ right of every block, (blocks, left columns, right columns).   active : (blocks, left columns), those that are not zero."""
-    ends = np.linspace(0, len(starts) - 1, AT_ONCE + 1).astype(np.intp)
-    some = [(a, b) for a, b in itertools.pairwise(ends.tolist()) if b > a]
-    return np.concatenate(side_by_side(lambda ab: _products_of(starts[ab[0] : ab[1] + 1], active[ab[0] : ab[1]], left, right), some))
-
-
 @compiled
-def _products_of(starts: NDArray[np.int64], active: NDArray[np.bool_], left: Array, right: Array) -> Array:
+def _products(starts: NDArray[np.int64], active: NDArray[np.bool_], left: Array, right: Array) -> Array:
     """leftᵀ right of every block, (blocks, left columns, right columns).   active : (blocks, left columns), those that are not zero."""
     width = right.shape[1]
     out = np.zeros((starts.shape[0] - 1, left.shape[1], width))

@@ -24,7 +24,6 @@ from beltcomm.laboratory.harmonics import gain_means, load_means
 from beltcomm.laboratory.hints import explained_stretch, stiffness_by_record
 from beltcomm.laboratory.nearby import Nearby
 from beltcomm.model import Model, on_side
-from beltcomm.side_by_side import side_by_side
 from beltcomm.simulate.inverse import FineMotion, acting_torque, acts_on_motor, as_read, belt_load, motor_load, reading_lags, true_motion
 
 Array = NDArray[np.float64]
@@ -117,9 +116,8 @@ class Scorer:
         for first in range(1, highest + 1, BATCH):
             orders = range(first, min(first + BATCH, highest + 1))
             some = [wanted[order] for order in orders if order in wanted]
-
-            def part(i: int, orders: range = orders, some: list[Trial] = some) -> Array:
-                piece, scan = self.problem.pieces[i], scans[i]
+            parts = []
+            for i, (piece, scan) in enumerate(zip(self.problem.pieces, scans, strict=True)):
                 means = np.empty((piece.motion.samples, len(some), 2))
                 place = 0
                 for order in orders:
@@ -128,9 +126,7 @@ class Scorer:
                         for k, mean in enumerate((sine, cosine)):
                             means[:, place, k] = self.shown(i, mean) if load else mean
                         place += 1
-                return in_noise(piece, self.model, self.vector, means.reshape(len(means), -1))
-
-            parts = side_by_side(part, range(len(scans)))
+                parts.append(in_noise(piece, self.model, self.vector, means.reshape(len(means), -1)))
             if some:
                 sizes = [(1.0 if load else -1.0) * trial.values[name] for trial in some for name in trial.amplitudes]
                 yield some, np.concatenate(parts) * sizes
@@ -192,20 +188,19 @@ class Scorer:
         extended : models that have the effect, and that may have another belt.
         """
         vectors = [model.vector() for model in extended]
-
-        def part(i: int) -> Array:
-            piece = self.rough[i]
+        parts = []
+        for i, piece in enumerate(self.rough):
             if piece.follower is not None and not (acts_on_motor(effect) and effect.slot != "friction_onset"):
                 # An observer of a model that is far off has lost the carriage; what finds it again needs one of its own.
                 anew = effect.slot in BELT_SLOTS and self.fitted.objective > FAR_OFF * self.problem.samples
                 own = [dressed(piece, m) if anew else piece for m in extended]
                 there = [whitened(o, m, v) for o, m, v in zip(own, extended, vectors, strict=True)]
-                return np.asarray(np.stack(there, axis=1) - whitened(piece, self.model, self.vector)[:, None])
+                parts.append(np.stack(there, axis=1) - whitened(piece, self.model, self.vector)[:, None])
+                continue
             motion = true_motion(self.model, piece.motion, self.vector)
             changes = [self.change(effect, m, v, i, motion) for m, v in zip(extended, vectors, strict=True)]
-            return in_noise(piece, self.model, self.vector, np.stack(changes, axis=1))
-
-        return np.concatenate(side_by_side(part, range(len(self.rough))))
+            parts.append(in_noise(piece, self.model, self.vector, np.stack(changes, axis=1)))
+        return np.concatenate(parts)
 
     def change(self, effect: Effect, extended: Model, vector: Array, i: int, motion: FineMotion) -> Array:
         """Change of a piece's residual, N m, (n,)."""

@@ -17,7 +17,6 @@ import importlib.util
 import os
 import sys
 import tempfile
-import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
@@ -31,8 +30,7 @@ from beltcomm.simulate.fences import indented
 from beltcomm.simulate.writer import LOOK_AHEAD, MOVING_RAD_S, Writer
 
 #: Changes whenever the generated source changes shape, so that an old cache is never met.
-_VERSION = 17
-_IMPORTING = threading.Lock()
+_VERSION = 16
 
 
 @dataclass(frozen=True)
@@ -256,11 +254,8 @@ def inverse_source() -> str:
 def import_stable(source: str) -> ModuleType:
     """Import generated source from a file whose name is its hash; numba caches machine code beside that file."""
     name = f"kernel_{_VERSION}_{hashlib.sha256(source.encode()).hexdigest()[:20]}"
-    with _IMPORTING:  # threads that ask at once get it when it is whole
-        return sys.modules[name] if name in sys.modules else _imported(name, source)
-
-
-def _imported(name: str, source: str) -> ModuleType:
+    if name in sys.modules:
+        return sys.modules[name]
     path = _source_file(name, source)
     if path is None:
         module = ModuleType(name)
