@@ -44,7 +44,7 @@ def test_a_record_in_real_time(node):
     rows: list[Row] = []
     n = 25
     torque = np.where(np.arange(n) < 12, 0.01, -0.01)
-    with open_drive("can:virtual:stub", {"node": 1}) as drive:
+    with open_drive("can:virtual:stub", {"node": 1, "sample_period": T}) as drive:
         began_s = drive.clock.now()
         motion = Motion("torque", T, np.zeros(n), np.zeros(n), torque)
         report = drive.record(motion, Limits(-10, 10, 50, 0.5), rows.append)
