@@ -17,6 +17,8 @@ from truth import Axis, ConstantBelt, TruthPlant
 from truth.rigs import draw
 
 SPEEDS = (0.03, 0.1, 0.3, 0.6)
+#: Leapfrog steps of a sample.
+STEPS = 20
 
 
 def start_beside(truth: Model) -> Model:
@@ -267,37 +269,34 @@ def test_samples_with_a_reversal_count_where_friction_turns_at_once(g_b: Case) -
 
 
 def bristled(axis: Axis, torque: np.ndarray, way_m: float) -> np.ndarray:
-    """Motor angle, rad, at every sample where friction turns round over ``way_m``: Dahl's bristle in leapfrog steps, each held torque
-    of the record to the next.   The carriage's friction turns round over half a micrometre."""
+    """Motor angle, rad, at every sample, where friction turns round over ``way_m`` on both bodies: Dahl's bristle, leapfrog steps."""
     assert isinstance(axis.belt, ConstantBelt)
-    c, d, i_t, h = axis.belt.stiffness_n_m, axis.belt.damping_n_s_m, axis.transmission_m_rad, PERIOD_S / 40
+    c, d, i_t, h = axis.belt.stiffness_n_m, axis.belt.damping_n_s_m, axis.transmission_m_rad, PERIOD_S / STEPS
     theta = omega = x = v = z = y = 0.0
     angles = []
     for held in torque.tolist():
         angles.append(theta)
-        for _ in range(40):
+        for _ in range(STEPS):
             theta, x = theta + 0.5 * h * omega, x + 0.5 * h * v
-            side, ahead = math.copysign(1.0, omega), math.copysign(1.0, v)
-            decay, fall = math.exp(-abs(omega) * i_t * h / way_m), math.exp(-abs(v) * h / 0.5e-6)
-            # what acts over the step is the bristle's mean
-            rub = side + (z - side) * (1.0 + decay) / 2.0
-            z = side + (z - side) * decay
-            drag = ahead + (y - ahead) * (1.0 + fall) / 2.0
-            y = ahead + (y - ahead) * fall
+            z, y = bent(z, omega * i_t * h / way_m), bent(y, v * h / way_m)
             belt = c * (i_t * theta - x) + d * (i_t * omega - v)
-            omega += h * (held - axis.viscous_motor_nm_s_rad * omega - axis.coulomb_motor_nm * rub - i_t * belt) / axis.inertia_kg_m2
-            v += h * (belt - axis.coulomb_cart_n * drag) / axis.mass_kg
+            omega += h * (held - axis.viscous_motor_nm_s_rad * omega - axis.coulomb_motor_nm * z - i_t * belt) / axis.inertia_kg_m2
+            v += h * (belt - axis.coulomb_cart_n * y) / axis.mass_kg
             theta, x = theta + 0.5 * h * omega, x + 0.5 * h * v
     return np.array(angles)
 
 
+def bent(z: float, moved: float) -> float:
+    """A bristle, as share of the level, after ``moved`` of its way."""
+    side = math.copysign(1.0, moved)
+    return side + (z - side) * math.exp(-abs(moved))
+
+
 def test_friction_that_needs_a_way_to_turn_round_keeps_them_out() -> None:
     plant = draw("g_b", np.random.default_rng(24))
-    record = Recorder(24, delay_s=0.0).shaken(plant, 0.3, 4, "prbs")
-    counted = {way: np.floor(bristled(plant.axis, record.torque_setpoint, way) / STEP_RAD) * STEP_RAD for way in (5e-6, 0.05e-6)}
-    fits = {
-        way: fit_inverse([replace(record, position=position)], start_beside(true_model(plant)), counts_per_rev=COUNTS)
-        for way, position in counted.items()
-    }
-    assert fits[0.05e-6].reversals
-    assert not fits[5e-6].reversals
+    start = start_beside(true_model(plant))
+    at_once = Recorder(24, delay_s=0.0).shaken(plant, 0.3, 4, "prbs")
+    assert at_once.torque_setpoint is not None
+    counted = np.floor(bristled(plant.axis, at_once.torque_setpoint, 5e-6) / STEP_RAD) * STEP_RAD
+    assert fit_inverse([at_once], start, counts_per_rev=COUNTS).reversals
+    assert not fit_inverse([replace(at_once, position=counted)], start, counts_per_rev=COUNTS).reversals
