@@ -101,11 +101,15 @@ def diagnose(
     axis: Axis,
     start: Model,
     *,
+    begun: tuple[Data, Fitted] | None = None,
     most: int = MOST_EFFECTS,
     progress: Callable[[float], None] = lambda _fraction: None,
 ) -> Diagnosis:
-    """The whole search from a start model.   Raises DataError when the records cannot be used."""
-    data, base = fitted_base(recordings, axis, start)
+    """The whole search from a start model.   begun : its :func:`fitted_base`, where known.
+
+    Raises DataError when the records cannot be used.
+    """
+    data, base = begun or fitted_base(recordings, axis, start)
     steps: list[Step] = []
     current = base
     twins: tuple[str, ...] = ()

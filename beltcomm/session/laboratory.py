@@ -28,6 +28,7 @@ from beltcomm.session import ladder_words as words
 from beltcomm.session import pictures as drawn
 from beltcomm.session.cost import cost_lines, cost_or_reason
 from beltcomm.session.cross_check_words import as_data, check_lines, cross_checked, sheet_lines
+from beltcomm.session.kept_fit import fitted_to
 from beltcomm.session.next_plan import NAME, plan_for, recorded_sets
 from beltcomm.session.opened import Opened, explainable, opened, records_of
 from beltcomm.session.response_table import table_lines, table_of
@@ -100,7 +101,8 @@ def diagnose_run(
     model = current_model(folder)
     talk.phase(1, 1, "search for missing effects")
     start = model if model is not None else start_model(folder.axis, recordings)
-    found = diagnose(recordings, folder.axis, start, progress=lambda fraction: talk.progress(fraction, None))
+    begun = fitted_to(folder, recordings, start)
+    found = diagnose(recordings, folder.axis, start, begun=begun, progress=lambda fraction: talk.progress(fraction, None))
     explainable(found.base.ratio, run)
     found, doubts = within_scope(found, recordings)
     crossed = cross_checked(found, recordings, folder.axis)
