@@ -132,7 +132,7 @@ def diagnose_run(
 
 def sight(folder: RunFolder, found: Diagnosis, recordings: Sequence[Recording], following: bool) -> tuple[dict[str, Any], list[str]]:
     """What these data could not have shown, and with ``following`` the plan of what to record next, saved."""
-    sights = visible(found.base, ground_of(found.base, found.base.problem.pieces, folder.axis))
+    sights = visible(found.scorer, ground_of(found.base, found.base.problem.pieces, folder.axis))
     data: dict[str, Any] = {"visible": [seen_as(one) for one in sights]}
     model = found.base.model
     missing = lacking(recordings, model["transmission.ratio"]) if "cart" in model.base_bodies else []
