@@ -6,16 +6,16 @@ import io
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from matplotlib import rc_context
 from matplotlib.backends.backend_mixed import MixedModeRenderer
-from matplotlib.backends.backend_svg import RendererSVG
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 
 from beltcomm.report import style
+from beltcomm.report.measuring import Vectors
 from beltcomm.report.placing import place
 from beltcomm.report.ticks import POINTS_PER_INCH
 
@@ -41,6 +41,8 @@ DENSE_DPI = 110
 LINE_PT, POINT_PT, MANY = 0.3, 1.0, 200
 #: Diameter of a "." over its marker size, without its edge.
 DOT_SHARE = 0.5
+#: Neither date nor program: the same figure gives the same text.
+UNDATED = {"Date": None, "Creator": None}
 State = Literal["good", "bad", "note", ""]
 
 
@@ -137,10 +139,8 @@ def svg_of(figure: Figure) -> str:
     figure.set_dpi(POINTS_PER_INCH)
     with rc_context({"svg.fonttype": "none", "svg.hashsalt": "beltcomm", "path.simplify_threshold": LINE_PT}):
         wide, high = figure.get_size_inches()
-        # measures and draws: what a text needs is found once.  savefig would draw everything twice
-        vectors = RendererSVG(
-            wide * POINTS_PER_INCH, high * POINTS_PER_INCH, stream, image_dpi=DENSE_DPI, metadata={"Date": None, "Creator": None}
-        )  # type: ignore[no-untyped-call]
+        size = (wide * POINTS_PER_INCH, high * POINTS_PER_INCH)
+        vectors = Vectors(*size, stream, image_dpi=DENSE_DPI, metadata=UNDATED)  # type: ignore[no-untyped-call]
         layout = figure.get_layout_engine()
         if not place(figure, vectors) and layout is not None:
             layout.execute(figure)
@@ -148,7 +148,8 @@ def svg_of(figure: Figure) -> str:
         for axes in figure.get_axes():
             for line in list(axes.get_lines()):
                 _thin(axes, line)
-        renderer = MixedModeRenderer(figure, wide, high, DENSE_DPI, vectors)  # type: ignore[no-untyped-call]
+        # savefig would draw everything twice
+        renderer: Any = MixedModeRenderer(figure, wide, high, DENSE_DPI, vectors)  # type: ignore[no-untyped-call]
         figure.draw(renderer)
         renderer.finalize()
     text = stream.getvalue()
