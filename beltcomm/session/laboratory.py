@@ -75,7 +75,7 @@ def compare_run(run: Path, *, pictures: bool = True, command: str = "", talk: Ta
     }
     text = words.remark_lines(here.records.remarks)
     text += words.comparison_lines(comparison, [in_words(p, named) for p in chosen], here.fitted.model, run)
-    text[-1:-1] = [*table_lines(table), *sheet_lines(here.sheets, here.folder.axis)]
+    text[-1:-1] = [*table_lines(table), *sheet_lines(here.sheets)]
     return Result(data, text[:-1] + drawn.lines(here.folder, made, remarks) + text[-1:])
 
 
@@ -111,7 +111,7 @@ def diagnose_run(
         "remarks": list(records.remarks),
         "doubts": doubts,
     }
-    text = words.remark_lines(records.remarks) + words.diagnosis_lines(found) + doubts + check_lines(crossed, folder.axis)
+    text = words.remark_lines(records.remarks) + words.diagnosis_lines(found) + doubts + check_lines(crossed)
     added_names = [step.added for step in found.steps if step.added]
     if cost and added_names:
         talk.phase(1, 1, "what it costs in tracking")

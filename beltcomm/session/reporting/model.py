@@ -31,7 +31,7 @@ def section(run: Gathered) -> Section:
         Table(("parameter", "value ± 95 %", "unit", "from", "data sheet", "factor"), rows),
     ]
     if run.laboratory is not None:
-        doubts = sheet_lines(run.laboratory.sheets, run.folder.axis)
+        doubts = sheet_lines(run.laboratory.sheets)
         parts.append(Words(doubts or ["Nothing contradicts the data sheets."], listed=bool(doubts)))
     fit = run.results.get("fit")
     if fit and fit.get("remarks"):
