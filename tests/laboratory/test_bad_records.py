@@ -191,8 +191,8 @@ def test_a_sensor_at_the_carriage_is_told_and_not_used(run: tuple[list[Recording
     ("inertia", "stiffness", "entries", "words"),
     [
         (1.0, 1.0, [], ""),
-        (0.5, 1.0, ["motor.inertia_kg_m2"], "motor.inertia_kg_m2 and the inertias of coupling"),
-        (1.0, 1.44, ["belt.specific_stiffness_n"], "measure how far the carriage goes in ten turns"),
+        (0.5, 1.0, ["motor.inertia_kg_m2"], "inertias of coupling, gearbox and pulley"),
+        (1.0, 1.44, ["belt.specific_stiffness_n"], "turn the motor ten times and measure how far the carriage goes"),
         (1.0 / 0.65, 1.0 / 0.65, ["motor.inertia_kg_m2", "belt.specific_stiffness_n"], "the current in A instead of the torque"),
     ],
 )
