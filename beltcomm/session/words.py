@@ -139,7 +139,7 @@ def design_lines(design: DesignResult, cascade: Cascade) -> list[str]:
         f"position loop, resonance at {max(m.suppression_db for m in design.margins):.1f} dB; what disturbs is amplified by "
         f"{sensitivity:.1f} dB at most (sensitivity)",
     ]
-    lines += [f"  higher gains would break: {reason}" for reason in design.binding]
+    lines += [f"  gains cannot be higher: {reason}" for reason in design.binding]
     return lines + [f"  {remark}" for remark in design.remarks]
 
 
@@ -158,9 +158,13 @@ def knowledge_lines(model: Model, along: Sequence[str], which: str) -> list[str]
     return lines
 
 
+#: What the two errors are.
+_ERRORS = "dynamic: the largest error while it moves; static: the largest from 0.5 to 1.5 s after its end"
+
+
 def verdict_lines(verdict: Verdict, demand: Demand | None, feedforward: str | None = None) -> list[str]:
-    """Predicted and measured tracking error, in mm and um.   feedforward : what took the place of the design's, if anything."""
-    lines = [f"Verification move, with feedforward {feedforward} for this move only:" if feedforward else "Verification move:"]
+    """Predicted and measured tracking error, in mm and µm.   feedforward : what took the place of the design's, if anything."""
+    lines = [f"Verification move{f', with feedforward {feedforward} for this move only' if feedforward else ''} ({_ERRORS}):"]
     if demand is not None:
         lines.append(
             f"  planned: up to {demand.speed_m_s:.3g} m/s, {demand.acceleration_m_s2:.3g} m/s², {demand.feed_force_n:.3g} N feed force, "
@@ -171,7 +175,7 @@ def verdict_lines(verdict: Verdict, demand: Demand | None, feedforward: str | No
         ("at the carriage", verdict.measured_cart, verdict.predicted_cart, None),
     ):
         parts = []
-        for what, name, unit, factor in (("dynamic", "dynamic_m", "mm", 1e3), ("static", "static_m", "um", 1e6)):
+        for what, name, unit, factor in (("dynamic", "dynamic_m", "mm", 1e3), ("static", "static_m", "µm", 1e6)):
             between = f", range {' to '.join(_short(factor * getattr(end, name)) for end in spread)}" if spread else ""
             guess = f"{_short(factor * getattr(expected, name))} {unit}"
             if measured is None:
