@@ -94,7 +94,7 @@ _UNITS = {"N/m": (1e-3, "kN/m"), "kg m²": (1e4, "kg cm²")}
 #: What stands behind an entry of the axis file: words, what it usually differs by, and where it holds.
 _SHEETS = {
     "motor.inertia_kg_m2": ("motor-side inertia", "-17 to +20 %", ""),
-    "belt.specific_stiffness_n": ("belt stiffness", "-23 to +30 %", " where it was recorded"),
+    "belt.specific_stiffness_n": ("belt stiffness", "-23 to +30 %", " at the places recorded"),
 }
 _CHECKS = {
     "motor.inertia_kg_m2": (
