@@ -135,9 +135,9 @@ def design_lines(design: DesignResult, cascade: Cascade) -> list[str]:
         if feedforward.inertia_kg_m2 or feedforward.coulomb_nm or feedforward.viscous_nm_s_rad or feedforward.velocity
         else "  feedforward: none" + ("" if design.structure.velocity_feedforward else ", this drive has none"),
         f"  stable by calculation on {len(design.plants)} variants of the model (both ends, payloads, damping down to none)",
-        f"    with this to spare: phase margin {worst.phase_margin_deg:.0f}° in the velocity loop and {slowest.position_phase_margin_deg:.0f}° in the "
-        f"position loop, resonance at {max(m.suppression_db for m in design.margins):.1f} dB; what disturbs is amplified by "
-        f"{sensitivity:.1f} dB at most (sensitivity)",
+        f"    with this to spare: phase margin {worst.phase_margin_deg:.0f}° in the velocity loop and "
+        f"{slowest.position_phase_margin_deg:.0f}° in the position loop, resonance at "
+        f"{max(m.suppression_db for m in design.margins):.1f} dB; what disturbs is amplified by {sensitivity:.1f} dB at most (sensitivity)",
     ]
     lines += [f"  gains cannot be higher: {reason}" for reason in design.binding]
     return lines + [f"  {remark}" for remark in design.remarks]
