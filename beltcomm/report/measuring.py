@@ -18,10 +18,11 @@ class Vectors(RendererSVG):
 
     def get_text_width_height_descent(self, s: str, prop: FontProperties, ismath: Any) -> tuple[float, float, float]:
         """Of a text without its line breaks, points."""
-        return _measured(s, prop, ismath)
+        return measured(s, prop, ismath)
 
 
 @lru_cache(maxsize=TEXTS)
-def _measured(text: str, font: FontProperties, ismath: Any) -> tuple[float, float, float]:
+def measured(text: str, font: FontProperties, ismath: Any) -> tuple[float, float, float]:
+    """Width, height and descent, points."""
     found: tuple[float, float, float] = text_to_path.get_text_width_height_descent(text, font, ismath)
     return found

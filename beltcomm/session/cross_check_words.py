@@ -84,13 +84,14 @@ def sheet_lines(doubts: Sequence[SheetDoubt]) -> list[str]:
             lines += [f"  {check}" for check in _CHECKS[doubt.entry]]
     common = next((doubt.common for doubt in doubts if doubt.common), "")
     if common:
-        lines.append(f"  Both are off by about one factor, so it is rather a unit than the data sheets: {common}.")
+        lines.append("  Both are off by about one factor, so it is rather a unit than the data sheets:")
+        lines.append(f"  {common}.")
         lines.append("  Check the units of the columns and motor.torque_constant_nm_a: everything in N m and kg is off by the same factor.")
     return lines
 
 
 #: Units of the doubts as they are shown.
-_UNITS = {"N/m": (1e-3, "kN/m"), "kg m²": (1e4, "kg cm²")}
+_UNITS = {"N/m": (1e-3, "kN/m"), "kg m2": (1e4, "kg cm²")}
 #: What stands behind an entry of the axis file: words, what it usually differs by, and where it holds.
 _SHEETS = {
     "motor.inertia_kg_m2": ("motor-side inertia", "-17 to +20 %", ""),

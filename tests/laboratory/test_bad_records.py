@@ -207,7 +207,9 @@ def test_a_wrong_data_sheet_comes_out_as_such(
     model = replace(model, parameters=known)
     doubts = sheet_doubts(model, 1.03, axis, records)
     assert [doubt.entry for doubt in doubts] == entries
-    assert words in "\n".join(sheet_lines(doubts))
+    lines = sheet_lines(doubts)
+    assert words in "\n".join(lines)
+    assert max(map(len, lines), default=0) <= 140, "each finding is a line that is read at a glance"
     assert sheet_doubts(model, 5.0, axis, records) == (), "a model that explains nothing knows no inertia"
 
 
