@@ -8,6 +8,7 @@ import numpy as np
 
 from beltcomm.model import Value
 from beltcomm.report.page import Picture, Section, Table, Words
+from beltcomm.result import with_unit
 from beltcomm.session.cross_check_words import sheet_lines
 from beltcomm.session.reporting.gather import Gathered
 from beltcomm.session.words import SHOWN, number
@@ -22,7 +23,7 @@ def section(run: Gathered) -> Section:
         return Section("model", "Model", missing=f"There is no model yet; beltcomm fit {run.place} makes one.")
     rows = []
     for name, value in run.model.parameters.items():
-        words, unit, scale = NAMES.get(name, (name, value.unit, 1.0))
+        words, unit, scale = NAMES.get(name, (name, with_unit("", value.unit).strip(), 1.0))
         sheet, expected, factor = _sheet(run, name), "", ""
         if sheet is not None:
             expected = " to ".join(dict.fromkeys(f"{scale * end:.4g}" for end in sheet))
