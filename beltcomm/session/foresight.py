@@ -21,7 +21,7 @@ from beltcomm.excitation import choose_prbs, prbs
 from beltcomm.identify.amplitude import MotionLimits, largest_amplitude
 from beltcomm.identify.first_estimate import data_sheet_model
 from beltcomm.laboratory.diagnosis import fitted_base
-from beltcomm.laboratory.score import ground_of
+from beltcomm.laboratory.score import Scorer, ground_of
 from beltcomm.laboratory.visible import Sight, visible
 from beltcomm.model import Model
 from beltcomm.recording import Recording
@@ -124,7 +124,7 @@ def foresee(axis: Axis, capabilities: Capabilities, extent: Extent) -> Foresight
     noise = NOISE_SHARE * (axis.motor.rated_torque_nm or capabilities.rated_torque_nm)
     recordings = list(records(axis, capabilities, model, extent, noise))
     data, fitted = fitted_base(recordings, axis, model)
-    sights = visible(fitted, ground_of(fitted, data.fitted, axis))
+    sights = visible(Scorer(fitted), ground_of(fitted, data.fitted, axis))
     assumed = (
         f"assumed: carriage {model['cart.mass']:.3g} kg, friction {total_friction(model):.2g} N m, {1e3 * noise:.2g} mN m of torque noise, "
         f"{capabilities.counts_per_rev} encoder steps per turn"

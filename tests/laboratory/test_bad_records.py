@@ -21,6 +21,7 @@ from beltcomm.laboratory.cross_checks import sheet_doubts
 from beltcomm.laboratory.diagnosis import Diagnosis, Step, fitted_base
 from beltcomm.laboratory.run_checks import checked
 from beltcomm.laboratory.scope import lacking, within_scope
+from beltcomm.laboratory.score import Scorer
 from beltcomm.laboratory.start import start_model
 from beltcomm.model import build_model
 from beltcomm.recording import Recording
@@ -217,13 +218,13 @@ def test_strokes_alone_bear_no_name_of_the_belt_or_of_a_delay(run: tuple[list[Re
     records, axis = run
     slow = [r for r in records if "slow_p1" in r.name]
     data, base = fitted_base(slow, axis, start_model(axis, slow))
-    found = Diagnosis(base, data, (Step(base, (), "current_lag", (), base),), "explained", ())
+    found = Diagnosis(base, data, (Step(base, (), "current_lag", (), base),), "explained", (), Scorer(base))
     kept, sentences = within_scope(found, slow)
     assert kept.verdict == "cannot tell"
     assert not kept.steps[-1].added
     assert "no record is excited" in sentences[0]
     assert within_scope(found, records) == (found, [])
-    friction = Diagnosis(base, data, (Step(base, (), "stribeck", (), base),), "explained", ())
+    friction = Diagnosis(base, data, (Step(base, (), "stribeck", (), base),), "explained", (), Scorer(base))
     assert within_scope(friction, slow) == (friction, [])
     assert [line.partition(":")[0].partition(" (")[0] for line in lacking(slow, axis.transmission_m_rad)] == [
         "no excited record",
