@@ -118,7 +118,7 @@ def _by_speed(axes: Axes, samples: Samples) -> None:
         for column in range(first, last):
             inside = side & (speed >= edges[column]) & (speed < edges[column + 1])
             if np.isfinite(ratio[row, column]):
-                text = f"{ratio[row, column]:.1f}\n{units.factor * float(np.mean(samples.more[inside])):+.0f}"
+                text = f"{ratio[row, column]:.1f}\n{units.factor * float(np.mean(samples.more[inside])):+z.0f}"
                 colour = "white" if ratio[row, column] > 4.0 else INK
                 axes.text(column - first + 0.5, row, text, ha="center", va="center", fontsize=8, color=colour)
     style.numbers_at(axes.yaxis, [0, 1], ["forward", "backward"])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import gc
 import json
 import os
 import subprocess
@@ -17,7 +16,6 @@ from typing import Any
 import pytest
 from click.testing import CliRunner, Result
 
-from beltcomm.cli import main
 from beltcomm.cli.main import VERBS, cli
 from beltcomm.design.specification import PRODUCT_SPECIFICATION
 from beltcomm.errors import DataError, DriveError, DriveFault, Refused, SafetyStop, UsageError
@@ -382,22 +380,6 @@ def test_every_verb_has_help_json_and_verbosity(verb: str) -> None:
 def test_every_verb_that_moves_can_be_asked_for_its_plan(verb: str) -> None:
     text = call(verb, "--help").stdout
     assert all(option in text for option in ("--drive", "--yes", "--dry-run", "--seed"))
-
-
-@pytest.mark.parametrize(("verb", "collecting"), [("report", False), ("compare", True)])
-def test_a_process_that_ends_does_not_look_through_what_it_leaves(monkeypatch: pytest.MonkeyPatch, verb: str, collecting: bool) -> None:
-    """And a report, which drops little, does not look for what it dropped either."""
-    seen: list[object] = []
-    monkeypatch.setattr(sys, "argv", ["beltcomm", verb, "run"])
-    monkeypatch.setattr(main, "cli", lambda: seen.append(gc.isenabled()) or sys.exit(3))
-    monkeypatch.setattr(gc, "freeze", lambda: seen.append("frozen"))
-    try:
-        with pytest.raises(SystemExit) as ended:
-            main.main()
-    finally:
-        gc.enable()
-    assert seen == [collecting, "frozen"]
-    assert ended.value.code == 3
 
 
 def test_help_loads_nothing_slow() -> None:
