@@ -25,6 +25,7 @@ from beltcomm.laboratory.score import Scorer, ground_of
 from beltcomm.laboratory.visible import Sight, visible
 from beltcomm.model import Model
 from beltcomm.recording import Recording
+from beltcomm.result import with_unit
 from beltcomm.session import analyse, phases, programme
 from beltcomm.session.bounds import course_before, seconds_of
 from beltcomm.session.making import EXPERIMENT, RESPONSE_S, quieter
@@ -103,7 +104,7 @@ def _amount(sight: Sight) -> str:
         return f"{100.0 * value:.2g} %"
     fits = ((p, f) for p, f in (("", 1.0), ("m", 1e3), ("u", 1e6)) if sight.unit not in PREFIXED or value * f >= 0.3 or p == "u")
     prefix, factor = next(fits)
-    return f"{value * factor:.3g} {prefix}{sight.unit}"
+    return with_unit(f"{value * factor:.3g}", f"{prefix}{sight.unit}")
 
 
 def _share(sight: Sight) -> str:

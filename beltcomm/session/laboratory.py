@@ -83,7 +83,7 @@ def compared(run: Path, pictures: bool, command: str, talk: Talk) -> Result:
     }
     text = words.remark_lines(here.records.remarks)
     text += words.comparison_lines(comparison, [in_words(p, named) for p in chosen], here.fitted.model, run)
-    text[-1:-1] = [*table_lines(table), *sheet_lines(here.sheets, here.folder.axis)]
+    text[-1:-1] = [*table_lines(table), *sheet_lines(here.sheets)]
     return Result(data, text[:-1] + drawn.lines(here.folder, made, remarks) + text[-1:])
 
 
@@ -128,7 +128,7 @@ def diagnosed(folder: RunFolder, run: Path, auto: bool, cost: bool, following: b
         "remarks": list(records.remarks),
         "doubts": doubts,
     }
-    text = words.remark_lines(records.remarks) + words.diagnosis_lines(found) + doubts + check_lines(crossed, folder.axis)
+    text = words.remark_lines(records.remarks) + words.diagnosis_lines(found) + doubts + check_lines(crossed)
     added_names = [step.added for step in found.steps if step.added]
     if cost and added_names:
         talk.phase(1, 1, "what it costs in tracking")

@@ -192,8 +192,8 @@ def test_a_sensor_at_the_carriage_is_told_and_not_used(run: tuple[list[Recording
     ("inertia", "stiffness", "entries", "words"),
     [
         (1.0, 1.0, [], ""),
-        (0.5, 1.0, ["motor.inertia_kg_m2"], "motor.inertia_kg_m2 and the inertias of coupling"),
-        (1.0, 1.44, ["belt.specific_stiffness_n"], "measure how far the carriage goes in ten turns"),
+        (0.5, 1.0, ["motor.inertia_kg_m2"], "inertias of coupling, gearbox and pulley"),
+        (1.0, 1.44, ["belt.specific_stiffness_n"], "turn the motor ten times and measure how far the carriage goes"),
         (1.0 / 0.65, 1.0 / 0.65, ["motor.inertia_kg_m2", "belt.specific_stiffness_n"], "the current in A instead of the torque"),
     ],
 )
@@ -208,7 +208,9 @@ def test_a_wrong_data_sheet_comes_out_as_such(
     model = replace(model, parameters=known)
     doubts = sheet_doubts(model, 1.03, axis, records)
     assert [doubt.entry for doubt in doubts] == entries
-    assert words in "\n".join(sheet_lines(doubts, axis))
+    lines = sheet_lines(doubts)
+    assert words in "\n".join(lines)
+    assert max(map(len, lines), default=0) <= 140, "each finding is a line that is read at a glance"
     assert sheet_doubts(model, 5.0, axis, records) == (), "a model that explains nothing knows no inertia"
 
 
