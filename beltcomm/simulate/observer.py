@@ -13,6 +13,7 @@ Source: Anderson, Moore, Optimal Filtering, 1979, section 8.2.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -92,6 +93,11 @@ EXPECTED = ("H", "s", "shares")
 LEARNED = ("keep", "F", "G", "H", "D", "variances", "P", "gains", "deviations", "shares", "lost", "room", "cart", "behind", "spread")
 OBSERVED = ("keep", "F", "s", "ahead", "gains", "deviations", "shares", "white")
 TOUCHED = ("wanted", "keep", "lost", "deviations", "shares", "half_gap_m", "stiffness")
+
+
+def seen(fields: Sequence[str]) -> str:
+    """Arguments of a call, as the generated kernel names the fields of its ``Watch``."""
+    return ", ".join(f"see_{field}" for field in fields)
 
 
 @compiled

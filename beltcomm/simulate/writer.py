@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import inspect
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 from beltcomm import cascade_kernel
 from beltcomm.effects import (
@@ -27,7 +27,7 @@ from beltcomm.effects import (
 from beltcomm.model import BASE_BODIES, body_list, effect_parameters, expected_parameters
 from beltcomm.simulate import loop_kernel, observer
 from beltcomm.simulate.fences import fenced, indented
-from beltcomm.simulate.observer import EXPECTED, LEARNED, OBSERVED, TOUCHED
+from beltcomm.simulate.observer import EXPECTED, LEARNED, OBSERVED, TOUCHED, seen
 from beltcomm.simulate.stick import stick_or_slide
 
 #: rad/s: a stretch that begins faster than this begins in motion, all bodies with the motor (a gap in the middle of a stroke);
@@ -54,11 +54,6 @@ def catalogue_bodies() -> tuple[tuple[str, Body], ...]:
     for effect in EFFECTS:
         found |= {f"{body.name}.{body.inertia.name}": body for body in effect.bodies}
     return tuple(found.items())
-
-
-def seen(fields: Sequence[str]) -> str:
-    """Fields of a ``Watch`` as the kernel has them."""
-    return ", ".join(f"see_{field}" for field in fields)
 
 
 class Writer:
