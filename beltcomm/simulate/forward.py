@@ -15,7 +15,7 @@ from beltcomm.model import Model
 from beltcomm.simulate.compose import kernel_for, states_of
 from beltcomm.simulate.exact import exact_record, is_exact
 from beltcomm.simulate.glide import CELLS, LONGEST_STEP, STRIDE, glide_for, torque_at_stages
-from beltcomm.simulate.imperfect import is_late, late_torque
+from beltcomm.simulate.imperfect import is_late, late_torque, memory_s
 from beltcomm.statics import equilibrium
 
 Array = NDArray[np.float64]
@@ -139,7 +139,7 @@ def _integrated(model: Model, start: State, torque: Array, period_s: float, subs
 
 def _glided(model: Model, start: State, torque: Array, period_s: float, substeps: int, time_s: float, rate: float) -> tuple[Array, State]:
     steps = max(math.ceil(substeps / STRIDE), math.ceil(period_s * rate / LONGEST_STEP))
-    parts = CELLS if is_late(model) else 1
+    parts = CELLS if memory_s(model) > 0.0 else 1
     cells = np.repeat(torque, steps * parts)
     cells = late_torque(model, cells, period_s / (steps * parts)).reshape(torque.size, steps * parts)
     q, v, out = start.positions.copy(), start.speeds.copy(), np.empty((4, torque.size))
