@@ -69,7 +69,7 @@ def simulate_torque(
     substeps : integration steps per sampling period.     time_s : s, session clock at the start.
 
     Laws that are linear, with friction of constant level, are solved exactly (``exact.is_exact``): ``substeps`` then only divides a torque
-    that acts late.
+    that acts late.  All others glide (``glide``): five of these steps in one, but where friction changes.
 
     Raises UsageError when the sub-steps are too long for the model, Refused when the carriage leaves what the model describes.
     """
@@ -110,7 +110,9 @@ def _simulated(
     check_period(model, position_m, sample_period_s, substeps)
     rate = 0.0 if motion is _solved else check_step(model, position_m, sample_period_s, substeps)
     start = state or at_rest(model, position_m)
-    if is_late(model) and motion is not _glided:  # the acting torque changes within a sampling period: every sub-step becomes a period of its own
+    if (
+        is_late(model) and motion is not _glided
+    ):  # the acting torque changes within a sampling period: every sub-step becomes a period of its own
         h = sample_period_s / substeps
         acting = late_torque(model, np.repeat(torque, substeps), h)
         fine, end = motion(model, start, acting, h, 1, time_s, rate)
@@ -131,7 +133,9 @@ def _solved(model: Model, start: State, torque: Array, period_s: float, substeps
     return out, State(end[:n], end[n:])
 
 
-def _integrated(model: Model, start: State, torque: Array, period_s: float, substeps: int, time_s: float, rate: float) -> tuple[Array, State]:
+def _integrated(
+    model: Model, start: State, torque: Array, period_s: float, substeps: int, time_s: float, rate: float
+) -> tuple[Array, State]:
     q, v, out = start.positions.copy(), start.speeds.copy(), np.empty((4, torque.size))
     kernel_for(model).run(q, v, model.vector(), torque, time_s, period_s, substeps, *out)
     return out, State(q, v)
@@ -140,8 +144,8 @@ def _integrated(model: Model, start: State, torque: Array, period_s: float, subs
 def _glided(model: Model, start: State, torque: Array, period_s: float, substeps: int, time_s: float, rate: float) -> tuple[Array, State]:
     steps = max(math.ceil(substeps / STRIDE), math.ceil(period_s * rate / LONGEST_STEP))
     parts = CELLS if memory_s(model) > 0.0 else 1
-    cells = np.repeat(torque, steps * parts)
-    cells = late_torque(model, cells, period_s / (steps * parts)).reshape(torque.size, steps * parts)
+    acting = late_torque(model, np.repeat(torque, steps * parts), period_s / (steps * parts))
+    cells = acting.reshape(torque.size, steps * parts)
     q, v, out = start.positions.copy(), start.speeds.copy(), np.empty((4, torque.size))
     short = math.ceil(substeps / steps)
     glide_for(model)(q, v, model.vector(), cells, torque_at_stages(parts), time_s, period_s, steps, short, *out)

@@ -1,4 +1,4 @@
-"""Writes the kernel that glides: steps of high order while nothing changes between sticking and sliding, the composer's steps where it does.
+"""Writes the kernel that glides: steps of high order while no body changes between sticking and sliding, the composer's steps else.
 
 Numerics.  Between two such changes all forces are functions of place, speed and time, so Nyström's method takes steps five times as
 long as the Verlet steps of ``compose`` and a tenth of their error.  Set-valued friction has the sign of each body's speed at the start of
@@ -63,7 +63,7 @@ def glide_for(model: Model) -> Callable[..., None]:
     """The kernel of a model's combination of effects; compiled once per machine.
 
     glide(q, v, p, cells, at_stages, t, sample, n, m, theta, omega, cart, belt): a whole record, as ``Kernel.run``, with n steps in a
-    sample or m Verlet steps in place of each.   cells : (samples, n parts), N m.   at_stages : :func:`torque_at_stages` of the parts of a step.
+    sample or m Verlet steps in place of each.   cells : (samples, n parts), N m.   at_stages : :func:`torque_at_stages` of the parts.
     """
     return _kernel(model.base_bodies, model.effects)
 
@@ -133,7 +133,9 @@ def glide_source(base_bodies: tuple[str, ...], effects: tuple[str, ...]) -> str:
     cart = f"{'ratio * ' if writer.bodies[writer.cart][1].rotary else ''}state[{writer.cart}]"
     loop = [
         "for k in range(cells.shape[0]):",
-        *indented([f"theta[k], omega[k], cart[k], peak = state[0], state[{count}], {cart}, 0.0", "for j in range(n):", *indented(step, 1)], 1),
+        f"    theta[k], omega[k], cart[k], peak = state[0], state[{count}], {cart}, 0.0",
+        "    for j in range(n):",
+        *indented(step, 2),
         "    belt[k] = peak",
     ]  # fmt: skip
     lines = [
@@ -141,7 +143,9 @@ def glide_source(base_bodies: tuple[str, ...], effects: tuple[str, ...]) -> str:
         *[f"n{i} = 1.0 / m{i}" for i in everyone],
         *swinging.prepared(),
         *[f"z{i} = q[{place}]" for place, i in onset],
-        f"state, now, new, acting, rise = np.empty({2 * count}), np.empty({2 * count}), np.empty({count}), np.empty(STAGES), np.zeros((STAGES, {count}))",
+        # Made here: the compiler knows that nothing else stands at their place.
+        f"state, now, new = np.empty({2 * count}), np.empty({2 * count}), np.empty({count})",
+        f"acting, rise = np.empty(STAGES), np.zeros((STAGES, {count}))",
         f"for i in range({count}): state[i], state[{count} + i] = q[i], v[i]",
         "h, short, parts, clock = sample / n, sample / (n * m), cells.shape[1] // n, t",
         *loop,
@@ -264,7 +268,8 @@ def _module(writer: Writer, lines: list[str]) -> str:
     text = "".join(inspect.getsource(module) for module in used)
     tables = "NODES, PLACES, PLACE_END, SPEEDS, SPEED_END, STAGES"
     head = [
-        "import math", "", "import numpy as np", "", "from beltcomm.compiled import in_lanes", "from beltcomm.simulate.fast_math import fast, sin, waves",
+        "import math", "", "import numpy as np", "", "from beltcomm.compiled import in_lanes",
+        "from beltcomm.simulate.fast_math import fast, sin, waves",
         f"from beltcomm.simulate.glide import {tables}",
         *[f"from {law.__module__} import {law.__name__} as _{name}" for name, law in laws],
         "", *[f"{name} = fast(_{name})" for name, _ in laws], "", "",
