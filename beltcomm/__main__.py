@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from beltcomm.cli.main import cli
+from beltcomm.cli.main import main
 
 if __name__ == "__main__":
-    cli(prog_name="beltcomm")
+    main()

@@ -16,6 +16,7 @@ from beltcomm import api
 from beltcomm.effects import effect_named
 from beltcomm.errors import Refused
 from beltcomm.model import Model, load_plant
+from beltcomm.result import with_unit
 from beltcomm.simulate.plant import SimulatedPlant
 from beltcomm.talk import Silence, Talk
 
@@ -133,10 +134,10 @@ def _pictures(made: Sequence[str], run: Path) -> list[str]:
 def answer(name: str, model: Model, added: Sequence[str]) -> list[str]:
     """What was built into the axis, and whether it was found."""
     effect = effect_named(name)
-    values = ", ".join(f"{key.partition('.')[2]} {model[key]:.3g} {model.parameters[key].unit}" for key in effect.full_names())
+    amounts = (with_unit(f"{key.partition('.')[2]} {model[key]:.3g}", model.parameters[key].unit) for key in effect.full_names())
     right = "found" if name in added else f"not found: {', '.join(added)} was named"
     return [
-        f"Hidden was {name} ({effect.title}): {values}; {right}.",
+        f"Hidden was {name} ({effect.title}): {', '.join(amounts)}; {right}.",
         f"What a technician sees: {effect.seen}.",
         f"What to check on the machine: {effect.check}.",
     ]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -43,6 +44,11 @@ class Row(str):
         row = super().__new__(cls, text)
         row.cells, row.right, row.head = tuple(cells), tuple(right), head
         return row
+
+
+def with_unit(number: str, unit: str) -> str:
+    """A number with its unit as people write it: kg m² for the catalogue's kg m2, nothing for its 1."""
+    return number if unit in ("", "1") else f"{number} {re.sub(r'(?<=[a-z])2', '²', unit)}"
 
 
 def table(columns: Sequence[str], rows: Iterable[Sequence[str]], indent: str = "") -> list[Row]:

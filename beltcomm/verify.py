@@ -252,7 +252,7 @@ def judge(
     reasons = []
     for what, value, target, unit, scale in (
         ("dynamic error at the motor", measured.dynamic_m, dynamic_target_m, "mm", 1e3),
-        ("static error at the motor", measured.static_m, static_target_m, "um", 1e6),
+        ("static error at the motor", measured.static_m, static_target_m, "µm", 1e6),
     ):
         word = "meets" if value <= target else "misses"
         reasons.append(f"{what}: {scale * value:.3g} {unit}, {word} the target of {scale * target:.3g} {unit}")

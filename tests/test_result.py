@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from beltcomm import api
-from beltcomm.result import plain
+from beltcomm.result import plain, with_unit
 
 
 @dataclass(frozen=True)
@@ -32,6 +32,13 @@ class Measured:
 )
 def test_values_become_those_that_json_has(value: object, wanted: object) -> None:
     assert json.loads(json.dumps(plain(value))) == wanted
+
+
+@pytest.mark.parametrize(
+    ("unit", "wanted"), [("1", "0.5"), ("", "0.5"), ("N s2/m2", "0.5 N s²/m²"), ("kg m2", "0.5 kg m²"), ("mN m", "0.5 mN m")]
+)
+def test_units_are_those_that_people_write(unit: str, wanted: str) -> None:
+    assert with_unit("0.5", unit) == wanted
 
 
 def test_frequency_responses_of_a_study_are_numbers_in_json() -> None:

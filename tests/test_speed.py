@@ -63,19 +63,22 @@ def test_the_history_grows_and_finds_the_latest_value(tmp_path):
         keep(path, "thursday", "2 cores", [])
 
 
-def test_the_bound_is_that_of_white_noise_where_the_noise_is_white():
-    from benchmarks.speeds.estimation import open_factor, whitened
+def test_the_bound_is_that_of_the_dense_covariance():
+    """An axis whose matrices change from sample to sample, and forget everything at one of them as a stuck motor does."""
+    from benchmarks.speeds.bound import innovations
+    from benchmarks.speeds.estimation import open_factor
 
-    columns = np.random.default_rng(1).normal(size=(50, 2))
-    A, B, C = np.array([[0.0, 1.0], [0.0, -1.0]]), np.array([[0.0], [1.0]]), np.array([[1.0, 0.0]])
-    step = 2e-3
-    behind = whitened(columns, A, B, C, noise_nm=0.0, count_rad=step)
-    np.testing.assert_allclose(behind, columns / (step / math.sqrt(12.0)))
-    behind = whitened(columns, A, B, C, noise_nm=0.5, count_rad=step)
-    t = 1e-3 * np.arange(51)
-    pulse = np.diff(t - 1.0 + np.exp(-t))  # answer of 1/(s (s + 1)) to a torque of one period
-    lower = np.array([[pulse[k - 1 - j] if j < k else 0.0 for j in range(50)] for k in range(50)])
-    dense = 0.5**2 * lower @ lower.T + step**2 / 12.0 * np.eye(50)
-    np.testing.assert_allclose(behind.T @ behind, columns.T @ np.linalg.solve(dense, columns), rtol=1e-9)
+    rng, n, step, noise_nm = np.random.default_rng(1), 30, 2e-3, 0.5
+    Phi = 0.9 * np.linalg.qr(rng.normal(size=(n, 2, 2)))[0]
+    Phi[12] = np.diag([1.0, 0.0])
+    Gamma, g = rng.normal(scale=5e-3, size=(n, 2)), rng.normal(size=(n, 2, 3))
+    white = innovations(Phi, Gamma, g, noise_nm, step)
+
+    columns, paths, x, w = np.zeros((n, 3)), np.zeros((n, n)), np.zeros((2, 3)), np.zeros((2, n))
+    for k in range(n):
+        columns[k], paths[k] = x[0], w[0]
+        x, w = Phi[k] @ x + g[k], Phi[k] @ w + np.outer(Gamma[k], np.eye(n)[k])
+    dense = noise_nm**2 * paths @ paths.T + step**2 / 12.0 * np.eye(n)
+    np.testing.assert_allclose(white.T @ white, columns.T @ np.linalg.solve(dense, columns), rtol=1e-9)
     low, high = open_factor(8)
     assert low < 1.0 < high

@@ -307,7 +307,7 @@ def test_a_move_within_its_targets_passes_and_says_so() -> None:
     assert verdict.measured_cart is None
     first, second, third = verdict.reasons
     assert first == "dynamic error at the motor: 0.5 mm, meets the target of 1 mm"
-    assert second == "static error at the motor: 40 um, meets the target of 100 um"
+    assert second == "static error at the motor: 40 µm, meets the target of 100 µm"
     assert "0.4 mm" in third
     assert "reaches" not in "".join(verdict.reasons)
     at_the_limit = judge(recorded(reference, measured), RATIO, replace(expected, saturated=("the torque limit of 1 N m",)), reference)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 from pathlib import Path
 
 import click
@@ -21,12 +20,8 @@ from beltcomm.cli.frame import Frame
 def command(frame: Frame, /, run: Path, against: Path | None, out: Path | None) -> int:
     """Write a page on RUN that explains itself: one file of HTML, made for screen and paper, and its numbers beside it."""
     frame.run = run
-    gc.disable()  # before the imports: a process of some seconds ends before anything is worth collecting
-    try:
-        from beltcomm.session.reporting import report as page  # alone: what moves a machine takes long to import
+    from beltcomm.session.reporting import report as page  # alone: what moves a machine takes long to import
 
-        kernels.listen()
+    kernels.listen()
 
-        return frame.show(page(run, against=against, out=out, talk=frame.talk()))
-    finally:
-        gc.enable()
+    return frame.show(page(run, against=against, out=out, talk=frame.talk()))

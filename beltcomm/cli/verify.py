@@ -18,7 +18,7 @@ from beltcomm.errors import UsageError
 @click.option("--move", type=click.Path(path_type=Path), metavar="CSV", help="Your own move: columns t_s, position_m.")
 @click.option("--trajectory", metavar="NAME", help="Limits of the 0 to 0.5 m move, from axis.yaml; T_A when left out.")
 @shared.sent_feedforward_option
-@click.option("--rungs", is_flag=True, help="The move five times: what each step beyond the design source brings, in um.")
+@click.option("--rungs", is_flag=True, help="The move five times: what each step beyond the design source brings, in µm.")
 @click.option(
     "--over-belt",
     is_flag=True,

@@ -264,7 +264,8 @@ def binding_conditions(
         value = float(getattr(worst, name))
         if sign * (value - limit) < near:
             where = f" at {worst.plant}" if worst.plant else ""
-            lines.append(f"{words} {value:.1f} {unit} (asked {limit:.4g}){where}")
+            side = "least" if sign > 0.0 else "most"
+            lines.append(f"{words} {value:.1f} {unit} (at {side} {limit:.4g} asked for){where}")
     values = {
         "kp_nm_s_rad": cascade.kp_nm_s_rad,
         "ki_nm_rad": cascade.ki_nm_rad,

@@ -2,8 +2,9 @@
 
 The residual e[n] of ``beltcomm.simulate.inverse`` is divided by its own noise (``beltcomm.identify.whitening``).
 
-Left out are samples next to a reversal or near standstill: a sticking motor carries any torque up to its friction, so the
-equation says nothing there.
+Left out are samples near standstill: a sticking motor carries any torque up to its friction, so the equation says nothing there.
+Samples with a reversal through which the motor surely went are kept where asked for (``beltcomm.identify.reversals``); a motor without
+Coulomb friction cannot stick.
 """
 
 from __future__ import annotations
@@ -64,7 +65,7 @@ class Stretch:
     offset_m : m, the belt may be stretched by up to this at the start.   whitener : gains worked out beforehand for a model near the
     right one; without it every evaluation works out its own.   group : see :func:`grouped`.   rounding : shares for ``whitener``.
     follower : observer where the carriage is free at times, see :func:`dressed`.   turns : what the kernel's Coulomb friction of level 1
-    lacks at reversals that count, (n,); without it samples with a reversal do not count.
+    lacks at the reversals that count, (n,); None where none of those count, or the motor has no such friction.
     """
 
     record: str

@@ -19,7 +19,7 @@ from beltcomm.laboratory.acceptance import EVIDENCE, drop_by
 from beltcomm.laboratory.compare import compare
 from beltcomm.laboratory.data import SUBSTEPS, Data, prepare, remade
 from beltcomm.laboratory.fitting import Fitted, fit
-from beltcomm.laboratory.score import ground_of
+from beltcomm.laboratory.score import Scorer, ground_of
 from beltcomm.laboratory.stage import MISSING, Candidate, held_at, merged, search, strayed
 from beltcomm.laboratory.structure import structure
 from beltcomm.model import Model
@@ -60,13 +60,14 @@ class Step:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """What was found.   data : as the last model sees it.   twins : names between which the data cannot tell."""
+    """What was found.   data : as the last model sees it.   twins : names between which the data cannot tell.   scorer : at the base."""
 
     base: Fitted
     data: Data
     steps: tuple[Step, ...]
     verdict: Verdict
     twins: tuple[str, ...]
+    scorer: Scorer
 
     @property
     def after(self) -> Fitted:
@@ -101,23 +102,29 @@ def diagnose(
     axis: Axis,
     start: Model,
     *,
+    begun: tuple[Data, Fitted] | None = None,
     most: int = MOST_EFFECTS,
     progress: Callable[[float], None] = lambda _fraction: None,
 ) -> Diagnosis:
-    """The whole search from a start model.   Raises DataError when the records cannot be used."""
-    data, base = fitted_base(recordings, axis, start)
+    """The whole search from a start model.   begun : its :func:`fitted_base`, where known.
+
+    Raises DataError when the records cannot be used.
+    """
+    data, base = begun or fitted_base(recordings, axis, start)
     steps: list[Step] = []
     current = base
     twins: tuple[str, ...] = ()
+    at_base = Scorer(base)
     limit = most + len(EFFECTS)
     for number in range(limit):
         ground = ground_of(current, data.fitted, axis)
         above = EXPLAINED_UP_TO if any(step.added for step in steps) else MISSING
-        candidates = search(data, current, ground, progress=in_stage(progress, number), swallowed_above=above)
+        scorer = at_base if current is base else Scorer(current)
+        candidates = search(data, scorer, ground, progress=in_stage(progress, number), swallowed_above=above)
         if strayed(current, start, above):
             held = held_at(data, current, start)
             beside = ground_of(held, data.fitted, axis)
-            candidates = merged(candidates, search(data, held, beside, swallowed_above=math.inf, against=current))
+            candidates = merged(candidates, search(data, Scorer(held), beside, swallowed_above=math.inf, against=current))
         # What the held-out records or its own values contradict stands in no one's way.
         standing = [c for c in candidates if c.stands]
         best = standing[0] if standing else None
@@ -136,7 +143,7 @@ def diagnose(
         steps = [replace(step, after=last) if step.after is current else step for step in steps]
         current = last
     progress(1.0)
-    return Diagnosis(base, data, tuple(steps), verdict_of(base, steps, twins, remaining_structure(data, current)), twins)
+    return Diagnosis(base, data, tuple(steps), verdict_of(base, steps, twins, remaining_structure(data, current)), twins, at_base)
 
 
 def in_stage(progress: Callable[[float], None], number: int) -> Callable[[float], None]:

@@ -63,8 +63,9 @@ class Nearby:
         self.inverse = np.linalg.inv(inner + 1e-12 * np.diag(np.diag(inner)))
         self.rest = rest - self.columns @ (self.inverse @ (self.weighted.T @ rest))
 
-    def screened(self, columns: Array, group: int, signed: bool) -> Array:
-        """Roughly how far O falls with each group of neighbouring columns: weights as they stand, no bounds; (n, k) -> (k/group,).
+    def screened(self, columns: Array, group: int, signed: bool) -> tuple[Array, Array]:
+        """Roughly how far O falls with each group of neighbouring columns, weights as they stand, no bounds; and how far it would fall if
+        the group were there, with the phase that shows least; (n, k) -> (k/group,) each.
 
         signed : amounts below 0 count as well.
         """
@@ -72,16 +73,17 @@ class Nearby:
         shared = self.weighted.T @ columns
         slope = weighted.T @ self.rest
         squares, rest = self._squares(weighted, columns, shared)
-        drops = np.zeros(columns.shape[1] // group)
+        drops, powers = np.zeros((2, columns.shape[1] // group))
         for g in range(len(drops)):
             own = slice(g * group, (g + 1) * group)
             square, left = squares[own, own], rest[own, own]
-            if np.all(np.isfinite(left)) and np.all(np.diag(left) > IMITATED * np.diag(square)) and np.all(np.diag(square) > 0.0):
+            if np.all(np.isfinite(left)) and np.all(np.diag(left) > IMITATED * np.diag(square)):
+                powers[g] = max(float(np.linalg.eigvalsh(left)[0]), 0.0)
                 # Sine and cosine of an order may look alike where the axis hardly turns.
                 amounts = -np.linalg.pinv(left, rcond=1e-12, hermitian=True) @ slope[own]
                 if signed or group > 1 or amounts[0] > 0.0:
                     drops[g] = -float(amounts @ slope[own])
-        return drops
+        return drops, powers
 
     def _squares(self, weighted: Array, columns: Array, shared: Array) -> tuple[Array, Array]:
         """Products of columns with each other, and what is left of them beside everything fitted; (k, k) each."""
@@ -107,18 +109,6 @@ class Nearby:
         system[:, p:, p:] = square[:, 1:, 1:]
         slope = np.concatenate((cross[:, :, 0], square[:, 1:, 0]), axis=1)
         return self._minimum(system, slope, square[:, 0, 0], sizes)
-
-    def power(self, columns: Array, group: int) -> Array:
-        """Fall of O that each group of neighbouring columns would bring if it were there, with the phase that shows least; (k/group,)."""
-        weighted = columns * self.weights[:, None]
-        squares, rest = self._squares(weighted, columns, self.weighted.T @ columns)
-        falls = np.zeros(columns.shape[1] // group)
-        for g in range(len(falls)):
-            own = slice(g * group, (g + 1) * group)
-            square, left = squares[own, own], rest[own, own]
-            if np.all(np.isfinite(left)) and np.all(np.diag(left) > IMITATED * np.diag(square)):
-                falls[g] = max(float(np.linalg.eigvalsh(left)[0]), 0.0)
-        return falls
 
     def _minimum(self, system: Array, slope: Array, square: Array, sizes: Array) -> Near:
         """Reweighted least squares on the sums of products."""

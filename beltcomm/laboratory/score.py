@@ -56,6 +56,7 @@ class Scorer:
     """The score test at one fitted model."""
 
     def __init__(self, fitted: Fitted) -> None:
+        self._powers: dict[str, list[tuple[float, Trial]]] = {}
         self.fitted = fitted
         self.problem: Problem = fitted.problem
         self.model: Model = fitted.model
@@ -72,14 +73,26 @@ class Scorer:
         """The best trials of an effect that the model can take, best first."""
         if effect.rattles:
             return sorted((self.followed(effect, trial) for trial in self.listed(effect, ground)), key=lambda s: -s.drop)
+        scored = [self.judged(effect, trial, columns) for _, trial, columns in self.screened(effect, ground)]
+        return sorted((s for s in scored if s.drop > 0.0), key=lambda s: -s.drop)
+
+    def screened(self, effect: Effect, ground: Ground) -> list[tuple[float, Trial, Array]]:
+        """The trials to look at again: rough drop, trial and its columns; what all of them show is kept for :meth:`powers_of`."""
         best: list[tuple[float, Trial, Array]] = []
+        seen = self._powers[effect.name] = []
         for some, columns in self.trials(effect, ground):
             width = columns.shape[1] // len(some)
-            drops = self.nearby.screened(columns, width, some[0].signed)
+            drops, powers = self.nearby.screened(columns, width, some[0].signed)
+            seen += zip(powers.tolist(), some, strict=True)
             best += [(drops[i], trial, columns[:, i * width : (i + 1) * width].copy()) for i, trial in enumerate(some)]
             best = sorted(best, key=lambda entry: -entry[0])[:LOOKED_AT]
-        scored = [self.judged(effect, trial, columns) for _, trial, columns in best]
-        return sorted((s for s in scored if s.drop > 0.0), key=lambda s: -s.drop)
+        return best
+
+    def powers_of(self, effect: Effect, ground: Ground) -> Sequence[tuple[float, Trial]]:
+        """By how much O would fall if the effect were there as a trial says, and the trial; worked out once."""
+        if effect.name not in self._powers:
+            self.screened(effect, ground)
+        return self._powers[effect.name]
 
     def trials(self, effect: Effect, ground: Ground) -> Iterator[tuple[list[Trial], Array]]:
         """All trials of an effect and their columns, some at a time."""

@@ -73,19 +73,19 @@ class Candidate:
 
 def search(
     data: Data,
-    base: Fitted,
+    scorer: Scorer,
     ground: Ground,
     effects: Sequence[Effect] | None = None,
     progress: Callable[[float], None] = lambda _f: None,
     swallowed_above: float = MISSING,
     against: Fitted | None = None,
 ) -> list[Candidate]:
-    """All effects that the model does not have yet, best first.
+    """All effects that the model of a score test does not have yet, best first.
 
     swallowed_above : O per sample from which on, where nothing explains it, it is asked what the base may have swallowed.
     against : model that the refits must be better than where it is not the base, from which the search begins.
     """
-    scorer = Scorer(base)
+    base = scorer.fitted
     wanted = [e for e in (effects or EFFECTS) if e.trials is not None and not e.bound and may_add(base, e)]
     ways: dict[str, list[Scored]] = {}
     for number, effect in enumerate(wanted):

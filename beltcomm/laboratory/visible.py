@@ -5,7 +5,8 @@ free parameters would do as well is taken out, c⊥ = c - A (AᵀA)⁻¹ Aᵀ c,
 
     s² c⊥ᵀc⊥ - (n ln N + 2 ln ways)  >  EVIDENCE        (laboratory.stage)
 
-Two amplitudes (sine and cosine) count with the phase that shows least.  Nothing is refitted: to first order, some 2 s for all effects.
+Two amplitudes (sine and cosine) count with the phase that shows least.  Nothing is refitted: to first order, and a search from the
+same model has worked out most of it.
 """
 
 from __future__ import annotations
@@ -19,7 +20,6 @@ from numpy.typing import NDArray
 from beltcomm.compiled import in_one_thread
 from beltcomm.effects import EFFECTS, Effect, Ground, Trial
 from beltcomm.laboratory.acceptance import EVIDENCE
-from beltcomm.laboratory.fitting import Fitted
 from beltcomm.laboratory.score import Scorer
 from beltcomm.laboratory.stage import may_add, price
 
@@ -51,20 +51,17 @@ class Sight:
 
 
 @in_one_thread
-def visible(fitted: Fitted, ground: Ground) -> list[Sight]:
-    """Every effect that the model could still take, the least visible first."""
-    scorer = Scorer(fitted)
-    found = []
+def visible(scorer: Scorer, ground: Ground) -> list[Sight]:
+    """Every effect that the model could still take, the least visible first.   scorer : a search from this model has filled most of it."""
+    fitted, found = scorer.fitted, []
     for effect in EFFECTS:
         if effect.trials is None or effect.bound or not may_add(fitted, effect):
             continue
-        falls: list[tuple[float, Trial]] = []
-        for some, columns in scorer.trials(effect, ground):
-            falls += zip(scorer.nearby.power(columns, columns.shape[1] // len(some)), some, strict=True)
-        falls = [entry for entry in falls if not entry[1].base] or falls  # what a trial changes of the base is not the effect
+        every = scorer.powers_of(effect, ground)
+        falls = [entry for entry in every if not entry[1].base] or every  # what a trial changes of the base is not the effect
         if not falls:
             continue
-        falls.sort(key=lambda entry: -entry[0])
+        falls = sorted(falls, key=lambda entry: -entry[0])
         needed = EVIDENCE + price(effect, fitted, len(falls))
         strengths = [math.sqrt(needed / fall) if fall > 0.0 else math.inf for fall, _ in falls]
         middle = strengths[(len(strengths) - 1) // 2]

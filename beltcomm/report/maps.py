@@ -26,6 +26,8 @@ Array = NDArray[np.float64]
 
 #: Hz: bands of the map.
 BAND_HZ = 20.0
+#: On a map, which is pale also where the page is dark: ink, its ground, lines across fields with data and without.
+INK, PALE, MARK = "#010101", "#FFFFE5", "#767676"
 
 
 def maps_figure(
@@ -90,9 +92,11 @@ def _band_map(axes: Axes, judged: Sequence[Judged], landmarks: Mapping[str, floa
     axes.set_title("By frequency and record")
     for name, hz in landmarks.items():
         if hz < table.edges[-1]:
-            axes.axvline(hz, color=style.MEASURED, linewidth=0.9, linestyle=(0, (2, 2)))
+            axes.axvline(hz, color=MARK, linewidth=0.9, linestyle=(0, (2, 2)))
             text = f" {name} {hz:.0f} Hz "
-            axes.annotate(text, (hz, len(table.names) - 0.5), fontsize=8, rotation=90, ha="right", va="bottom")
+            ground = {"facecolor": PALE, "edgecolor": "none", "pad": 0.5}
+            foot = (hz, len(table.names) - 0.5)
+            axes.annotate(text, foot, fontsize=8, rotation=90, ha="right", va="bottom", color=INK, bbox=ground)
     return image
 
 
@@ -114,8 +118,8 @@ def _by_speed(axes: Axes, samples: Samples) -> None:
         for column in range(first, last):
             inside = side & (speed >= edges[column]) & (speed < edges[column + 1])
             if np.isfinite(ratio[row, column]):
-                text = f"{ratio[row, column]:.1f}\n{units.factor * float(np.mean(samples.more[inside])):+.0f}"
-                colour = "white" if ratio[row, column] > 4.0 else "black"
+                text = f"{ratio[row, column]:.1f}\n{units.factor * float(np.mean(samples.more[inside])):+z.0f}"
+                colour = "white" if ratio[row, column] > 4.0 else INK
                 axes.text(column - first + 0.5, row, text, ha="center", va="center", fontsize=8, color=colour)
     style.numbers_at(axes.yaxis, [0, 1], ["forward", "backward"])
     axes.set_ylim(1.5, -0.5)

@@ -6,16 +6,18 @@ import io
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from matplotlib import rc_context
-from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.backends.backend_mixed import MixedModeRenderer
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 
 from beltcomm.report import style
+from beltcomm.report.measuring import Vectors
 from beltcomm.report.placing import place
+from beltcomm.report.ticks import POINTS_PER_INCH
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -35,10 +37,12 @@ FOLLOWING = {
 }
 #: Dots per inch of what is too dense for lines, as maps are.
 DENSE_DPI = 110
-#: Pixels at 100 dpi that a line may be off, and within which points cover each other; the number of points from which that is looked at.
-LINE_PX, POINT_PX, MANY = 0.3, 1.5, 200
+#: Points that a line may be off, and within which points cover each other; the number of points from which that is looked at.
+LINE_PT, POINT_PT, MANY = 0.3, 1.0, 200
 #: Diameter of a "." over its marker size, without its edge.
 DOT_SHARE = 0.5
+#: Neither date nor program: the same figure gives the same text.
+UNDATED = {"Date": None, "Creator": None}
 State = Literal["good", "bad", "note", ""]
 
 
@@ -132,17 +136,22 @@ def svg_of(figure: Figure) -> str:
         if axes.get_facecolor()[:3] == (1.0, 1.0, 1.0):
             axes.patch.set_alpha(0.0)
     stream = io.StringIO()
-    figure.set_dpi(DENSE_DPI)
-    with rc_context({"svg.fonttype": "none", "svg.hashsalt": "beltcomm", "path.simplify_threshold": LINE_PX}):
+    figure.set_dpi(POINTS_PER_INCH)
+    with rc_context({"svg.fonttype": "none", "svg.hashsalt": "beltcomm", "path.simplify_threshold": LINE_PT}):
+        wide, high = figure.get_size_inches()
+        size = (wide * POINTS_PER_INCH, high * POINTS_PER_INCH)
+        vectors = Vectors(*size, stream, image_dpi=DENSE_DPI, metadata=UNDATED)  # type: ignore[no-untyped-call]
         layout = figure.get_layout_engine()
-        if not place(figure) and layout is not None:
+        if not place(figure, vectors) and layout is not None:
             layout.execute(figure)
         figure.set_layout_engine("none")
         for axes in figure.get_axes():
             for line in list(axes.get_lines()):
                 _thin(axes, line)
         # savefig would draw everything twice
-        FigureCanvasSVG(figure).print_svg(stream, metadata={"Date": None, "Creator": None})  # type: ignore[no-untyped-call]
+        renderer: Any = MixedModeRenderer(figure, wide, high, DENSE_DPI, vectors)  # type: ignore[no-untyped-call]
+        figure.draw(renderer)
+        renderer.finalize()
     text = stream.getvalue()
     text = text[text.index("<svg") :]
     text = re.sub(r'width="[\d.]+pt" height="[\d.]+pt" ', "", text, count=1)
@@ -174,7 +183,7 @@ def _thin(axes: Axes, line: Line2D) -> None:
     with np.errstate(invalid="ignore"):
         inside = ((points >= box[:2]) & (points <= box[2:])).all(axis=1)
     known = np.flatnonzero(inside)
-    _, first = np.unique(np.round(points[known] / POINT_PX).astype(int), axis=0, return_index=True)
+    _, first = np.unique(np.round(points[known] / POINT_PT).astype(int), axis=0, return_index=True)
     kept = known[np.sort(first)]
     if line.get_marker() != ".":
         line.set_data(np.asarray(line.get_xdata())[kept], np.asarray(line.get_ydata())[kept])

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
-from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backend_bases import RendererBase
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 from matplotlib.transforms import ScaledTranslation
@@ -30,8 +30,8 @@ USUAL_IN = (0.7, 0.1, 0.4, 0.3)
 LEFT, RIGHT, BOTTOM, TOP = range(4)
 
 
-def place(figure: Figure) -> bool:
-    """Give all axes their places; False where they do not stand in one grid, or nothing is left for them.
+def place(figure: Figure, renderer: RendererBase) -> bool:
+    """Give all axes their places; False where they do not stand in one grid, or nothing is left for them.   renderer : that will draw it.
 
     From left to right an axes has the width  w_k = r_k (W - Σ margins)/Σ r,  r the grid's ratios; from top to bottom likewise.
     """
@@ -55,7 +55,6 @@ def place(figure: Figure) -> bool:
 
     if not set_within([_usual(axes) for axes in figure.get_axes()]):
         return False
-    renderer = FigureCanvasAgg(figure).get_renderer()  # type: ignore[no-untyped-call]
     around = [_margins(axes, renderer) for axes in figure.get_axes()]
     for axes in figure.get_axes():
         without(axes.xaxis)
@@ -85,7 +84,7 @@ def _usual(axes: Axes) -> Array:
     return np.array([left, right, below if axes.get_xlabel() else 0.0, above if titled else 0.0])
 
 
-def _margins(axes: Axes, renderer: Any) -> Array:
+def _margins(axes: Axes, renderer: RendererBase) -> Array:
     """Inches that numbers, labels, title and notes need beyond each side; puts the labels beside their numbers."""
     if not axes.axison:
         return np.zeros(4)

@@ -144,6 +144,13 @@ def bounds_of(axis: Axis, capabilities: Capabilities, step: Step, model: Model |
     return Experiment(step.title(heavy.place_m(step)), travel, whole, speed, torque, share * force, seconds, heating)
 
 
+def fastest_m_s(axis: Axis, capabilities: Capabilities, steps: Sequence[Step], mass_kg: float) -> float:
+    """Fastest motion of several steps with a carriage of this mass, m/s."""
+    course = course_before(axis, capabilities, mass_kg)
+    paths = [path_of(step, course, start_of(step, course)) for step in steps if step.kind != "response"]
+    return max((float(np.max(np.abs(path.velocity_m_s))) for path in paths), default=0.0)
+
+
 def lines_of(axis: Axis, capabilities: Capabilities, steps: Sequence[Step], model: Model | None = None) -> list[Experiment]:
     """The plan's lines of several steps.   Raises BeltcommError naming the step that cannot be."""
     lines = []

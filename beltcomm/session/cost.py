@@ -143,4 +143,4 @@ def _errors(
 
 
 def _um(value_m: float) -> str:
-    return f"{1e6 * value_m:.0f} um" if value_m < 1e-3 else f"{1e3 * value_m:.2f} mm"
+    return f"{1e6 * value_m:.0f} µm" if value_m < 1e-3 else f"{1e3 * value_m:.2f} mm"

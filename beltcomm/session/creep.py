@@ -156,7 +156,7 @@ def creep(drive: Drive, axis: Axis, limits: Limits, by_m: float, reach_m: float,
         if not onset:
             raise Refused(
                 f"the axis does not move: {top:.2f} N m, {100 * BREAKAWAY_SHARE:.0f} % of what is allowed, did not shift it by "
-                f"{1e6 * MOVED_M:.0f} um; check brake, clamp and enable inputs, and whether {axis.torque_limit().binds} in axis.yaml is "
+                f"{1e6 * MOVED_M:.0f} µm; check brake, clamp and enable inputs, and whether {axis.torque_limit().binds} in axis.yaml is "
                 "right"
             )
     drive.clock.sleep_until(drive.clock.now() + STILL_S)  # without torque the stretched belt swings once more

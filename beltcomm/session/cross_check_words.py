@@ -67,52 +67,45 @@ def doubts_of(fitted: Fitted, axis: Axis, recordings: Sequence[Recording]) -> tu
     return sheet_doubts(with_intervals(fitted), fitted.ratio, axis, recordings)
 
 
-def sheet_lines(doubts: Sequence[SheetDoubt], axis: Axis) -> list[str]:
-    """As sentences: a wrong data sheet is no effect."""
+def sheet_lines(doubts: Sequence[SheetDoubt]) -> list[str]:
+    """What was measured against the data sheets, and below it what to check: a wrong data sheet is no effect."""
     lines = []
     for doubt in doubts:
-        what, known, where = _SHEETS[doubt.entry]
+        what, usual, where = _SHEETS[doubt.entry]
         scale, unit = _UNITS.get(doubt.unit, (1.0, doubt.unit))
         interval = None if doubt.interval is None else scale * doubt.interval
         share = f"{100.0 * abs(doubt.factor - 1.0):.0f} % {'less' if doubt.factor < 1.0 else 'more'} than"
         if doubt.factor > 2.0:
-            share = f"{doubt.factor:.3g} times what"
-        lines.append(
-            f"Data sheet: {what} was measured as {number(scale * doubt.found, interval, unit)}, {share} the "
-            f"{scale * doubt.sheet:.4g} {unit} of {axis}{where} ({known}). The model uses what was "
-            "measured; look at data sheet and machine, no effect is missing for it."
-        )
+            share = f"{doubt.factor:.3g} times"
+        measured = number(scale * doubt.found, interval, unit)
+        lines.append(f"Data sheet: {what} {measured}, {share} the {scale * doubt.sheet:.4g} {unit} by axis.yaml{where} (usual: {usual})")
+        lines.append("  The measured value is used; nothing has to be added to the model for it.")
         if not doubt.common:
-            lines.append(f"  {_CHECKS[doubt.entry]}")
+            lines += [f"  {check}" for check in _CHECKS[doubt.entry]]
     common = next((doubt.common for doubt in doubts if doubt.common), "")
     if common:
-        lines.append(
-            f"  Both are off by about one factor, so it is rather a unit than the data sheets: {common}. Look at the columns' units and at "
-            "motor.torque_constant_nm_a; everything in N m and kg is off by the same factor."
-        )
+        lines.append("  Both are off by about one factor, so it is rather a unit than the data sheets:")
+        lines.append(f"  {common}.")
+        lines.append("  Check the units of the columns and motor.torque_constant_nm_a: everything in N m and kg is off by the same factor.")
     return lines
 
 
 #: Units of the doubts as they are shown.
-_UNITS = {"N/m": (1e-3, "kN/m"), "kg m²": (1e4, "kg cm²")}
-#: What stands behind an entry of the axis file: words, what it may differ by, and where it holds.
+_UNITS = {"N/m": (1e-3, "kN/m"), "kg m2": (1e4, "kg cm²")}
+#: What stands behind an entry of the axis file: words, what it usually differs by, and where it holds.
 _SHEETS = {
-    "motor.inertia_kg_m2": ("the inertia on the motor's side", "data sheets may be off by a factor of 1.2: -17 to +20 %", ""),
-    "belt.specific_stiffness_n": (
-        "the belt's stiffness",
-        "data sheets may be off by a factor of 1.3: -23 to +30 %",
-        " at the nearest of the places recorded",
-    ),
+    "motor.inertia_kg_m2": ("motor-side inertia", "-17 to +20 %", ""),
+    "belt.specific_stiffness_n": ("belt stiffness", "-23 to +30 %", " at the places recorded"),
 }
 _CHECKS = {
     "motor.inertia_kg_m2": (
-        "Check in axis.yaml motor.inertia_kg_m2 and the inertias of coupling, gearbox and pulley (1 kg cm² is 1e-4 kg m²; a brake adds to "
-        "it); where they are right, the sample period or the scale of the torque."
+        "Check in axis.yaml: motor.inertia_kg_m2 (1 kg cm² is 1e-4 kg m²; a brake adds to it), inertias of coupling, gearbox and pulley.",
+        "Where they are right: the sample period of the records, or the scale of the torque.",
     ),
     "belt.specific_stiffness_n": (
-        "Check in axis.yaml pulley.effective_radius_m (the stiffness goes with 1/radius²: measure how far the carriage "
-        "goes in ten turns of "
-        "the motor), gearbox.ratio, belt.specific_stiffness_n and pulley_distance_m; on the machine the belt's tension and its clamps."
+        "Check on the machine: the belt's tension and its clamps.",
+        "Check in axis.yaml: belt.specific_stiffness_n, belt.pulley_distance_m, gearbox.ratio, pulley.effective_radius_m.",
+        "The radius by hand: turn the motor ten times and measure how far the carriage goes; the stiffness goes with 1/radius².",
     ),
 }
 
@@ -127,9 +120,9 @@ def as_data(checks: Checks) -> dict[str, Any]:
     }
 
 
-def check_lines(checks: Checks, axis: Axis) -> list[str]:
+def check_lines(checks: Checks) -> list[str]:
     """As sentences."""
-    lines = sheet_lines(checks.sheets, axis)
+    lines = sheet_lines(checks.sheets)
     if checks.resonances is not None:
         low, high = (", ".join(f"{f:.1f}" for f in row) or "none" for row in asdict(checks.resonances).values())
         lines.append(f"The motor's response has its antiresonance at {low} Hz and its resonance at {high} Hz.")

@@ -21,10 +21,11 @@ from beltcomm.excitation import choose_prbs, prbs
 from beltcomm.identify.amplitude import MotionLimits, largest_amplitude
 from beltcomm.identify.first_estimate import data_sheet_model
 from beltcomm.laboratory.diagnosis import fitted_base
-from beltcomm.laboratory.score import ground_of
+from beltcomm.laboratory.score import Scorer, ground_of
 from beltcomm.laboratory.visible import Sight, visible
 from beltcomm.model import Model
 from beltcomm.recording import Recording
+from beltcomm.result import with_unit
 from beltcomm.session import analyse, phases, programme
 from beltcomm.session.bounds import course_before, seconds_of
 from beltcomm.session.making import EXPERIMENT, RESPONSE_S, quieter
@@ -104,7 +105,7 @@ def _amount(sight: Sight) -> str:
         return f"{100.0 * value:.2g} %"
     fits = ((p, f) for p, f in (("", 1.0), ("m", 1e3), ("u", 1e6)) if sight.unit not in PREFIXED or value * f >= 0.3 or p == "u")
     prefix, factor = next(fits)
-    return f"{value * factor:.3g} {prefix}{sight.unit}"
+    return with_unit(f"{value * factor:.3g}", f"{prefix}{sight.unit}")
 
 
 def _share(sight: Sight) -> str:
@@ -124,7 +125,7 @@ def foresee(axis: Axis, capabilities: Capabilities, extent: Extent) -> Foresight
     noise = NOISE_SHARE * (axis.motor.rated_torque_nm or capabilities.rated_torque_nm)
     recordings = list(records(axis, capabilities, model, extent, noise))
     data, fitted = fitted_base(recordings, axis, model)
-    sights = visible(fitted, ground_of(fitted, data.fitted, axis))
+    sights = visible(Scorer(fitted), ground_of(fitted, data.fitted, axis))
     assumed = (
         f"assumed: carriage {model['cart.mass']:.3g} kg, friction {total_friction(model):.2g} N m, {1e3 * noise:.2g} mN m of torque noise, "
         f"{capabilities.counts_per_rev} encoder steps per turn"

@@ -28,6 +28,8 @@ from beltcomm.session import ladder_words as words
 from beltcomm.session import pictures as drawn
 from beltcomm.session.cost import cost_lines, cost_or_reason
 from beltcomm.session.cross_check_words import as_data, check_lines, cross_checked, sheet_lines
+from beltcomm.session.kept_fit import fitted_to
+from beltcomm.session.kept_result import answered
 from beltcomm.session.next_plan import NAME, plan_for, recorded_sets
 from beltcomm.session.opened import Opened, explainable, opened, records_of
 from beltcomm.session.response_table import table_lines, table_of
@@ -42,7 +44,13 @@ FAMILY = {"tilt": "constant_offset", "coulomb_asymmetry": "constant_offset", "cu
 
 def compare_run(run: Path, *, pictures: bool = True, command: str = "", talk: Talk | None = None) -> Result:
     """Model against measurement: ratios to the noise per record, and where it fails.   pictures : into ``RUN/pictures``."""
-    here = opened(run, talk or Silence())
+    folder, question = RunFolder.open(run), (pictures, command)
+    return answered(folder, "comparison", question, lambda: compared(run, pictures, command, talk or Silence()), drawn=pictures)
+
+
+def compared(run: Path, pictures: bool, command: str, talk: Talk) -> Result:
+    """:func:`compare_run` with everything worked out."""
+    here = opened(run, talk)
     comparison = compare(here.data, here.fitted)
     explainable(comparison.ratio, run)
     chosen = worst(comparison)
@@ -75,7 +83,7 @@ def compare_run(run: Path, *, pictures: bool = True, command: str = "", talk: Ta
     }
     text = words.remark_lines(here.records.remarks)
     text += words.comparison_lines(comparison, [in_words(p, named) for p in chosen], here.fitted.model, run)
-    text[-1:-1] = [*table_lines(table), *sheet_lines(here.sheets, here.folder.axis)]
+    text[-1:-1] = [*table_lines(table), *sheet_lines(here.sheets)]
     return Result(data, text[:-1] + drawn.lines(here.folder, made, remarks) + text[-1:])
 
 
@@ -93,14 +101,23 @@ def diagnose_run(
 
     cost : say what it costs, see ``session.cost``.   following : write the plan of what to record next.
     """
-    talk = talk or Silence()
-    folder = RunFolder.open(run)
+    folder, talk = RunFolder.open(run), talk or Silence()
+    if auto or following:
+        return diagnosed(folder, run, auto, cost, following, command, when, talk)
+    result = answered(folder, "diagnosis", (cost,), lambda: diagnosed(folder, run, auto, cost, following, command, when, talk))
+    folder.save_result("diagnosis", result.data)
+    return result
+
+
+def diagnosed(folder: RunFolder, run: Path, auto: bool, cost: bool, following: bool, command: str, when: str, talk: Talk) -> Result:
+    """:func:`diagnose_run` with everything worked out."""
     records = records_of(folder)
     recordings = records.recordings
     model = current_model(folder)
     talk.phase(1, 1, "search for missing effects")
     start = model if model is not None else start_model(folder.axis, recordings)
-    found = diagnose(recordings, folder.axis, start, progress=lambda fraction: talk.progress(fraction, None))
+    begun = fitted_to(folder, recordings, start)
+    found = diagnose(recordings, folder.axis, start, begun=begun, progress=lambda fraction: talk.progress(fraction, None))
     explainable(found.base.ratio, run)
     found, doubts = within_scope(found, recordings)
     crossed = cross_checked(found, recordings, folder.axis)
@@ -111,7 +128,7 @@ def diagnose_run(
         "remarks": list(records.remarks),
         "doubts": doubts,
     }
-    text = words.remark_lines(records.remarks) + words.diagnosis_lines(found) + doubts + check_lines(crossed, folder.axis)
+    text = words.remark_lines(records.remarks) + words.diagnosis_lines(found) + doubts + check_lines(crossed)
     added_names = [step.added for step in found.steps if step.added]
     if cost and added_names:
         talk.phase(1, 1, "what it costs in tracking")
@@ -130,7 +147,7 @@ def diagnose_run(
 
 def sight(folder: RunFolder, found: Diagnosis, recordings: Sequence[Recording], following: bool) -> tuple[dict[str, Any], list[str]]:
     """What these data could not have shown, and with ``following`` the plan of what to record next, saved."""
-    sights = visible(found.base, ground_of(found.base, found.base.problem.pieces, folder.axis))
+    sights = visible(found.scorer, ground_of(found.base, found.base.problem.pieces, folder.axis))
     data: dict[str, Any] = {"visible": [seen_as(one) for one in sights]}
     model = found.base.model
     missing = lacking(recordings, model["transmission.ratio"]) if "cart" in model.base_bodies else []

@@ -14,7 +14,7 @@ from beltcomm.laboratory.intervals import with_intervals
 from beltcomm.laboratory.start import BELT_BASE, RIGID_BASE
 from beltcomm.laboratory.visible import Sight
 from beltcomm.model import Model, effect_parameters
-from beltcomm.result import table
+from beltcomm.result import table, with_unit
 from beltcomm.session.revisions import Revision
 
 #: Characters of the longest bar of a staircase.
@@ -100,7 +100,7 @@ def sight_lines(sights: Sequence[Sight], run: Path, unnamed: Collection[str] = (
         if math.isinf(sight.hardest) or beyond_bounds(sight):
             lines.append(f"  {sight.effect.name:24} these data say nothing of it")
             continue
-        size = f" ({sight.parameter} {sight.hardest * sight.size:.2g} {sight.unit})" if sight.unit else ""
+        size = f" ({with_unit(f'{sight.parameter} {sight.hardest * sight.size:.2g}', sight.unit)})" if sight.unit else ""
         lines.append(f"  {sight.effect.name:24} only from {sight.hardest:.2g} x a typical one on{size}")
     return [*lines, f"  `beltcomm diagnose {run} --next` writes the plan of the records that would show them."]
 
@@ -119,7 +119,7 @@ def effect_lines(effect: Effect, model: Model) -> list[str]:
         width = "" if item.interval is None else f" ± {item.interval:.2g}"
         bound = item.interval is None and not item.low < item.value < item.high
         doubt = ", at the bound of what is possible: hardly the cause" if bound else ""
-        lines.append(f"  {name} = {item.value:.4g}{width} {item.unit}{doubt}")
+        lines.append(f"  {with_unit(f'{name} = {item.value:.4g}{width}', item.unit)}{doubt}")
     if effect.causes:
         lines.append(f"  Usual causes: {effect.causes}.")
     lines.append(f"  Check: {effect.check}.")

@@ -19,6 +19,7 @@ from beltcomm.session.bounds import (
     CREEP_SECONDS,
     Experiment,
     course_before,
+    fastest_m_s,
     friction_before_nm,
     has_room,
     held_before_nm,
@@ -164,7 +165,8 @@ def commission_plan(axis: Axis, capabilities: Capabilities, extent: Extent = "st
     whole = float(axis.travel.max_m or 0.0) - float(axis.travel.min_m or 0.0)
     torque = min(axis.motor.peak_torque_nm or math.inf, capabilities.peak_torque_nm)
     moved = _move_speed_m_s(axis, capabilities)
-    course = course_before(axis, capabilities, masses_kg(axis)[1])
+    lightest, heaviest = masses_kg(axis)
+    course = course_before(axis, capabilities, heaviest)
     possible = [i.step for i in programme.BY_EXTENT[extent] if i.rank == 0 or has_room(i.step, course)]
     steps = lines_of(axis, capabilities, possible)
     force = axis.belt_force_limit_n
@@ -177,7 +179,7 @@ def commission_plan(axis: Axis, capabilities: Capabilities, extent: Extent = "st
         (*_here(axis, capabilities), *steps, move),
         budget,
         claims.notes_before(axis, capabilities),
-        points=commission_points(axis, capabilities, masses_kg(axis)[0]),
+        points=commission_points(axis, capabilities, lightest, (heaviest, fastest_m_s(axis, capabilities, possible, heaviest))),
     )
 
 

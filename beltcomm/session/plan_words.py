@@ -29,8 +29,12 @@ def point_rows(points: Sequence[Point]) -> list[Row]:
     return rows
 
 
-def commission_points(axis: Axis, capabilities: Capabilities, lightest_kg: float) -> tuple[Point, ...]:
-    """The whole job: what moves and how far first, then how it stops and what is written.   lightest_kg : carriage of the speeds."""
+def commission_points(axis: Axis, capabilities: Capabilities, lightest_kg: float, heaviest: tuple[float, float]) -> tuple[Point, ...]:
+    """The whole job: what moves and how far first, then how it stops and what is written.
+
+    lightest_kg : carriage of the plan's speeds.   heaviest : carriage that is thought of, kg, and how fast it is driven, m/s.
+    """
+    lightest = f"{lightest_kg:g} kg, the stated payload alone" if axis.payload.mass_kg else f"{lightest_kg:g} kg, the lightest thought of"
     return (
         (
             "what moves",
@@ -40,8 +44,8 @@ def commission_points(axis: Axis, capabilities: Capabilities, lightest_kg: float
         ("how far", f"between {axis.travel.min_m:g} m and {axis.travel.max_m:g} m, with every stop: keep people, tools and cables out"),
         (
             "how heavy",
-            f"speeds in the table are those of a carriage of {lightest_kg:g} kg, the lightest that is thought of; a heavier one, weighed "
-            "before it travels, is driven more slowly",
+            f"the carriage is weighed before it travels; speeds here are those of {lightest}. The heavier, the slower: with "
+            f"{heaviest[0]:g} kg its strokes and fast moves reach {heaviest[1]:.2g} m/s",
         ),
         *_stops(axis, capabilities),
         ("what is written", "gains, while it works; at the end the drive is left as it was found, unless you keep the new gains"),

@@ -139,13 +139,13 @@ def _brought(sent: Sent, alone: PredictedMove, plain: Trajectory) -> list[str]:
         without = tracking_error(alone.t_s, plain.position_m, alone.motor_m)
         return [
             f"up to {most:.3g} mN m were sent along with the reference; a controller that sends none is predicted to have "
-            f"{1e3 * without.dynamic_m:.3g} mm and {1e6 * without.static_m:.3g} um with these gains"
+            f"{1e3 * without.dynamic_m:.3g} mm and {1e6 * without.static_m:.3g} µm with these gains"
         ]
     without = tracking_error(alone.t_s, plain.position_m, alone.cart_m)
     return [
         f"the motor led the carriage by up to {1e3 * sent.led.lead_m:.3g} mm, the stretch of the belt, and up to {most:.3g} mN m were sent "
-        f"along; without, the carriage is predicted to be off by {1e3 * without.dynamic_m:.3g} mm and {1e6 * without.static_m:.3g} um",
-        f"friction of the carriage can hide up to {1e6 * sent.led.held_m:.3g} um of its place from the motor",
+        f"along; without, the carriage is predicted to be off by {1e3 * without.dynamic_m:.3g} mm and {1e6 * without.static_m:.3g} µm",
+        f"friction of the carriage can hide up to {1e6 * sent.led.held_m:.3g} µm of its place from the motor",
     ]
 
 

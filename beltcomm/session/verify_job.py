@@ -139,7 +139,7 @@ def _rungs_result(folder: RunFolder, path: Trajectory, driven: list[tuple[str, V
     """All rungs: what each brings, um at the motor as measured, and at the carriage as measured or predicted."""
     text = [
         f"The same move, {path.position_m[0]:.3f} m to {path.position_m[-1]:.3f} m in {path.duration_s:.2f} s, with the same gains; "
-        "errors in um, in brackets what the rung took away",
+        "errors in µm, in brackets what the rung took away",
         f"  {'':74} {'motor, dynamic':>18} {'static':>14} {'carriage, dynamic':>20} {'static':>14}",
     ]
     data = []
@@ -157,6 +157,6 @@ def _rungs_result(folder: RunFolder, path: Trajectory, driven: list[tuple[str, V
     text += [f"  at the carriage: {where}", f"  {last.reasons[-1]}"]
     if last.measured_cart is None:
         missed = 1e6 * abs(last.measured.dynamic_m - last.predicted.dynamic_m)
-        text.append(f"  the prediction knows the model only: at the motor it is {missed:.3g} um off, expect no less at the carriage")
+        text.append(f"  the prediction knows the model only: at the motor it is {missed:.3g} µm off, expect no less at the carriage")
     text.append(f"Next: beltcomm verify --drive DRIVE --run {folder.path} --feedforward compliant --move FILE for a move of your own")
     return Result({"run": str(folder.path), "rungs": data}, text)

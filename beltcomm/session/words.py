@@ -134,12 +134,12 @@ def design_lines(design: DesignResult, cascade: Cascade) -> list[str]:
         f"velocity {feedforward.velocity:g}, {1e3 * feedforward.advance_s:.2f} ms ahead"
         if feedforward.inertia_kg_m2 or feedforward.coulomb_nm or feedforward.viscous_nm_s_rad or feedforward.velocity
         else "  feedforward: none" + ("" if design.structure.velocity_feedforward else ", this drive has none"),
-        f"  stable by calculation on {len(design.plants)} variants of the model (both ends, payloads, damping down to none), with this "
-        f"to spare: phase margin {worst.phase_margin_deg:.0f}° in the velocity loop and {slowest.position_phase_margin_deg:.0f}° in the "
-        f"position loop, resonance at {max(m.suppression_db for m in design.margins):.1f} dB; what disturbs is amplified by "
-        f"{sensitivity:.1f} dB at most (sensitivity)",
+        f"  stable by calculation on {len(design.plants)} variants of the model (both ends, payloads, damping down to none)",
+        f"    with this to spare: phase margin {worst.phase_margin_deg:.0f}° in the velocity loop and "
+        f"{slowest.position_phase_margin_deg:.0f}° in the position loop, resonance at "
+        f"{max(m.suppression_db for m in design.margins):.1f} dB; what disturbs is amplified by {sensitivity:.1f} dB at most (sensitivity)",
     ]
-    lines += [f"  higher gains would break: {reason}" for reason in design.binding]
+    lines += [f"  gains cannot be higher: {reason}" for reason in design.binding]
     return lines + [f"  {remark}" for remark in design.remarks]
 
 
@@ -158,9 +158,13 @@ def knowledge_lines(model: Model, along: Sequence[str], which: str) -> list[str]
     return lines
 
 
+#: What the two errors are.
+_ERRORS = "dynamic: the largest error while it moves; static: the largest from 0.5 to 1.5 s after its end"
+
+
 def verdict_lines(verdict: Verdict, demand: Demand | None, feedforward: str | None = None) -> list[str]:
-    """Predicted and measured tracking error, in mm and um.   feedforward : what took the place of the design's, if anything."""
-    lines = [f"Verification move, with feedforward {feedforward} for this move only:" if feedforward else "Verification move:"]
+    """Predicted and measured tracking error, in mm and µm.   feedforward : what took the place of the design's, if anything."""
+    lines = [f"Verification move{f', with feedforward {feedforward} for this move only' if feedforward else ''} ({_ERRORS}):"]
     if demand is not None:
         lines.append(
             f"  planned: up to {demand.speed_m_s:.3g} m/s, {demand.acceleration_m_s2:.3g} m/s², {demand.feed_force_n:.3g} N feed force, "
@@ -171,7 +175,7 @@ def verdict_lines(verdict: Verdict, demand: Demand | None, feedforward: str | No
         ("at the carriage", verdict.measured_cart, verdict.predicted_cart, None),
     ):
         parts = []
-        for what, name, unit, factor in (("dynamic", "dynamic_m", "mm", 1e3), ("static", "static_m", "um", 1e6)):
+        for what, name, unit, factor in (("dynamic", "dynamic_m", "mm", 1e3), ("static", "static_m", "µm", 1e6)):
             between = f", range {' to '.join(_short(factor * getattr(end, name)) for end in spread)}" if spread else ""
             guess = f"{_short(factor * getattr(expected, name))} {unit}"
             if measured is None:

@@ -27,6 +27,7 @@ from platformdirs import user_cache_path
 
 from beltcomm.model import Model, body_list
 from beltcomm.simulate.fences import indented
+from beltcomm.simulate.observer import Watch
 from beltcomm.simulate.writer import LOOK_AHEAD, MOVING_RAD_S, Writer
 
 #: Changes whenever the generated source changes shape, so that an old cache is never met.
@@ -183,7 +184,8 @@ def inverse_source() -> str:
         "@compiled",
         "def load(theta, omega, p, on, t, h, bristle, offset, load, cart, watch):",
         *indented([*writer.constants(), *fences, *zeros, "q0 = theta[0]"], 1),
-        "    inside, shut, watched = 0, 0.0, watch.wanted.shape[0] > 0",
+        *indented([f"see_{field} = watch.{field}" for field in Watch._fields], 1),
+        "    inside, shut, watched = 0, 0.0, see_wanted.shape[0] > 0",
         f"    half = max(1, min({LOOK_AHEAD}, theta.shape[0] - 1) // 2)",
         "    first = (4.0 * theta[half] - theta[2 * half] - 3.0 * theta[0]) / (2.0 * h * half) if theta.shape[0] > 2 else 0.0",
         f"    if abs(first) < {MOVING_RAD_S}:",

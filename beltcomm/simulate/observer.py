@@ -86,88 +86,143 @@ def lanes_for(number: int) -> int:
     return REGISTER * max(1, -(-number // (-(-number // ROOM) * REGISTER))) if number else REGISTER
 
 
-def observe(n: int, left: float, closed: float, w: Watch) -> None:
-    """One sample: ν[n], and s[n+1] in place.   left : e[n], N m.   closed : share of the sample after n in which the gap is closed."""
-    size, own = w.s.shape[0], w.s.shape[0] - 2
-    if w.learning:
-        w.shares[n] = closed
-    share = w.shares[n]
-    innovation = left
-    for i in range(size):
-        innovation -= (w.H[0, i] + share * (w.H[1, i] - w.H[0, i])) * w.s[i]
-    w.left[n] = left
-    if w.learning:
-        _learn(n, innovation, w)
-    if w.keep[n]:
-        w.white[n] = innovation / w.deviations[n]
-    else:
-        innovation = 0.0
-    for i in range(size):
-        total = w.gains[n, i] * innovation
-        for j in range(own):
-            total += (w.F[0, i, j] + share * (w.F[1, i, j] - w.F[0, i, j])) * w.s[j]
-        w.ahead[i] = total
-    for i in range(size):
-        w.s[i] = w.ahead[i]
+#: Fields of ``Watch`` that the functions below take, in their order.  One by one: out of the tuple, every array would be counted as used
+#: and as no longer used at each sample, which took more time than all the rest.
+EXPECTED = ("H", "s", "shares")
+LEARNED = ("keep", "F", "G", "H", "D", "variances", "P", "gains", "deviations", "shares", "lost", "room", "cart", "behind", "spread")
+OBSERVED = ("keep", "F", "s", "ahead", "gains", "deviations", "shares", "white")
+TOUCHED = ("wanted", "keep", "lost", "deviations", "shares", "half_gap_m", "stiffness")
 
 
 @compiled
-def _learn(n: int, innovation: float, w: Watch) -> None:
+def expected(n: int, left: float, H: Array, s: Array, shares: Array) -> float:
+    """ν[n], N m.   left : e[n], N m."""
+    share, innovation = shares[n], left
+    for i in range(s.shape[0]):
+        innovation -= (H[0, i] + share * (H[1, i] - H[0, i])) * s[i]
+    return innovation
+
+
+@compiled
+def observe(
+    n: int,
+    innovation: float,
+    keep: NDArray[np.bool_],
+    F: Array,
+    s: Array,
+    ahead: Array,
+    gains: Array,
+    deviations: Array,
+    shares: Array,
+    white: Array,
+) -> None:
+    """One sample: s[n+1] in place.   innovation : ν[n], N m."""
+    size, own, share = s.shape[0], s.shape[0] - 2, shares[n]
+    if keep[n]:
+        white[n] = innovation / deviations[n]
+    else:
+        innovation = 0.0
+    for i in range(size):
+        total = gains[n, i] * innovation
+        for j in range(own):
+            total += (F[0, i, j] + share * (F[1, i, j] - F[0, i, j])) * s[j]
+        ahead[i] = total
+    for i in range(size):
+        s[i] = ahead[i]
+
+
+@compiled
+def learn(
+    n: int,
+    innovation: float,
+    keep: NDArray[np.bool_],
+    F: Array,
+    G: Array,
+    H: Array,
+    D: Array,
+    variances: Array,
+    P: Array,
+    gains: Array,
+    deviations: Array,
+    shares: Array,
+    lost: NDArray[np.bool_],
+    room: Array,
+    cart: int,
+    behind: int,
+    spread: Array,
+) -> None:
     """Gain and deviation of sample n, and the covariance ahead.   innovation : N m, beyond ``LOST`` deviations the carriage is lost."""
-    share, size, own, noises = w.shares[n], w.s.shape[0], w.s.shape[0] - 2, w.variances.shape[0]
-    f, g, fp, h, ph, k, variance = w.room[0], w.room[1], w.room[2], w.room[3, 0], w.room[3, 1], w.room[3, 2], 0.0
-    fp[:], ph[:], k[:] = 0.0, 0.0, 0.0
+    share, size, own, noises, variance = shares[n], P.shape[0], P.shape[0] - 2, variances.shape[0], 0.0
+    f, g, fp, h, ph, k, d = room[0], room[1], room[2], room[3, 0], room[3, 1], room[3, 2], room[3, 3]
     for i in range(size):
-        h[i] = w.H[0, i] + share * (w.H[1, i] - w.H[0, i])
+        k[i] = 0.0
+        h[i] = H[0, i] + share * (H[1, i] - H[0, i])
         for j in range(own):
-            f[i, j] = w.F[0, i, j] + share * (w.F[1, i, j] - w.F[0, i, j])
+            f[i, j] = F[0, i, j] + share * (F[1, i, j] - F[0, i, j])
         for m in range(noises):
-            g[i, m] = w.G[0, i, m] + share * (w.G[1, i, m] - w.G[0, i, m])
+            g[i, m] = G[0, i, m] + share * (G[1, i, m] - G[0, i, m])
     for i in range(size):
         for j in range(own):
+            total = 0.0
             for m in range(own):
-                fp[i, j] += f[i, m] * w.P[m, j]
-    if w.keep[n]:
+                total += f[i, m] * P[m, j]
+            fp[i, j] = total
+    if keep[n]:
         for i in range(size):
+            total = 0.0
             for j in range(size):
-                ph[i] += w.P[i, j] * h[j]
-            variance += h[i] * ph[i]
+                total += P[i, j] * h[j]
+            ph[i] = total
+            variance += h[i] * total
         for m in range(noises):
-            d = w.D[0, m] + share * (w.D[1, m] - w.D[0, m])
-            variance += d * d * w.variances[m]
-            for i in range(size):
-                k[i] += g[i, m] * d * w.variances[m]
+            d[m] = D[0, m] + share * (D[1, m] - D[0, m])
+            variance += d[m] * d[m] * variances[m]
         for i in range(size):
+            total = 0.0
+            for m in range(noises):
+                total += g[i, m] * d[m] * variances[m]
             for j in range(own):
-                k[i] += f[i, j] * ph[j]
-            w.gains[n, i] = k[i] / variance
-        w.deviations[n] = math.sqrt(variance)
-        w.lost[n] = abs(innovation) > LOST * w.deviations[n]
+                total += f[i, j] * ph[j]
+            k[i] = total
+            gains[n, i] = total / variance
+        deviations[n] = math.sqrt(variance)
+        lost[n] = abs(innovation) > LOST * deviations[n]
     for i in range(size):
         for j in range(i + 1):
             total = 0.0
             for m in range(noises):
-                total += g[i, m] * w.variances[m] * g[j, m]
+                total += g[i, m] * variances[m] * g[j, m]
             for m in range(own):
                 total += fp[i, m] * f[j, m]
             if variance > 0.0:
                 total -= k[i] * k[j] / variance
-            w.P[i, j] = w.P[j, i] = total
-    if w.lost[n]:
-        w.P[w.cart, w.cart] += w.spread[0]
-        w.P[w.cart + w.behind, w.cart + w.behind] += w.spread[1]
+            P[i, j] = P[j, i] = total
+    if lost[n]:
+        P[cart, cart] += spread[0]
+        P[cart + behind, cart + behind] += spread[1]
 
 
 @compiled
-def contact(n: int, lever: float, stretch: float, w: Watch) -> float:
+def contact(
+    n: int,
+    lever: float,
+    stretch: float,
+    wanted: Array,
+    keep: NDArray[np.bool_],
+    lost: NDArray[np.bool_],
+    deviations: Array,
+    shares: Array,
+    half_gap_m: float,
+    stiffness: float,
+) -> float:
     """By how much the stretch, m, is less than what the torque of sample n tells where the carriage is lost; 0 where it is not.
 
     While more than noise is passed on, the stretch is half the gap and what the belt gives way.
     """
-    if not (w.keep[n] and w.lost[n]) or w.shares[n] > OPEN or abs(w.wanted[n]) < LOST * w.deviations[n]:
+    if not (keep[n] and lost[n]) or shares[n] > OPEN or abs(wanted[n]) < LOST * deviations[n]:
         return 0.0
-    pull = w.wanted[n] / lever
-    return float(math.copysign(w.half_gap_m, pull) + pull / w.stiffness - stretch)
+    pull = wanted[n] / lever
+    return float(math.copysign(half_gap_m, pull) + pull / stiffness - stretch)
 
 
 @compiled

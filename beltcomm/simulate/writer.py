@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import inspect
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from beltcomm import cascade_kernel
 from beltcomm.effects import (
@@ -25,9 +25,9 @@ from beltcomm.effects import (
     is_plain_belt,
 )
 from beltcomm.model import BASE_BODIES, body_list, effect_parameters, expected_parameters
-from beltcomm.simulate import loop_kernel
+from beltcomm.simulate import loop_kernel, observer
 from beltcomm.simulate.fences import fenced, indented
-from beltcomm.simulate.observer import observe
+from beltcomm.simulate.observer import EXPECTED, LEARNED, OBSERVED, TOUCHED
 from beltcomm.simulate.stick import stick_or_slide
 
 #: rad/s: a stretch that begins faster than this begins in motion, all bodies with the motor (a gap in the middle of a stroke);
@@ -54,6 +54,11 @@ def catalogue_bodies() -> tuple[tuple[str, Body], ...]:
     for effect in EFFECTS:
         found |= {f"{body.name}.{body.inertia.name}": body for body in effect.bodies}
     return tuple(found.items())
+
+
+def seen(fields: Sequence[str]) -> str:
+    """Fields of a ``Watch`` as the kernel has them."""
+    return ", ".join(f"see_{field}" for field in fields)
 
 
 class Writer:
@@ -332,19 +337,25 @@ class Writer:
         """Corrects the bodies behind the motor at the end of every sample, by what the torque says of them; ``observer``."""
         correct = []
         for i in range(1, len(self.bodies)):
-            taken = [f"q{i} -= watch.s[at]", f"v{i} -= watch.s[at + watch.behind]", f"o{i} -= watch.s[at + watch.behind]"]
-            correct += [f"at = watch.places[{i}]", "if at >= 0:", *indented([*taken, "watch.s[at] = watch.s[at + watch.behind] = 0.0"], 1)]
+            taken = [f"q{i} -= see_s[at]", f"v{i} -= see_s[at + see_behind]", f"o{i} -= see_s[at + see_behind]"]
+            correct += [f"at = see_places[{i}]", "if at >= 0:", *indented([*taken, "see_s[at] = see_s[at + see_behind] = 0.0"], 1)]
         sample = [
-            "before = k // watch.substeps - 1",
+            "before = k // see_substeps - 1",
             "left = 0.0",
             "if before > 0:",
-            "    left = weighted(load, before * watch.substeps, watch.substeps) - watch.wanted[before]",
-            f"{self.law(observe)}(before, left, shut / inside, watch)",
+            "    left = weighted(load, before * see_substeps, see_substeps) - see_wanted[before]",
+            "see_left[before] = left",
+            "if see_learning:",
+            "    see_shares[before] = shut / inside",
+            f"innovation = expected(before, left, {seen(EXPECTED)})",
+            "if see_learning:",
+            f"    learn(before, innovation, {seen(LEARNED)})",
+            f"observe(before, innovation, {seen(OBSERVED)})",
             *correct,
-            f"q{self.cart} -= contact(before, lever, u - q{self.cart}, watch)",
+            f"q{self.cart} -= contact(before, lever, u - q{self.cart}, {seen(TOUCHED)})",
             "inside, shut = 0, 0.0",
         ]
-        return ["if watched and k > 0:", "    inside += 1", "    shut += closed", "    if inside == watch.substeps:", *indented(sample, 2)]
+        return ["if watched and k > 0:", "    inside += 1", "    shut += closed", "    if inside == see_substeps:", *indented(sample, 2)]
 
     def motor_alone(self) -> list[str]:
         """``load`` and ``level`` by the effects that need to know no more than the motor's motion, each in a loop of its own."""
@@ -382,12 +393,12 @@ class Writer:
             "from beltcomm.compiled import compiled",
             "from beltcomm.simulate.loop_kernel import setpoint",
             "from beltcomm.simulate.mean import weighted",
-            "from beltcomm.simulate.observer import contact",
+            "from beltcomm.simulate.observer import contact, expected, learn, observe",
             *imports,
             "",
             *laws,
         ]
         modules = sorted({law.__module__ for law in self.laws.values()})
-        used = [*(sys.modules[module] for module in modules), loop_kernel, cascade_kernel]
+        used = [*(sys.modules[module] for module in modules), loop_kernel, cascade_kernel, observer]
         text = "".join(inspect.getsource(module) for module in used)
         return "\n".join(head) + "\n\n\n" + body + "\n# " + hashlib.sha256(text.encode()).hexdigest() + "\n"

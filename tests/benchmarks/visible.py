@@ -59,7 +59,7 @@ def main(first: int, last: int) -> None:
     above, below = [0, 0], [0, 0]
     for seed in range(first, last):
         healthy, ground, _ = fitted(seed, (), 0.0)
-        sights = {sight.effect.name: sight for sight in visible(healthy, ground)}
+        sights = {sight.effect.name: sight for sight in visible(Scorer(healthy), ground)}
         for effect, key in SIZES.items():
             sight = sights[NAMES.get(effect, effect)]
             for strength in STRENGTHS:

@@ -86,12 +86,12 @@ def _feed(digest: Any, value: Any) -> None:
         digest.update(repr(sorted(value, key=str)).encode())
     elif value is None or isinstance(value, (str, bytes, int, float, complex, np.generic)):
         digest.update(repr(value).encode())
-    elif isinstance(value, Path) or callable(value):
-        digest.update(b"-")
-    elif dataclasses.is_dataclass(value):
+    elif dataclasses.is_dataclass(value) and not isinstance(value, type):
         digest.update(type(value).__name__.encode())
         for field in dataclasses.fields(value):
             _feed(digest, getattr(value, field.name))
+    elif isinstance(value, Path) or callable(value):
+        digest.update(b"-")
     else:
         digest.update(type(value).__name__.encode())
         _feed(digest, vars(value))

@@ -21,6 +21,7 @@ from beltcomm.laboratory.cross_checks import sheet_doubts
 from beltcomm.laboratory.diagnosis import Diagnosis, Step, fitted_base
 from beltcomm.laboratory.run_checks import checked
 from beltcomm.laboratory.scope import lacking, within_scope
+from beltcomm.laboratory.score import Scorer
 from beltcomm.laboratory.start import start_model
 from beltcomm.model import build_model
 from beltcomm.recording import Recording
@@ -191,8 +192,8 @@ def test_a_sensor_at_the_carriage_is_told_and_not_used(run: tuple[list[Recording
     ("inertia", "stiffness", "entries", "words"),
     [
         (1.0, 1.0, [], ""),
-        (0.5, 1.0, ["motor.inertia_kg_m2"], "motor.inertia_kg_m2 and the inertias of coupling"),
-        (1.0, 1.44, ["belt.specific_stiffness_n"], "measure how far the carriage goes in ten turns"),
+        (0.5, 1.0, ["motor.inertia_kg_m2"], "inertias of coupling, gearbox and pulley"),
+        (1.0, 1.44, ["belt.specific_stiffness_n"], "turn the motor ten times and measure how far the carriage goes"),
         (1.0 / 0.65, 1.0 / 0.65, ["motor.inertia_kg_m2", "belt.specific_stiffness_n"], "the current in A instead of the torque"),
     ],
 )
@@ -207,7 +208,9 @@ def test_a_wrong_data_sheet_comes_out_as_such(
     model = replace(model, parameters=known)
     doubts = sheet_doubts(model, 1.03, axis, records)
     assert [doubt.entry for doubt in doubts] == entries
-    assert words in "\n".join(sheet_lines(doubts, axis))
+    lines = sheet_lines(doubts)
+    assert words in "\n".join(lines)
+    assert max(map(len, lines), default=0) <= 140, "each finding is a line that is read at a glance"
     assert sheet_doubts(model, 5.0, axis, records) == (), "a model that explains nothing knows no inertia"
 
 
@@ -215,13 +218,13 @@ def test_strokes_alone_bear_no_name_of_the_belt_or_of_a_delay(run: tuple[list[Re
     records, axis = run
     slow = [r for r in records if "slow_p1" in r.name]
     data, base = fitted_base(slow, axis, start_model(axis, slow))
-    found = Diagnosis(base, data, (Step(base, (), "current_lag", (), base),), "explained", ())
+    found = Diagnosis(base, data, (Step(base, (), "current_lag", (), base),), "explained", (), Scorer(base))
     kept, sentences = within_scope(found, slow)
     assert kept.verdict == "cannot tell"
     assert not kept.steps[-1].added
     assert "no record is excited" in sentences[0]
     assert within_scope(found, records) == (found, [])
-    friction = Diagnosis(base, data, (Step(base, (), "stribeck", (), base),), "explained", ())
+    friction = Diagnosis(base, data, (Step(base, (), "stribeck", (), base),), "explained", (), Scorer(base))
     assert within_scope(friction, slow) == (friction, [])
     assert [line.partition(":")[0].partition(" (")[0] for line in lacking(slow, axis.transmission_m_rad)] == [
         "no excited record",

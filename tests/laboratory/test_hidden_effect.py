@@ -14,7 +14,7 @@ from click.testing import CliRunner, Result
 
 from beltcomm.cli.main import cli
 from beltcomm.laboratory.diagnosis import fitted_base
-from beltcomm.laboratory.score import ground_of
+from beltcomm.laboratory.score import Scorer, ground_of
 from beltcomm.laboratory.start import start_model
 from beltcomm.laboratory.visible import visible
 from beltcomm.runfolder import RunFolder
@@ -77,7 +77,7 @@ def test_a_poor_data_set_says_what_it_cannot_show(hidden_cogging: tuple[Path, fl
         recordings = [r for r in folder.recordings() if wanted in r.name]
         data, fitted = fitted_base(recordings, folder.axis, start_model(folder.axis, recordings))
         ground = ground_of(fitted, data.fitted, folder.axis)
-        weakest.append({sight.effect.name: sight for sight in visible(fitted, ground)})
+        weakest.append({sight.effect.name: sight for sight in visible(Scorer(fitted), ground)})
     rich, poor = weakest
     assert all(sight.seen for name, sight in rich.items() if name != "encoder_eccentricity"), "the default plan shows them"
     for name in ("warmup", "cable_chain", "quadratic_drag"):

@@ -36,7 +36,7 @@ def test_a_pair_of_columns_promises_what_least_squares_says() -> None:
     wanted = residual * root[:, 0]
     left = [np.sum((wanted - c @ np.linalg.lstsq(c, wanted, rcond=None)[0]) ** 2) for c in (known * root, both)]
     # Its weights are those of the blocks after a reweighting, which ends when it gains less than 0.05 nats: a share of 0.05/N of O.
-    assert near.screened(pair, 2, True)[0] == pytest.approx(left[0] - left[1], rel=1e-3)
+    assert near.screened(pair, 2, True)[0][0] == pytest.approx(left[0] - left[1], rel=1e-3)
 
 
 @pytest.mark.parametrize("factor", [1.0, -2.0, 0.0])
@@ -44,7 +44,7 @@ def test_a_pair_that_looks_alike_promises_what_one_does(factor: float) -> None:
     """Sine and cosine of an order on an axis that hardly turns; a cosine that is not there promises nothing."""
     near, _, residual = beside(1)
     one = np.random.default_rng(3).normal(size=SAMPLES) + 0.02 * residual
-    alone = near.screened(one[:, None], 1, True)[0]
-    together = near.screened(np.stack([one, factor * one], axis=1), 2, True)[0]
+    alone = near.screened(one[:, None], 1, True)[0][0]
+    together = near.screened(np.stack([one, factor * one], axis=1), 2, True)[0][0]
     assert alone > 1.0
     assert together == pytest.approx(alone if factor else 0.0, rel=1e-6)

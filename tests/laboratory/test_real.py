@@ -14,7 +14,7 @@ from beltcomm.laboratory.cross_checks import map_checks, resonances
 from beltcomm.laboratory.data import Data, prepare
 from beltcomm.laboratory.diagnosis import again, fitted_base
 from beltcomm.laboratory.fitting import Fitted, fit
-from beltcomm.laboratory.score import ground_of
+from beltcomm.laboratory.score import Scorer, ground_of
 from beltcomm.laboratory.stage import search
 from beltcomm.laboratory.start import start_model
 from beltcomm.model import Model
@@ -65,7 +65,7 @@ def test_a_ripple_with_another_phase_in_the_held_out_record_is_refused(emps: tup
     # The diagnosis tries some hundred periods and finds the 2.5 mm of the screw; here it is told, for time.
     told = [Trial({"period": 2.5e-3, "sine": 1.0, "cosine": 1.0}, amplitudes=("sine", "cosine"), signed=True)]
     ripple = replace(effect_named("travel_ripple"), trials=lambda _ground: told)
-    ranking = {c.effect.name: c for c in search(data, after, ground, [ripple, effect_named("dead_time")])}
+    ranking = {c.effect.name: c for c in search(data, Scorer(after), ground, [ripple, effect_named("dead_time")])}
     assert ranking["travel_ripple"].evidence > ranking["dead_time"].evidence > 0.0
     assert refuted(ranking["travel_ripple"].evidence, ranking["travel_ripple"].held_gain)
     assert not ranking["travel_ripple"].accepted
@@ -78,7 +78,7 @@ def test_the_bench_is_two_masses_on_a_shaft(tmp_path: Path) -> None:
     data, base = fitted_base(recordings, folder.axis, start_model(folder.axis, recordings))
     ground = ground_of(base, data.fitted, folder.axis)
     wanted = [effect_named(name) for name in ("elastic_shaft", "torque_saturation", "dead_time")]
-    best, *others = search(data, base, ground, wanted)
+    best, *others = search(data, Scorer(base), ground, wanted)
     assert best.effect.name == "elastic_shaft"
     assert best.accepted
     # Bent to nothing, the torque would be explained by anything.

@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.textpath import text_to_path
 
 from beltcomm.laboratory.samples import Units
-from beltcomm.report import style
+from beltcomm.report import measuring, style
 from beltcomm.report.overlay import Trace, overlay_figure
+from beltcomm.report.page import svg_of
 from beltcomm.report.staircase import RecordChange, Rung, change_figure, staircase_figure
 
 CAPTION = style.Caption("beltcomm compare RUN", "RUN/recordings, 3 records")
@@ -57,6 +59,24 @@ def test_the_same_values_give_the_same_bytes(tmp_path: Path) -> None:
     paths = [style.save(ladder(3.0, 1.0), tmp_path / name / "ladder.png") for name in ("a", "b")]
     assert paths[0].read_bytes() == paths[1].read_bytes()
     assert not list(tmp_path.rglob("*.part"))
+
+
+def test_a_word_of_many_figures_is_measured_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With the second figure nothing new is measured; both are the same SVG."""
+    measured: list[str] = []
+    real = text_to_path.get_text_width_height_descent
+
+    def watched(text: str, *rest: object) -> tuple[float, float, float]:
+        measured.append(text)
+        return real(text, *rest)
+
+    monkeypatch.setattr(text_to_path, "get_text_width_height_descent", watched)
+    measuring.measured.cache_clear()
+    first = svg_of(ladder(3.0, 1.0))
+    count = len(measured)
+    assert count == len(set(measured)) > 5
+    assert svg_of(ladder(3.0, 1.0)) == first
+    assert len(measured) == count
 
 
 @pytest.mark.parametrize("excited", [False, True])

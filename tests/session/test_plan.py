@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import replace
 
@@ -15,6 +16,7 @@ from beltcomm.session.agreement import planned
 from beltcomm.session.axis_findings import compared
 from beltcomm.session.options import Options
 from beltcomm.session.plan import Experiment, Plan, commission_plan
+from beltcomm.session.plan_words import commission_points
 from beltcomm.session.ratings import check_ratings, counts_rating
 
 RIG = load_axis("egc-70-600")
@@ -49,6 +51,12 @@ def test_what_is_agreed_to_stands_in_short_labelled_lines() -> None:
     assert max(len(words.split()) for words in [plan.text, *told.values()]) <= 50
     assert told["how fast"] == f"up to {max(e.speed_m_s for e in plan.experiments):.3g} m/s"
     assert told["how long"].startswith("up to 75 s; what does not fit")
+    assert "those of 0.3 kg, the lightest thought of" in told["how heavy"]
+    (heavy,) = re.findall(r"with 30 kg its strokes and fast moves reach ([\d.]+) m/s", told["how heavy"])
+    fastest = math.sqrt(RIG.belt_force_limit_n / 30.0 * max(e.travel_m for e in plan.experiments))  # half the way up, half down, no jerk
+    assert 0.5 * fastest < float(heavy) < fastest
+    loaded = replace(RIG, payload=replace(RIG.payload, mass_kg=8.0))
+    assert "those of 8 kg, the stated payload alone" in dict(commission_points(loaded, drive.capabilities, 8.0, (30.0, 1.0)))["how heavy"]
     *each, whole, kept = (int(line.split()[-2]) for line in plan.lines() if re.search(r"  \d+ s$", line))
     assert (sum(each), kept) == (whole, 75)
 

@@ -83,6 +83,14 @@ def test_every_figure_names_its_command_and_data(page: str) -> None:
         assert re.match(r"beltcomm \w+ .* · data: (run/|last_year and run: )", caption)
 
 
+def test_what_stands_on_a_map_keeps_its_ink_where_the_page_is_dark(page: str) -> None:
+    (figure,) = [part for part in page.split("<figure>") if "By speed and direction" in part]
+    cells = re.findall(r"<text ([^>]*)>(?:\d\.\d|[+-]\d+|[^<]*resonance [\d.]+ Hz\s*)</text>", figure)
+    inked = [cell for cell in cells if "fill: #010101" in cell]
+    assert len(inked) > 10, "error and mean of each cell, and the landmarks"
+    assert not [cell for cell in cells if "#000000" in cell]
+
+
 def test_the_first_screen_has_the_numbers_of_the_run(page: str, complete: Complete) -> None:
     numbers = json.loads((complete.path / "report.json").read_text(encoding="utf-8"), parse_constant=lambda word: pytest.fail(word))
     verdict = complete.result.to_json()["verdict"]

@@ -63,7 +63,7 @@ def section(run: Gathered) -> Section:
     if not places:
         words = "The drive's objects are not known for this run; beltcomm apply shows them when it is connected."
         head, rows = head[:4], [row[:4] for row in rows]
-    bound = [f"higher gains would break: {line}" for line in run.design.get("binding") or ()]
+    bound = [f"gains cannot be higher: {line}" for line in run.design.get("binding") or ()]
     return Section("gains", "Gains, as they are written to the drive", [Table(head, rows, words), Words(bound, listed=True)])
 
 

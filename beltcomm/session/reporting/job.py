@@ -89,7 +89,7 @@ def numbers_of(found: Gathered, page: Page, before: Gathered | None = None) -> d
         "sections": [section.key for section in page.sections],
         "ratio": None if comparison is None else {"overall": comparison.ratio, "held_out": comparison.held_out},
         "data_sheet": [plain(doubt) for doubt in doubts],
-        "data_sheet_words": [line.replace(f"{found.folder.path.resolve()}/", "") for line in sheet_lines(doubts, found.folder.axis)],
+        "data_sheet_words": sheet_lines(doubts),
         "results": plain(dict(found.results)),
         "against": None if before is None else {"run": before.name, "changes": plain(changes.compared(before, found))},
     }

@@ -8,9 +8,13 @@ import numpy as np
 
 from beltcomm.model import Value
 from beltcomm.report.page import Picture, Section, Table, Words
+from beltcomm.result import with_unit
 from beltcomm.session.cross_check_words import sheet_lines
 from beltcomm.session.reporting.gather import Gathered
 from beltcomm.session.words import SHOWN, number
+
+#: Names as everywhere, and of what is never fitted.
+NAMES = {**SHOWN, "transmission.ratio": ("way of the carriage per turn of the motor", "mm", 2e3 * math.pi)}
 
 
 def section(run: Gathered) -> Section:
@@ -19,7 +23,7 @@ def section(run: Gathered) -> Section:
         return Section("model", "Model", missing=f"There is no model yet; beltcomm fit {run.place} makes one.")
     rows = []
     for name, value in run.model.parameters.items():
-        words, unit, scale = SHOWN.get(name, (name, value.unit, 1.0))
+        words, unit, scale = NAMES.get(name, (name, with_unit("", value.unit).strip(), 1.0))
         sheet, expected, factor = _sheet(run, name), "", ""
         if sheet is not None:
             expected = " to ".join(dict.fromkeys(f"{scale * end:.4g}" for end in sheet))
@@ -27,11 +31,16 @@ def section(run: Gathered) -> Section:
         rows.append((words, _shown(value, scale), unit, value.origin, expected, factor))
     marks = ", ".join(f"{name} {hz:.2f} Hz" for name, hz in run.landmarks.items())
     parts: list[Words | Table | Picture] = [
-        Words([f"Effects: {', '.join(run.model.effects)}.", *([f"In the middle of the travel: {marks}."] if marks else [])]),
+        Words(
+            [
+                f"Effects in it: {', '.join(run.model.effects)}; beltcomm effects NAME says what each is.",
+                *([f"In the middle of the travel: {marks}."] if marks else []),
+            ]
+        ),
         Table(("parameter", "value ± 95 %", "unit", "from", "data sheet", "factor"), rows),
     ]
     if run.laboratory is not None:
-        doubts = sheet_lines(run.laboratory.sheets, run.folder.axis)
+        doubts = sheet_lines(run.laboratory.sheets)
         parts.append(Words(doubts or ["Nothing contradicts the data sheets."], listed=bool(doubts)))
     fit = run.results.get("fit")
     if fit and fit.get("remarks"):

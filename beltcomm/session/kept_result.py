@@ -1,0 +1,70 @@
+"""What a command found, kept in ``RUN/kept`` for as long as nothing that it rests on has changed: the same question costs no search."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Sequence
+from importlib.resources import files
+from importlib.resources.abc import Traversable
+from typing import Any
+
+from beltcomm.configfiles import write_text
+from beltcomm.errors import BeltcommError
+from beltcomm.result import Result, Row, plain
+from beltcomm.runfolder import RunFolder
+
+#: Parts of a run folder that no result rests on: what is kept, drawn, told or written down of what was done.
+BESIDE = ("kept", "pictures", "report.html", "report.json", "journal.txt", "verdict.txt")
+
+
+def answered(folder: RunFolder, name: str, question: Sequence[object], make: Callable[[], Result], drawn: bool = False) -> Result:
+    """The answer of before where the same programs would give it again from the same files, else a new one, kept.
+
+    name : of the answer, and of its own file among the results.   question : everything else that the answer depends on.
+    drawn : pictures belong to it, and must be there.
+    """
+    path, key = folder.path / "kept" / f"{name}.json", _key(folder, name, question)
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+        pictures = found["data"]["pictures"] if drawn else []
+        if found["key"] == key and bool(pictures) is drawn and all((folder.path / picture).is_file() for picture in pictures):
+            return Result(found["data"], [_line(kept) for kept in found["text"]], int(found["exit_code"]))
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        pass  # nothing there, or nothing that can be used: it is made again
+    made = make()
+    result = Result(plain(made.data), made.text, made.exit_code)
+    kept = {"key": key, "data": result.data, "text": [_kept(line) for line in result.text], "exit_code": result.exit_code}
+    try:
+        path.parent.mkdir(exist_ok=True)
+        write_text(path, json.dumps(kept) + "\n")
+    except (OSError, BeltcommError):
+        pass  # a folder that cannot be written serves its results all the same
+    return result
+
+
+def _key(folder: RunFolder, name: str, question: Sequence[object]) -> str:
+    own = folder.path / "results" / f"{name}.yaml"
+    there = (p for p in sorted(folder.path.rglob("*")) if p.is_file() and p != own and p.relative_to(folder.path).parts[0] not in BESIDE)
+    found = [(str(p.relative_to(folder.path)), hashlib.sha256(p.read_bytes()).hexdigest()) for p in there]
+    text = json.dumps([found, _programs(files("beltcomm")), str(folder.path), *question])
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _kept(line: str) -> str | list[object]:
+    return [str(line), line.cells, line.right, line.head] if isinstance(line, Row) else line
+
+
+def _line(kept: str | list[Any]) -> str:
+    return kept if isinstance(kept, str) else Row(*kept)
+
+
+def _programs(package: Traversable) -> list[str]:
+    """Hashes of all source text."""
+    found = []
+    for item in sorted(package.iterdir(), key=lambda item: item.name):
+        if item.is_dir():
+            found += _programs(item)
+        elif item.name.endswith(".py"):
+            found.append(hashlib.sha256(item.read_bytes()).hexdigest())
+    return found

@@ -1,0 +1,26 @@
+"""The process of a command: what it leaves to the end, and what not."""
+
+from __future__ import annotations
+
+import gc
+import sys
+
+import pytest
+
+from beltcomm.cli import main
+
+
+@pytest.mark.parametrize(("verb", "collecting"), [("report", False), ("compare", True)])
+def test_a_process_that_ends_does_not_look_through_what_it_leaves(monkeypatch: pytest.MonkeyPatch, verb: str, collecting: bool) -> None:
+    """And a report, which drops little, does not look for what it dropped either."""
+    seen: list[object] = []
+    monkeypatch.setattr(sys, "argv", ["beltcomm", verb, "run"])
+    monkeypatch.setattr(main, "cli", lambda: seen.append(gc.isenabled()) or sys.exit(3))
+    monkeypatch.setattr(gc, "freeze", lambda: seen.append("frozen"))
+    try:
+        with pytest.raises(SystemExit) as ended:
+            main.main()
+    finally:
+        gc.enable()
+    assert seen == [collecting, "frozen"]
+    assert ended.value.code == 3
