@@ -8,7 +8,7 @@ from pathlib import Path
 
 from beltcomm.effects import Effect, effect_named
 from beltcomm.laboratory.compare import Comparison
-from beltcomm.laboratory.diagnosis import Diagnosis
+from beltcomm.laboratory.diagnosis import KNOWN, Diagnosis, undetermined
 from beltcomm.laboratory.fitting import Fitted
 from beltcomm.laboratory.intervals import with_intervals
 from beltcomm.laboratory.start import BELT_BASE, RIGID_BASE
@@ -69,6 +69,11 @@ def diagnosis_lines(found: Diagnosis) -> list[str]:
     lines += ["", f"Verdict: {found.verdict}."]
     if added:
         lines.append(f"With {', '.join(added)} the error is {found.after.ratio:.2f} times the noise{held_words(found.after)}.")
+    if open_ := undetermined(model, found.base.model):
+        lines.append(
+            f"But these data say nothing certain of {' and '.join(open_)}: every number of it is open by more than {100 * KNOWN:.0f} %, so "
+            "it may stand for a cause that the catalogue does not hold."
+        )
     if found.twins:
         effect = effect_named(found.twins[0])
         lines.append(f"These data cannot tell {' from '.join(found.twins)}: {effect.separate}.")

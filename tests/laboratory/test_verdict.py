@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from beltcomm.effects import effect_named
 from beltcomm.laboratory.acceptance import fitted_to_nothing
-from beltcomm.laboratory.diagnosis import run_away
+from beltcomm.laboratory.diagnosis import KNOWN, run_away, undetermined
 from beltcomm.laboratory.structure import excess
 from beltcomm.model import build_model
 
@@ -25,6 +27,23 @@ BASE = build_model("axis", ("belt_stiffness", "belt_damping", "viscous", "viscou
 )
 def test_a_parameter_that_ran_into_its_bound_is_named(effect: str, values: dict[str, float], wanted: list[str]) -> None:
     assert run_away(BASE.with_effect(effect, values), BASE) == wanted
+
+
+@pytest.mark.parametrize(
+    ("widths", "open_"),
+    [
+        ({"payload.mass": 0.8, "payload_mode.stiffness": 1.5, "payload_mode.damping": None}, True),
+        ({"payload.mass": 0.9 * KNOWN, "payload_mode.stiffness": 1.5, "payload_mode.damping": 1.5}, False),
+        ({"payload.mass": 0.8, "payload_mode.stiffness": 0.1, "payload_mode.damping": None}, False),
+    ],
+)
+def test_an_effect_of_which_no_number_is_known_is_named(widths: dict[str, float | None], open_: bool) -> None:
+    model = BASE.with_effect("payload_mode", {})
+    told = {
+        name: replace(p, interval=None if widths.get(name) is None else widths[name] * abs(p.value)) for name, p in model.parameters.items()
+    }
+    assert undetermined(replace(model, parameters=told), BASE) == (["payload_mode"] if open_ else [])
+    assert undetermined(BASE, BASE) == [], "what the base has is not judged"
 
 
 @pytest.mark.parametrize(("gap_m", "nothing"), [(0.0, True), (2e-5, False)])
