@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal
 
@@ -178,6 +179,11 @@ class Model:
 
 def body_list(effects: Iterable[str], base_bodies: Iterable[str]) -> tuple[tuple[str, Body], ...]:
     """(full name of the inertia parameter, body) of the base bodies and of those that effects bring."""
+    return _body_list(tuple(effects), tuple(base_bodies))
+
+
+@lru_cache(maxsize=256)
+def _body_list(effects: tuple[str, ...], base_bodies: tuple[str, ...]) -> tuple[tuple[str, Body], ...]:
     bodies = [(f"{name}.{BASE_BODIES[name].inertia.name}", BASE_BODIES[name]) for name in base_bodies]
     for effect in map(effect_named, effects):
         bodies += [(f"{body.name}.{body.inertia.name}", body) for body in effect.bodies]

@@ -16,9 +16,9 @@ def turned(step: float, z: float, length: float) -> float:
 
     step, length : m at the belt.   Source: effects-and-diagnosis sheet, section 2; Dahl 1968.
     """
-    if step == 0.0:
-        return z
     side = 1.0 if step > 0.0 else -1.0
+    if step == 0.0 or z == side:  # all of it has turned: the same to the last digit, and no exponential
+        return z
     return side + (z - side) * math.exp(-abs(step) / length)
 
 

@@ -36,7 +36,8 @@ from beltcomm.session.programme import Extent
 from beltcomm.session.sequences import held_choice
 from beltcomm.session.steps import LOUD, Step
 from beltcomm.sidecar import ExcitationNote, Sidecar
-from beltcomm.simulate.forward import simulate_torque
+from beltcomm.simulate.exact import is_exact
+from beltcomm.simulate.forward import integrate_torque, simulate_torque
 from beltcomm.stopping import total_friction
 from beltcomm.talk import Talk
 from beltcomm.verify import Loop, predict_move
@@ -213,7 +214,10 @@ class _Simulated:
         if step.share < LOUD:
             amplitude = quieter(amplitude, total_friction(self.model), step.share)
         torque = amplitude * unit
-        moved = simulate_torque(self.model, torque, self.period_s, at, substeps=SUBSTEPS)
+        simulate = (
+            simulate_torque if is_exact(self.model) else integrate_torque
+        )  # a plan waits for no kernel of its own: it compiles longer
+        moved = simulate(self.model, torque, self.period_s, at, substeps=SUBSTEPS)
         note = ExcitationNote("prbs", amplitude, shape.period_samples, shape.first_sample)
         return _Motion(moved.t_s, torque, self.counted(moved.position_rad), Sidecar("frf", at, excitation=note))
 

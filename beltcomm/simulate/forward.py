@@ -14,7 +14,8 @@ from beltcomm.linear import describes, fastest_rate, operating_point
 from beltcomm.model import Model
 from beltcomm.simulate.compose import kernel_for, states_of
 from beltcomm.simulate.exact import exact_record, is_exact
-from beltcomm.simulate.imperfect import is_late, late_torque
+from beltcomm.simulate.glide import CELLS, LONGEST_STEP, STRIDE, glide_for, torque_at_stages
+from beltcomm.simulate.imperfect import is_late, late_torque, memory_s
 from beltcomm.statics import equilibrium
 
 Array = NDArray[np.float64]
@@ -68,11 +69,11 @@ def simulate_torque(
     substeps : integration steps per sampling period.     time_s : s, session clock at the start.
 
     Laws that are linear, with friction of constant level, are solved exactly (``exact.is_exact``): ``substeps`` then only divides a torque
-    that acts late.
+    that acts late.  All others glide (``glide``): five of these steps in one, but where friction changes.
 
     Raises UsageError when the sub-steps are too long for the model, Refused when the carriage leaves what the model describes.
     """
-    return _simulated(model, torque_nm, sample_period_s, position_m, substeps, time_s, state, _solved if is_exact(model) else _integrated)
+    return _simulated(model, torque_nm, sample_period_s, position_m, substeps, time_s, state, _solved if is_exact(model) else _glided)
 
 
 def integrate_torque(
@@ -88,8 +89,9 @@ def integrate_torque(
     return _simulated(model, torque_nm, sample_period_s, position_m, substeps, time_s, state, _integrated)
 
 
-#: (model, state, torque, its period s, steps in it, time s) -> angle, speed, carriage, belt force, (4, n), and the state at the end.
-_Motion = Callable[[Model, State, Array, float, int, float], tuple[Array, State]]
+#: (model, state, torque, its period s, steps in it, time s, fastest rate 1/s) -> angle, speed, carriage, belt force, (4, n), and the state
+#: at the end.
+_Motion = Callable[[Model, State, Array, float, int, float, float], tuple[Array, State]]
 
 
 def _simulated(
@@ -105,16 +107,19 @@ def _simulated(
     torque = np.ascontiguousarray(torque_nm, dtype=np.float64)
     if torque.ndim != 1 or not np.all(np.isfinite(torque)):
         raise UsageError(f"the torque must be one row of finite numbers, not an array of shape {torque.shape}")
-    (check_step if motion is _integrated else check_period)(model, position_m, sample_period_s, substeps)
+    check_period(model, position_m, sample_period_s, substeps)
+    rate = 0.0 if motion is _solved else check_step(model, position_m, sample_period_s, substeps)
     start = state or at_rest(model, position_m)
-    if is_late(model):  # the acting torque changes within a sampling period: every sub-step becomes a period of its own
+    if (
+        is_late(model) and motion is not _glided
+    ):  # the acting torque changes within a sampling period: every sub-step becomes a period of its own
         h = sample_period_s / substeps
         acting = late_torque(model, np.repeat(torque, substeps), h)
-        fine, end = motion(model, start, acting, h, 1, time_s)
+        fine, end = motion(model, start, acting, h, 1, time_s, rate)
         theta, omega, cart = fine[:3, ::substeps].copy()
         belt = fine[3].reshape(-1, substeps).max(axis=1)
     else:
-        (theta, omega, cart, belt), end = motion(model, start, torque, sample_period_s, substeps, time_s)
+        (theta, omega, cart, belt), end = motion(model, start, torque, sample_period_s, substeps, time_s, rate)
     for reached in (np.min(cart, initial=position_m), np.max(cart, initial=position_m)):
         if not describes(model, float(reached)):
             raise Refused(f"the carriage ran to {reached:g} m, where model {model.name!r} has no belt; use less torque or time")
@@ -122,15 +127,28 @@ def _simulated(
     return Simulated(t_s, theta, omega, cart, belt, end)
 
 
-def _solved(model: Model, start: State, torque: Array, period_s: float, substeps: int, time_s: float) -> tuple[Array, State]:
+def _solved(model: Model, start: State, torque: Array, period_s: float, substeps: int, time_s: float, rate: float) -> tuple[Array, State]:
     n = start.positions.size
     out, end = exact_record(model, np.concatenate([start.positions, start.speeds]), torque, period_s)
     return out, State(end[:n], end[n:])
 
 
-def _integrated(model: Model, start: State, torque: Array, period_s: float, substeps: int, time_s: float) -> tuple[Array, State]:
+def _integrated(
+    model: Model, start: State, torque: Array, period_s: float, substeps: int, time_s: float, rate: float
+) -> tuple[Array, State]:
     q, v, out = start.positions.copy(), start.speeds.copy(), np.empty((4, torque.size))
     kernel_for(model).run(q, v, model.vector(), torque, time_s, period_s, substeps, *out)
+    return out, State(q, v)
+
+
+def _glided(model: Model, start: State, torque: Array, period_s: float, substeps: int, time_s: float, rate: float) -> tuple[Array, State]:
+    steps = max(math.ceil(substeps / STRIDE), math.ceil(period_s * rate / LONGEST_STEP))
+    parts = CELLS if memory_s(model) > 0.0 else 1
+    acting = late_torque(model, np.repeat(torque, steps * parts), period_s / (steps * parts))
+    cells = acting.reshape(torque.size, steps * parts)
+    q, v, out = start.positions.copy(), start.speeds.copy(), np.empty((4, torque.size))
+    short = math.ceil(substeps / steps)
+    glide_for(model)(q, v, model.vector(), cells, torque_at_stages(parts), time_s, period_s, steps, short, *out)
     return out, State(q, v)
 
 
@@ -149,11 +167,13 @@ def check_period(model: Model, position_m: float, duration_s: float, substeps: i
         raise UsageError(f"the carriage cannot start at {position_m:g} m: model {model.name!r} has no belt there")
 
 
-def check_step(model: Model, position_m: float, duration_s: float, substeps: int) -> None:
-    """Raise UsageError unless ``substeps`` integration steps in ``duration_s`` resolve the model's fastest motion there."""
+def check_step(model: Model, position_m: float, duration_s: float, substeps: int) -> float:
+    """Rate of the model's fastest motion there, 1/s; UsageError unless ``substeps`` integration steps in ``duration_s`` resolve it."""
     check_period(model, position_m, duration_s, substeps)
-    needed = duration_s * fastest_rate(model, operating_point(model, position_m)) / LARGEST_STEP
+    rate = fastest_rate(model, operating_point(model, position_m))
+    needed = duration_s * rate / LARGEST_STEP
     if substeps < needed:
         raise UsageError(
             f"{substeps} sub-steps in {1e3 * duration_s:g} ms are too few for model {model.name!r}; use {math.ceil(needed)} or more"
         )
+    return rate

@@ -162,7 +162,7 @@ def test_second_order_against_an_independent_integrator() -> None:
     scale = np.concatenate([np.abs(y[:4] - start.positions), np.abs(y[4:])])
     errors = []
     for substeps in (20, 40, 80, 160):
-        end = simulate_torque(model, torque, period, substeps=substeps, state=start).end
+        end = integrate_torque(model, torque, period, substeps=substeps, state=start).end
         errors.append(np.max(np.abs(np.concatenate([end.positions, end.speeds]) - y) / scale))
     ratios = np.array(errors[:-1]) / np.array(errors[1:])
     assert errors[-1] < 1e-3

@@ -24,22 +24,15 @@ from scipy.integrate import solve_ivp
 
 from beltcomm.compiled import compiled
 from beltcomm.control import Cascade
-from beltcomm.effects import EFFECTS
-from beltcomm.errors import BeltcommError
-from beltcomm.linear import describes
 from beltcomm.model import Model, load_plant
 from beltcomm.simulate.forward import Simulated, State, at_rest, integrate_torque, simulate_torque
 from beltcomm.simulate.loop import LoopDrive, close_loop
-from beltcomm.simulate.plant import SimulatedPlant, substeps_needed
+from beltcomm.simulate.plant import SimulatedPlant
+from benchmarks.speeds import all_effects
+from benchmarks.speeds.compared import ACCURACY, LONGER, PERIOD_S, SAMPLES, SPEED_M_S, error
 from benchmarks.speeds.measure import Figure, in_turn, ratio, spread
 
 Array = NDArray[np.float64]
-ACCURACY = 1e-4
-PERIOD_S = 1e-3
-SAMPLES = 250
-#: Ours simulates so many times as long: a record of 10 s, as axes are identified with; the others need seconds for a quarter of one.
-LONGER = 40
-SPEED_M_S = 1.0
 SUBSTEPS = (5, 10, 20, 40, 80, 160, 320)
 TOLERANCES = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8)
 
@@ -105,12 +98,6 @@ def reference(c: Case) -> Array:
 def seen(rows: Array, c: Case) -> Array:
     """What is compared, from rows of states."""
     return np.column_stack([rows[:, 2], c.p[2] * rows[:, 0] - rows[:, 1]])
-
-
-def error(found: Array, true: Array) -> float:
-    """Largest difference in parts of the largest deviation from the mean, the worse of the two columns."""
-    swing = np.max(np.abs(true - true.mean(axis=0)), axis=0)
-    return float(np.max(np.abs(found - true) / swing)) if np.all(np.isfinite(found)) else np.inf
 
 
 # -- solvers: each a function of its step or tolerance that returns what is compared ---------------------------------------------
@@ -267,33 +254,6 @@ def equal_accuracy(title: str, frictionless: bool, rounds: int, aim: float | Non
         yield Figure("simulation", f"{title}: times the best general solver", s.median, "x", 500.0, True, s.low, s.high, name)
 
 
-def everything() -> Model:
-    """The rig with every effect of the catalogue that can be added and simulated with the others."""
-    model = load_plant("g_b").model
-    for effect in EFFECTS:
-        if effect.name in model.effects:
-            continue
-        try:
-            more = model.with_effect(effect.name)
-            if describes(more, 0.25):
-                model = more
-        except BeltcommError:
-            continue
-    return model
-
-
-def all_effects(rounds: int) -> Iterator[Figure]:
-    """The rig with everything on it, at the least step that its fastest motion allows."""
-    model = everything()
-    n = 10 * SAMPLES
-    torque = 0.3 * np.where(np.arange(n) // 20 % 2 == 0, 1.0, -1.0)
-    steps = substeps_needed(model, 0.25, least=1)
-    (values,) = in_turn([lambda: simulate_torque(model, torque, PERIOD_S, 0.25, steps)], rounds)
-    s = spread([PERIOD_S * n / v for v in values])
-    note = f"{len(model.effects)} effects, {len(model.bodies())} bodies, {steps} steps per ms"
-    yield Figure("simulation", "all effects on", s.median, "x real time", 300.0, True, s.low, s.high, note)
-
-
 def loops(rounds: int) -> Iterator[Figure]:
     """Stepping from Python as the virtual drive does, and a cascade closed on the plant in compiled code."""
     model = load_plant("g_b").model
@@ -380,7 +340,7 @@ def run(rounds: int) -> Iterator[Figure]:
     """All figures of the topic."""
     yield from equal_accuracy("linear", True, rounds, None)
     yield from equal_accuracy("two masses with friction, sliding", False, rounds, 3000.0)
-    yield from all_effects(rounds)
+    yield from all_effects.figures(rounds)
     yield from loops(rounds)
     yield from events()
     yield from batched(min(rounds, 5))
