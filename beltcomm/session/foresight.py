@@ -214,9 +214,8 @@ class _Simulated:
         if step.share < LOUD:
             amplitude = quieter(amplitude, total_friction(self.model), step.share)
         torque = amplitude * unit
-        simulate = (
-            simulate_torque if is_exact(self.model) else integrate_torque
-        )  # a plan waits for no kernel of its own: it compiles longer
+        # A plan waits for no gliding kernel: that compiles longer.
+        simulate = simulate_torque if is_exact(self.model) else integrate_torque
         moved = simulate(self.model, torque, self.period_s, at, substeps=SUBSTEPS)
         note = ExcitationNote("prbs", amplitude, shape.period_samples, shape.first_sample)
         return _Motion(moved.t_s, torque, self.counted(moved.position_rad), Sidecar("frf", at, excitation=note))

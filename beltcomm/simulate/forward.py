@@ -110,9 +110,8 @@ def _simulated(
     check_period(model, position_m, sample_period_s, substeps)
     rate = 0.0 if motion is _solved else check_step(model, position_m, sample_period_s, substeps)
     start = state or at_rest(model, position_m)
-    if (
-        is_late(model) and motion is not _glided
-    ):  # the acting torque changes within a sampling period: every sub-step becomes a period of its own
+    if is_late(model) and motion is not _glided:
+        # The acting torque changes within a sampling period: every sub-step becomes a period of its own.
         h = sample_period_s / substeps
         acting = late_torque(model, np.repeat(torque, substeps), h)
         fine, end = motion(model, start, acting, h, 1, time_s, rate)
