@@ -171,6 +171,7 @@ class Effect:
     carriage is free at times, within a gap that is the first parameter, m: only the torque says where it is then.    bound : it only
     says how much any law of its kind could explain; a diagnosis never adds it.    linear : its law is affine in positions and speeds (a
     friction level: constant), the same at every place and time, for any values of its parameters: it is simulated without an integrator.
+    unlikely : of its own values and its bodies' by their names here, in words why no machine has them; empty where one may.
     """
 
     name: str
@@ -197,6 +198,7 @@ class Effect:
     alike: Mapping[str, str] = field(default_factory=dict)
     bound: bool = False
     linear: bool = False
+    unlikely: Callable[[Mapping[str, float]], str] | None = None
 
     def full_names(self) -> tuple[str, ...]:
         """Names of its own parameters as they stand in a model: ``effect.parameter``."""

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 from beltcomm.effects._effect import Body, Effect, Element, Ground, Parameter, Trial
+
+#: Damping ratio up to which something swings that can be seen as a mode: half way to where nothing swings any more.
+SWINGING = 0.5
 
 
 def force(stretch: float, rate: float, x: float, stiffness: float, damping: float, hardening: float) -> float:
@@ -28,6 +32,12 @@ def trials(ground: Ground) -> list[Trial]:
     return found
 
 
+def unlikely(values: Mapping[str, float]) -> str:
+    """Whether it does not swing at all: a belt that creeps was imitated by such a payload with a damping ratio of 1.8."""
+    ratio = values["damping"] / (2.0 * math.sqrt(values["stiffness"] * values["payload.mass"]))
+    return f"a payload that creeps back instead of swinging (damping ratio {ratio:.2g})" if ratio > SWINGING else ""
+
+
 EFFECT = Effect(
     name="payload_mode",
     slot="body",
@@ -42,6 +52,7 @@ EFFECT = Effect(
     ),
     elements=(Element(("cart", "payload"), force, slope),),
     trials=trials,
+    unlikely=unlikely,
     seen="a second notch and peak in the frequency response; ringing after moves at low frequency",
     causes="soft gripper, mast, liquid",
     check="mounting screws; knock on the payload and listen",

@@ -220,7 +220,7 @@ def verdict_of(base: Fitted, steps: Sequence[Step], twins: tuple[str, ...], left
         return "nothing missing" if level < MISSING and left < STRUCTURED else "none of the known effects explains this"
     if level >= EXPLAINED_UP_TO or left >= STRUCTURED_BESIDE or run_away(after.model, base.model):
         return "partly explained"
-    if undetermined(with_intervals(after), base.model):
+    if undetermined(with_intervals(after), base.model) or unlikely(after.model, base.model):
         return "partly explained"
     return "cannot tell" if twins else "explained"
 
@@ -240,6 +240,17 @@ def undetermined(model: Model, base: Model) -> list[str]:
         free = [p for p in own if p.low < p.high]
         if free and not any(p.interval is not None and p.interval <= KNOWN * abs(p.value) for p in free):
             found.append(effect.name)
+    return found
+
+
+def unlikely(model: Model, base: Model) -> list[str]:
+    """Of added effects whose values no machine has: the effect, and in words why."""
+    found = []
+    for effect in (e for e in model.effect_list() if e.name not in base.effects and e.unlikely is not None):
+        assert effect.unlikely is not None
+        values = {name.removeprefix(f"{effect.name}."): model[name] for name in effect_parameters(effect)}
+        if why := effect.unlikely(values):
+            found.append(f"{effect.name} as {why}")
     return found
 
 

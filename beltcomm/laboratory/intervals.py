@@ -30,6 +30,8 @@ LEFT_OUT = 0.99
 #: How well a law can mean a machine, relative to its parameter: gaps end in rough surfaces, lags have a second pole.  On simulated machines
 #: of other laws gaps were 0.1 to 0.9 % off, lags 0.2 to 0.5 %.
 LAW = 0.005
+#: Information in a direction, as a share of the largest, columns of length 1, below which it is rounding.
+NOTHING = 1e-14
 #: Least degrees of freedom of a comparison among records.
 LEAST_FREEDOM = 2.0
 BELT = "belt_stiffness"
@@ -82,17 +84,26 @@ def spread_of(fitted: Fitted) -> Spread:
             left[here] -= offset * float(offset @ left[here]) / size
     bound = (fitted.x <= problem.low + 1e-9) | (fitted.x >= problem.high - 1e-9)
     free = np.flatnonzero(~bound[:own] & (np.linalg.norm(columns, axis=0) > 0.0))
-    columns, scale = columns[:, free], problem.scale[free]
-    inverse = np.asarray(np.linalg.pinv(columns.T @ columns), dtype=np.float64)
+    norms = np.linalg.norm(columns[:, free], axis=0)
+    columns, scale = columns[:, free] / norms, problem.scale[free] / norms
+    inverse, unknown = inverse_of(columns.T @ columns)
     labels = time_blocks(problem.pieces, GROUP_S)
     scores = gradients(columns, left, labels)
     freedom = max(len(scores) - len(free), 3)
-    covariance = inverse @ (scores.T @ scores) @ inverse * (len(scores) / freedom)
+    covariance = inverse @ (scores.T @ scores) @ inverse * (len(scores) / freedom) + unknown
     moved, shares = without_each(columns, left, records_of(problem), inverse)
     names = tuple(problem.free[i] for i in free)
     loose = [f"{effect}." for effect in fitted.model.effects if effect != BELT]
     law = np.array([LAW * abs(fitted.model[name]) if name.startswith(tuple(loose)) else 0.0 for name in names])
     return Spread(names, covariance * np.outer(scale, scale), freedom, moved * scale, shares * np.outer(scale, scale), law)
+
+
+def inverse_of(information: Array) -> tuple[Array, Array]:
+    """Its inverse, and the variance, a huge one, in the directions of which the data say nothing: those are not known exactly."""
+    values, vectors = np.linalg.eigh(information)
+    least = NOTHING * values[-1]
+    unseen = vectors[:, values < least]
+    return (vectors / np.maximum(values, least)) @ vectors.T, unseen @ unseen.T / least
 
 
 def gradients(columns: Array, left: Array, labels: NDArray[np.int64]) -> Array:
@@ -115,7 +126,7 @@ def without_each(columns: Array, left: Array, records: NDArray[np.int64], invers
     for record in range(int(records.max()) + 1):
         here = columns[records == record]
         known = here.T @ here
-        moved.append(np.linalg.pinv(information - LEFT_OUT * known) @ (here.T @ left[records == record]))
+        moved.append(inverse_of(information - LEFT_OUT * known)[0] @ (here.T @ left[records == record]))
         shares.append(inverse @ known @ inverse)
     return np.array(moved), np.array(shares)
 

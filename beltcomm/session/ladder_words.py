@@ -8,7 +8,7 @@ from pathlib import Path
 
 from beltcomm.effects import Effect, effect_named
 from beltcomm.laboratory.compare import Comparison
-from beltcomm.laboratory.diagnosis import KNOWN, Diagnosis, undetermined
+from beltcomm.laboratory.diagnosis import KNOWN, Diagnosis, undetermined, unlikely
 from beltcomm.laboratory.fitting import Fitted
 from beltcomm.laboratory.intervals import with_intervals
 from beltcomm.laboratory.start import BELT_BASE, RIGID_BASE
@@ -74,6 +74,8 @@ def diagnosis_lines(found: Diagnosis) -> list[str]:
             f"But these data say nothing certain of {' and '.join(open_)}: every number of it is open by more than {100 * KNOWN:.0f} %, so "
             "it may stand for a cause that the catalogue does not hold."
         )
+    if odd := unlikely(model, found.base.model):
+        lines.append(f"But it takes {' and '.join(odd)}: that stands for another cause, which the catalogue does not hold.")
     if found.twins:
         effect = effect_named(found.twins[0])
         lines.append(f"These data cannot tell {' from '.join(found.twins)}: {effect.separate}.")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -122,3 +122,23 @@ def test_what_sits_at_a_bound_has_none() -> None:
     assert spread.half_width({"body.level": 1.0}) is None
     assert spread.half_width({"line.slope": 1.0, "body.level": 1.0}) is None
     assert spread.half_width({"line.slope": 1.0}) is not None
+
+
+def test_the_units_of_a_parameter_do_not_change_its_interval() -> None:
+    """A column 1e9 times larger than its neighbour leaves that one as well known as it is; a pseudo-inverse called it known exactly."""
+    here = line(np.random.default_rng(4), 0.0)
+    large = np.array([1.0, 1e9])
+    other = replace(here, columns=here.columns * large, found=here.found / large)
+    for name, factor in (("line.slope", 1.0), ("body.level", 1e-9)):
+        width, wanted = other.spread().half_width({name: 1.0}), here.spread().half_width({name: 1.0})
+        assert width == pytest.approx(factor * wanted, rel=1e-6)
+
+
+def test_what_the_data_do_not_tell_has_a_huge_interval() -> None:
+    here = line(np.random.default_rng(4), 0.0)
+    same = replace(here, columns=here.columns[:, [0, 0]])
+    width = same.spread().half_width({"line.slope": 1.0})
+    told = here.spread().half_width({"line.slope": 1.0})
+    assert width is not None
+    assert told is not None
+    assert width > 1e4 * told

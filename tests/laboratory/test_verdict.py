@@ -9,7 +9,7 @@ import pytest
 
 from beltcomm.effects import effect_named
 from beltcomm.laboratory.acceptance import fitted_to_nothing
-from beltcomm.laboratory.diagnosis import KNOWN, run_away, undetermined
+from beltcomm.laboratory.diagnosis import KNOWN, run_away, undetermined, unlikely
 from beltcomm.laboratory.structure import excess
 from beltcomm.model import build_model
 
@@ -44,6 +44,12 @@ def test_an_effect_of_which_no_number_is_known_is_named(widths: dict[str, float 
     }
     assert undetermined(replace(model, parameters=told), BASE) == (["payload_mode"] if open_ else [])
     assert undetermined(BASE, BASE) == [], "what the base has is not judged"
+
+
+@pytest.mark.parametrize(("ratio", "why"), [(0.05, []), (1.8, ["payload_mode as a payload that creeps back instead of swinging"])])
+def test_a_payload_that_does_not_swing_is_named(ratio: float, why: list[str]) -> None:
+    values = {"payload.mass": 2.0, "stiffness": 8e4, "damping": 2.0 * ratio * (8e4 * 2.0) ** 0.5}
+    assert [found.partition(" (damping ratio")[0] for found in unlikely(BASE.with_effect("payload_mode", values), BASE)] == why
 
 
 @pytest.mark.parametrize(("gap_m", "nothing"), [(0.0, True), (2e-5, False)])
