@@ -348,7 +348,7 @@ def ranked(candidate: Candidate) -> dict[str, Any]:
         "effect": candidate.effect.name,
         "evidence": candidate.evidence,
         "explained": max(0.0, candidate.explained),
-        "held_out_gain": candidate.held_gain,
+        "held_out_gain": candidate.held_gain if candidate.fitted is not None and candidate.fitted.held_residual else None,
         "accepted": candidate.accepted,
         "refitted": candidate.fitted is not None,
         "twin_of": list(candidate.effect.twins),
