@@ -109,11 +109,17 @@ def opposite_signs(t_s: Array, torque: Array, position: Array) -> bool:
 @dataclass(frozen=True)
 class RigidInertia:
     """inertia, error : of everything that the motor turns, and its standard deviation, torque over angular acceleration.
-    dynamic : rms of the accelerating torque over the friction."""
+    accelerating, friction : torque, N m, rms of what accelerates, and Coulomb level."""
 
     inertia: float
     error: float
-    dynamic: float
+    accelerating: float
+    friction: float
+
+    @property
+    def dynamic(self) -> float:
+        """The accelerating torque over the friction."""
+        return self.accelerating / max(self.friction, 1e-300)
 
 
 def rigid_inertia(t_s: Array, torque: Array, position: Array) -> RigidInertia | None:
@@ -142,7 +148,7 @@ def rigid_inertia(t_s: Array, torque: Array, position: Array) -> RigidInertia | 
     covariance = np.linalg.pinv((columns / scale).T @ (columns / scale)) / np.outer(scale, scale)
     error = math.sqrt(8.0 * float(left @ left) / max(rows - 4, 1) * float(covariance[0, 0]))
     accelerating = abs(float(found[0])) * float(np.sqrt(np.mean(acceleration**2)))
-    return RigidInertia(float(found[0]), error, accelerating / max(abs(float(found[2])), 1e-300))
+    return RigidInertia(float(found[0]), error, accelerating, abs(float(found[2])))
 
 
 def _shares(torque: Array, position: Array, width: int) -> tuple[float, float]:

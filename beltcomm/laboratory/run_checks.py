@@ -279,11 +279,10 @@ def _first_rows(record: Recording, rows: int) -> Recording | None:
 def _refuse_two_axes(timed: Sequence[Recording], axis: Axis) -> None:
     """Raise DataError for records of an axis with another inertia, or another encoder."""
     told = [(r, found) for r in timed if (found := rigid_inertia(r.t_s, r.torque, r.position)) is not None]
-    own = [
-        (r, found.inertia, found.error)
-        for r, found in told
-        if found.inertia > 0.0 and found.dynamic > DYNAMIC and found.error < VAGUE * found.inertia
-    ]
+    sure = [(r, found) for r, found in told if found.inertia > 0.0 and found.error < VAGUE * found.inertia]
+    # A record that hardly slides tells its own friction too low: that of the surest record counts as well.
+    level = min(sure, key=lambda one: one[1].error / one[1].inertia)[1].friction if sure else 0.0
+    own = [(r, found.inertia, found.error) for r, found in sure if found.accelerating > DYNAMIC * max(found.friction, level)]
     _refuse_negative([r for r, found in told if found.inertia < -NEGATIVE * found.error and own])
     _refuse_light(own, axis)
     payloads = {r.sidecar.payload_kg for r, _, _ in own}

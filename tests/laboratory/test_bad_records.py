@@ -17,6 +17,7 @@ from scipy.interpolate import CubicSpline
 from beltcomm.axis import Axis
 from beltcomm.cli.main import cli
 from beltcomm.errors import DataError
+from beltcomm.laboratory import run_checks
 from beltcomm.laboratory.cross_checks import sheet_doubts
 from beltcomm.laboratory.diagnosis import Diagnosis, Step, fitted_base
 from beltcomm.laboratory.run_checks import checked
@@ -25,6 +26,7 @@ from beltcomm.laboratory.score import Scorer
 from beltcomm.laboratory.start import start_model
 from beltcomm.model import build_model
 from beltcomm.recording import Recording
+from beltcomm.recording_checks import RigidInertia
 from beltcomm.runfolder import RunFolder
 from beltcomm.session.cross_check_words import sheet_lines
 from beltcomm.session.opened import explainable
@@ -154,6 +156,28 @@ def test_records_of_two_axes_are_told_apart(run: tuple[list[Recording], Axis]) -
 
     with pytest.raises(DataError, match=r"31230 counts per turn, those of 08_slow_p1 of 40000: they were made with another encoder"):
         checked(changed(records, "slow_p1", other_encoder), axis, foreign=True)
+
+
+@pytest.mark.parametrize(("friction_nm", "told_apart"), [(0.02, True), (0.12, False)])
+def test_a_record_that_hardly_slides_says_nothing_of_the_inertia(
+    run: tuple[list[Recording], Axis], monkeypatch: pytest.MonkeyPatch, friction_nm: float, told_apart: bool
+) -> None:
+    """A quiet record on bristles shows less inertia and less friction than the axis has; that of the surest record decides."""
+    records, axis = run
+    quiet = records[3].name
+
+    def as_one_mass(t_s: NDArray[np.float64], torque: NDArray[np.float64], position: NDArray[np.float64]) -> RigidInertia:
+        if position is named[quiet].position:
+            return RigidInertia(0.95e-3, 8e-5, 0.03, 0.02)
+        return RigidInertia(1.67e-3, 5e-6, 0.5, friction_nm)
+
+    named = {r.name: r for r in records}
+    monkeypatch.setattr(run_checks, "rigid_inertia", as_one_mass)
+    if told_apart:
+        with pytest.raises(DataError, match="not of one axis, or not with one payload"):
+            run_checks._refuse_two_axes(records, axis)
+    else:
+        run_checks._refuse_two_axes(records, axis)
 
 
 def moved(record: Recording, way_m: float | None) -> Recording:
