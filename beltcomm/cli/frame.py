@@ -6,6 +6,8 @@ import errno
 import importlib
 import json
 import os
+import shlex
+import shutil
 import sys
 import tempfile
 import traceback
@@ -17,7 +19,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import click
 
 from beltcomm import __version__
-from beltcomm.cli.aftermath import LEFT_AT_ONCE, aftermath, journal_of
+from beltcomm.cli.aftermath import LEFT_AT_ONCE, aftermath, again_command, journal_of
 from beltcomm.cli.terminal import echo, failure
 from beltcomm.errors import BeltcommError, UsageError
 
@@ -163,7 +165,7 @@ class Frame:
 
             click.echo(json.dumps(jsonable(data), ensure_ascii=False, allow_nan=False))
             return
-        echo(lines, sys.stdout)
+        echo(typed(lines), sys.stdout)
 
     def line(self) -> str:
         """The command as it was typed."""
@@ -196,7 +198,9 @@ class Frame:
             return ""
         if verb in RESUMABLE and not any((self.run / "recordings").glob("*.csv*")):
             return "; nothing was recorded yet"
-        return f"; what was recorded is kept in {self.run}" + (", --resume goes on" if verb in RESUMABLE else "")
+        return f"; what was recorded is kept in {self.run}" + (
+            f"; it goes on with: {again_command(self.words, self.run, resumes=True)}" if verb in RESUMABLE else ""
+        )
 
     def _aftermath(self, code: int) -> Mapping[str, str]:
         """What a failed verb on a machine leaves behind; nothing where it has no folder yet."""
@@ -232,6 +236,15 @@ class Frame:
             except OSError:
                 continue
         return ""
+
+
+def typed(lines: Iterable[str]) -> Iterable[str]:
+    """What to type next as this terminal can find it: by its path where no folder of ``PATH`` holds the program that runs."""
+    program = Path(sys.argv[0])
+    if program.name != "beltcomm" or shutil.which("beltcomm") is not None or not program.is_file():
+        return lines
+    begin, there = "Next: beltcomm ", f"Next: {shlex.quote(os.path.relpath(program))} "
+    return [there + line.removeprefix(begin) if line.startswith(begin) else line for line in lines]
 
 
 def api(home: str = "beltcomm.api") -> Any:

@@ -128,13 +128,19 @@ def _set(data: dict[str, Any], text: str) -> None:
             raise UsageError(f"--set {text}: {section} is a value, not a section; the keys are those of axis.yaml")
         place = inner
     place[last] = _value(key.strip(), last, value.strip())
+    if last == "effective_radius_m":
+        for (section, name), known in _toothed(value.strip()).items():
+            data.setdefault(section, {}).setdefault(name, known)
 
 
 def _value(key: str, name: str, text: str) -> str | float | None:
     if text.lower() in {"", "null", "none"}:
         return None
     numeric = bool(unit_of(name)) or name in {"ratio", "teeth", "encoder_counts_per_rev"}
-    return _with_key(key, name, text) if numeric else text
+    if not numeric:
+        return text
+    value = _otherwise(name, text)
+    return _with_key(key, name, text) if value is None else value
 
 
 def _with_key(key: str, name: str, text: str) -> float:

@@ -102,7 +102,7 @@ class Verbs(click.Group):
         """Run the command line and leave with its exit code, or return it when not ``standalone_mode``."""
         if COMPLETING in os.environ:
             importlib.import_module("beltcomm.cli.bash")
-        words = list(sys.argv[1:] if args is None else args)
+        words = list(sys.argv[1:] if args is None else args) or ["--help"]
         frame = Frame(words)
         with like_ctrl_c(frame.note_end), twice_leaves():
             code = frame.guarded(

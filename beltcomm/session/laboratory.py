@@ -134,32 +134,34 @@ def diagnosed(folder: RunFolder, run: Path, auto: bool, cost: bool, following: b
         talk.phase(1, 1, "what it costs in tracking")
         data["cost"], lines = cost_of(folder, found.base.model, found.after.model, " and ".join(added_names))
         text += lines
-    seen, lines = sight(folder, found, recordings, following)
+    seen, lines, planned = sight(folder, found, recordings, following)
     data |= seen
     text += lines
     folder.save_result("diagnosis", plain(data))
     if not auto:
-        return Result(data, text + words.after_diagnosis(found, run))
+        return Result(data, text + words.after_diagnosis(found, run, planned))
     added = climb(folder, found, model is not None, command, when)
     data["revisions"] = [as_mapping(r) for r in added]
     return Result(data, [*text, *words.climb_lines(added), f"Next: beltcomm design {run}"])
 
 
-def sight(folder: RunFolder, found: Diagnosis, recordings: Sequence[Recording], following: bool) -> tuple[dict[str, Any], list[str]]:
-    """What these data could not have shown, and with ``following`` the plan of what to record next, saved."""
+def sight(folder: RunFolder, found: Diagnosis, recordings: Sequence[Recording], following: bool) -> tuple[dict[str, Any], list[str], str]:
+    """What these data could not have shown, and with ``following`` the plan of what to record next, saved, and the command that does it."""
+    planned = ""
     sights = visible(found.scorer, ground_of(found.base, found.base.problem.pieces, folder.axis))
     data: dict[str, Any] = {"visible": [seen_as(one) for one in sights]}
     model = found.base.model
     missing = lacking(recordings, model["transmission.ratio"]) if "cart" in model.base_bodies else []
     data["lacking"] = missing
-    lines = words.lacking_lines(missing) + words.sight_lines(sights, folder.path, not_named(model, recordings))
+    lines = words.lacking_lines(missing) + words.sight_lines(sights, folder.path, not_named(model, recordings), planned=following)
     if following:
         travel = float(folder.axis.travel.max_m or 1.0) - float(folder.axis.travel.min_m or 0.0)
         wanted = plan_for(found.twins, [one for one in sights if not one.seen], recorded_sets(recordings, travel))
         data["next"] = wanted.to_dict()
         folder.save_result(NAME, plain(wanted.to_dict()))
         lines += wanted.lines(folder.path)
-    return data, lines
+        planned = wanted.command(folder.path)
+    return data, lines, planned
 
 
 def climb(folder: RunFolder, found: Diagnosis, known: bool, command: str, when: str) -> list[Revision]:

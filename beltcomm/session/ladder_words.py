@@ -82,8 +82,10 @@ def diagnosis_lines(found: Diagnosis) -> list[str]:
     return lines
 
 
-def after_diagnosis(found: Diagnosis, run: Path) -> list[str]:
-    """What to do next."""
+def after_diagnosis(found: Diagnosis, run: Path, planned: str = "") -> list[str]:
+    """What to do next.   planned : the command that makes the records that were planned."""
+    if planned:
+        return [f"Next: {planned}"]
     added = [step.added for step in found.steps if step.added]
     if added:
         return [f"Next: beltcomm add {added[0]} {run}"]
@@ -97,8 +99,10 @@ def lacking_lines(missing: Sequence[str]) -> list[str]:
     return ["Little can be seen here of some things:", *(f"  {line}" for line in missing)] if missing else []
 
 
-def sight_lines(sights: Sequence[Sight], run: Path, unnamed: Collection[str] = ()) -> list[str]:
-    """What these data could not have shown.   unnamed : effects that are not named from them, whatever they show."""
+def sight_lines(sights: Sequence[Sight], run: Path, unnamed: Collection[str] = (), planned: bool = False) -> list[str]:
+    """What these data could not have shown.   unnamed : effects that are not named from them, whatever they show.   planned : what to
+    record next is said beside it.
+    """
     blind = [sight for sight in sights if not sight.seen and sight.effect.name not in unnamed]
     if not blind:
         return [f"Every {'other ' if unnamed else ''}effect of the catalogue, of typical size, would have been seen in these data."]
@@ -109,7 +113,7 @@ def sight_lines(sights: Sequence[Sight], run: Path, unnamed: Collection[str] = (
             continue
         size = f" ({with_unit(f'{sight.parameter} {sight.hardest * sight.size:.2g}', sight.unit)})" if sight.unit else ""
         lines.append(f"  {sight.effect.name:24} only from {sight.hardest:.2g} x a typical one on{size}")
-    return [*lines, f"  `beltcomm diagnose {run} --next` writes the plan of the records that would show them."]
+    return lines if planned else [*lines, f"  `beltcomm diagnose {run} --next` writes the plan of the records that would show them."]
 
 
 def beyond_bounds(sight: Sight) -> bool:

@@ -68,9 +68,15 @@ class NextPlan:
             return ["Nothing that this axis may do would show more.", *(f"  {text}" for text in self.by_hand)]
         lines += [f"  {number}. {step.words()}" for number, step in enumerate(self.steps, start=1)]
         lines += [f"  by hand: {text}" for text in self.by_hand]
-        where = run / "results" / f"{NAME}.yaml"
-        lines.append(f"The plan is {where}; a drive runs it with: beltcomm identify --drive DRIVE --run {run} --plan {where}")
-        return lines
+        return [*lines, f"The plan is {self.file(run)}; a drive runs it with: {self.command(run)}"]
+
+    def file(self, run: Path) -> Path:
+        """Where the plan stands in a run folder."""
+        return run / "results" / f"{NAME}.yaml"
+
+    def command(self, run: Path) -> str:
+        """What makes its records; nothing for a plan without a step."""
+        return f"beltcomm identify --drive DRIVE --run {run} --plan {self.file(run)}" if self.steps else ""
 
 
 def recorded_sets(recordings: Sequence[Recording], travel_m: float) -> frozenset[str]:

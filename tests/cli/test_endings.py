@@ -1,12 +1,15 @@
-"""Signals that end a program end it like Ctrl-C."""
+"""How a command ends: signals end it like Ctrl-C, and what it says to type next can be typed."""
 
 from __future__ import annotations
 
 import signal
+import sys
+from pathlib import Path
 
 import pytest
 
 from beltcomm.cli.endings import like_ctrl_c
+from beltcomm.cli.frame import typed
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
@@ -38,3 +41,16 @@ def test_nohup_stays_nohup() -> None:
     finally:
         signal.signal(signal.SIGHUP, before)
     assert noted == []
+
+
+@pytest.mark.parametrize(("found", "shown"), [(None, "Next: bin/beltcomm fit R"), ("/usr/bin/beltcomm", "Next: beltcomm fit R")])
+def test_what_to_type_next_is_what_the_terminal_finds(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, found: str | None, shown: str
+) -> None:
+    (tmp_path / "bin").mkdir()
+    (tmp_path / "bin" / "beltcomm").write_text("")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", [str(tmp_path / "bin" / "beltcomm")])
+    monkeypatch.setattr("shutil.which", lambda _: found)
+    lines = ["beltcomm fit: 3 records", "Next: beltcomm fit R"]
+    assert list(typed(lines)) == [lines[0], shown]

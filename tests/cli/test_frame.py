@@ -394,4 +394,5 @@ def test_help_loads_nothing_slow() -> None:
 
 def test_version_and_no_words() -> None:
     assert call("--version").stdout.startswith("beltcomm, version ")
-    assert "commission" in call().output
+    assert call().stdout == call("--help").stdout, "with its line breaks"
+    assert call().exit_code == 0

@@ -78,6 +78,9 @@ def test_init_takes_what_data_sheets_write_and_goes_back(tmp_path: Path) -> None
     assert "in which the holding brake" not in outcome.stderr
     assert f"Then: beltcomm doctor --drive DRIVE --axis {path}" in outcome.stdout
     assert _otherwise("effective_radius_m", "120 mm/rev") == pytest.approx(0.12 / math.tau)
+    other = tmp_path / "other.yaml"
+    assert call("init", str(other), "--set", "pulley.effective_radius_m=22 x 8 mm").exit_code == 0
+    assert (load_axis(other).get("pulley.teeth"), load_axis(other).pulley.effective_radius_m) == (22, pytest.approx(0.176 / math.tau))
 
 
 def test_init_broken_off_keeps_its_answers_and_holds_each_against_those_before(tmp_path: Path) -> None:

@@ -18,6 +18,7 @@ from beltcomm.session.reporting import tracking
 from beltcomm.session.reporting.gather import Gathered
 from beltcomm.session.reporting.quantities import Quantity, quantities_of
 from beltcomm.session.response_table import Row, table_of
+from beltcomm.session.revisions import current_revision
 
 
 @dataclass(frozen=True)
@@ -81,8 +82,11 @@ def named(changes: Sequence[Change], before: Gathered, now: Gathered) -> list[st
     """What changed, in words, the largest first: what the first screen says."""
     told = [c for c in changes if c.state in ("changed", "unsure")]
     clear = sorted(told, key=lambda c: (c.state == "unsure", -abs(c.share) / c.now.usual))
-    lines = [change.words() for change in clear] or ["Nothing changed that these two runs show beyond what an axis changes by itself."]
-    return [*lines, *_effects(before, now), *_doubts(before, now)]
+    lines, effects = [change.words() for change in clear], _effects(before, now)
+    if not lines:
+        same = "beyond what an axis changes by itself"
+        lines = [f"No number changed {same}, but the models differ." if effects else f"Nothing changed that these two runs show {same}."]
+    return [*lines, *effects, *_doubts(before, now)]
 
 
 def _effects(before: Gathered, now: Gathered) -> list[str]:
@@ -103,7 +107,7 @@ def _doubts(before: Gathered, now: Gathered) -> list[str]:
             f"another drive: serial number {serials[0]} before, {serials[1]} now; the scale of its torque may differ by some per cent"
         )
     for run in (before, now):
-        if (run.results.get("fit") or {}).get("suspect"):
+        if (run.results.get("fit") or {}).get("suspect") and current_revision(run.folder) is None:
             lines.append(f"the model of {run.name} does not explain its records: its intervals are too narrow")
     return lines
 

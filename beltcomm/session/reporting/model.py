@@ -11,6 +11,7 @@ from beltcomm.report.page import Picture, Section, Table, Words
 from beltcomm.result import with_unit
 from beltcomm.session.cross_check_words import sheet_lines
 from beltcomm.session.reporting.gather import Gathered
+from beltcomm.session.revisions import current_revision
 from beltcomm.session.words import SHOWN, number
 
 #: Names as everywhere, and of what is never fitted.
@@ -43,7 +44,7 @@ def section(run: Gathered) -> Section:
         doubts = sheet_lines(run.laboratory.sheets)
         parts.append(Words(doubts or ["Nothing contradicts the data sheets."], listed=bool(doubts)))
     fit = run.results.get("fit")
-    if fit and fit.get("remarks"):
+    if fit and fit.get("remarks") and current_revision(run.folder) is None:  # they are of the model that was fitted then
         parts.append(Words(fit["remarks"], listed=True))
     return Section("model", "Model", parts)
 

@@ -124,7 +124,8 @@ def trend(runs: Sequence[Path], *, limits: Sequence[str] = (), dates: Sequence[s
     followed.sort(key=lambda one: STATES.index(one.state))
     if not followed:
         raise DataError("no two of these runs know the same quantity; make models with beltcomm fit")
-    page = _page(folders[0].axis.name or "Axis", followed, dated, remarks)
+    given = {run.resolve().name: run for run in runs}
+    page = _page(folders[0].axis.name or "Axis", followed, dated, [given[one.name] for one in dated], remarks)
     newest = max(runs, key=lambda run: next(d.t_s for d in dated if d.name == run.resolve().name))
     where = out or newest / NAME
     write_text(where, render(page))
@@ -269,7 +270,7 @@ def _date(t_s: float) -> str:
     return str(np.datetime64(int(t_s), "s").astype("datetime64[D]"))
 
 
-def _page(axis: str, followed: Sequence[Line], dated: Sequence[Dated], remarks: Sequence[str]) -> Page:
+def _page(axis: str, followed: Sequence[Line], dated: Sequence[Dated], paths: Sequence[Path], remarks: Sequence[str]) -> Page:
     names = [one.name for one in dated]
     caption = Caption(f"beltcomm trend {' '.join(names)}", f"models and results of {len(names)} runs")
     reached = [one for one in followed if one.state == "reached"]
@@ -301,9 +302,9 @@ def _page(axis: str, followed: Sequence[Line], dated: Sequence[Dated], remarks: 
             "bad" if reached else "note" if soon is not None else "",
         ),
     ]
-    steps = [f"beltcomm report {names[-1]} --against {names[0]}: what changed, with responses, friction and tracking of both"]
+    steps = [f"beltcomm report {paths[-1]} --against {paths[0]}: what changed, with responses, friction and tracking of both"]
     if reached or drifting:
-        steps.append(f"beltcomm diagnose {names[-1]}: which effect is missing, and what to check on the machine")
+        steps.append(f"beltcomm diagnose {paths[-1]}: which effect is missing, and what to check on the machine")
     scaled = [
         Followed(
             one.last.words,
