@@ -81,6 +81,8 @@ class Bench:
         self._locks: dict[tuple[Any, ...], threading.Lock] = {}
         self._lock = threading.Lock()
         self._last: tuple[Setting, DesignResult] | None = None
+        #: Where the sliders stood first: there they mean the present design, to the last digit.
+        self._untouched: Setting | None = None
 
     def prefilters(self, payload_kg: float) -> dict[str, Prefilter]:
         """The prefilters of the drive, laid out for this payload, by key."""
@@ -93,7 +95,10 @@ class Bench:
         key = replace(setting, loaded=False, position_m=0.0)
         last = self._last
         if last is None or last[0] != key:
-            found = held(self._plants(setting.payload_kg), self._prefilter(setting), setting.velocity_filter_s, setting.knobs)
+            plants = self._plants(setting.payload_kg)
+            found = held(plants, self._prefilter(setting), setting.velocity_filter_s, setting.knobs)
+            if key == self._untouched:
+                found = replace(found, cascade=self.ground.present, margins=margins_on(self.ground.present, plants.proof))
             self._last = last = (key, found)
         return last[1]
 
@@ -146,7 +151,10 @@ class Bench:
         found = Setting(60.0, 80.0, -10.0, named, cascade.velocity_filter_s, payload_kg, payload_kg > 0.0, position_m)
         if named not in self.prefilters(payload_kg):
             found = replace(found, prefilter=next(iter(self.prefilters(payload_kg))))
-        return self.standing(found, margins_on(cascade, self._plants(payload_kg).proof))
+        placed = self.standing(found, margins_on(cascade, self._plants(payload_kg).proof))
+        if named == placed.prefilter:
+            self._untouched, self._last = replace(placed, loaded=False, position_m=0.0), None
+        return placed
 
     def standing(self, setting: Setting, margins: tuple[Margins, ...]) -> Setting:
         """The setting with the knobs where they give gains of these margins back, a little inside what is possible where they must be."""

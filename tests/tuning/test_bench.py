@@ -158,6 +158,17 @@ def test_a_change_is_told_in_one_line(heavy: Bench, setting: Setting) -> None:
     assert "predicted dynamic error" in sentence(error_changes(far.error, near.error))
 
 
+def test_sliders_that_nobody_touched_mean_the_present_design(heavy: Bench, setting: Setting) -> None:
+    present = heavy.design(setting).cascade
+    fresh = Bench(replace(heavy.ground, present=present))
+    placed = fresh.start(0.0, fresh.ground.ends_m[0])
+    assert fresh.design(placed).cascade == present
+    design, new, old = fresh.shown(replace(placed, position_m=fresh.ground.ends_m[-1]))
+    assert design.cascade == present
+    assert all(change.same for change in changes((old.cascade, old.worst), (new.cascade, new.worst)))
+    assert fresh.design(replace(placed, phase_margin_deg=placed.phase_margin_deg + 2.0)).cascade != present
+
+
 def test_an_update_is_quick(heavy: Bench, setting: Setting) -> None:
     """Gains, margins, curves and the predicted error of a move of 2 s, in CPU time of this process, whatever else the computer does."""
     heavy.tracked(heavy.shown(setting)[1].cascade, 0.0)
