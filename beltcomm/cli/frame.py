@@ -243,8 +243,8 @@ def typed(lines: Iterable[str]) -> Iterable[str]:
     program = Path(sys.argv[0])
     if program.name != "beltcomm" or shutil.which("beltcomm") is not None or not program.is_file():
         return lines
-    begin, there = "Next: beltcomm ", f"Next: {shlex.quote(os.path.relpath(program))} "
-    return [there + line.removeprefix(begin) if line.startswith(begin) else line for line in lines]
+    said, there = "Next: beltcomm ", f"Next: {shlex.quote(os.path.relpath(program))} "
+    return [line.replace(said, there) if said in line else line for line in lines]
 
 
 def api(home: str = "beltcomm.api") -> Any:

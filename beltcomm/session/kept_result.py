@@ -7,6 +7,7 @@ import json
 from collections.abc import Callable, Sequence
 from importlib.resources import files
 from importlib.resources.abc import Traversable
+from pathlib import Path
 from typing import Any
 
 from beltcomm.configfiles import write_text
@@ -14,8 +15,8 @@ from beltcomm.errors import BeltcommError
 from beltcomm.result import Result, Row, plain
 from beltcomm.runfolder import RunFolder
 
-#: Parts of a run folder that no result rests on: what is kept, drawn, told or written down of what was done.
-BESIDE = ("kept", "pictures", "report.html", "report.json", "journal.txt", "verdict.txt")
+#: Parts of a run folder that no result rests on: foreign files before they became records, what is kept, drawn, told or written down.
+BESIDE = ("originals", "kept", "pictures", "report.html", "report.json", "journal.txt", "verdict.txt")
 
 
 def answered(folder: RunFolder, name: str, question: Sequence[object], make: Callable[[], Result], drawn: bool = False) -> Result:
@@ -28,12 +29,14 @@ def answered(folder: RunFolder, name: str, question: Sequence[object], make: Cal
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
         pictures = found["data"]["pictures"] if drawn else []
-        if found["key"] == key and bool(pictures) is drawn and all((folder.path / picture).is_file() for picture in pictures):
+        if key and found["key"] == key and bool(pictures) is drawn and all((folder.path / picture).is_file() for picture in pictures):
             return Result(found["data"], [_line(kept) for kept in found["text"]], int(found["exit_code"]))
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         pass  # nothing there, or nothing that can be used: it is made again
     made = make()
     result = Result(plain(made.data), made.text, made.exit_code)
+    if not key:
+        return result
     kept = {"key": key, "data": result.data, "text": [_kept(line) for line in result.text], "exit_code": result.exit_code}
     try:
         path.parent.mkdir(exist_ok=True)
@@ -44,11 +47,20 @@ def answered(folder: RunFolder, name: str, question: Sequence[object], make: Cal
 
 
 def _key(folder: RunFolder, name: str, question: Sequence[object]) -> str:
+    """Changes with everything that the answer rests on; empty where a file cannot be read: then nothing is kept."""
     own = folder.path / "results" / f"{name}.yaml"
     there = (p for p in sorted(folder.path.rglob("*")) if p.is_file() and p != own and p.relative_to(folder.path).parts[0] not in BESIDE)
-    found = [(str(p.relative_to(folder.path)), hashlib.sha256(p.read_bytes()).hexdigest()) for p in there]
+    try:
+        found = [(str(p.relative_to(folder.path)), _digest(p)) for p in there]
+    except OSError:
+        return ""
     text = json.dumps([found, _programs(files("beltcomm")), str(folder.path), *question])
     return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _digest(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _kept(line: str) -> str | list[object]:

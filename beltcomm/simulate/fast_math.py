@@ -44,29 +44,35 @@ _inlined: Callable[[Any], Any] = numba.njit(error_model="numpy", fastmath={"cont
 
 
 @_inlined
+def _half_turns(x: float) -> tuple[float, float]:
+    """What is left of x, rad, beside whole half turns, within ±π/2; and the sign that these give, 1 or -1."""
+    n = (x * _PER_PI + _ROUND) - _ROUND
+    odd = n - 2.0 * ((n * 0.5 + _ROUND) - _ROUND)
+    return ((x - n * _PI_1) - n * _PI_2) - n * _PI_3, 1.0 - 2.0 * odd * odd
+
+
+@_inlined
 def sin(x: float) -> float:
     """sin x by its series within ±π/2; x up to 1e8."""
-    n = (x * _PER_PI + _ROUND) - _ROUND
-    r = ((x - n * _PI_1) - n * _PI_2) - n * _PI_3
-    odd = n - 2.0 * ((n * 0.5 + _ROUND) - _ROUND)
+    r, sign = _half_turns(x)
     z = r * r
     z2 = z * z
     z4 = z2 * z2
     low, middle = (_S1 + z * _S2) + z2 * (_S3 + z * _S4), (_S5 + z * _S6) + z2 * (_S7 + z * _S8)
-    return (r + r * z * (low + z4 * (middle + z4 * _S9))) * (1.0 - 2.0 * odd * odd)
+    value: float = (r + r * z * (low + z4 * (middle + z4 * _S9))) * sign
+    return value
 
 
 @_inlined
 def cos(x: float) -> float:
     """cos x by its series within ±π/2; x up to 1e8."""
-    n = (x * _PER_PI + _ROUND) - _ROUND
-    r = ((x - n * _PI_1) - n * _PI_2) - n * _PI_3
-    odd = n - 2.0 * ((n * 0.5 + _ROUND) - _ROUND)
+    r, sign = _half_turns(x)
     z = r * r
     z2 = z * z
     z4 = z2 * z2
     low, middle = (_C1 + z * _C2) + z2 * (_C3 + z * _C4), (_C5 + z * _C6) + z2 * (_C7 + z * _C8)
-    return (1.0 + z * (low + z4 * (middle + z4 * (_C9 + z * _C10)))) * (1.0 - 2.0 * odd * odd)
+    value: float = (1.0 + z * (low + z4 * (middle + z4 * (_C9 + z * _C10)))) * sign
+    return value
 
 
 @_inlined

@@ -52,5 +52,5 @@ def test_what_to_type_next_is_what_the_terminal_finds(
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "argv", [str(tmp_path / "bin" / "beltcomm")])
     monkeypatch.setattr("shutil.which", lambda _: found)
-    lines = ["beltcomm fit: 3 records", "Next: beltcomm fit R"]
-    assert list(typed(lines)) == [lines[0], shown]
+    lines = ["beltcomm fit: 3 records", "Next: beltcomm fit R", "The drive has its old gains again. Next: beltcomm fit R"]
+    assert list(typed(lines)) == [lines[0], shown, f"The drive has its old gains again. {shown}"]

@@ -74,3 +74,13 @@ def test_a_picture_that_is_gone_is_drawn_again(ask: Ask, folder: RunFolder) -> N
     (folder.path / "pictures" / "one.png").unlink()
     assert ask().data["times"] == 2
     assert (folder.path / "pictures" / "one.png").is_file()
+
+
+def test_a_file_that_cannot_be_read_is_no_reason_to_fail(ask: Ask, folder: RunFolder, monkeypatch: pytest.MonkeyPatch) -> None:
+    def unreadable(path: Path) -> str:
+        raise PermissionError(13, "not allowed", str(path))
+
+    monkeypatch.setattr("beltcomm.session.kept_result._digest", unreadable)
+    assert ask().data["times"] == 1
+    assert ask().data["times"] == 2
+    assert not (folder.path / "kept").exists()
