@@ -11,7 +11,7 @@ from beltcomm.axis import Axis
 from beltcomm.control import Cascade, CascadeStructure
 from beltcomm.design.cascade import DesignResult
 from beltcomm.errors import DataError, Refused, SafetyStop
-from beltcomm.identify.amplitude import around, unknown_masses_kg
+from beltcomm.identify.amplitude import AmplitudeStep, around, unknown_masses_kg
 from beltcomm.identify.final import FinalModel, evidence, final_model
 from beltcomm.identify.standstill import largest
 from beltcomm.model import Model
@@ -85,13 +85,18 @@ def identify_here(machine: Machine, findings: Findings, *, brief: bool = False) 
     findings.calibrating_s = gain_steps.ensure(machine, findings.breakaway.coulomb_nm)
     sameness.repeat_first_excitation(machine, findings.breakaway, masses)
     machine.begin(TITLES[2])
-    findings.excited = raising.raise_amplitude(machine, findings.breakaway, masses, brief=brief)
+    short_s = programme.SHORT_S if brief else making.RESPONSE_S
+
+    def to_come(model: Model, at_most_nm: float) -> AmplitudeStep:
+        return making.short_if_possible(partial(phases.response_to_come, machine, model, at_most_nm), short_s)[1]
+
+    findings.excited = raising.raise_amplitude(machine, findings.breakaway, masses, response=to_come if brief else None)
     if findings.holding is not None:
         findings.holding = holding.compare(machine, findings.holding)
     machine.begin(TITLES[3])
     excited = findings.excited
     respond_for = partial(phases.frequency_response, machine, "frf_1", excited.model, excited.at_most_nm)
-    making.short_if_possible(respond_for, programme.SHORT_S if brief else making.RESPONSE_S)
+    making.short_if_possible(respond_for, short_s)
     model = first_model(machine, findings)
     scale.check_fitted(machine, model, excited.model, machine.folder.recording("frf_1"))
     return model
@@ -295,7 +300,8 @@ def commission(machine: Machine, settings: Settings, findings: Findings) -> Find
         model = identify_here(machine, findings, brief=brief)
         cascade = close_first_loop(machine, findings, model, ask=settings.ask)
         if brief:
-            measure_friction(machine, model, speeds_m_s=programme.QUICK_M_S, longest_s=programme.QUICK_PLATEAU_S)
+            speeds = programme.quick_speeds_m_s(phases.gentle_limits(machine, model, np.inf).acceleration_m_s2)
+            measure_friction(machine, model, speeds_m_s=speeds, longest_s=programme.QUICK_PLATEAU_S)
         else:
             record_steps(machine, findings, model, cascade, settings.extent)
         cascade = fit_and_design(machine, findings, settings)

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import TypeVar
 
 import numpy as np
 
@@ -38,6 +39,7 @@ SAME_PLACE_M = 0.08
 #: Kind of record by kind of step.
 EXPERIMENT = {"strokes": "friction_sweep", "sweep": "friction_sweep", "reversals": "reversal", "moves": "trajectory"}
 assert set(EXPERIMENT.values()) <= set(EXPERIMENTS)
+Answer = TypeVar("Answer")
 
 
 @dataclass(frozen=True)
@@ -98,14 +100,14 @@ def respond(machine: Machine, model: Model, step: Step, name: str, loudest_nm: f
     short_if_possible(respond_for, wanted)
 
 
-def short_if_possible(respond_for: Callable[[float], object], wanted_s: float) -> None:
+def short_if_possible(respond_for: Callable[[float], Answer], wanted_s: float) -> Answer:
     """A response of the seconds asked for; of ``RESPONSE_S`` where a low antiresonance needs longer periods than those have time for."""
     try:
-        respond_for(wanted_s)
+        return respond_for(wanted_s)
     except Refused:
         if wanted_s >= RESPONSE_S:
             raise
-        respond_for(RESPONSE_S)
+        return respond_for(RESPONSE_S)
 
 
 def holding_at(sweep: Recording, ratio: float, position_m: float) -> float | None:

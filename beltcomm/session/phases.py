@@ -141,9 +141,24 @@ def frequency_response(
     held_out : only to judge with; another sequence than those that are fitted, and one measured period of it.
     loud : where friction hardly lets the carriage move, the sequence may leave the resonance out to be louder.
     """
-    at = machine.position_m
+    at, period = machine.position_m, machine.drive.capabilities.sample_period_s
+    choice, step = response_to_come(machine, model, amplitude_nm, seconds, held_out=held_out, loud=loud)
+    excitation = choice.excitation(step.amplitude_nm, period, torque_step_nm=machine.drive.capabilities.torque_step_nm)
+    run_on = exciting.run_on_words(machine, step.prediction, motion_limits(machine, at).ends_m)
+    machine.folder.journal(
+        f"{name}: {choice.reason}; ±{step.amplitude_nm:.3f} N m, bound by {step.binds}; a stop takes up to "
+        f"{1e3 * step.prediction.stop_m:.1f} mm; {run_on}"
+    )
+    exposed, room = exciting.Exposed(step.prediction, around(balanced(model)), host_loss.losses_of(machine)), excitation_room(machine, at)
+    return exciting.excite(machine, name, excitation, at, room, exposed, held_out), excitation, step
+
+
+def response_to_come(
+    machine: Machine, model: Model, amplitude_nm: float, seconds: float, *, held_out: bool = False, loud: bool = True
+) -> tuple[Choice, AmplitudeStep]:
+    """Sequence and amplitude of :func:`frequency_response`; nothing moves."""
+    at, period = machine.position_m, machine.drive.capabilities.sample_period_s
     limits = motion_limits(machine, at)
-    period = machine.drive.capabilities.sample_period_s
     antiresonance, resonance = analyse.characteristic_hz(model, at)
     choice: Choice
     if held_out:
@@ -155,13 +170,7 @@ def frequency_response(
         calm = calmer_choice(choice, resonance, period)
         louder = _loudest(machine, model, calm, machine.axis.torque_limit_nm, at, limits)
         choice, step = (calm, louder) if louder.amplitude_nm > step.amplitude_nm else (choice, step)
-    excitation = choice.excitation(step.amplitude_nm, period, torque_step_nm=machine.drive.capabilities.torque_step_nm)
-    machine.folder.journal(
-        f"{name}: {choice.reason}; ±{step.amplitude_nm:.3f} N m, bound by {step.binds}; a stop takes up to "
-        f"{1e3 * step.prediction.stop_m:.1f} mm; {exciting.run_on_words(machine, step.prediction, limits.ends_m)}"
-    )
-    exposed, room = exciting.Exposed(step.prediction, around(balanced(model)), host_loss.losses_of(machine)), excitation_room(machine, at)
-    return exciting.excite(machine, name, excitation, at, room, exposed, held_out), excitation, step
+    return choice, step
 
 
 def _loudest(machine: Machine, model: Model, choice: Choice, at_most_nm: float, at: float, limits: MotionLimits) -> AmplitudeStep:

@@ -30,6 +30,8 @@ SHORT_S = 5.0
 QUICK_M_S = (0.05, 0.3, 1.5)
 #: s that a plateau of it counts at most: half as long as usual, its mean torque is then known to 0.3 % of the rig's friction.
 QUICK_PLATEAU_S = 0.3
+#: s that a ramp of it may take: of a heavy carriage they took more of the sweep than what counts in it.
+QUICK_RAMP_S = 0.3
 
 QUICK = (Item(Step("sweep", speeds_m_s=QUICK_M_S)),)
 #: In the order in which they are made; a sweep first and one last, for whatever warms up.
@@ -72,6 +74,12 @@ BUDGET_S = {"quick": 75.0, "standard": 75.0, "thorough": 180.0}
 
 #: Names of records by kind of step.
 NAMES = {"response": "frf", "sweep": "sweep", "strokes": "strokes", "reversals": "reversals", "moves": "moves"}
+
+
+def quick_speeds_m_s(acceleration_m_s2: float) -> list[float]:
+    """Speeds of the short sweep, m/s; all slower in proportion where ramps to the fastest would take too long."""
+    share = min(1.0, QUICK_RAMP_S * acceleration_m_s2 / max(QUICK_M_S))
+    return [share * speed for speed in QUICK_M_S]
 
 
 def fitting(items: Sequence[Item], seconds_of: Callable[[Step], float], budget_s: float) -> tuple[list[Step], list[Step]]:

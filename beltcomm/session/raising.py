@@ -69,12 +69,17 @@ class _Next:
 
 
 def raise_amplitude(
-    machine: Machine, breakaway: Breakaway, masses_kg: Sequence[float] = UNKNOWN_MASSES_KG, *, brief: bool = False
+    machine: Machine,
+    breakaway: Breakaway,
+    masses_kg: Sequence[float] = UNKNOWN_MASSES_KG,
+    *,
+    response: Callable[[Model, float], AmplitudeStep] | None = None,
 ) -> Excited:
     """Excite at the present place with rising amplitude; each step is predicted from the model so far.   masses_kg : to count with.
 
-    brief : as soon as a limit binds instead of the growth, the response itself is the last step; it is predicted as any other.
-    Raises Refused when friction leaves no room below the limits.
+    response : the frequency response that would follow, from a model and the most that growth allows, N m.  Where it is given, it is the
+    last step as soon as a limit binds it, or the next step, instead of the growth.   Raises Refused when friction leaves no room below the
+    limits.
     """
     counts = machine.drive.capabilities.counts_per_rev
     sheet, family = unknown_axis(machine, breakaway, masses_kg)
@@ -114,7 +119,9 @@ def raise_amplitude(
         family = around(balanced(model))
         at_most = GROWTH * step.amplitude_nm
         last = _louder(machine, family, following, at_most)
-        bound = last.amplitude_nm < 1.1 * step.amplitude_nm or (brief and last.binds != "step")
+        bound = last.amplitude_nm < 1.1 * step.amplitude_nm
+        if response is not None and not bound:
+            bound = last.binds != "step" or _bound(response, model, at_most)
         if bound or len(recordings) >= MOST_STEPS:
             return Excited(last, tuple(recordings), model, at_most)
         found = Excited(step, tuple(recordings), model, step.amplitude_nm)
@@ -156,6 +163,14 @@ def _louder(machine: Machine, family: Sequence[Model], made: _Next, at_most_nm: 
     counted = stops.braking_of(machine), host_loss.losses_of(machine)
     most, period = min(at_most_nm, made.limits.torque_nm), machine.drive.capabilities.sample_period_s
     return largest_amplitude(family, made.unit, period, made.at_m, made.limits, most, *counted)
+
+
+def _bound(response: Callable[[Model, float], AmplitudeStep], model: Model, at_most_nm: float) -> bool:
+    """Whether a limit binds a response already, so that another step before it would not make it louder."""
+    try:
+        return response(model, at_most_nm).binds != "step"
+    except Refused:  # by a model of which the next step may think better
+        return False
 
 
 def as_made(step: AmplitudeStep, recording: Recording) -> AmplitudeStep:

@@ -23,6 +23,10 @@ Array = NDArray[np.float64]
 #: Largest (sub-step x fastest eigenvalue) that is let through.  The Verlet step is unstable above 2; at 0.5 its phase error
 #: is ω²h²/24, 1 %, in the fastest mode and far less in those that matter.
 LARGEST_STEP = 0.5
+#: Periods whose late torque is worked out at once: cells of a whole record would be new memory each time, which takes longer than they do.
+BLOCK = 500
+#: Times :func:`memory_s` after which nothing of a torque is left in any digit, e⁻³⁷.
+TO_THE_DIGIT = 2.5
 
 
 @dataclass(frozen=True)
@@ -143,11 +147,16 @@ def _integrated(
 def _glided(model: Model, start: State, torque: Array, period_s: float, substeps: int, time_s: float, rate: float) -> tuple[Array, State]:
     steps = max(math.ceil(substeps / STRIDE), math.ceil(period_s * rate / LONGEST_STEP))
     parts = CELLS if memory_s(model) > 0.0 else 1
-    acting = late_torque(model, np.repeat(torque, steps * parts), period_s / (steps * parts))
-    cells = acting.reshape(torque.size, steps * parts)
+    glide, vector, short = glide_for(model), model.vector(), math.ceil(substeps / steps)
     q, v, out = start.positions.copy(), start.speeds.copy(), np.empty((4, torque.size))
-    short = math.ceil(substeps / steps)
-    glide_for(model)(q, v, model.vector(), cells, torque_at_stages(parts), time_s, period_s, steps, short, *out)
+    beside = math.ceil(memory_s(model) * TO_THE_DIGIT / period_s)
+    block = max(BLOCK, 8 * beside)
+    for first in range(0, torque.size, block):
+        heard = torque[max(first - beside, 0) : first + block + beside]
+        acting = late_torque(model, np.repeat(heard, steps * parts), period_s / (steps * parts))
+        cells = acting.reshape(heard.size, steps * parts)[min(first, beside) :][:block]
+        rows = out[:, first : first + block]
+        glide(q, v, vector, cells, torque_at_stages(cells, parts), time_s + first * period_s, period_s, steps, short, *rows)
     return out, State(q, v)
 
 

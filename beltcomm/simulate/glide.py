@@ -49,21 +49,27 @@ STRIDE = 5
 CELLS = 10
 
 
-def torque_at_stages(cells: int) -> Array:
-    """Torque at the stages of a step from its means over equal parts of the step, (stages, cells).
+def torque_at_stages(cells: Array, parts: int) -> Array:
+    """Torque at the stages of each step from its means over equal parts of the step; (samples, steps parts) -> (samples, steps stages), N m.
 
     The cubic whose means over the parts are nearest in the squares; a torque that keeps its value is that value.
     """
+    return np.asarray(cells.reshape(-1, parts) @ _at_stages(parts)).reshape(len(cells), -1)
+
+
+@lru_cache(maxsize=2)
+def _at_stages(cells: int) -> Array:
+    """Torque at the stages over means of the parts, (cells, stages)."""
     edges, powers = np.linspace(-1.0, 1.0, cells + 1), np.eye(min(4, cells))
     means = np.array([0.5 * cells * np.diff(legendre.legval(edges, legendre.legint(power))) for power in powers])
-    return np.asarray(legendre.legval(2.0 * NODES - 1.0, powers.T).T @ np.linalg.pinv(means.T))
+    return np.ascontiguousarray((legendre.legval(2.0 * NODES - 1.0, powers.T).T @ np.linalg.pinv(means.T)).T)
 
 
 def glide_for(model: Model) -> Callable[..., None]:
     """The kernel of a model's combination of effects; compiled once per machine.
 
-    glide(q, v, p, cells, at_stages, t, sample, n, m, theta, omega, cart, belt): a whole record, as ``Kernel.run``, with n steps in a
-    sample or m Verlet steps in place of each.   cells : (samples, n parts), N m.   at_stages : :func:`torque_at_stages` of the parts.
+    glide(q, v, p, cells, acting, t, sample, n, m, theta, omega, cart, belt): a whole record, as ``Kernel.run``, with n steps in a
+    sample or m Verlet steps in place of each.   cells : (samples, n parts), N m.   acting : of them at the stages, (samples, n stages).
     """
     return _kernel(model.base_bodies, model.effects)
 
@@ -90,15 +96,12 @@ def glide_source(base_bodies: tuple[str, ...], effects: tuple[str, ...]) -> str:
         "break",
     ]  # fmt: skip
     step = [
-        "for s in range(STAGES):",
-        "    acting[s] = 0.0",
-        "    for c in range(parts): acting[s] += at_stages[s, c] * cells[k, j * parts + c]",
         *[f"d{i} = 1.0 if state[{count + i}] > 0.0 else -1.0 if state[{count + i}] < 0.0 else 0.0" for i in rubbing],
         "stage, left, again, good, high = 0, 0, False, True, 0.0",
         "while True:",
         *indented([
             "if left == 0:",
-            "    t, torque = clock + NODES[stage] * h, acting[stage]",
+            "    t, torque = clock + NODES[stage] * h, acting[k, j * STAGES + stage]",
             *indented(_state(count, "stage", "NODES[stage] * h", "PLACES[stage, r]", "SPEEDS[stage, r]"), 1),
             "else:",
             "    t, torque = clock + (m - left) * short, cells[k, j * parts + ((2 * (m - left) + 1) * parts) // (2 * m)]",
@@ -145,7 +148,7 @@ def glide_source(base_bodies: tuple[str, ...], effects: tuple[str, ...]) -> str:
         *[f"z{i} = q[{place}]" for place, i in onset],
         # Made here: the compiler knows that nothing else stands at their place.
         f"state, now, new = np.empty({2 * count}), np.empty({2 * count}), np.empty({count})",
-        f"acting, rise = np.empty(STAGES), np.zeros((STAGES, {count}))",
+        f"rise = np.zeros((STAGES, {count}))",
         f"for i in range({count}): state[i], state[{count} + i] = q[i], v[i]",
         "h, short, parts, clock = sample / n, sample / (n * m), cells.shape[1] // n, t",
         *loop,
@@ -274,6 +277,6 @@ def _module(writer: Writer, lines: list[str]) -> str:
         *[f"from {law.__module__} import {law.__name__} as _{name}" for name, law in laws],
         "", *[f"{name} = fast(_{name})" for name, _ in laws], "", "",
         "@in_lanes",
-        "def glide(q, v, p, cells, at_stages, t, sample, n, m, theta, omega, cart, belt):",
+        "def glide(q, v, p, cells, acting, t, sample, n, m, theta, omega, cart, belt):",
     ]  # fmt: skip
     return "\n".join([*head, *indented(lines, 1)]) + f"\n# {hashlib.sha256(text.encode()).hexdigest()}\n"
