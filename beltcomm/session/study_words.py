@@ -7,7 +7,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from beltcomm.session.study_file import Study
-from beltcomm.study.summary import MORE_IS_BETTER, Driver, Share, Spread, Summary
+from beltcomm.study.population import NOTHING
+from beltcomm.study.summary import MORE_IS_BETTER, Answers, Driver, Share, Spread, Summary
 
 #: Words, unit and factor from SI of what a member has as a result.
 TITLES: Mapping[str, tuple[str, str, float]] = {
@@ -77,6 +78,12 @@ def headline(asked: Study, summary: Summary) -> str:
     return f"{summary.done} members, {len(summary.failed)} without a result."
 
 
+def answer_row(one: Answers) -> tuple[str, str]:
+    """What is hidden in how many members; what was named of them."""
+    hidden = {"": "all", NOTHING: "healthy"}.get(one.hidden, f"hidden {one.hidden}")
+    return f"{hidden}, {one.of} members", ", ".join(f"{named} {count}" for named, count in one.named.items())
+
+
 def spread_row(one: Spread) -> tuple[str, str, str, str, str, str]:
     """Words with unit, three quantiles, the worst, its member."""
     name, unit, factor = titled(one.key)
@@ -108,7 +115,7 @@ def why(line: Mapping[str, Any], targets: Mapping[str, float]) -> str:
         if isinstance(found.get(key), (int, float)):
             name, unit, factor = titled(key)
             parts.append(f"{name} {factor * found[key]:.3g} {unit}")
-    parts += [f"{key} {found[key]}" for key in ("verdict", "named") if key in found]
+    parts += [f"{key} {_shown(found[key])}" for key in ("verdict", "named") if key in found]
     return ", ".join(parts)
 
 
@@ -122,6 +129,9 @@ def summary_lines(asked: Study, summary: Summary, lines: Sequence[Mapping[str, A
     by_number = {int(line["member"]): line for line in lines}
     text = [headline(asked, summary), f"  {summary.done} of {summary.planned} members of {asked.name}; base: {asked.base}"]
     text += [f"  {share_words(one)}: {share_text(one)}" for one in summary.shares]
+    if summary.answers:
+        text.append("What was named, and of how many:")
+        text += [f"  {hidden}: {named}" for hidden, named in map(answer_row, summary.answers)]
     if summary.failed:
         number, sentence = next(iter(summary.failed.items()))
         text.append(f"  {len(summary.failed)} members have no result, such as member {number}: {sentence}")

@@ -50,7 +50,7 @@ CELLS = 10
 
 
 def torque_at_stages(cells: Array, parts: int) -> Array:
-    """Torque at the stages of each step from its means over equal parts of the step; (samples, steps parts) -> (samples, steps stages), N m.
+    """Torque at the stages of each step from its means over equal parts of it; (samples, steps parts) -> (samples, steps stages), N m.
 
     The cubic whose means over the parts are nearest in the squares; a torque that keeps its value is that value.
     """

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -23,6 +24,8 @@ DISTANCE = "distance from nominal of"
 MORE_IS_BETTER = frozenset({"phase_margin_deg", "position_phase_margin_deg", "gain_margin_db", "passed", "stable"})
 #: The share that the exit code follows, for which members without a result count as missed.
 HEADLINE = "passed"
+#: What a diagnosis names that finds nothing.
+NOTHING_NAMED = "nothing"
 
 Line = Mapping[str, Any]
 
@@ -67,8 +70,23 @@ class Driver:
 
 
 @dataclass(frozen=True)
+class Answers:
+    """What a diagnosis named of ``of`` members with the same hidden effect ("" where nobody knows), and of how many, most often first.
+
+    The name is that of an effect, of several with " + " between them in the order of their names, or :data:`NOTHING_NAMED`.
+    """
+
+    hidden: str
+    of: int
+    named: Mapping[str, int]
+
+
+@dataclass(frozen=True)
 class Summary:
-    """Of all members computed so far.   failed : sentence by member without a result.   worst : members, worst first."""
+    """Of all members computed so far.   failed : sentence by member without a result.   worst : members, worst first.
+
+    answers : of a diagnosis, by hidden effect.
+    """
 
     planned: int
     done: int
@@ -78,6 +96,7 @@ class Summary:
     spreads: tuple[Spread, ...]
     drivers: tuple[Driver, ...]
     worst: tuple[int, ...]
+    answers: tuple[Answers, ...] = ()
 
     def share(self, key: str) -> Share | None:
         """The share of that name."""
@@ -110,6 +129,7 @@ def summary_of(lines: Sequence[Line], planned: int, targets: Mapping[str, float]
         tuple(_spread(key, told) for key in numbers),
         tuple(_drivers(lines, [*flags[:1], *targets, "phase_margin_deg"], nominal)),
         _worst(lines, targets),
+        _answers(told),
     )
 
 
@@ -123,6 +143,15 @@ def share_of(key: str, count: int, of: int) -> Share:
 def _share(key: str, told: Sequence[Line], missed: int) -> Share:
     answers = [bool(line["found"][key]) for line in told if isinstance(line["found"].get(key), bool)]
     return share_of(key, sum(answers), len(answers) + missed)
+
+
+def _answers(told: Sequence[Line]) -> tuple[Answers, ...]:
+    kinds: dict[str, Counter[str]] = {}
+    for line in told:
+        if "named" in line["found"]:
+            named = " + ".join(sorted(line["found"]["named"])) or NOTHING_NAMED
+            kinds.setdefault(str(line["values"].get("hidden", "")), Counter())[named] += 1
+    return tuple(Answers(hidden, named.total(), dict(named.most_common())) for hidden, named in kinds.items())
 
 
 def _spread(key: str, told: Sequence[Line]) -> Spread:

@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 
 from beltcomm.effects import EFFECTS, effect_named
 from beltcomm.model import Model, build_model
-from beltcomm.simulate import glide
+from beltcomm.simulate import forward, glide
 from beltcomm.simulate.fast_math import cos, exp, fast, sin, waves
 from beltcomm.simulate.forward import State, integrate_torque, simulate_torque
 
@@ -81,6 +81,20 @@ def test_late_torque_within_a_ten_thousandth(late_s: float, lag_s: float) -> Non
     true = moved(sliding(), torque, late_s, lag_s)
     model = axis(dead_time__time=late_s, current_lag__time=lag_s)
     np.testing.assert_allclose(ends(model, torque, 20)[2:], true[2:], rtol=0, atol=1e-4 * abs(true[2] - 0.5 / IT))
+
+
+def test_late_torque_in_blocks_is_that_of_the_whole_record(monkeypatch: pytest.MonkeyPatch) -> None:
+    model, torque = axis(dead_time__time=1.3e-3, current_lag__time=2e-4), 0.5 + 0.2 * np.sin(np.arange(1200.0) ** 2)
+    heard: list[int] = []
+    late = forward.late_torque
+    monkeypatch.setattr(forward, "late_torque", lambda model, cells, h: (heard.append(len(cells)), late(model, cells, h))[1])
+    found = []
+    for size in (9999, 1):
+        monkeypatch.setattr(forward, "BLOCK", size)
+        found.append(simulate_torque(model, torque, 1e-3, 0.2, state=sliding()))
+    assert len(heard) > 3, "one whole record, and several blocks"
+    whole, blocks = found
+    np.testing.assert_allclose(blocks.velocity_rad_s, whole.velocity_rad_s, rtol=0, atol=1e-12 * np.ptp(whole.velocity_rad_s))
 
 
 def test_changes_of_friction_are_those_of_small_verlet_steps() -> None:

@@ -158,6 +158,13 @@ def test_a_population_is_diagnosed_and_a_stopped_study_goes_on(
         f"Diagnosis against the truth: of the others the hidden effect is named: {100 * sum(seen) / 6:.3g} % (95 %: "
     )
     assert "of the healthy ones nothing is named: 100 % (95 %: 54.1 to 100 %; 6 of 6)" in whole.text[0]
+    rows = [("healthy, 6 members", "nothing 6"), ("hidden stribeck, 6 members", f"stribeck {sum(seen)}, nothing {6 - sum(seen)}")]
+    assert sum(seen) > 6 - sum(seen) > 0, "what is named most often stands first"
+    page = (tmp_path / "whole" / "study.html").read_text(encoding="utf-8")
+    for members, named in rows:
+        assert f"  {members}: {named}" in whole.text
+        assert members in page
+        assert named in page
     stopped = study_of(study, tmp_path / "stopped", doing=doing, workers=1, limit=5)
     assert stopped.data["done"] == 5
     study_of(study, tmp_path / "stopped", doing=doing, workers=1)

@@ -19,7 +19,7 @@ from beltcomm.study.summary import DISTANCE, HEADLINE, Driver, Share, Summary
 DRAWN = (
     "dynamic_m", "static_m", "dynamic_cart_m", "phase_margin_deg", "position_phase_margin_deg", "gain_margin_db", "misfit", "ratio",
 )  # fmt: skip
-_SHARE_WORDS = "Intervals: Clopper and Pearson. A member without a result counts as one that misses its targets."
+_MISSES, _LEFT_OUT = "A member without a result counts as one that misses its targets.", "Members without a result are left out."
 _DRIVER_WORDS = "Spearman. Drawn parameters that go together show what they do together."
 #: From this share on a population is called well served.
 GOOD = 0.99
@@ -33,7 +33,6 @@ def study_page(asked: Study, summary: Summary, lines: Sequence[Line], command: s
     by_number = {int(line["member"]): line for line in lines}
     share = summary.share(HEADLINE)
     state: State = "" if share is None else "good" if share.low >= GOOD else "bad" if share.high < GOOD else "note"
-    shares = [(words.share_words(one), words.share_text(one)) for one in summary.shares]
     worst = [(str(k), words.why(by_number[k], asked.targets), words.values_text(by_number[k]["values"])) for k in summary.worst]
     distributions, drivers = _distributions(asked, summary, lines, caption), _drivers(asked, summary, lines, caption)
     nothing = {
@@ -44,7 +43,7 @@ def study_page(asked: Study, summary: Summary, lines: Sequence[Line], command: s
     sections = [
         Section(key, title, parts, "" if parts else nothing[key])
         for key, title, parts in (
-            ("shares", "Shares", [Table(("what", "share and 95 % interval"), shares, _SHARE_WORDS)] if shares else []),
+            ("shares", "Shares", _shares(summary)),
             ("distributions", "Distributions", distributions),
             ("drivers", "What drives them", drivers),
             ("worst", "Worst members", [Table(("member", "what", "values"), worst)] if worst else []),
@@ -61,6 +60,16 @@ def study_page(asked: Study, summary: Summary, lines: Sequence[Line], command: s
     return render(
         Page(f"{asked.name}: study", caption.data, words.headline(asked, summary), state, _facts(summary), steps, sections, notes)
     )
+
+
+def _shares(summary: Summary) -> list[Table | Picture | Words]:
+    told = [(words.share_words(one), words.share_text(one)) for one in summary.shares]
+    notes = f"Intervals: Clopper and Pearson. {_MISSES if summary.share(HEADLINE) else _LEFT_OUT}"
+    tables: list[Table | Picture | Words] = [Table(("what", "share and 95 % interval"), told, notes)] if told else []
+    if summary.answers:
+        rows = [words.answer_row(one) for one in summary.answers]
+        tables.append(Table(("members", "named, and of how many"), rows, "What a diagnosis named, by what was hidden."))
+    return tables
 
 
 def _facts(summary: Summary) -> list[Fact]:
