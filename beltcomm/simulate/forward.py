@@ -150,7 +150,7 @@ def _glided(model: Model, start: State, torque: Array, period_s: float, substeps
     glide, vector, short = glide_for(model), model.vector(), math.ceil(substeps / steps)
     q, v, out = start.positions.copy(), start.speeds.copy(), np.empty((4, torque.size))
     beside = math.ceil(memory_s(model) * TO_THE_DIGIT / period_s)
-    block = max(BLOCK, 8 * beside)
+    block = max(BLOCK, 8 * beside) if beside else max(torque.size, 1)
     for first in range(0, torque.size, block):
         heard = torque[max(first - beside, 0) : first + block + beside]
         acting = late_torque(model, np.repeat(heard, steps * parts), period_s / (steps * parts))

@@ -12,7 +12,7 @@ from beltcomm.drive import Capabilities, open_drive
 from beltcomm.excitation import choose_prbs, prbs
 from beltcomm.identify.first_estimate import data_sheet_model
 from beltcomm.recording import Recording
-from beltcomm.session import analyse, phases
+from beltcomm.session import analyse, phases, programme
 from beltcomm.session.bounds import bounds_of, course_before
 from beltcomm.session.foresight import foresee
 from beltcomm.session.making import holding_at, quieter
@@ -173,3 +173,8 @@ def test_what_holds_the_carriage_is_read_off_the_strokes() -> None:
         columns = {"torque": friction + load, "position": angle, "reference_velocity": speed}
         held = [holding_at(Recording("sweep", 1e-3 * np.arange(len(speed)), **columns), 0.01242, x) for x in (0.1, 0.4)]
         assert held == pytest.approx([0.03, 0.06] if load.any() else [0.0, 0.0], abs=1e-3)
+
+
+def test_a_short_sweep_of_a_heavy_carriage_is_slower_in_proportion() -> None:
+    assert programme.quick_speeds_m_s(5.0) == pytest.approx(programme.QUICK_M_S)
+    assert programme.quick_speeds_m_s(2.5) == pytest.approx([0.5 * speed for speed in programme.QUICK_M_S])

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from contextlib import nullcontext
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from beltcomm.axis import load_axis
-from beltcomm.errors import SafetyStop
+from beltcomm.errors import Refused, SafetyStop
 from beltcomm.identify.amplitude import AmplitudeStep, Prediction
 from beltcomm.model import load_plant
 from beltcomm.session import raising
@@ -76,10 +77,27 @@ def test_the_amplitude_grows_until_a_limit_binds(monkeypatch: pytest.MonkeyPatch
 
 def test_a_brief_search_leaves_the_bound_step_to_the_response(monkeypatch: pytest.MonkeyPatch) -> None:
     search = Search(monkeypatch, limit_nm=0.5)
-    found = search(brief=True)
+    found = search(response=lambda _model, most_nm: search.step(most_nm))
     assert [a for a, _ in search.made] == [0.2, 0.34]
     assert found.step.amplitude_nm == 0.5
     assert found.at_most_nm == pytest.approx(1.7 * 0.34)
+
+
+def test_no_step_is_louder_for_a_response_that_may_not_follow_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A response is longer than a step: a limit may bind it where the next step still grows.   One that cannot be had yet is not bound."""
+    search = Search(monkeypatch, limit_nm=5.0)
+    asked: list[float] = []
+
+    def response(_model: Any, most_nm: float) -> AmplitudeStep:
+        asked.append(round(most_nm, 3))
+        if len(asked) == 1:
+            raise Refused("no excitation fits")
+        return replace(search.step(most_nm), amplitude_nm=0.4, binds="belt force" if most_nm > 0.4 else "step")
+
+    found = search(response=response)
+    assert asked == [0.34, 0.578]
+    assert [a for a, _ in search.made] == [0.2, 0.34]
+    assert found.at_most_nm == pytest.approx(0.578)
 
 
 def test_where_a_limit_binds_and_nothing_moves_the_changes_become_slower(monkeypatch: pytest.MonkeyPatch) -> None:
