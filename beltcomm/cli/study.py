@@ -15,7 +15,9 @@ from beltcomm.cli.frame import Frame, api
 @click.option("--out", type=click.Path(path_type=Path, file_okay=False), help="Folder of the results; studies/STUDY when left out.")
 @click.option("--workers", type=click.IntRange(1, 1024), help="Processes on this machine; one per processor when left out.")
 @click.option("--scheduler", metavar="ADDRESS", help="Dask scheduler whose workers compute instead, such as tcp://10.0.0.5:8786.")
-@click.option("--limit", type=click.IntRange(1), metavar="N", help="Compute at most N more members, then say what is known.")
+@click.option(
+    "--limit", type=click.IntRange(0), metavar="N", help="Compute at most N more members, then say what is known; 0: only say it."
+)
 @click.option(
     "--member", type=click.IntRange(0), metavar="K", help="Compute member K alone and show it; with --out its plant and run stay."
 )

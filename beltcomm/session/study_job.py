@@ -41,7 +41,8 @@ def study_of(
     """All members that have no result in ``out`` yet, then what all of them say.   Exit code 1 where a member misses, or has no result.
 
     workers : processes, None for one per processor.   scheduler : address of a Dask cluster in their place.   limit : so many more members
-    at most.   report : the page too.   The results are the same whoever computes them, bit for bit, on processors of one kind.
+    at most; with 0 only what is known is said, also while another process computes.   report : the page too.   The results are the same
+    whoever computes them, bit for bit, on processors of one kind.
     Raises UsageError for a wrong study, a folder of another study, a scheduler that cannot be used; DataError for a damaged folder.
     """
     if workers is not None and scheduler is not None:
@@ -57,6 +58,7 @@ def study_of(
         size = 1 if asked.each != "track" else max(1, min(TOGETHER, len(open_members) // (TASKS * (workers or processors()))))
         tasks = [open_members[k : k + size] for k in range(0, len(open_members), size)]
         talk.phase(1, 1, f"{asked.each} {asked.count} members")
+        _cut(out / MEMBERS)
         with open(out / MEMBERS, "ab") as members:
             for made in answers(partial(lines_of, asked.work), tasks, workers=workers, scheduler=scheduler, talk=talk):
                 members.write("".join(_text(line) for line in made).encode())
@@ -133,15 +135,11 @@ def _differs(line: Line, asked: Study) -> str:
 
 
 def read_members(path: Path) -> list[Line]:
-    """The lines of a file of members; what a killed study left half written is cut off.   Raises DataError for a damaged line."""
+    """The lines of a file of members, but for one that is half written.   Raises DataError for a damaged line."""
     if not path.is_file():
         return []
-    data = path.read_bytes()
-    whole = data.rfind(b"\n") + 1
-    if whole < len(data):
-        os.truncate(path, whole)
-    lines = []
-    for number, text in enumerate(data[:whole].splitlines(), 1):
+    data, lines = path.read_bytes(), []
+    for number, text in enumerate(data[: data.rfind(b"\n") + 1].splitlines(), 1):
         try:
             line = json.loads(text)
             int(line["member"]), str(line["key"]), dict(line["values"]), int(line["exit_code"])
@@ -151,6 +149,13 @@ def read_members(path: Path) -> list[Line]:
             raise DataError(f"{path} is damaged in line {number} ({error}); delete that line, and its member is computed again") from error
         lines.append(line)
     return lines
+
+
+def _cut(path: Path) -> None:
+    """Take away what a killed study left half written."""
+    data = path.read_bytes() if path.is_file() else b""
+    if data and not data.endswith(b"\n"):
+        os.truncate(path, data.rfind(b"\n") + 1)
 
 
 def _text(line: Line) -> str:

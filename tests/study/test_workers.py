@@ -95,6 +95,12 @@ def test_a_killed_study_goes_on_in_other_processes(small: Path, alone: Path, tmp
 def test_a_limit_and_more_members_change_no_result(written: Callable[..., Path], alone: Path, tmp_path: Path) -> None:
     first = api.study(written(members=6), tmp_path, workers=1, limit=2, report=False)
     assert (first.exit_code, first.data["done"], first.data["planned"]) == (1, 2, 6)
+    with open(tmp_path / "members.jsonl", "ab") as file:
+        file.write(b'{"member": 2, "key')  # as another process writes it just now
+    members = (tmp_path / "members.jsonl").read_bytes()
+    assert api.study(written(members=6), tmp_path, limit=0).data["done"] == 2
+    assert (tmp_path / "members.jsonl").read_bytes() == members
+    assert api.study(written(members=6), tmp_path / "new", limit=0).data["done"] == 0
     api.study(written(members=8), tmp_path, workers=1, report=False)
     lines = (tmp_path / "members.jsonl").read_bytes().splitlines()
     assert lines == (alone / "members.jsonl").read_bytes().splitlines()[:8]
