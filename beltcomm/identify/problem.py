@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from beltcomm.compiled import in_one_thread
 from beltcomm.effects import effect_named
+from beltcomm.identify.bordered import Bordered
 from beltcomm.identify.residual import Stretch, followed, in_noise
 from beltcomm.model import Model, expected_parameters
 from beltcomm.simulate.inverse import (
@@ -182,12 +183,13 @@ class Problem:
         """Whitened residual of all pieces, (n,)."""
         return np.concatenate([self.one(i, x) for i in range(len(self.pieces))])
 
-    def jacobian(self, x: Array, only: Sequence[int] | None = None) -> Array:
-        """One-sided differences, (n, unknowns); ``only`` : columns that are asked for, the others stay 0."""
-        columns = np.zeros((self.samples, len(x)))
+    def jacobian(self, x: Array, only: Sequence[int] | None = None) -> Bordered:
+        """One-sided differences; ``only`` : unknowns that are asked for, the columns of others stay 0."""
         own = len(self.free)
+        columns = np.zeros((self.samples, own + 1))
         offsets = OFFSET_M * x[own:] if self.movable else np.zeros(len(self.pieces))
-        asked = range(len(x)) if only is None else only
+        asked = set(range(len(x)) if only is None else only)
+        shared = [j for j in range(own) if j in asked]
         vector = self.full(x)
         for i, piece in enumerate(self.pieces):
             follows = piece.follower is not None
@@ -195,9 +197,8 @@ class Problem:
             here = old.residual
             changes: dict[int, Array] = {}
             belts: dict[int, tuple[float, Array, float]] = {}
-            for j in asked:
-                if j >= own and (j - own != i or follows):
-                    continue  # an observer knows itself how the carriage may stand at first
+            # An observer knows itself how the carriage may stand at first.
+            for j in [*shared, *([own + i] if own + i in asked and not follows else [])]:
                 step = 1e-3 * max(abs(x[j]), 0.1)
                 if x[j] + step > self.high[j]:
                     step = -step
@@ -223,8 +224,8 @@ class Problem:
                     changes[j] = (replace(old, belt=loads[:, k]).residual - here) / steps[k]
             if changes:
                 white = in_noise(piece, self.model, vector, np.stack(list(changes.values()), axis=1))
-                columns[self.ends[i] : self.ends[i + 1], list(changes)] = white
-        return columns
+                columns[self.ends[i] : self.ends[i + 1], [min(j, own) for j in changes]] = white
+        return Bordered(columns, self.ends if self.movable else self.ends[:1])
 
     def block_means(self, residual: Array) -> Array:
         """Mean square of every block, (blocks,); infinite where a trial runs away."""
@@ -251,8 +252,8 @@ class Problem:
         asked = [j for j in range(len(x)) if j not in set(held)]
         for _ in range(iterations):
             weights = self.weights(residual)
-            jacobian = self.jacobian(x, asked) * weights[:, None]
-            gradient, information = jacobian.T @ (residual * weights), jacobian.T @ jacobian
+            jacobian = self.jacobian(x, asked).scaled(weights)
+            gradient, information = jacobian.transposed(residual * weights), jacobian.information()
             outward = ((x <= self.low) & (gradient > 0.0)) | ((x >= self.high) & (gradient < 0.0))
             move = np.array([j for j in asked if not outward[j] and information[j, j] > 0.0], dtype=np.intp)
             if not len(move):

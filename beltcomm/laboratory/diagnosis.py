@@ -190,8 +190,8 @@ def rise_without(fitted: Fitted) -> dict[str, float]:
         linear[effect.name] = [problem.free.index(name) for name in effect.full_names() if name in problem.free]
     if not linear:
         return {}
-    jacobian = problem.jacobian(fitted.x) * problem.weights(fitted.residual)[:, None]
-    inverse = np.linalg.pinv(jacobian.T @ jacobian)
+    jacobian = problem.jacobian(fitted.x).scaled(problem.weights(fitted.residual))
+    inverse = np.linalg.pinv(jacobian.information())
     return {name: float(fitted.x[at] @ np.linalg.pinv(inverse[np.ix_(at, at)]) @ fitted.x[at]) for name, at in linear.items()}
 
 

@@ -72,12 +72,11 @@ def spread_of(fitted: Fitted) -> Spread:
     """The spread of a fit; start offsets of its records are taken along and then left out."""
     problem = fitted.problem
     weights, own = problem.weights(fitted.residual), len(problem.free)
-    jacobian, left = problem.jacobian(fitted.x) * weights[:, None], fitted.residual * weights
-    # What a start offset can take up says nothing; an offset acts in its own stretch alone.
-    columns, beside = jacobian[:, :own], jacobian[:, own:]
-    for i in range(beside.shape[1]):
-        here = slice(problem.ends[i], problem.ends[i + 1])
-        offset = beside[here, i]
+    jacobian, left = problem.jacobian(fitted.x).scaled(weights), fitted.residual * weights
+    # What a start offset can take up says nothing.
+    columns = jacobian.columns[:, :own]
+    for here in jacobian.stretches():
+        offset = jacobian.columns[here, own]
         size = float(offset @ offset)
         if size > 0.0:
             columns[here] -= np.outer(offset, offset @ columns[here] / size)

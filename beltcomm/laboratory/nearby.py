@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.compiled import compiled
+from beltcomm.identify.bordered import Bordered, bordered
 from beltcomm.identify.problem import Problem
 
 Array = NDArray[np.float64]
@@ -39,29 +40,65 @@ class Nearby:
 
     def __init__(self, problem: Problem, x: Array, residual: Array) -> None:
         jacobian = problem.jacobian(x)
-        norms = np.linalg.norm(jacobian, axis=0)
+        norms, own = jacobian.norms(), jacobian.own
         self.moving = np.flatnonzero(norms > 0.0)
         self.norms = norms[self.moving]
-        self.columns = np.ascontiguousarray(jacobian[:, self.moving] / self.norms)
+        shared = self.moving[self.moving < own]
+        border = np.repeat(1.0 / np.maximum(norms[own:], 1e-300), np.diff(jacobian.ends))
+        beside = jacobian.columns[:, own] * (border if len(border) else 0.0)
+        columns = np.column_stack((jacobian.columns[:, shared] / norms[shared], beside))
+        self.jacobian = Bordered(columns, jacobian.ends)
+        #: Of the unknowns that all stretches share and of one for each stretch those that move.
+        self.used = np.concatenate((np.arange(len(shared)), len(shared) + self.moving[len(shared) :] - own))
         self.low, self.high = ((bound - x)[self.moving] * self.norms for bound in (problem.low, problem.high))
         self.unknowns = len(x)
         self.starts = np.concatenate((np.flatnonzero(np.diff(problem.blocks, prepend=-1)), [len(residual)])).astype(np.int64)
+        # Blocks never cross a stretch.
+        self.stretch = np.searchsorted(jacobian.ends, self.starts[:-1], side="right") - 1 if len(border) else None
         self.count, self.residual = problem.count, residual
-        self.active = np.add.reduceat(self.columns**2, self.starts[:-1]) > 0.0
-        self.products = _products(self.starts, self.active, self.columns, self.columns)
+        self.active = np.add.reduceat(columns**2, self.starts[:-1]) > 0.0
+        self.products = _products(self.starts, self.active, columns, columns)
         here = self.best()
         self.objective = here.objective
         self._prepare_screening(here)
 
     def _prepare_screening(self, here: Near) -> None:
         """Everything fitted, weighted as at the minimum, for :meth:`screened`."""
-        rest = self.residual + self.columns @ (here.step[self.moving] * self.norms)
+        rest = self.residual + self._moved(here.step[self.moving] * self.norms)
         means = np.add.reduceat(rest**2, self.starts[:-1]) / self.count
         self.weights = np.repeat(1.0 / np.maximum(means, 1.0), np.diff(self.starts))
-        self.weighted = self.columns * self.weights[:, None]
-        inner = np.tensordot(1.0 / np.maximum(means, 1.0), self.products, 1)
+        self.weighted = self.jacobian.scaled(self.weights)
+        inner, _ = self._summed(1.0 / np.maximum(means, 1.0), self.products, np.zeros(self.products.shape[:2]))
         self.inverse = np.linalg.inv(inner + 1e-12 * np.diag(np.diag(inner)))
-        self.rest = rest - self.columns @ (self.inverse @ (self.weighted.T @ rest))
+        self.rest = rest - self._moved(self.inverse @ self.weighted.transposed(rest)[self.used])
+
+    def _moved(self, place: Array) -> Array:
+        """Change of the residual by everything fitted, (p,) -> (n,)."""
+        every = np.zeros(self.jacobian.own + len(self.jacobian.ends) - 1)
+        every[self.used] = place
+        return self.jacobian.times(every)
+
+    def _summed(self, weights: Array, system: Array, slope: Array) -> tuple[Array, Array]:
+        """Sums over all blocks, (p + k, p + k) and (p + k,), of (blocks, c, c) and (blocks, c): shared, border, further columns."""
+        k, count = self.jacobian.own, len(self.jacobian.ends) - 1
+        others = np.delete(np.arange(system.shape[1]), k)
+        inner, ahead = np.tensordot(weights, system, 1)[np.ix_(others, others)], (weights @ slope)[others]
+        edges, borders = np.zeros((count, system.shape[1])), np.zeros(count)
+        if self.stretch is not None:
+            np.add.at(edges, self.stretch, weights[:, None] * system[:, k])
+            np.add.at(borders, self.stretch, weights * slope[:, k])
+        whole = bordered(inner, np.column_stack((edges[:, others], edges[:, k])))
+        order = np.concatenate((self.used + (self.used >= k) * (len(others) - k), np.arange(k, len(others))))
+        return whole[np.ix_(order, order)], np.concatenate((ahead, borders))[order]
+
+    def _by_block(self, place: Array) -> Array:
+        """What of the unknowns, (p + k,), acts in each block: (blocks, c)."""
+        k, p = self.jacobian.own, len(self.moving)
+        of_stretch = np.zeros(max(len(self.jacobian.ends) - 1, 1))
+        of_stretch[self.used[k:] - k] = place[k:p]
+        found = np.empty((len(self.count), k + 1 + len(place) - p))
+        found[:, :k], found[:, k], found[:, k + 1 :] = place[:k], of_stretch[0 if self.stretch is None else self.stretch], place[p:]
+        return found
 
     def screened(self, columns: Array, group: int, signed: bool) -> tuple[Array, Array]:
         """Roughly how far O falls with each group of neighbouring columns, weights as they stand, no bounds; and how far it would fall if
@@ -70,7 +107,7 @@ class Nearby:
         signed : amounts below 0 count as well.
         """
         weighted = columns * self.weights[:, None]
-        shared = self.weighted.T @ columns
+        shared = self.weighted.transposed(columns)[self.used]
         slope = weighted.T @ self.rest
         squares, rest = self._squares(weighted, columns, shared)
         drops, powers = np.zeros((2, columns.shape[1] // group))
@@ -99,9 +136,9 @@ class Nearby:
         if not np.all(np.isfinite(right)):  # no motion of the other bodies follows from these values
             return Near(np.inf, np.zeros(own.shape[1]), np.zeros(self.unknowns))
         every = np.ones((len(self.count), right.shape[1]), dtype=np.bool_)
-        cross = _products(self.starts, self.active, self.columns, right)
+        cross = _products(self.starts, self.active, self.jacobian.columns, right)
         square = _products(self.starts, every, right, right)
-        p, k = self.columns.shape[1], own.shape[1]
+        p, k = self.jacobian.columns.shape[1], own.shape[1]
         system = np.zeros((len(self.count), p + k, p + k))
         system[:, :p, :p] = self.products
         system[:, :p, p:] = cross[:, :, 1:]
@@ -112,7 +149,7 @@ class Nearby:
 
     def _minimum(self, system: Array, slope: Array, square: Array, sizes: Array) -> Near:
         """Reweighted least squares on the sums of products."""
-        p = self.columns.shape[1]
+        p = len(self.moving)
         low = np.concatenate((self.low, np.full(len(sizes), -np.inf)))
         high = np.concatenate((self.high, np.full(len(sizes), np.inf)))
         place = np.zeros(p + len(sizes))
@@ -120,8 +157,10 @@ class Nearby:
         value = _robust(self.count, means)
         for _ in range(PASSES):
             weights = 1.0 / np.maximum(means, 1.0)
-            ahead = _bounded(np.tensordot(weights, system, 1), weights @ slope, low, high, p)
-            means_ahead = np.maximum((square + 2.0 * slope @ ahead + np.einsum("bij,i,j->b", system, ahead, ahead)) / self.count, 0.0)
+            ahead = _bounded(*self._summed(weights, system, slope), low, high, p)
+            acts = self._by_block(ahead)
+            pulled = 2.0 * slope + np.matmul(system, acts[:, :, None])[:, :, 0]
+            means_ahead = np.maximum((square + np.sum(pulled * acts, axis=1)) / self.count, 0.0)
             better = _robust(self.count, means_ahead)
             gain = value - better
             if not gain > 0.0:

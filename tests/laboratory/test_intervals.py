@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from beltcomm.identify.bordered import Bordered
 from beltcomm.laboratory.fitting import Fitted
 from beltcomm.laboratory.intervals import LAW, Spread, spread_of
 
@@ -46,7 +47,8 @@ class Line:
         problem = SimpleNamespace(
             pieces=pieces, free=("line.slope", "body.level"), scale=SCALE, ends=size * np.arange(self.records + 1),
             low=np.array([-9.0, x[1] if at_bound else -9.0]), high=np.array([9.0, 9.0]),
-            jacobian=lambda _x: self.columns * SCALE, weights=lambda _r: np.ones(len(self.left)),
+            jacobian=lambda _x: Bordered(np.pad(self.columns * SCALE, ((0, 0), (0, 1))), np.zeros(1, dtype=np.intp)),
+            weights=lambda _r: np.ones(len(self.left)),
         )  # fmt: skip
         model = Named({"line.slope": float(self.found[0]), "body.level": float(self.found[1])})
         model.effects = self.effects

@@ -8,6 +8,7 @@ from typing import cast
 import numpy as np
 import pytest
 
+from beltcomm.identify.bordered import Bordered
 from beltcomm.identify.problem import Problem
 from beltcomm.laboratory.nearby import Nearby
 
@@ -21,8 +22,9 @@ def beside(seed: int) -> tuple[Nearby, np.ndarray, np.ndarray]:
     residual = 3.0 * rng.normal(size=SAMPLES)
     residual -= known @ np.linalg.lstsq(known, residual, rcond=None)[0]
     blocks = np.repeat(np.arange(BLOCKS), SAMPLES // BLOCKS)
+    jacobian = Bordered(np.pad(known, ((0, 0), (0, 1))), np.zeros(1, dtype=np.intp))
     problem = SimpleNamespace(
-        jacobian=lambda _x: known, low=np.full(2, -9.0), high=np.full(2, 9.0), blocks=blocks, count=np.bincount(blocks).astype(float)
+        jacobian=lambda _x: jacobian, low=np.full(2, -9.0), high=np.full(2, 9.0), blocks=blocks, count=np.bincount(blocks).astype(float)
     )
     return Nearby(cast("Problem", problem), np.zeros(2), residual), known, residual
 

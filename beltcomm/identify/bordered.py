@@ -1,0 +1,70 @@
+"""A Jacobian whose last unknowns, a start offset of each stretch, act on the rows of their own stretch alone.
+
+    J = (A, diag(b_1, ..., b_m)),   A : (n, k),   b_i : the rows of stretch i
+
+Written out it would grow with the square of the number of records, and sums of its products with the cube.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Bordered:
+    """columns : (n, k + 1), A and b.   ends : (m + 1,), rows between which the stretches lie; (1,) where none has an unknown of its own."""
+
+    columns: Array
+    ends: NDArray[np.intp]
+
+    @property
+    def own(self) -> int:
+        """Number of unknowns that all stretches share, k."""
+        return int(self.columns.shape[1]) - 1
+
+    def scaled(self, weights: Array) -> Bordered:
+        """Every row times its weight, (n,)."""
+        return Bordered(self.columns * weights[:, None], self.ends)
+
+    def times(self, y: Array) -> Array:
+        """J y, (k + m,) -> (n,)."""
+        moved = self.columns[:, :-1] @ y[: self.own]
+        for i, here in enumerate(self.stretches()):
+            moved[here] += self.columns[here, -1] * y[self.own + i]
+        return np.asarray(moved)
+
+    def transposed(self, right: Array) -> Array:
+        """Jᵀ right, (n,) -> (k + m,) or (n, c) -> (k + m, c)."""
+        border = [self.columns[here, -1] @ right[here] for here in self.stretches()]
+        return np.concatenate((self.columns[:, :-1].T @ right, np.reshape(border, (len(border), *right.shape[1:]))))
+
+    def information(self) -> Array:
+        """Jᵀ J, (k + m, k + m)."""
+        inner = self.columns[:, :-1].T @ self.columns[:, :-1]
+        edges = [self.columns[here].T @ self.columns[here, -1] for here in self.stretches()]
+        return bordered(inner, np.reshape(edges, (len(edges), self.own + 1)))
+
+    def norms(self) -> Array:
+        """Lengths of the columns of J, (k + m,)."""
+        border = [float(np.linalg.norm(self.columns[here, -1])) for here in self.stretches()]
+        return np.concatenate((np.linalg.norm(self.columns[:, :-1], axis=0), np.array(border)))
+
+    def stretches(self) -> list[slice]:
+        """Rows of each stretch that has an unknown of its own."""
+        return [slice(int(a), int(b)) for a, b in pairwise(self.ends)]
+
+
+def bordered(inner: Array, edges: Array) -> Array:
+    """The whole symmetric matrix, (k + m, k + m), from its corner, (k, k), and the rows of its border with their diagonal, (m, k + 1)."""
+    k, m = len(inner), len(edges)
+    whole = np.zeros((k + m, k + m))
+    whole[:k, :k] = inner
+    whole[k:, :k], whole[:k, k:] = edges[:, :k], edges[:, :k].T
+    whole[np.arange(k, k + m), np.arange(k, k + m)] = edges[:, k]
+    return whole
