@@ -57,7 +57,8 @@ def study_of(
         talk.say(f"{len(open_members)} members to compute{told}; each stands in {out / MEMBERS} when it is done, the same command goes on")
         size = 1 if asked.each != "track" else max(1, min(TOGETHER, len(open_members) // (TASKS * (workers or processors()))))
         tasks = [open_members[k : k + size] for k in range(0, len(open_members), size)]
-        talk.phase(1, 1, f"{asked.each} {asked.count} members")
+        talk.phase(1, 1, f"{asked.each} {len(open_members)} members")
+        done = 0  # in this session: what was there before says nothing of how long the others take
         _cut(out / MEMBERS)
         with open(out / MEMBERS, "ab") as members:
             for made in answers(partial(lines_of, asked.work), tasks, workers=workers, scheduler=scheduler, talk=talk):
@@ -65,7 +66,8 @@ def study_of(
                 members.flush()
                 os.fsync(members.fileno())
                 lines |= {line["member"]: line for line in made}
-                talk.progress(len(lines) / asked.count, None)
+                done += len(made)
+                talk.progress(done / len(open_members), None)
         write_text(out / MEMBERS, "".join(_text(lines[k]) for k in sorted(lines)))
     return _result(asked, file, out, lines, report)
 

@@ -33,9 +33,10 @@ class Told(Silence):
     """Remembers what is said; kills a worker as soon as there are results, where there is one to kill."""
 
     def __init__(self, victims: Callable[[], list[int]] | None = None) -> None:
-        self.victims, self.killed, self.said = victims, 0, list[str]()
+        self.victims, self.killed, self.said, self.shares = victims, 0, list[str](), list[float]()
 
     def progress(self, fraction: float, seconds_left: float | None) -> None:
+        self.shares.append(fraction)
         if self.victims is not None and not self.killed:
             self.killed = self.victims()[0]
             os.kill(self.killed, signal.SIGKILL)
@@ -88,6 +89,9 @@ def test_a_killed_study_goes_on_in_other_processes(small: Path, alone: Path, tmp
     said = Told()
     api.study(small, tmp_path, workers=2, report=False, talk=said)
     assert f"{MEMBERS - len(before)} members to compute ({len(before)} are done)" in said.said[0]
+    left = MEMBERS - len(before)
+    assert said.shares[0] == pytest.approx(max(1, left // 8) / left), "the pace is that of what is still to come"
+    assert said.shares[-1] == 1.0
     assert set(before) <= set(members.read_bytes().splitlines())
     assert same(alone, tmp_path)
 
