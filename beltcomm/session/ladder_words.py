@@ -132,7 +132,8 @@ def effect_lines(effect: Effect, model: Model) -> list[str]:
         width = "" if item.interval is None else f" ± {item.interval:.2g}"
         bound = item.interval is None and not parameter.form and not item.low < item.value < item.high
         doubt = ", at the bound of what is possible: hardly the cause" if bound else ""
-        lines.append(f"  {with_unit(f'{name} = {item.value:.4g}{width}', item.unit)}{doubt}")
+        usual = f" (its form; usual is {parameter.start:g})" if parameter.form else ""
+        lines.append(f"  {with_unit(f'{name} = {item.value:.4g}{width}', item.unit)}{doubt}{usual}")
     if effect.causes:
         lines.append(f"  Usual causes: {effect.causes}.")
     lines.append(f"  Check: {effect.check}.")
