@@ -61,7 +61,7 @@ def diagnosis_lines(found: Diagnosis) -> list[str]:
             for c in shown
         ]
         lines += ["", *table(["effect", ">evidence", ">explains", ">held out", ""], rows)]
-    added = [step.added for step in found.steps if step.added]
+    added = [name for step in found.steps for name in (step.added, *step.forms) if name and "." not in name]
     model = with_intervals(found.after)
     for name in added:
         if name in model.effects:
@@ -125,12 +125,15 @@ def beyond_bounds(sight: Sight) -> bool:
 def effect_lines(effect: Effect, model: Model) -> list[str]:
     """What an effect is, its numbers, causes and what to check."""
     lines = [f"{effect.name}: {effect.title}."]
-    for name in effect_parameters(effect):
+    for name, parameter in effect_parameters(effect).items():
         item = model.parameters[name]
+        if parameter.form and item.low == item.high:
+            continue  # the usual form, which nothing spoke against
         width = "" if item.interval is None else f" ± {item.interval:.2g}"
-        bound = item.interval is None and not item.low < item.value < item.high
+        bound = item.interval is None and not parameter.form and not item.low < item.value < item.high
         doubt = ", at the bound of what is possible: hardly the cause" if bound else ""
-        lines.append(f"  {with_unit(f'{name} = {item.value:.4g}{width}', item.unit)}{doubt}")
+        usual = f" (its form; usual is {parameter.start:g})" if parameter.form else ""
+        lines.append(f"  {with_unit(f'{name} = {item.value:.4g}{width}', item.unit)}{doubt}{usual}")
     if effect.causes:
         lines.append(f"  Usual causes: {effect.causes}.")
     lines.append(f"  Check: {effect.check}.")
