@@ -50,3 +50,28 @@ def test_a_pair_that_looks_alike_promises_what_one_does(factor: float) -> None:
     together = near.screened(np.stack([one, factor * one], axis=1), 2, True)[0][0]
     assert alone > 1.0
     assert together == pytest.approx(alone if factor else 0.0, rel=1e-6)
+
+
+def test_an_unknown_of_each_stretch_counts_as_one_of_all_that_is_zero_elsewhere() -> None:
+    """Bounds that bind, blocks of unequal loudness, a stretch whose own unknown moves nothing."""
+    rng, stretches = np.random.default_rng(4), 4
+    columns, ends = rng.normal(size=(SAMPLES, 3)), np.linspace(0, SAMPLES, stretches + 1).astype(np.intp)
+    columns[ends[1] : ends[2], 2] = 0.0
+    written_out = np.zeros((SAMPLES, 2 + stretches))
+    written_out[:, :2] = columns[:, :2]
+    for i in range(stretches):
+        written_out[ends[i] : ends[i + 1], 2 + i] = columns[ends[i] : ends[i + 1], 2]
+    blocks = np.repeat(np.arange(BLOCKS), SAMPLES // BLOCKS)
+    residual = rng.normal(size=SAMPLES) * rng.uniform(0.5, 3.0, BLOCKS)[blocks] + 0.3 * columns[:, 2]
+    bounds = {"low": np.full(2 + stretches, -0.2), "high": np.full(2 + stretches, 9.0)}
+    change, extra = 0.2 * rng.normal(size=SAMPLES), rng.normal(size=(SAMPLES, 2)) + 0.05 * residual[:, None]
+    found = []
+    for jacobian in (Bordered(columns, ends), Bordered(np.pad(written_out, ((0, 0), (0, 1))), ends[:1])):
+        problem = SimpleNamespace(jacobian=lambda _x, j=jacobian: j, blocks=blocks, count=np.bincount(blocks).astype(float), **bounds)
+        near = Nearby(cast("Problem", problem), np.zeros(2 + stretches), residual)
+        best = near.best(change, extra)
+        found.append((near.objective, best.objective, best.amounts, best.step, *near.screened(extra, 2, True), near.rest))
+    for one, other in zip(*found, strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9)
+    assert np.any(found[0][3] == -0.2), "a bound binds"
+    assert found[0][3][3] == 0.0, "what moves nothing does not move"
