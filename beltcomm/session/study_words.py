@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from beltcomm.effects import effect_named
 from beltcomm.session.study_file import Study
 from beltcomm.study.population import NOTHING
 from beltcomm.study.summary import MORE_IS_BETTER, Answers, Driver, Share, Spread, Summary
@@ -33,8 +34,8 @@ SHARES = {
     "stable": "are stable",
     "trusted": "have a model that explains the data",
     "healthy left alone": "of the healthy ones nothing is named",
-    "hidden effect named": "of the others the hidden effect is named",
-    "hidden effect named, nothing else": "of the others it alone is named",
+    "hidden effect named": "of those with a hidden effect it is named",
+    "hidden effect named, nothing else": "of those with a hidden effect it alone is named",
 }
 #: Correlations told of each result.
 DRIVERS = 2
@@ -74,6 +75,7 @@ def headline(asked: Study, summary: Summary) -> str:
         return f"{first}; {stable.of - stable.count} loops are unstable." if stable and stable.count < stable.of else f"{first}."
     if named is not None or left is not None:
         parts = [f"{share_words(one)}: {share_text(one)}" for one in (named, left) if one is not None]
+        parts += [f"{_without(summary)} no result"] if summary.failed else []
         return "Diagnosis against the truth: " + "; ".join(parts) + "."
     return f"{summary.done} members, {len(summary.failed)} without a result."
 
@@ -81,7 +83,7 @@ def headline(asked: Study, summary: Summary) -> str:
 def answer_row(one: Answers) -> tuple[str, str]:
     """What is hidden in how many members; what was named of them."""
     hidden = {"": "all", NOTHING: "healthy"}.get(one.hidden, f"hidden {one.hidden}")
-    return f"{hidden}, {one.of} members", ", ".join(f"{named} {count}" for named, count in one.named.items())
+    return f"{hidden}, {one.of} member{'s' if one.of > 1 else ''}", ", ".join(f"{named} {count}" for named, count in one.named.items())
 
 
 def spread_row(one: Spread) -> tuple[str, str, str, str, str, str]:
@@ -106,9 +108,9 @@ def driver_text(one: Driver) -> str:
 
 
 def why(line: Mapping[str, Any], targets: Mapping[str, float]) -> str:
-    """What is bad about a member."""
+    """What is bad about a member; of an error the first sentence."""
     if "error" in line:
-        return str(line["error"])
+        return f"no result: {str(line['error']).split('. ')[0]}"
     found = line["found"]
     parts = [] if found.get("stable", True) else ["unstable loop"]
     for key in targets:
@@ -119,9 +121,9 @@ def why(line: Mapping[str, Any], targets: Mapping[str, float]) -> str:
     return ", ".join(parts)
 
 
-def values_text(values: Mapping[str, Any]) -> str:
+def values_text(asked: Study, values: Mapping[str, Any]) -> str:
     """What a member has, short."""
-    return ", ".join(f"{name} {value:.4g}" if isinstance(value, float) else f"{name} {value}" for name, value in values.items())
+    return ", ".join(f"{name} {_shown(value, 4)} {_unit(asked, name)}".rstrip() for name, value in values.items())
 
 
 def summary_lines(asked: Study, summary: Summary, lines: Sequence[Mapping[str, Any]], file: str) -> list[str]:
@@ -134,7 +136,7 @@ def summary_lines(asked: Study, summary: Summary, lines: Sequence[Mapping[str, A
         text += [f"  {hidden}: {named}" for hidden, named in map(answer_row, summary.answers)]
     if summary.failed:
         number, sentence = next(iter(summary.failed.items()))
-        text.append(f"  {len(summary.failed)} members have no result, such as member {number}: {sentence}")
+        text.append(f"  {_without(summary)} no result, such as member {number}: {sentence}")
     if summary.spreads:
         text.append("Quantiles 5, 50, 95 %, and the worst:")
         for one in summary.spreads:
@@ -149,14 +151,17 @@ def summary_lines(asked: Study, summary: Summary, lines: Sequence[Mapping[str, A
         text.append("What drives it: cannot tell, every interval of a rank correlation holds zero")
     if summary.worst:
         text.append("Worst members:")
-        text += [f"  {k}: {why(by_number[k], asked.targets)}; {values_text(by_number[k]['values'])}" for k in summary.worst]
+        text += [f"  {k}: {why(by_number[k], asked.targets)}; {values_text(asked, by_number[k]['values'])}" for k in summary.worst]
         text.append(f"Look at one: beltcomm study {file} --member {summary.worst[0]}")
     return text
 
 
 def member_lines(line: Mapping[str, Any], asked: Study) -> list[str]:
     """One member."""
-    text = [f"Member {line['member']} of {asked.name}:", *(f"  {name}: {_shown(value)}" for name, value in line["values"].items())]
+    text = [
+        f"Member {line['member']} of {asked.name}:",
+        *(f"  {name}: {_shown(value)} {_unit(asked, name)}".rstrip() for name, value in line["values"].items()),
+    ]
     if "error" in line:
         return [*text, f"It has no result (exit code {line['exit_code']}): {line['error']}"]
     text.append("Result:")
@@ -167,9 +172,22 @@ def member_lines(line: Mapping[str, Any], asked: Study) -> list[str]:
     return text
 
 
-def _shown(value: Any) -> str:
+def _without(summary: Summary) -> str:
+    return f"{len(summary.failed)} {'member has' if len(summary.failed) == 1 else 'members have'}"
+
+
+def _unit(asked: Study, name: str) -> str:
+    """Of a value, where it has one."""
+    effect, _, own = name.partition(".")
+    hidden = asked.population is not None and effect in asked.population.hidden
+    parameters = effect_named(effect).parameters if hidden else ()
+    unit = asked.units.get(name) or next((one.unit for one in parameters if one.name == own), "")
+    return "" if unit == "1" else unit
+
+
+def _shown(value: Any, digits: int = 6) -> str:
     if isinstance(value, float):
-        return f"{value:.6g}" if math.isfinite(value) else str(value)
+        return f"{value:.{digits}g}" if math.isfinite(value) else str(value)
     if isinstance(value, bool):
         return "yes" if value else "no"
     return ", ".join(map(str, value)) or "none" if isinstance(value, list) else str(value)

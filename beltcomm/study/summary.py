@@ -24,8 +24,8 @@ DISTANCE = "distance from nominal of"
 MORE_IS_BETTER = frozenset({"phase_margin_deg", "position_phase_margin_deg", "gain_margin_db", "passed", "stable"})
 #: The share that the exit code follows, for which members without a result count as missed.
 HEADLINE = "passed"
-#: What a diagnosis names that finds nothing.
-NOTHING_NAMED = "nothing"
+#: What a diagnosis names that finds nothing, and one that was not made.
+NOTHING_NAMED, NO_RESULT = "nothing", "no result"
 
 Line = Mapping[str, Any]
 
@@ -73,7 +73,8 @@ class Driver:
 class Answers:
     """What a diagnosis named of ``of`` members with the same hidden effect ("" where nobody knows), and of how many, most often first.
 
-    The name is that of an effect, of several with " + " between them in the order of their names, or :data:`NOTHING_NAMED`.
+    The name is that of an effect, of several with " + " between them in the order of their names, :data:`NOTHING_NAMED` or
+    :data:`NO_RESULT`.
     """
 
     hidden: str
@@ -129,7 +130,7 @@ def summary_of(lines: Sequence[Line], planned: int, targets: Mapping[str, float]
         tuple(_spread(key, told) for key in numbers),
         tuple(_drivers(lines, [*flags[:1], *targets, "phase_margin_deg"], nominal)),
         _worst(lines, targets),
-        _answers(told),
+        _answers(lines) if any("named" in line["found"] for line in told) else (),
     )
 
 
@@ -145,12 +146,11 @@ def _share(key: str, told: Sequence[Line], missed: int) -> Share:
     return share_of(key, sum(answers), len(answers) + missed)
 
 
-def _answers(told: Sequence[Line]) -> tuple[Answers, ...]:
+def _answers(lines: Sequence[Line]) -> tuple[Answers, ...]:
     kinds: dict[str, Counter[str]] = {}
-    for line in told:
-        if "named" in line["found"]:
-            named = " + ".join(sorted(line["found"]["named"])) or NOTHING_NAMED
-            kinds.setdefault(str(line["values"].get("hidden", "")), Counter())[named] += 1
+    for line in lines:
+        named = NO_RESULT if "error" in line else " + ".join(sorted(line["found"]["named"])) or NOTHING_NAMED
+        kinds.setdefault(str(line["values"].get("hidden", "")), Counter())[named] += 1
     return tuple(Answers(hidden, named.total(), dict(named.most_common())) for hidden, named in kinds.items())
 
 

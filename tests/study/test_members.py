@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -17,8 +18,11 @@ from beltcomm.errors import BeltcommError, SafetyStop
 from beltcomm.model import load_plant
 from beltcomm.result import Result
 from beltcomm.runfolder import RunFolder
+from beltcomm.session.study_file import Study
 from beltcomm.session.study_job import study_of
 from beltcomm.session.study_members import Doing, diagnosed
+from beltcomm.session.study_words import answer_row, headline, values_text, why
+from beltcomm.study.summary import summary_of
 from study.conftest import STUDY
 
 MACHINES: dict[str, Any] = {"base": {"plant": "g_a", "axis": "egc-70-600"}, "members": 3, "each": "commission", "ageing": None}
@@ -155,7 +159,7 @@ def test_a_population_is_diagnosed_and_a_stopped_study_goes_on(
     shares = {one["key"]: (one["count"], one["of"]) for one in whole.data["shares"]}
     assert shares["hidden effect named"] == (sum(seen), 6)
     assert whole.text[0].startswith(
-        f"Diagnosis against the truth: of the others the hidden effect is named: {100 * sum(seen) / 6:.3g} % (95 %: "
+        f"Diagnosis against the truth: of those with a hidden effect it is named: {100 * sum(seen) / 6:.3g} % (95 %: "
     )
     assert "of the healthy ones nothing is named: 100 % (95 %: 54.1 to 100 %; 6 of 6)" in whole.text[0]
     rows = [("healthy, 6 members", "nothing 6"), ("hidden stribeck, 6 members", f"stribeck {sum(seen)}, nothing {6 - sum(seen)}")]
@@ -170,3 +174,16 @@ def test_a_population_is_diagnosed_and_a_stopped_study_goes_on(
     study_of(study, tmp_path / "stopped", doing=doing, workers=1)
     for name in ("members.jsonl", "summary.json"):
         assert (tmp_path / "stopped" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
+
+
+def test_a_member_without_a_result_stands_beside_what_was_named() -> None:
+    found = {"named": ["stribeck", "cogging"], "hidden effect named": True}
+    lines: list[dict[str, Any]] = [{"member": k, "values": {"hidden": "cogging"}, "exit_code": 0, "found": found} for k in range(2)]
+    lines.append({"member": 2, "values": {"hidden": "cogging"}, "exit_code": 1, "error": "the scale is wrong. Look at it"})
+    summary = summary_of(lines, 3, {}, {})
+    (answers,) = summary.answers
+    assert answer_row(answers) == ("hidden cogging, 3 members", "cogging + stribeck 2, no result 1")
+    asked = SimpleNamespace(population=None, units={"cart.mass": "kg"})
+    assert headline(cast("Study", asked), summary).endswith("2 of 2); 1 member has no result.")
+    assert why(lines[2], {}) == "no result: the scale is wrong"
+    assert values_text(cast("Study", asked), {"cart.mass": 2.34567, "hidden": "none"}) == "cart.mass 2.346 kg, hidden none"

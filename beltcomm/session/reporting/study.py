@@ -33,7 +33,7 @@ def study_page(asked: Study, summary: Summary, lines: Sequence[Line], command: s
     by_number = {int(line["member"]): line for line in lines}
     share = summary.share(HEADLINE)
     state: State = "" if share is None else "good" if share.low >= GOOD else "bad" if share.high < GOOD else "note"
-    worst = [(str(k), words.why(by_number[k], asked.targets), words.values_text(by_number[k]["values"])) for k in summary.worst]
+    worst = [(str(k), words.why(by_number[k], asked.targets), words.values_text(asked, by_number[k]["values"])) for k in summary.worst]
     distributions, drivers = _distributions(asked, summary, lines, caption), _drivers(asked, summary, lines, caption)
     nothing = {
         "shares": "No member has an answer of yes or no.",
