@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 from beltcomm.effects import EFFECTS, effect_named
 from beltcomm.model import Model, build_model
 from beltcomm.simulate import forward, glide
-from beltcomm.simulate.fast_math import cos, exp, fast, sin, waves
+from beltcomm.simulate.fast_math import cos, exp, fast, power, sin, waves
 from beltcomm.simulate.forward import State, integrate_torque, simulate_torque
 
 Array = NDArray[np.float64]
@@ -131,6 +131,9 @@ def test_the_fast_functions_are_those_of_math() -> None:
     for own, other, reach in ((sin, np.sin, 1e6), (cos, np.cos, 1e6)):
         assert np.max(np.abs([own(reach * each) for each in x] - other(reach * x))) < 1e-15
     assert np.max(np.abs([exp(700.0 * each) for each in x] / np.exp(700.0 * x) - 1.0)) < 1e-15
+    bases, powers = np.exp(20.0 * x), np.abs(x[::-1]) + 0.5
+    assert np.max(np.abs([power(*each) for each in zip(bases, powers, strict=True)] / bases**powers - 1.0)) < 1e-14
+    assert power(0.0, 0.5) < 1e-150
     assert exp(-1e6) < 1e-300
     assert exp(0.0) == cos(0.0) == 1.0
 
