@@ -80,6 +80,12 @@ class Diagnosis:
         """The model with all effects on trial."""
         return self.steps[-1].after if self.steps else self.base
 
+    @property
+    def named(self) -> list[str]:
+        """Effects that were added and stayed, in that order, each followed by what completes it."""
+        every = [name for step in self.steps for name in (step.added, *step.forms)]
+        return [name for name in dict.fromkeys(every) if name in self.after.model.effects]
+
 
 @in_one_thread
 def fitted_base(recordings: Sequence[Recording], axis: Axis, start: Model) -> tuple[Data, Fitted]:
@@ -137,10 +143,10 @@ def diagnose(
         # Further orders of a ripple that is there already are no new cause.
         causes = sum(bool(step.added) and not further(step.added) for step in steps)
         if best is None or not best.accepted or best.fitted is None or (causes >= most and not further(best.effect.name)):
-            shaped, forms = formed(data, current, base.model)
-            steps.append(Step(current, tuple(candidates), "", (), shaped, forms))
-            current = shaped
-            if not forms or current.objective < MISSING * current.problem.samples:
+            shaped = formed(data, current, base.model)
+            steps.append(Step(current, tuple(candidates), "", shaped.removed, shaped.fitted, shaped.new))
+            current = shaped.fitted
+            if not shaped.new or current.objective < MISSING * current.problem.samples:
                 break
             continue
         twins = twins or twins_of(standing)

@@ -12,6 +12,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import reduce
 
 from beltcomm.effects import Effect
 from beltcomm.identify.following import follows
@@ -26,37 +28,69 @@ EVIDENCE = 10.0
 ITERATIONS = 12
 
 
-def formed(data: Data, fitted: Fitted, base: Model) -> tuple[Fitted, tuple[str, ...]]:
-    """The model with the forms of its added effects fitted where that pays; names of what became free (parameters) or came (effects).
+@dataclass(frozen=True)
+class Formed:
+    """A model with forms.   new : what became free (parameters) or came (effects).   removed : effects that a form made superfluous."""
 
-    base : model without the added effects.   One form after the other, in the order of the model's effects.
+    fitted: Fitted
+    new: tuple[str, ...] = ()
+    removed: tuple[str, ...] = ()
+
+
+def formed(data: Data, fitted: Fitted, base: Model) -> Formed:
+    """The model with the forms of its added effects fitted where that pays.   base : model without the added effects.
+
+    First a form in place of an effect that was added later, then one form after the other, in the order of the model's effects.
     """
-    found: list[str] = []
     if follows(fitted.model):
-        return fitted, ()  # an observer forgives what a form would explain
-    for effect in [e for e in fitted.model.effect_list() if e.name not in base.effects]:
+        return Formed(fitted)  # an observer forgives what a form would explain
+    new: list[str] = []
+    removed: list[str] = []
+    for effect in reversed(added(fitted.model, base)[1:]):
+        smaller = fitted.model.without_effect(effect.name)
+        names = [name for e in added(smaller, base) for name in held(smaller, e)]
+        if names:
+            freed = [e.name for e in added(smaller, base) if held(smaller, e)]
+            trial = fit(data, reduce(Model.with_forms, freed, smaller), ITERATIONS, offsets=fitted.offsets)
+            if pays(fitted, trial, 0.0):
+                fitted = trial
+                new += names
+                removed.append(effect.name)
+    for effect in added(fitted.model, base):
         for names, model in variants(fitted.model, effect):
             trial = fit(data, model, ITERATIONS, offsets=fitted.offsets)
-            if pays(fitted, trial):
+            if pays(fitted, trial, EVIDENCE):
                 fitted = trial
-                found += names
-    return fitted, tuple(found)
+                new += names
+    return Formed(fitted, tuple(new), tuple(removed))
+
+
+def added(model: Model, base: Model) -> list[Effect]:
+    """Effects that the base does not have and that mean something on their own."""
+    effects = [e for e in model.effect_list() if e.name not in base.effects]
+    completing = {name for e in effects for name in e.completed_by}
+    return [e for e in effects if e.name not in completing]
+
+
+def held(model: Model, effect: Effect) -> list[str]:
+    """Forms of an effect's law that are not free yet."""
+    forms = [f"{effect.name}.{p.name}" for p in effect.parameters if p.form]
+    return [name for name in forms if model.parameters[name].low == model.parameters[name].high]
 
 
 def variants(model: Model, effect: Effect) -> Iterator[tuple[list[str], Model]]:
     """Models with the forms of an effect's law free, or with an effect that completes it; with the names of what is new."""
-    held = [f"{effect.name}.{p.name}" for p in effect.parameters if p.form]
-    if any(model.parameters[name].low == model.parameters[name].high for name in held):
-        yield held, model.with_forms(effect.name)
+    if names := held(model, effect):
+        yield names, model.with_forms(effect.name)
     for name in effect.completed_by:
         if name not in model.effects:
             yield [name], model.with_effect(name)
 
 
-def pays(before: Fitted, after: Fitted) -> bool:
-    """Whether a form explains enough of what was left over, and as an axis can be."""
+def pays(before: Fitted, after: Fitted, least: float) -> bool:
+    """Whether a form explains so much more than what it costs, and as an axis can be.   least : nats."""
     price = (len(after.problem.free) - len(before.problem.free)) * math.log(before.problem.samples)
     evidence = drop_by(before, after) - price
     against = refuted(evidence, before.held_objective - after.held_objective)
     new = [e for e in after.model.effect_list() if e.name not in before.model.effects]
-    return evidence > EVIDENCE and not (against or impossible(after.model) or any(grown_out_of_bounds(after.model, e) for e in new))
+    return evidence > least and not (against or impossible(after.model) or any(grown_out_of_bounds(after.model, e) for e in new))

@@ -130,10 +130,9 @@ def diagnosed(folder: RunFolder, run: Path, auto: bool, cost: bool, following: b
         "doubts": doubts,
     }
     text = words.remark_lines(records.remarks) + words.diagnosis_lines(found) + doubts + check_lines(crossed)
-    added_names = [step.added for step in found.steps if step.added]
-    if cost and added_names:
+    if cost and found.named:
         talk.phase(1, 1, "what it costs in tracking")
-        data["cost"], lines = cost_of(folder, found.base.model, found.after.model, " and ".join(added_names))
+        data["cost"], lines = cost_of(folder, found.base.model, found.after.model, " and ".join(found.named))
         text += lines
     seen, lines, planned = sight(folder, found, recordings, following)
     data |= seen
@@ -210,11 +209,11 @@ def add_to_run(
         raise UsageError(f"the model of {run} has {effect} already; take it out with `beltcomm remove {effect} {run}`")
     grown = with_effect(here.data, here.fitted, ground_of(here.fitted, here.data.fitted, here.folder.axis), effect_named(effect))
     data, named = again(here.data, grown, NEXT_ITERATIONS)
-    shaped, forms = formed(data, named, here.fitted.model)
-    data, after = settled(data, shaped)
+    shaped = formed(data, named, here.fitted.model)
+    data, after = settled(data, shaped.fitted)
     if current_revision(here.folder) is None:
         base_revision(here.folder, here.fitted, command, when)
-    rung = revision_of(here.folder, after, here.fitted, change_of((effect, *forms)), command, when)
+    rung = revision_of(here.folder, after, here.fitted, change_of((effect, *shaped.new)), command, when)
     note = (
         f"{asked}, friction by direction and an offset of the current look alike on this axis: added as {effect}" if asked != effect else ""
     )

@@ -61,14 +61,12 @@ def diagnosis_lines(found: Diagnosis) -> list[str]:
             for c in shown
         ]
         lines += ["", *table(["effect", ">evidence", ">explains", ">held out", ""], rows)]
-    added = [name for step in found.steps for name in (step.added, *step.forms) if name and "." not in name]
     model = with_intervals(found.after)
-    for name in added:
-        if name in model.effects:
-            lines += ["", *effect_lines(effect_named(name), model)]
+    for name in found.named:
+        lines += ["", *effect_lines(effect_named(name), model)]
     lines += ["", f"Verdict: {found.verdict}."]
-    if added:
-        lines.append(f"With {', '.join(added)} the error is {found.after.ratio:.2f} times the noise{held_words(found.after)}.")
+    if found.named:
+        lines.append(f"With {', '.join(found.named)} the error is {found.after.ratio:.2f} times the noise{held_words(found.after)}.")
     if open_ := undetermined(model, found.base.model):
         lines.append(
             f"But these data say nothing certain of {' and '.join(open_)}: every number of it is open by more than {100 * KNOWN:.0f} %, so "
@@ -86,9 +84,8 @@ def after_diagnosis(found: Diagnosis, run: Path, planned: str = "") -> list[str]
     """What to do next.   planned : the command that makes the records that were planned."""
     if planned:
         return [f"Next: {planned}"]
-    added = [step.added for step in found.steps if step.added]
-    if added:
-        return [f"Next: beltcomm add {added[0]} {run}"]
+    if found.named:
+        return [f"Next: beltcomm add {found.named[0]} {run}"]
     if found.verdict != "nothing missing":
         return [f"Next: beltcomm compare {run} shows where the error sits; look there on the machine."]
     return [f"Next: beltcomm report {run}   (nothing is missing in the model: everything known of the axis on one page)"]
