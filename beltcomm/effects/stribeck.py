@@ -7,14 +7,20 @@ import math
 from beltcomm.effects._effect import Effect, Ground, Parameter, Trial
 
 
-def level(speed: float, position: float, t: float, amount: float, speed_scale: float) -> float:
-    """Additional level of friction:  amount exp(-(speed/speed_scale)²), N m at the motor.   Source: thesis (2.21) with Stribeck's term."""
-    return amount * math.exp(-((speed / speed_scale) ** 2))
+def level(speed: float, position: float, t: float, amount: float, speed_scale: float, exponent: float) -> float:
+    """Additional level of friction:  amount exp(-|speed/speed_scale|^exponent), N m at the motor.
+
+    Source: thesis (2.21) with Stribeck's term; exponent 2 after Armstrong-Hélouvry, 0.5 to 4 have been measured.
+    """
+    return amount * math.exp(-math.pow(abs(speed / speed_scale), exponent))
 
 
-def slope(speed: float, position: float, t: float, amount: float, speed_scale: float) -> float:
-    """d level/d speed."""
-    return -2.0 * speed / speed_scale**2 * level(speed, position, t, amount, speed_scale)
+def slope(speed: float, position: float, t: float, amount: float, speed_scale: float, exponent: float) -> float:
+    """d level/d speed; at standstill 0, between the slopes of both directions."""
+    if speed == 0.0:
+        return 0.0
+    share = exponent / speed * math.pow(abs(speed / speed_scale), exponent)
+    return -share * level(speed, position, t, amount, speed_scale, exponent)
 
 
 def trials(ground: Ground) -> list[Trial]:
@@ -30,6 +36,7 @@ EFFECT = Effect(
         Parameter("amount", "N m", "motor", 0.02, 0.0, 5.0, "friction at standstill above that in motion"),
         # A larger scale would imitate viscous friction or drag.
         Parameter("speed_scale", "rad/s", "motor", 2.5, 0.2, 10.0, "speed at which 1/e of it is left"),
+        Parameter("exponent", "1", "motor", 2.0, 0.5, 4.0, "how suddenly it falls with speed", fitted=False, form=True),
     ),
     law=level,
     slope=slope,

@@ -5,7 +5,7 @@ effect explain another.  What is left over once nothing more is found asks for t
 
     evidence = O_before - O_after - n ln N,   n : numbers that become free
 
-with the held-out records not against it.
+with the held-out records not against it.  An effect that was added for what a form explains as well is taken out.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from functools import reduce
 
 from beltcomm.effects import Effect
 from beltcomm.identify.following import follows
+from beltcomm.laboratory.acceptance import EVIDENCE as NAMED
 from beltcomm.laboratory.acceptance import drop_by, grown_out_of_bounds, impossible, refuted
 from beltcomm.laboratory.data import Data
 from beltcomm.laboratory.fitting import Fitted, fit
@@ -48,18 +49,18 @@ def formed(data: Data, fitted: Fitted, base: Model) -> Formed:
     removed: list[str] = []
     for effect in reversed(added(fitted.model, base)[1:]):
         smaller = fitted.model.without_effect(effect.name)
-        names = [name for e in added(smaller, base) for name in held(smaller, e)]
-        if names:
-            freed = [e.name for e in added(smaller, base) if held(smaller, e)]
-            trial = fit(data, reduce(Model.with_forms, freed, smaller), ITERATIONS, offsets=fitted.offsets)
-            if pays(fitted, trial, 0.0):
+        formable = [e for e in added(smaller, base) if any(p.form for p in e.parameters)]
+        if formable:
+            names = [name for e in formable for name in held(smaller, e)]
+            trial = fit(data, reduce(Model.with_forms, [e.name for e in formable], smaller), ITERATIONS, offsets=fitted.offsets)
+            if drop_by(trial, fitted) < NAMED and not spoiled(fitted, trial):
                 fitted = trial
                 new += names
                 removed.append(effect.name)
     for effect in added(fitted.model, base):
         for names, model in variants(fitted.model, effect):
             trial = fit(data, model, ITERATIONS, offsets=fitted.offsets)
-            if pays(fitted, trial, EVIDENCE):
+            if pays(fitted, trial):
                 fitted = trial
                 new += names
     return Formed(fitted, tuple(new), tuple(removed))
@@ -87,10 +88,14 @@ def variants(model: Model, effect: Effect) -> Iterator[tuple[list[str], Model]]:
             yield [name], model.with_effect(name)
 
 
-def pays(before: Fitted, after: Fitted, least: float) -> bool:
-    """Whether a form explains so much more than what it costs, and as an axis can be.   least : nats."""
+def pays(before: Fitted, after: Fitted) -> bool:
+    """Whether a form explains so much more than what it costs, and as an axis can be."""
     price = (len(after.problem.free) - len(before.problem.free)) * math.log(before.problem.samples)
-    evidence = drop_by(before, after) - price
-    against = refuted(evidence, before.held_objective - after.held_objective)
+    return drop_by(before, after) - price > EVIDENCE and not spoiled(before, after)
+
+
+def spoiled(before: Fitted, after: Fitted) -> bool:
+    """Whether the held-out records or its own values speak against a form."""
+    against = refuted(drop_by(before, after), before.held_objective - after.held_objective)
     new = [e for e in after.model.effect_list() if e.name not in before.model.effects]
-    return evidence > least and not (against or impossible(after.model) or any(grown_out_of_bounds(after.model, e) for e in new))
+    return against or bool(impossible(after.model)) or any(grown_out_of_bounds(after.model, e) for e in new)
