@@ -167,15 +167,16 @@ class Whitener:
 
         ``keep`` : as for :func:`whitener`.
         """
+        out = np.empty((int(keep.sum()), *residual.shape[1:]))
         if residual.ndim == 1:
-            return _filtered(residual, keep, self.path.F, self.path.H, self.gains, self.deviations)
+            return _filtered(residual, keep, self.path.F, self.path.H, self.gains, self.deviations, out)
         slow = len(self.path.H) - ONE_BODY
         if slow in (0, 1):
             f, h = np.zeros((ONE_BODY + 1, ONE_BODY + 1)), np.zeros(ONE_BODY + 1)
             f[1 - slow :, 1 - slow :], h[1 - slow :] = self.path.F, self.path.H
             if not f[ONE_BODY_ZEROS].any():
                 lanes = lanes_for(residual.shape[1])
-                return _one_body(np.ascontiguousarray(residual), keep, f, h, self.gains, self.deviations, slow, lanes)
+                return _one_body(np.ascontiguousarray(residual), keep, f, h, self.gains, self.deviations, slow, lanes, out)
         f, h = np.stack([self.path.F] * 2), np.stack([self.path.H] * 2)  # one path, however much of a sample nothing is closed
         return filtered(np.ascontiguousarray(residual), keep, f, h, self.gains, self.deviations, np.zeros(len(keep)))
 
@@ -221,10 +222,9 @@ def with_slow_rounding(path: NoisePath) -> NoisePath:
 
 
 @compiled
-def _filtered(e: Array, keep: NDArray[np.bool_], f: Array, h: Array, gains: Array, deviations: Array) -> Array:
+def _filtered(e: Array, keep: NDArray[np.bool_], f: Array, h: Array, gains: Array, deviations: Array, out: Array) -> Array:
     size, own = h.shape[0], h.shape[0] - 2
     s, ahead = np.zeros(size), np.zeros(size)
-    out = np.empty(keep.sum())
     number = 0
     for n in range(e.shape[0]):
         for i in range(size):
@@ -246,11 +246,12 @@ def _filtered(e: Array, keep: NDArray[np.bool_], f: Array, h: Array, gains: Arra
 
 
 @in_lanes
-def _one_body(e: Array, keep: NDArray[np.bool_], f: Array, h: Array, gains: Array, deviations: Array, slow: int, lanes: int) -> Array:
+def _one_body(
+    e: Array, keep: NDArray[np.bool_], f: Array, h: Array, gains: Array, deviations: Array, slow: int, lanes: int, out: Array
+) -> Array:
     # The filter of ``filtered`` for a path of one body, without what is always 0.  One block of memory, so that nothing can overlap.
     z, x, v, q, p, w, nu = 0, 16, 32, 48, 64, 80, 96
     s = np.zeros(112)
-    out = np.empty((keep.sum(), e.shape[1]))
     first = 1 - slow
     kz = 0.0
     for begin in range(0, e.shape[1], lanes):
@@ -294,9 +295,15 @@ def _one_body(e: Array, keep: NDArray[np.bool_], f: Array, h: Array, gains: Arra
 def _gains(
     keep: NDArray[np.bool_], f: Array, g: Array, h: Array, d: Array, variances: Array, start: Array, gains: Array, deviations: Array
 ) -> None:
-    """The covariance half of the filter.   variances : (m,), of the noises.   start : (k, k), covariance at the first sample."""
+    """The covariance half of the filter.   variances : (m,), of the noises.   start : (k, k), covariance at the first sample.
+
+    In loops: with numpy's functions of rows it took four times as long to compile.
+    """
     size, own = h.shape[0], h.shape[0] - 2
-    p = start.copy()
+    p = np.zeros((size, size))
+    for i in range(size):
+        for j in range(size):
+            p[i, j] = start[i, j]
     ph, k = np.zeros(size), np.zeros(size)
     fp, noise, cross, direct = np.zeros((size, own)), np.zeros((size, size)), np.zeros(size), 0.0
     for m in range(variances.shape[0]):
@@ -308,7 +315,9 @@ def _gains(
     settled = False
     for n in range(keep.shape[0]):
         if settled and keep[n]:
-            gains[n], deviations[n] = gains[n - 1], deviations[n - 1]
+            deviations[n] = deviations[n - 1]
+            for i in range(size):
+                gains[n, i] = gains[n - 1, i]
             continue
         for i in range(size):
             for j in range(own):
@@ -330,9 +339,13 @@ def _gains(
                     total += f[i, j] * ph[j]
                 k[i] = total
                 gains[n, i] = total / variance
-            deviations[n] = np.sqrt(variance)
-            change = np.abs(gains[n] - gains[n - 1]).max() if n > 0 and keep[n - 1] else np.inf
-            settled = bool(change <= SETTLED * np.abs(gains[n]).max())
+            deviations[n] = math.sqrt(variance)
+            settled, largest = n > 0 and keep[n - 1], 0.0
+            for i in range(size):
+                largest = max(largest, abs(gains[n, i]))
+            for i in range(size):
+                if not abs(gains[n, i] - gains[n - 1, i]) <= SETTLED * largest:
+                    settled = False
         else:
             settled = False
         for i in range(size):

@@ -24,7 +24,8 @@ from beltcomm.laboratory.harmonics import gain_means, load_means
 from beltcomm.laboratory.hints import explained_stretch, stiffness_by_record
 from beltcomm.laboratory.nearby import Nearby
 from beltcomm.model import Model, on_side
-from beltcomm.simulate.inverse import FineMotion, acting_torque, acts_on_motor, as_read, belt_load, motor_load, reading_lags, true_motion
+from beltcomm.simulate.inverse import FineMotion, acting_torque, as_read, belt_load, motor_load, reading_lags, true_motion
+from beltcomm.simulate.writer import acts_on_motor
 
 Array = NDArray[np.float64]
 

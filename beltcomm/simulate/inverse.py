@@ -33,7 +33,7 @@ from beltcomm.simulate.mean import triangular_mean
 from beltcomm.simulate.observer import NOTHING, Watch
 from beltcomm.simulate.plain_belt import PLAIN, plain_belt
 from beltcomm.simulate.plain_gap import plain_gap
-from beltcomm.simulate.writer import LOOK_AHEAD, MOVING_RAD_S, catalogue_parameters
+from beltcomm.simulate.writer import LOOK_AHEAD, MOVING_RAD_S, acts_on_motor, catalogue_parameters
 
 Array = NDArray[np.float64]
 #: Laws with their values.
@@ -156,11 +156,6 @@ class Switchboard:
         return p
 
 
-def acts_on_motor(effect: Effect) -> bool:
-    """Whether an effect adds to the load of the motor whatever the carriage does."""
-    return effect.slot in ("force", "friction_level", "friction_onset") and effect.body == "motor"
-
-
 @lru_cache(maxsize=256)
 def switchboard(base_bodies: tuple[str, ...], effects: tuple[str, ...]) -> Switchboard:
     """The switchboard of one combination of effects."""
@@ -231,8 +226,16 @@ def fine_load(model: Model, motion: FineMotion, vector: Array | None = None, off
     board = switchboard(model.base_bodies, model.effects)
     p = board.spread(model.vector() if vector is None else vector)
     load, cart = np.empty_like(motion.theta), np.empty_like(motion.theta)
-    h = motion.sample_s / motion.substeps
-    inverse_kernel().load(motion.theta, motion.omega, p, board.on, motion.time_s, h, motion.bristle_m, offset_m, load, cart, NOTHING)
+    h, kernel = motion.sample_s / motion.substeps, inverse_kernel()
+    given = (motion.theta, motion.omega, p, board.on, motion.time_s, h)
+    if board.plain:
+        kernel.plain(*given, offset_m, load, cart)
+    else:
+        kernel.load(*given, motion.bristle_m, offset_m, load, cart, NOTHING)
+    if board.motor.any():
+        own, level = _SCRATCH.rows(len(load))
+        kernel.motor(*given, motion.bristle_m, own, level)
+        load += own
     return load, cart
 
 
