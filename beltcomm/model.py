@@ -128,7 +128,8 @@ class Model:
             if name not in self.parameters:
                 raise UsageError(f"model {self.name!r} has no parameter {name}; it has {', '.join(self.parameters)}")
             old = self.parameters[name]
-            changed[name] = replace(old, value=float(value), interval=None, origin=origin or old.origin)
+            low, high = (float(value), float(value)) if old.low == old.high else (old.low, old.high)  # what is held is held there
+            changed[name] = replace(old, value=float(value), low=low, high=high, interval=None, origin=origin or old.origin)
         return replace(self, parameters={**self.parameters, **changed})
 
     def with_vector(self, vector: NDArray[np.float64]) -> Model:
@@ -148,11 +149,18 @@ class Model:
         """Parameters that an effect brings or has brought, by full name, in the units of this model's side."""
         return {key: on_side(item, self.side) for key, item in effect_parameters(effect).items()}
 
+    def with_forms(self, name: str) -> Model:
+        """The model with the forms of one effect's law free to be fitted: see ``Parameter.form``."""
+        forms = {key: p for key, p in self.parameters_of(effect_named(name)).items() if p.form}
+        freed = {key: replace(self.parameters[key], low=p.low, high=p.high) for key, p in forms.items()}
+        return replace(self, parameters={**self.parameters, **freed})
+
     def without_effect(self, name: str) -> Model:
-        """The model without that effect."""
-        dropped = set(effect_parameters(effect_named(name)))
+        """The model without that effect and those that complete it."""
+        gone = {name, *effect_named(name).completed_by}
+        dropped = {key for e in gone for key in effect_parameters(effect_named(e))}
         kept = {key: item for key, item in self.parameters.items() if key not in dropped}
-        return replace(self, effects=tuple(e for e in self.effects if e != name), parameters=kept)
+        return replace(self, effects=tuple(e for e in self.effects if e not in gone), parameters=kept)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain dictionary for YAML."""
@@ -243,11 +251,13 @@ def _motor_parameters(effects: Iterable[str], base_bodies: Iterable[str]) -> dic
 
 
 def default_values(parameters: Mapping[str, Parameter], values: Mapping[str, float], origin: str) -> dict[str, Value]:
-    """Values at their start, or as given by full name or by bare parameter name."""
-    return {
-        name: Value(float(values.get(name, values.get(p.name, p.start))), p.unit, p.side, p.low, p.high, None, origin)
-        for name, p in parameters.items()
-    }
+    """Values at their start, or as given by full name or by bare parameter name; a form is held there."""
+    found = {}
+    for name, p in parameters.items():
+        value = float(values.get(name, values.get(p.name, p.start)))
+        low, high = (value, value) if p.form else (p.low, p.high)
+        found[name] = Value(value, p.unit, p.side, low, high, None, origin)
+    return found
 
 
 def build_model(
@@ -278,7 +288,9 @@ def model_from_dict(data: Mapping[str, Any]) -> Model:
         if side != "motor" and side not in _OTHER_SIDE:
             raise UsageError(f"side is {side!r}; it is one of motor, {', '.join(_OTHER_SIDE)}")
         expected = expected_parameters(effects, base_bodies, side)
-        parameters: dict[str, Value] = {}
+        # A model from before a law had other forms has the usual one.
+        usual = {name: p for name, p in expected.items() if p.form and name not in data["parameters"]}
+        parameters = default_values(usual, {}, "usual form")
         for name, item in data["parameters"].items():
             if name not in expected:
                 raise UsageError(f"model {data.get('name')!r} has an unknown parameter {name}; it needs {', '.join(expected)}")

@@ -91,7 +91,7 @@ def used(name: str) -> str:
 def row(parameter: Parameter, owner: str) -> str:
     """A line of the table of parameters."""
     bounds = f"{parameter.low:g} to {parameter.high:g}"
-    how = "fitted" if parameter.fitted else "given, not fitted"
+    how = "fitted" if parameter.fitted else "its form: fitted once the effect is named" if parameter.form else "given, not fitted"
     return f"| `{owner}.{parameter.name}` | {parameter.meaning} | {parameter.unit} | {SIDES[parameter.side]} | {bounds} | {how} |"
 
 

@@ -12,7 +12,26 @@ import pytest
 from beltcomm.effects import EFFECTS, Effect, Parameter, effect_named
 from beltcomm.errors import UsageError
 
-UNITS = {"1", "1/m2", "s", "rad/s", "N s2/m2", "kg", "kg m2", "N", "N m", "N/m", "N s/m", "N s", "N m/rad", "N m s/rad", "m", "rad"}
+UNITS = {
+    "1",
+    "1/m2",
+    "s",
+    "rad/s",
+    "N s2/m2",
+    "kg",
+    "kg m2",
+    "N",
+    "N m",
+    "N/m",
+    "N/m2",
+    "N/m3",
+    "N s/m",
+    "N s",
+    "N m/rad",
+    "N m s/rad",
+    "m",
+    "rad",
+}
 POSITIONS_M = (0.02, 0.31, 0.57)
 each_effect = pytest.mark.parametrize("effect", EFFECTS, ids=lambda effect: effect.name)
 

@@ -11,6 +11,7 @@ import yaml
 
 from beltcomm.axis import load_axis
 from beltcomm.errors import UsageError
+from beltcomm.identify.problem import free_parameters
 from beltcomm.model import build_model, load_model, load_plant, model_from_dict
 from beltcomm.runfolder import RunFolder
 
@@ -83,6 +84,28 @@ def test_effects_can_be_added_and_taken_away() -> None:
     assert tilted.without_effect("tilt").to_dict() == model.to_dict()
     with pytest.raises(UsageError, match="a second time"):
         tilted.with_effect("tilt")
+
+
+def test_the_form_of_a_law_is_held_until_it_is_set_free() -> None:
+    usual = build_model("axis", TWO_MASS, {}).with_effect("friction_position")
+    assert "friction_position.flatness" not in free_parameters(usual)
+    assert usual.with_values({"friction_position.flatness": 5.0})["friction_position.flatness"] == 5.0, "held elsewhere"
+    free = usual.with_forms("friction_position")
+    assert set(free_parameters(free)) == {*free_parameters(usual), "friction_position.flatness"}
+    again = model_from_dict(free.to_dict())
+    assert free_parameters(again) == free_parameters(free)
+
+
+def test_a_model_from_before_a_law_had_forms_has_the_usual_one() -> None:
+    model = build_model("axis", TWO_MASS, {}).with_effect("cable_chain")
+    old = model.to_dict()
+    del old["parameters"]["cable_chain.bend"], old["parameters"]["cable_chain.twist"]
+    assert model_from_dict(old).vector() == pytest.approx(model.vector())
+
+
+def test_what_completes_an_effect_goes_with_it() -> None:
+    model = build_model("axis", TWO_MASS, {}).with_effect("end_pulley").with_effect("viscous_end_pulley")
+    assert model.without_effect("end_pulley").effects == build_model("axis", TWO_MASS, {}).effects
 
 
 def test_a_file_brings_back_the_same_model(tmp_path: Path) -> None:

@@ -43,6 +43,8 @@ class Parameter:
     unit : SI.     side : where it is meant: "motor" (motor shaft), "cart" (carriage), "belt" (at the belt line), "drive".
     start : value used when an effect is added without knowledge.     low, high : physical bounds.
     fitted : False for what is known beforehand or chosen from a list (a number of teeth, an order): a fit leaves it alone.
+    form : gives the law another form than the usual one, which is at ``start``: held there, without room between its bounds, until the
+    effect is named, and fitted from then on where that pays; ``fitted`` is False, too.
     """
 
     name: str
@@ -53,6 +55,7 @@ class Parameter:
     high: float
     meaning: str
     fitted: bool = True
+    form: bool = False
 
 
 @dataclass(frozen=True)
@@ -171,6 +174,7 @@ class Effect:
     carriage is free at times, within a gap that is the first parameter, m: only the torque says where it is then.    bound : it only
     says how much any law of its kind could explain; a diagnosis never adds it.    linear : its law is affine in positions and speeds (a
     friction level: constant), the same at every place and time, for any values of its parameters: it is simulated without an integrator.
+    completed_by : effects that belong to it and mean nothing without it; put on trial once it is named.
     unlikely : of its own values and its bodies' by their names here, in words why no machine has them; empty where one may.
     """
 
@@ -198,6 +202,7 @@ class Effect:
     alike: Mapping[str, str] = field(default_factory=dict)
     bound: bool = False
     linear: bool = False
+    completed_by: tuple[str, ...] = ()
     unlikely: Callable[[Mapping[str, float]], str] | None = None
 
     def full_names(self) -> tuple[str, ...]:

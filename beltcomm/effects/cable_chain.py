@@ -5,14 +5,17 @@ from __future__ import annotations
 from beltcomm.effects._effect import Effect, Ground, Parameter, Trial
 
 
-def force(position: float, speed: float, t: float, rate: float, offset: float) -> float:
-    """Force on the carriage:  -(rate position + offset), N.   rate : N/m.   offset : N, at carriage position 0."""
-    return -(rate * position + offset)
+def force(position: float, speed: float, t: float, rate: float, offset: float, bend: float, twist: float) -> float:
+    """Force on the carriage:  -(offset + rate x + bend x² + twist x³), N,  x : position, m.
+
+    offset, rate : N, N/m, at carriage position 0.   bend, twist : N/m², N/m³, of a chain that hardens or softens as it rolls.
+    """
+    return -(offset + position * (rate + position * (bend + position * twist)))
 
 
-def slope(position: float, speed: float, t: float, rate: float, offset: float) -> tuple[float, float]:
+def slope(position: float, speed: float, t: float, rate: float, offset: float, bend: float, twist: float) -> tuple[float, float]:
     """(d force/d position, d force/d speed)."""
-    return -rate, 0.0
+    return -(rate + position * (2.0 * bend + 3.0 * position * twist)), 0.0
 
 
 def trials(ground: Ground) -> list[Trial]:
@@ -29,6 +32,8 @@ EFFECT = Effect(
     parameters=(
         Parameter("rate", "N/m", "cart", 0.0, -500.0, 500.0, "spring rate"),
         Parameter("offset", "N", "cart", 0.0, -400.0, 400.0, "force at carriage position 0, any other constant force included"),
+        Parameter("bend", "N/m2", "cart", 0.0, -1e3, 1e3, "how its spring rate changes with the place", fitted=False, form=True),
+        Parameter("twist", "N/m3", "cart", 0.0, -1e3, 1e3, "how that changes with the place", fitted=False, form=True),
     ),
     law=force,
     slope=slope,
@@ -42,6 +47,5 @@ EFFECT = Effect(
         "tilt": "slow strokes over the whole travel: a tilt pulls the same everywhere, a chain changes with the place",
         "friction_position": "compare both directions: friction turns its sign with the motion, the pull of a chain does not",
     },
-    linear=True,
     source="data sheet",
 )

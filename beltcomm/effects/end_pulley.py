@@ -76,5 +76,6 @@ EFFECT = Effect(
         "payload_mode": "take the payload off: its mode goes, that of the end pulley stays",
     },
     linear=True,
+    completed_by=("viscous_end_pulley",),
     source="(2.11)-(2.20)",
 )

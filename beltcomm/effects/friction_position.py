@@ -10,12 +10,12 @@ from beltcomm.effects._effect import Effect, Ground, Parameter, Trial
 _SPACING_M, _WIDTHS_M = 0.04, (0.045,)
 
 
-def level(speed: float, position: float, t: float, amount: float, place: float, width: float) -> float:
-    """Additional level of friction:  amount exp(-((position - place)/width)²), N m at the motor.   position, place, width : m."""
-    return amount * math.exp(-(((position - place) / width) ** 2))
+def level(speed: float, position: float, t: float, amount: float, place: float, width: float, flatness: float) -> float:
+    """Additional level of friction:  amount exp(-|(position - place)/width|^flatness), N m at the motor.   position, place, width : m."""
+    return amount * math.exp(-math.pow(abs((position - place) / width), flatness))
 
 
-def slope(speed: float, position: float, t: float, amount: float, place: float, width: float) -> float:
+def slope(speed: float, position: float, t: float, amount: float, place: float, width: float, flatness: float) -> float:
     """d level/d speed: none."""
     return 0.0
 
@@ -41,6 +41,7 @@ EFFECT = Effect(
         Parameter("amount", "N m", "motor", 0.02, -5.0, 5.0, "friction at the spot above that elsewhere"),
         Parameter("place", "m", "cart", 0.3, -50.0, 50.0, "carriage position of the spot"),
         Parameter("width", "m", "cart", 0.05, 0.005, 1.0, "distance at which 1/e of it is left"),
+        Parameter("flatness", "1", "cart", 2.0, 1.0, 40.0, "2: bell; more: flat top and steep flanks", fitted=False, form=True),
     ),
     law=level,
     slope=slope,

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
+
 from beltcomm.effects._effect import Effect, Ground, Parameter, Trial
 
 
-def torque_path(torque: float, theta: float, t: float, loss: float, peak: float) -> float:
-    """Acting torque:  torque (1 - loss (torque/peak)²), N m.   loss : share lost at the torque ``peak``."""
-    return torque * (1.0 - loss * (torque / peak) ** 2)
+def torque_path(torque: float, theta: float, t: float, loss: float, peak: float, exponent: float) -> float:
+    """Acting torque:  torque (1 - loss |torque/peak|^exponent), N m.   loss : share lost at the torque ``peak``."""
+    return torque * (1.0 - loss * math.pow(abs(torque / peak), exponent))
 
 
 def trials(ground: Ground) -> list[Trial]:
@@ -22,6 +24,7 @@ EFFECT = Effect(
     parameters=(
         Parameter("loss", "1", "drive", 0.05, -0.3, 0.6, "share of the torque that is missing at the stated torque"),
         Parameter("peak", "N m", "drive", 3.0, 0.01, 1000.0, "torque at which the loss is stated: the largest recorded", fitted=False),
+        Parameter("exponent", "1", "drive", 2.0, 0.5, 12.0, "how suddenly the loss sets in", fitted=False, form=True),
     ),
     law=torque_path,
     trials=trials,

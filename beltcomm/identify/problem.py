@@ -64,6 +64,10 @@ class Parts:
         return as_read(self.inertia + self.motor + self.belt, float(self.acting[1]), self.motion.sample_s, self.lags) - self.acting
 
 
+#: Unit of a parameter that begins at zero and usually does, as a share of the room between its bounds.
+ZERO_SHARE = 1e-3
+
+
 @dataclass(frozen=True)
 class Minimum:
     """Where a search ended.   x : scaled unknowns.   residual : whitened, (n,).   objective : O."""
@@ -83,7 +87,10 @@ class Problem:
         values = [model.parameters[name] for name in free]
         # A start value of nearly nothing (no damping found at first) must not become the unit of its parameter.
         usual = expected_parameters(model.effects, model.base_bodies, model.side)
-        own = np.array([max(abs(v.value), 0.1 * abs(usual[n].start), 1e-9) for n, v in zip(free, values, strict=True)])
+        own = np.array(
+            [max(abs(v.value), 0.1 * abs(usual[n].start)) or ZERO_SHARE * (v.high - v.low) for n, v in zip(free, values, strict=True)]
+        )
+        own = np.maximum(own, 1e-9)
         self.movable = "cart" in model.base_bodies
         offsets = np.full(len(self.pieces) if self.movable else 0, OFFSET_M)
         self.scale = np.concatenate([own, offsets])
@@ -301,7 +308,7 @@ def free_parameters(model: Model, fixed: Sequence[str] = ("transmission.ratio",)
     known = set(fixed)
     for name in model.effects:
         effect = effect_named(name)
-        known |= {f"{name}.{parameter.name}" for parameter in effect.parameters if not parameter.fitted}
+        known |= {f"{name}.{parameter.name}" for parameter in effect.parameters if not (parameter.fitted or parameter.form)}
     return tuple(name for name, item in model.parameters.items() if name not in known and item.low < item.high)
 
 

@@ -19,6 +19,7 @@ from beltcomm.laboratory.acceptance import EVIDENCE, drop_by
 from beltcomm.laboratory.compare import compare
 from beltcomm.laboratory.data import SUBSTEPS, Data, prepare, remade
 from beltcomm.laboratory.fitting import Fitted, fit
+from beltcomm.laboratory.forms import formed
 from beltcomm.laboratory.intervals import with_intervals
 from beltcomm.laboratory.score import Scorer, ground_of
 from beltcomm.laboratory.stage import MISSING, Candidate, held_at, merged, search, strayed
@@ -53,13 +54,14 @@ TWIN_GAP, TWIN_SHARE = 50.0, 0.002
 @dataclass(frozen=True)
 class Step:
     """One stage.   before : the model it began with.   candidates : ranked.   added : the effect taken on trial, "" for none.
-    removed : effects that became superfluous.   after : the model it ended with."""
+    removed : effects that became superfluous.   after : the model it ended with.   forms : where nothing was added, see ``forms``."""
 
     before: Fitted
     candidates: tuple[Candidate, ...]
     added: str
     removed: tuple[str, ...]
     after: Fitted
+    forms: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -77,6 +79,12 @@ class Diagnosis:
     def after(self) -> Fitted:
         """The model with all effects on trial."""
         return self.steps[-1].after if self.steps else self.base
+
+    @property
+    def named(self) -> list[str]:
+        """Effects that were added and stayed, in that order, each followed by what completes it."""
+        every = [name for step in self.steps for name in (step.added, *step.forms)]
+        return [name for name in dict.fromkeys(every) if name in self.after.model.effects]
 
 
 @in_one_thread
@@ -135,8 +143,12 @@ def diagnose(
         # Further orders of a ripple that is there already are no new cause.
         causes = sum(bool(step.added) and not further(step.added) for step in steps)
         if best is None or not best.accepted or best.fitted is None or (causes >= most and not further(best.effect.name)):
-            steps.append(Step(current, tuple(candidates), "", (), current))
-            break
+            shaped = formed(data, current, base.model)
+            steps.append(Step(current, tuple(candidates), "", shaped.removed, shaped.fitted, shaped.new))
+            current = shaped.fitted
+            if not shaped.new or current.objective < MISSING * current.problem.samples:
+                break
+            continue
         twins = twins or twins_of(standing)
         data, grown = again(data, best.fitted, NEXT_ITERATIONS)
         data, kept, removed = superfluous(data, grown, base.model, best.effect.name)
@@ -164,7 +176,8 @@ def superfluous(data: Data, fitted: Fitted, base: Model, newest: str) -> tuple[D
     """Throw out earlier additions without which the model is as good."""
     removed = []
     worth = rise_without(fitted)
-    for name in [e for e in fitted.model.effects if e not in base.effects and e != newest]:
+    completing = {name for effect in fitted.model.effect_list() for name in effect.completed_by}
+    for name in [e for e in fitted.model.effects if e not in (*base.effects, *completing, newest)]:
         if worth.get(name, 0.0) > SURE * EVIDENCE:
             continue
         try:
@@ -227,7 +240,8 @@ def verdict_of(base: Fitted, steps: Sequence[Step], twins: tuple[str, ...], left
 
 def run_away(model: Model, base: Model) -> list[str]:
     """Parameters of added effects that grew until they met a bound: no size of the effect is right."""
-    added = {name: v for name, v in model.parameters.items() if name not in base.parameters and v.low < v.high}
+    forms = {f"{e.name}.{p.name}" for e in model.effect_list() for p in e.parameters if p.form}
+    added = {name: v for name, v in model.parameters.items() if name not in (*base.parameters, *forms) and v.low < v.high}
     near = {name: 1e-6 * (v.high - v.low) for name, v in added.items()}
     return [n for n, v in added.items() if v.value >= v.high - near[n] or (v.low < 0.0 and v.value <= v.low + near[n])]
 
@@ -236,7 +250,7 @@ def undetermined(model: Model, base: Model) -> list[str]:
     """Added effects of which no number is known better than to ``KNOWN``: they stand for something else.   model : with intervals."""
     found = []
     for effect in (e for e in model.effect_list() if e.name not in base.effects):
-        own = [model.parameters[name] for name in effect_parameters(effect) if name not in base.parameters]
+        own = [model.parameters[name] for name, p in effect_parameters(effect).items() if name not in base.parameters and not p.form]
         free = [p for p in own if p.low < p.high]
         if free and not any(p.interval is not None and p.interval <= KNOWN * abs(p.value) for p in free):
             found.append(effect.name)

@@ -24,7 +24,16 @@ from beltcomm.laboratory.harmonics import gain_means, load_means
 from beltcomm.laboratory.hints import explained_stretch, stiffness_by_record
 from beltcomm.laboratory.nearby import Nearby
 from beltcomm.model import Model, on_side
-from beltcomm.simulate.inverse import FineMotion, acting_torque, as_read, belt_load, motor_load, reading_lags, true_motion
+from beltcomm.simulate.inverse import (
+    BEFORE_THE_LOAD,
+    FineMotion,
+    acting_torque,
+    as_read,
+    belt_loads,
+    motor_load,
+    reading_lags,
+    true_motion,
+)
 from beltcomm.simulate.writer import acts_on_motor
 
 Array = NDArray[np.float64]
@@ -212,12 +221,16 @@ class Scorer:
                 parts.append(np.stack(there, axis=1) - whitened(piece, self.model, self.vector)[:, None])
                 continue
             motion = true_motion(self.model, piece.motion, self.vector)
-            changes = [self.change(effect, m, v, i, motion) for m, v in zip(extended, vectors, strict=True)]
+            if acts_on_motor(effect) or effect.slot in BEFORE_THE_LOAD:
+                changes = [self.change(effect, m, v, i, motion) for m, v in zip(extended, vectors, strict=True)]
+            else:
+                loads = belt_loads(extended[0], motion, vectors, [float(self.offsets[i])] * len(vectors))
+                changes = [self.shown(i, load - self.parts[i].belt) for load in loads.T]
             parts.append(in_noise(piece, self.model, self.vector, np.stack(changes, axis=1)))
         return np.concatenate(parts)
 
     def change(self, effect: Effect, extended: Model, vector: Array, i: int, motion: FineMotion) -> Array:
-        """Change of a piece's residual, N m, (n,)."""
+        """Change of a piece's residual by an effect of the motor, its torque or its angle, N m, (n,)."""
         piece, old, offset = self.rough[i], self.parts[i], float(self.offsets[i])
         if effect.slot == "sensor":
             return Problem([piece], extended, (), 1.0).balance(0, np.zeros(1), offset).residual - old.residual
@@ -227,9 +240,7 @@ class Scorer:
             return self.shown(i, motor_load(extended, motion, vector) - old.motor)
         if effect.slot in ("torque_path", "torque_delay"):
             return old.acting - acting_torque(extended, motion, piece.torque, vector)
-        if effect.slot == "torque_reading":
-            return replace(old, lags=reading_lags(extended, vector)).residual - old.residual
-        return self.shown(i, belt_load(extended, motion, vector, offset) - old.belt)
+        return replace(old, lags=reading_lags(extended, vector)).residual - old.residual
 
     def shown(self, i: int, torque: Array) -> Array:
         """A change of the torque that piece i needs as its reading shows it, N m, (n,)."""

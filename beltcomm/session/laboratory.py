@@ -13,6 +13,7 @@ from beltcomm.laboratory.compare import Comparison, compare, landmarks, worst
 from beltcomm.laboratory.data import Data
 from beltcomm.laboratory.diagnosis import NEXT_ITERATIONS, Diagnosis, again, diagnose, settled
 from beltcomm.laboratory.fitting import Fitted, fit
+from beltcomm.laboratory.forms import formed
 from beltcomm.laboratory.intervals import with_intervals
 from beltcomm.laboratory.place_words import in_words
 from beltcomm.laboratory.scope import lacking, not_named, within_scope
@@ -129,10 +130,9 @@ def diagnosed(folder: RunFolder, run: Path, auto: bool, cost: bool, following: b
         "doubts": doubts,
     }
     text = words.remark_lines(records.remarks) + words.diagnosis_lines(found) + doubts + check_lines(crossed)
-    added_names = [step.added for step in found.steps if step.added]
-    if cost and added_names:
+    if cost and found.named:
         talk.phase(1, 1, "what it costs in tracking")
-        data["cost"], lines = cost_of(folder, found.base.model, found.after.model, " and ".join(added_names))
+        data["cost"], lines = cost_of(folder, found.base.model, found.after.model, " and ".join(found.named))
         text += lines
     seen, lines, planned = sight(folder, found, recordings, following)
     data |= seen
@@ -171,14 +171,20 @@ def climb(folder: RunFolder, found: Diagnosis, known: bool, command: str, when: 
         made.append(base_revision(folder, found.base, command, when))
     before = found.base
     for step in found.steps:
-        if not step.added:
+        if not (step.added or step.forms):
             break
         if confirmed(before, step.after) is False:
             break
-        change = f"+{step.added}" + "".join(f" -{name}" for name in step.removed)
+        change = change_of((step.added, *step.forms), step.removed)
         made.append(revision_of(folder, step.after, before, change, command, when))
         before = step.after
     return made
+
+
+def change_of(new: Sequence[str], removed: Sequence[str] = ()) -> str:
+    """What a revision changes: effects with + and -, forms that became free as ``form of EFFECT``."""
+    effects = [f"+{name}" for name in new if name and "." not in name] + [f"-{name}" for name in removed]
+    return " ".join(effects + [f"form of {name}" for name in dict.fromkeys(n.split(".")[0] for n in new if "." in n)])
 
 
 def add_to_run(
@@ -202,10 +208,12 @@ def add_to_run(
     if effect in here.fitted.model.effects:
         raise UsageError(f"the model of {run} has {effect} already; take it out with `beltcomm remove {effect} {run}`")
     grown = with_effect(here.data, here.fitted, ground_of(here.fitted, here.data.fitted, here.folder.axis), effect_named(effect))
-    data, after = settled(*again(here.data, grown, NEXT_ITERATIONS))
+    data, named = again(here.data, grown, NEXT_ITERATIONS)
+    shaped = formed(data, named, here.fitted.model)
+    data, after = settled(data, shaped.fitted)
     if current_revision(here.folder) is None:
         base_revision(here.folder, here.fitted, command, when)
-    rung = revision_of(here.folder, after, here.fitted, f"+{effect}", command, when)
+    rung = revision_of(here.folder, after, here.fitted, change_of((effect, *shaped.new)), command, when)
     note = (
         f"{asked}, friction by direction and an offset of the current look alike on this axis: added as {effect}" if asked != effect else ""
     )
@@ -329,6 +337,7 @@ def diagnosis_data(found: Diagnosis) -> dict[str, Any]:
             {
                 "added": step.added,
                 "removed": list(step.removed),
+                "forms": list(step.forms),
                 "ratio": step.after.ratio,
                 "held_out": step.after.held_ratio,
                 "ranking": [ranked(c) for c in step.candidates],

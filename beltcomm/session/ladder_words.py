@@ -61,14 +61,12 @@ def diagnosis_lines(found: Diagnosis) -> list[str]:
             for c in shown
         ]
         lines += ["", *table(["effect", ">evidence", ">explains", ">held out", ""], rows)]
-    added = [step.added for step in found.steps if step.added]
     model = with_intervals(found.after)
-    for name in added:
-        if name in model.effects:
-            lines += ["", *effect_lines(effect_named(name), model)]
+    for name in found.named:
+        lines += ["", *effect_lines(effect_named(name), model)]
     lines += ["", f"Verdict: {found.verdict}."]
-    if added:
-        lines.append(f"With {', '.join(added)} the error is {found.after.ratio:.2f} times the noise{held_words(found.after)}.")
+    if found.named:
+        lines.append(f"With {', '.join(found.named)} the error is {found.after.ratio:.2f} times the noise{held_words(found.after)}.")
     if open_ := undetermined(model, found.base.model):
         lines.append(
             f"But these data say nothing certain of {' and '.join(open_)}: every number of it is open by more than {100 * KNOWN:.0f} %, so "
@@ -86,9 +84,8 @@ def after_diagnosis(found: Diagnosis, run: Path, planned: str = "") -> list[str]
     """What to do next.   planned : the command that makes the records that were planned."""
     if planned:
         return [f"Next: {planned}"]
-    added = [step.added for step in found.steps if step.added]
-    if added:
-        return [f"Next: beltcomm add {added[0]} {run}"]
+    if found.named:
+        return [f"Next: beltcomm add {found.named[0]} {run}"]
     if found.verdict != "nothing missing":
         return [f"Next: beltcomm compare {run} shows where the error sits; look there on the machine."]
     return [f"Next: beltcomm report {run}   (nothing is missing in the model: everything known of the axis on one page)"]
@@ -125,12 +122,15 @@ def beyond_bounds(sight: Sight) -> bool:
 def effect_lines(effect: Effect, model: Model) -> list[str]:
     """What an effect is, its numbers, causes and what to check."""
     lines = [f"{effect.name}: {effect.title}."]
-    for name in effect_parameters(effect):
+    for name, parameter in effect_parameters(effect).items():
         item = model.parameters[name]
+        if parameter.form and item.low == item.high:
+            continue  # the usual form, which nothing spoke against
         width = "" if item.interval is None else f" ± {item.interval:.2g}"
-        bound = item.interval is None and not item.low < item.value < item.high
+        bound = item.interval is None and not parameter.form and not item.low < item.value < item.high
         doubt = ", at the bound of what is possible: hardly the cause" if bound else ""
-        lines.append(f"  {with_unit(f'{name} = {item.value:.4g}{width}', item.unit)}{doubt}")
+        usual = f" (its form; usual is {parameter.start:g})" if parameter.form else ""
+        lines.append(f"  {with_unit(f'{name} = {item.value:.4g}{width}', item.unit)}{doubt}{usual}")
     if effect.causes:
         lines.append(f"  Usual causes: {effect.causes}.")
     lines.append(f"  Check: {effect.check}.")

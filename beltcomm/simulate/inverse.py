@@ -31,7 +31,7 @@ from beltcomm.model import Model, expected_parameters
 from beltcomm.simulate.compose import inverse_kernel
 from beltcomm.simulate.mean import triangular_mean
 from beltcomm.simulate.observer import NOTHING, Watch
-from beltcomm.simulate.plain_belt import PLAIN, plain_belt
+from beltcomm.simulate.plain_belt import PLAIN, knows, plain_belt, values_of
 from beltcomm.simulate.plain_gap import plain_gap
 from beltcomm.simulate.writer import LOOK_AHEAD, MOVING_RAD_S, acts_on_motor, catalogue_parameters
 
@@ -134,8 +134,8 @@ class Switchboard:
     those that act on the motor alone, and for the others: the load is the sum of both.
     delays : effects between reported and acting torque, with their places in the model's vector.     readings : the same for those
     between the torque and its reading.     bent : whether the torque path, corrected : whether the angle is touched by an effect.
-    plain, gap : places in the model's vector of what ``plain_belt`` or ``plain_gap`` asks for, -1 for what is off; () where it does not
-    know all that there is beyond the motor.
+    bare : whether nothing is beyond the motor but ``PLAIN``.   plain : whether ``plain_belt`` knows all that there is.   gap : places in the model's vector of what ``plain_gap`` asks
+    for, -1 for what is off; () where it does not know all of it.
     """
 
     places: NDArray[np.intp]
@@ -146,7 +146,8 @@ class Switchboard:
     readings: tuple[tuple[Callable[..., Array], tuple[int, ...]], ...]
     bent: bool
     corrected: bool
-    plain: tuple[int, ...]
+    bare: bool
+    plain: bool
     gap: tuple[int, ...]
 
     def spread(self, vector: Array) -> Array:
@@ -174,18 +175,22 @@ def switchboard(base_bodies: tuple[str, ...], effects: tuple[str, ...]) -> Switc
         tuple(laws.get("torque_reading", ())),
         any(e.slot == "torque_path" for e in chosen),
         any(e.slot == "sensor" for e in chosen),
-        _plain_places(base_bodies, chosen, own),
-        _plain_places(base_bodies, chosen, own, ("backlash",)),
+        base_bodies == ("motor", "cart") and _beyond(chosen) <= set(PLAIN),
+        base_bodies == ("motor", "cart") and knows(_beyond(chosen)),
+        _gap_places(base_bodies, chosen, own),
     )
 
 
-def _plain_places(
-    base_bodies: tuple[str, ...], chosen: Sequence[Effect], own: Sequence[str], needed: tuple[str, ...] = ()
-) -> tuple[int, ...]:
-    beyond = {e.name for e in chosen if not acts_on_motor(e) and e.slot not in BEFORE_THE_LOAD}
-    if base_bodies != ("motor", "cart") or not {"belt_stiffness", *needed} <= beyond or not beyond <= {*PLAIN, *needed}:
+def _beyond(chosen: Sequence[Effect]) -> set[str]:
+    """Names of the effects beyond the motor."""
+    return {e.name for e in chosen if not acts_on_motor(e) and e.slot not in BEFORE_THE_LOAD}
+
+
+def _gap_places(base_bodies: tuple[str, ...], chosen: Sequence[Effect], own: Sequence[str]) -> tuple[int, ...]:
+    beyond = _beyond(chosen)
+    if base_bodies != ("motor", "cart") or not {"belt_stiffness", "backlash"} <= beyond or not beyond <= {*PLAIN, "backlash"}:
         return ()
-    names = [name for effect in (*PLAIN, *needed) for name in effect_named(effect).full_names()]
+    names = [name for effect in (*PLAIN, "backlash") for name in effect_named(effect).full_names()]
     names.insert(2, "cart.mass")
     return tuple(own.index(name) if name in own else -1 for name in names)
 
@@ -228,7 +233,7 @@ def fine_load(model: Model, motion: FineMotion, vector: Array | None = None, off
     load, cart = np.empty_like(motion.theta), np.empty_like(motion.theta)
     h, kernel = motion.sample_s / motion.substeps, inverse_kernel()
     given = (motion.theta, motion.omega, p, board.on, motion.time_s, h)
-    if board.plain:
+    if board.bare:
         kernel.plain(*given, offset_m, load, cart)
     else:
         kernel.load(*given, motion.bristle_m, offset_m, load, cart, NOTHING)
@@ -266,9 +271,9 @@ def belt_loads(model: Model, motion: FineMotion, vectors: Sequence[Array], offse
         return np.zeros((motion.samples, len(vectors)))
     h = motion.sample_s / motion.substeps
     if board.plain:
-        ratio = float(vectors[0][model.index("transmission.ratio")])
-        padded = np.array([(*vector, 0.0) for vector in vectors])
-        values = np.vstack((padded[:, board.plain].T, offsets_m))
+        by_name = dict(zip(model.parameters, np.array(vectors).T, strict=True))
+        values = values_of(len(vectors), lambda name: by_name.get(name, 0.0), np.asarray(offsets_m))
+        ratio = float(by_name["transmission.ratio"][0])
         return plain_belt(motion.theta, motion.omega, h, motion.substeps, ratio, first_speed(motion), values)
     means = np.empty((len(vectors), motion.samples))
     load, cart = _SCRATCH.rows(len(motion.theta))

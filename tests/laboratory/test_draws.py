@@ -48,6 +48,10 @@ def test_the_hidden_effect_is_named_and_explains_all(tmp_path: Path) -> None:
     hidden = answer["hidden"]["friction_position"]
     place = found["after"]["parameters"]["friction_position.place"]["value"]
     assert abs(place - hidden["place_m"]) < hidden["half_width_m"]
+    # Half a wave of a cosine is no bell: its flanks end.
+    assert [step["forms"] for step in found["steps"]] == [[], ["friction_position.flatness"]]
+    flatness = found["after"]["parameters"]["friction_position.flatness"]
+    assert flatness["value"] - flatness["interval"] > 2.0
 
 
 def test_an_effect_that_no_candidate_has_is_not_explained(tmp_path: Path) -> None:

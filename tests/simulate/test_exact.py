@@ -245,7 +245,7 @@ def _is_linear(effect: Effect) -> bool:
     """Whether the laws of an effect are affine and the same everywhere, by their values at random points."""
     rng = np.random.default_rng(1)
     own = [_usual(parameter, rng) for parameter in effect.parameters] + [float(rng.uniform(1.0, 2.0)) for _ in effect.uses]
-    points = rng.uniform(-0.2, 0.2, (60, 2))
+    points = rng.uniform(-0.5, 0.5, (60, 2))
     places, times = rng.uniform(0.1, 0.2, 60), rng.uniform(0.0, 1e3, 60)
     columns = []
     if effect.slot == "force" and effect.law is not None:

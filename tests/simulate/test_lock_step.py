@@ -12,7 +12,17 @@ from beltcomm.identify.following import follower_for
 from beltcomm.identify.residual import grouped
 from beltcomm.identify.whitening import noise_path, whitener
 from beltcomm.model import Model, build_model
-from beltcomm.simulate.inverse import FineMotion, belt_loads, fine_load, followed, followed_beside, motor_load, triangular_mean
+from beltcomm.simulate.inverse import (
+    FineMotion,
+    belt_load,
+    belt_loads,
+    fine_load,
+    followed,
+    followed_beside,
+    motor_load,
+    switchboard,
+    triangular_mean,
+)
 from beltcomm.simulate.observer import filtered
 
 Array = NDArray[np.float64]
@@ -51,6 +61,42 @@ def test_a_plain_belt_is_that_of_the_masked_kernel(substeps: int, speed: float, 
     side_by_side = belt_loads(axis, motion, vectors, offsets)
     for vector, offset, found in zip(vectors, offsets, side_by_side.T, strict=True):
         whole = triangular_mean(fine_load(axis, motion, vector, offset)[0], substeps)
+        np.testing.assert_allclose(found + motor_load(axis, motion, vector), whole, rtol=0.0, atol=1e-9 * np.abs(whole).max())
+
+
+BEYOND = {
+    "belt_slack.limit": 2e-5, "belt_slack.share": 0.6, "belt_slack.balance": 0.42, "belt_slack.rounding": 0.2,
+    "stiffness_position.share": 0.7, "stiffness_position.offset": 0.2, "stiffness_position.pulley_distance": 0.9,
+    "stiffness_position.middle": 0.1, "end_pulley.mass": 0.4, "end_pulley.share": 0.3, "end_pulley.split": 0.6,
+    "viscous_end_pulley.damping": 8.0, "payload.mass": 0.6, "payload_mode.stiffness": 3e4, "payload_mode.damping": 12.0,
+    "payload_mode.hardening": 2e6,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "more",
+    [
+        ("belt_slack",),
+        ("stiffness_position",),
+        ("end_pulley", "viscous_end_pulley"),
+        ("payload_mode",),
+        ("belt_slack", "stiffness_position", "end_pulley"),
+        ("belt_slack", "payload_mode"),
+    ],
+)
+@pytest.mark.parametrize(("friction", "count"), [(6.0, 3), (0.0, 17)])
+def test_what_stands_beside_a_plain_belt_is_that_of_the_masked_kernel(more: tuple[str, ...], friction: float, count: int) -> None:
+    axis, motion = model(friction=friction), shaken(4)
+    plain = belt_load(axis, motion, axis.vector(), 0.0)
+    for name in more:
+        axis = axis.with_effect(name)
+    axis = axis.with_values({name: value for name, value in BEYOND.items() if name in axis.parameters})
+    assert switchboard(axis.base_bodies, axis.effects).plain
+    vectors, offsets = beside(axis, count), list(np.linspace(0.0, 2e-5, count))
+    side_by_side = belt_loads(axis, motion, vectors, offsets)
+    assert np.abs(side_by_side[:, 0] - plain).max() > 0.01 * np.abs(plain).max(), "the effects must show, else nothing is compared"
+    for vector, offset, found in zip(vectors, offsets, side_by_side.T, strict=True):
+        whole = triangular_mean(fine_load(axis, motion, vector, offset)[0], 4)
         np.testing.assert_allclose(found + motor_load(axis, motion, vector), whole, rtol=0.0, atol=1e-9 * np.abs(whole).max())
 
 

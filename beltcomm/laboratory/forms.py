@@ -1,0 +1,96 @@
+"""The form of an effect that is named: its law may be another than the usual one, or another effect may belong to it.
+
+While effects are searched every law has its usual form (a tight spot is a bell, a chain a straight spring): free forms would let one
+effect explain another.  What is left over once nothing more is found asks for the form:
+
+    evidence = O_before - O_after - n ln N,   n : numbers that become free
+
+with the held-out records not against it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import reduce
+
+from beltcomm.effects import Effect
+from beltcomm.identify.following import follows
+from beltcomm.laboratory.acceptance import drop_by, grown_out_of_bounds, impossible, refuted
+from beltcomm.laboratory.data import Data
+from beltcomm.laboratory.fitting import Fitted, fit
+from beltcomm.model import Model
+
+#: Evidence that a form must have, nats: noise alone reaches 10 once in some thousands.
+EVIDENCE = 10.0
+#: Iterations of a fit with the form free.
+ITERATIONS = 12
+
+
+@dataclass(frozen=True)
+class Formed:
+    """A model with forms.   new : what became free (parameters) or came (effects).   removed : effects that a form made superfluous."""
+
+    fitted: Fitted
+    new: tuple[str, ...] = ()
+    removed: tuple[str, ...] = ()
+
+
+def formed(data: Data, fitted: Fitted, base: Model) -> Formed:
+    """The model with the forms of its added effects fitted where that pays.   base : model without the added effects.
+
+    First a form in place of an effect that was added later, then one form after the other, in the order of the model's effects.
+    """
+    if follows(fitted.model):
+        return Formed(fitted)  # an observer forgives what a form would explain
+    new: list[str] = []
+    removed: list[str] = []
+    for effect in reversed(added(fitted.model, base)[1:]):
+        smaller = fitted.model.without_effect(effect.name)
+        names = [name for e in added(smaller, base) for name in held(smaller, e)]
+        if names:
+            freed = [e.name for e in added(smaller, base) if held(smaller, e)]
+            trial = fit(data, reduce(Model.with_forms, freed, smaller), ITERATIONS, offsets=fitted.offsets)
+            if pays(fitted, trial, 0.0):
+                fitted = trial
+                new += names
+                removed.append(effect.name)
+    for effect in added(fitted.model, base):
+        for names, model in variants(fitted.model, effect):
+            trial = fit(data, model, ITERATIONS, offsets=fitted.offsets)
+            if pays(fitted, trial, EVIDENCE):
+                fitted = trial
+                new += names
+    return Formed(fitted, tuple(new), tuple(removed))
+
+
+def added(model: Model, base: Model) -> list[Effect]:
+    """Effects that the base does not have and that mean something on their own."""
+    effects = [e for e in model.effect_list() if e.name not in base.effects]
+    completing = {name for e in effects for name in e.completed_by}
+    return [e for e in effects if e.name not in completing]
+
+
+def held(model: Model, effect: Effect) -> list[str]:
+    """Forms of an effect's law that are not free yet."""
+    forms = [f"{effect.name}.{p.name}" for p in effect.parameters if p.form]
+    return [name for name in forms if model.parameters[name].low == model.parameters[name].high]
+
+
+def variants(model: Model, effect: Effect) -> Iterator[tuple[list[str], Model]]:
+    """Models with the forms of an effect's law free, or with an effect that completes it; with the names of what is new."""
+    if names := held(model, effect):
+        yield names, model.with_forms(effect.name)
+    for name in effect.completed_by:
+        if name not in model.effects:
+            yield [name], model.with_effect(name)
+
+
+def pays(before: Fitted, after: Fitted, least: float) -> bool:
+    """Whether a form explains so much more than what it costs, and as an axis can be.   least : nats."""
+    price = (len(after.problem.free) - len(before.problem.free)) * math.log(before.problem.samples)
+    evidence = drop_by(before, after) - price
+    against = refuted(evidence, before.held_objective - after.held_objective)
+    new = [e for e in after.model.effect_list() if e.name not in before.model.effects]
+    return evidence > least and not (against or impossible(after.model) or any(grown_out_of_bounds(after.model, e) for e in new))

@@ -1,0 +1,73 @@
+"""Which forms of a law are taken, told by the objective that each model would reach; a whole diagnosis with a form: ``test_draws``."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from beltcomm.identify.problem import free_parameters
+from beltcomm.laboratory import forms
+from beltcomm.model import Model, build_model
+
+BASE = build_model("axis", ("belt_stiffness", "belt_damping", "viscous", "coulomb"), {})
+SAMPLES = 1000
+EXPONENT = "torque_saturation.exponent"
+
+
+class Axis:
+    """An axis whose law is known: ``reached`` says what a model's fit ends with, nats."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, reached: Any, held_out: float = 0.0) -> None:
+        self.reached, self.held_out = reached, held_out
+        monkeypatch.setattr(forms, "fit", lambda data, model, iterations, offsets: self.fitted(model))
+        monkeypatch.setattr(forms, "drop_by", lambda before, after: before.objective - after.objective)
+
+    def fitted(self, model: Model) -> Any:
+        free = set(free_parameters(model))
+        held = self.held_out if EXPONENT in free else 0.0
+        return SimpleNamespace(
+            model=model,
+            objective=self.reached(set(model.effects), free),
+            held_objective=held,
+            offsets=None,
+            problem=SimpleNamespace(free=tuple(free), samples=SAMPLES),
+        )
+
+    def formed(self, *effects: str) -> Any:
+        model = BASE
+        for name in effects:
+            model = model.with_effect(name)
+        return forms.formed(None, self.fitted(model), BASE)  # type: ignore[arg-type]
+
+
+def test_a_form_that_explains_enough_is_taken_and_a_small_one_is_not(monkeypatch: pytest.MonkeyPatch) -> None:
+    for gain, wanted in ((100.0, (EXPONENT,)), (12.0, ())):  # one number costs ln 1000 = 6.9
+        axis = Axis(monkeypatch, lambda effects, free, gain=gain: 1000.0 - gain * (EXPONENT in free))
+        assert axis.formed("torque_saturation").new == wanted
+
+
+def test_a_form_that_held_out_records_contradict_is_not_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    axis = Axis(monkeypatch, lambda effects, free: 1000.0 - 100.0 * (EXPONENT in free), held_out=50.0)
+    assert axis.formed("torque_saturation").new == ()
+
+
+def test_a_form_takes_the_place_of_an_effect_that_stood_for_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    axis = Axis(monkeypatch, lambda effects, free: 900.0 if EXPONENT in free else 1000.0 if "load_friction" in effects else 3000.0)
+    found = axis.formed("torque_saturation", "load_friction")
+    assert (found.new, found.removed) == ((EXPONENT,), ("load_friction",))
+    assert found.fitted.model.effects == (*BASE.effects, "torque_saturation")
+
+
+def test_an_effect_that_is_really_there_stays_beside_a_form(monkeypatch: pytest.MonkeyPatch) -> None:
+    axis = Axis(monkeypatch, lambda effects, free: 1000.0 - 100.0 * (EXPONENT in free) + 2000.0 * ("load_friction" not in effects))
+    found = axis.formed("torque_saturation", "load_friction")
+    assert (found.new, found.removed) == ((EXPONENT,), ())
+
+
+def test_what_belongs_to_an_effect_is_tried_with_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    axis = Axis(monkeypatch, lambda effects, free: 1000.0 - 500.0 * ("viscous_end_pulley" in effects))
+    found = axis.formed("end_pulley")
+    assert found.new == ("viscous_end_pulley",)
+    assert [e.name for e in forms.added(found.fitted.model, BASE)] == ["end_pulley"]
