@@ -3,7 +3,8 @@ algebra in one thread."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import lru_cache, wraps
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar, cast
 
@@ -72,6 +73,13 @@ def when_compiling(begun: Callable[[], None], ended: Callable[[], None]) -> None
                 ended()
 
     event.register("numba:compile", Listener())  # type: ignore[no-untyped-call]
+
+
+@contextmanager
+def told_as_compiling() -> Iterator[None]:
+    """What is done inside counts for :func:`when_compiling` as one more kernel that is compiled."""
+    with event.trigger_event("numba:compile", data={}):
+        yield
 
 
 def in_one_thread(function: Callable[_P, _R]) -> Callable[_P, _R]:

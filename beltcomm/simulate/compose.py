@@ -27,6 +27,7 @@ from platformdirs import user_cache_path
 
 from beltcomm.effects import EFFECTS
 from beltcomm.model import Model, body_list
+from beltcomm.simulate.ahead import after_waiting
 from beltcomm.simulate.fences import indented, needed
 from beltcomm.simulate.observer import Watch
 from beltcomm.simulate.plain_belt import PLAIN
@@ -170,8 +171,13 @@ class Inverse:
 @lru_cache(maxsize=1)
 def inverse_kernel() -> Inverse:
     """The masked inverse of the whole catalogue; each of its functions is compiled once per machine, when it is first called."""
-    others = import_stable(motor_side_source())
-    return Inverse(import_stable(load_source()).load, import_stable(plain_source()).load, others.motor, others.torque, others.angle)
+    others, plain = import_stable(motor_side_source()), import_stable(plain_source())
+    return Inverse(after_waiting(load_module().load), plain.load, others.motor, others.torque, others.angle)
+
+
+def load_module() -> ModuleType:
+    """The module with the masked load."""
+    return import_stable(load_source())
 
 
 def load_source() -> str:

@@ -134,8 +134,8 @@ class Switchboard:
     those that act on the motor alone, and for the others: the load is the sum of both.
     delays : effects between reported and acting torque, with their places in the model's vector.     readings : the same for those
     between the torque and its reading.     bent : whether the torque path, corrected : whether the angle is touched by an effect.
-    bare : whether nothing is beyond the motor but ``PLAIN``.   plain : whether ``plain_belt`` knows all that there is.   gap : places in the model's vector of what ``plain_gap`` asks
-    for, -1 for what is off; () where it does not know all of it.
+    bare : whether nothing but ``PLAIN``, plain : whether nothing but what ``plain_belt`` knows is beyond the motor.   gap : places in the
+    model's vector of what ``plain_gap`` asks for, -1 for what is off; () where it does not know all of it.
     """
 
     places: NDArray[np.intp]
