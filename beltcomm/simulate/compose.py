@@ -20,6 +20,7 @@ import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import groupby, pairwise
 from pathlib import Path
 from types import ModuleType
 
@@ -239,7 +240,7 @@ def motor_side_source() -> str:
     rubbing = [f"s{writer.switch[e.name]}" for e in writer.with_level(0) if e.slot == "friction_level"]
     motor = [
         "load[:] = 0.0", "level[:] = 0.0",
-        *writer.motor_alone(),
+        *_motor_alone(writer),
         f"if {' or '.join(rubbing)}:",
         "    z0, q0, turning = 0.0, theta[0], 1.0 / bristle",
         "    for k in range(theta.shape[0]):",
@@ -272,6 +273,35 @@ def motor_side_source() -> str:
         _function("torque(cells, theta, p, on, t, h, out)", constants, torque),
         _function("angle(theta, omega, p, on)", constants, ["for k in range(theta.shape[0]):", *indented(fix, 1)]),
     ])  # fmt: skip
+
+
+def _motor_alone(writer: Writer) -> list[str]:
+    """``load`` and ``level`` by the effects that need to know no more than the motor's motion, each in a loop of its own.
+
+    Effects of one law whose switches and parameters stand one behind the other share the text of theirs.
+    """
+    name, ratio = writer.bodies[0][1].name, "ratio * " if writer.bodies[0][1].rotary else ""
+    chosen = [e for e in writer.effects if e.body == name and e.slot in ("force", "friction_level") and e.law is not None]
+    lines = []
+    for (law, slot), same in groupby(chosen, lambda e: (e.law, e.slot)):
+        assert law is not None
+        family = list(same)
+        rows = [[writer.switch[e.name], *(writer.place[n] for n in (*e.full_names(), *e.uses))] for e in family]
+        steps = {tuple(b - a for a, b in zip(one, other, strict=True)) for one, other in pairwise(rows)}
+        given = "theta[k], omega[k]" if slot == "force" else f"omega[k], {ratio}theta[k]"
+        into = "load[k] -=" if slot == "force" else "level[k] +="
+        if len(steps) == 1:
+            (step,) = steps
+            switch, *places = (f"{at} + {by} * e" for at, by in zip(rows[0], step, strict=True))
+            values = [f"a{i} = p[{place}]" for i, place in enumerate(places)]
+            sum_up = f"    {into} {writer.law(law)}({given}, t + k * h, {', '.join(f'a{i}' for i in range(len(places)))})"
+            loop = [*values, "for k in range(theta.shape[0]):", sum_up]
+            lines += [f"for e in range({len(family)}):", f"    if on[{switch}]:", *indented(loop, 2)]
+            continue
+        for effect in family:
+            sum_up = f"    {into} {writer.law(law)}({given}, t + k * h{writer.arguments(effect)})"
+            lines += writer.when(effect, ["for k in range(theta.shape[0]):", sum_up])
+    return lines
 
 
 def import_stable(source: str) -> ModuleType:

@@ -357,17 +357,6 @@ class Writer:
         ]
         return ["if watched and k > 0:", "    inside += 1", "    shut += closed", "    if inside == see_substeps:", *indented(sample, 2)]
 
-    def motor_alone(self) -> list[str]:
-        """``load`` and ``level`` by the effects that need to know no more than the motor's motion, each in a loop of its own."""
-        lines = []
-        for effect in (e for e in self.effects if e.body == self.bodies[0][1].name and e.slot in ("force", "friction_level")):
-            assert effect.law is not None
-            force = effect.slot == "force"
-            given = "theta[k], omega[k]" if force else f"omega[k], {'ratio * ' if self.bodies[0][1].rotary else ''}theta[k]"
-            sum_up = f"{'load[k] -=' if force else 'level[k] +='} {self.law(effect.law)}({given}, t + k * h{self.arguments(effect)})"
-            lines += self.when(effect, ["for k in range(theta.shape[0]):", f"    {sum_up}"])
-        return lines
-
     # -- how a stretch begins ---------------------------------------------------------------------------------------------------
 
     def start(self, i: int) -> str:
