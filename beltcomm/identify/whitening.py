@@ -167,16 +167,15 @@ class Whitener:
 
         ``keep`` : as for :func:`whitener`.
         """
-        out = np.empty((int(keep.sum()), *residual.shape[1:]))
         if residual.ndim == 1:
-            return _filtered(residual, keep, self.path.F, self.path.H, self.gains, self.deviations, out)
+            return _filtered(residual, keep, self.path.F, self.path.H, self.gains, self.deviations)
         slow = len(self.path.H) - ONE_BODY
         if slow in (0, 1):
             f, h = np.zeros((ONE_BODY + 1, ONE_BODY + 1)), np.zeros(ONE_BODY + 1)
             f[1 - slow :, 1 - slow :], h[1 - slow :] = self.path.F, self.path.H
             if not f[ONE_BODY_ZEROS].any():
                 lanes = lanes_for(residual.shape[1])
-                return _one_body(np.ascontiguousarray(residual), keep, f, h, self.gains, self.deviations, slow, lanes, out)
+                return _one_body(np.ascontiguousarray(residual), keep, f, h, self.gains, self.deviations, slow, lanes)
         f, h = np.stack([self.path.F] * 2), np.stack([self.path.H] * 2)  # one path, however much of a sample nothing is closed
         return filtered(np.ascontiguousarray(residual), keep, f, h, self.gains, self.deviations, np.zeros(len(keep)))
 
@@ -222,9 +221,10 @@ def with_slow_rounding(path: NoisePath) -> NoisePath:
 
 
 @compiled
-def _filtered(e: Array, keep: NDArray[np.bool_], f: Array, h: Array, gains: Array, deviations: Array, out: Array) -> Array:
+def _filtered(e: Array, keep: NDArray[np.bool_], f: Array, h: Array, gains: Array, deviations: Array) -> Array:
     size, own = h.shape[0], h.shape[0] - 2
     s, ahead = np.zeros(size), np.zeros(size)
+    out = np.empty(keep.sum())
     number = 0
     for n in range(e.shape[0]):
         for i in range(size):
@@ -246,12 +246,11 @@ def _filtered(e: Array, keep: NDArray[np.bool_], f: Array, h: Array, gains: Arra
 
 
 @in_lanes
-def _one_body(
-    e: Array, keep: NDArray[np.bool_], f: Array, h: Array, gains: Array, deviations: Array, slow: int, lanes: int, out: Array
-) -> Array:
+def _one_body(e: Array, keep: NDArray[np.bool_], f: Array, h: Array, gains: Array, deviations: Array, slow: int, lanes: int) -> Array:
     # The filter of ``filtered`` for a path of one body, without what is always 0.  One block of memory, so that nothing can overlap.
     z, x, v, q, p, w, nu = 0, 16, 32, 48, 64, 80, 96
     s = np.zeros(112)
+    out = np.empty((keep.sum(), e.shape[1]))
     first = 1 - slow
     kz = 0.0
     for begin in range(0, e.shape[1], lanes):
