@@ -96,7 +96,8 @@ def check_scale(machine: Machine, model: Model, factor: float) -> None:
         f"{_contradiction(machine.axis, model)}, and nothing faster is tried. Either the drive's torque is scaled wrongly (6076h; "
         "thousandths of something else than rated torque), or its angle (encoder resolution 608Fh, gear 6091h, feed 6092h, position factor "
         "6093h), or gearbox.ratio or an inertia of motor, gearbox, coupling or pulley in axis.yaml is. Turn the motor once by hand and "
-        "watch its position, or measure a creep with a ruler: beltcomm move --drive DRIVE --axis AXIS --by 50mm"
+        "watch its position, or measure a creep with a ruler: beltcomm move --drive DRIVE --axis AXIS --by 50mm. A gap spoils this "
+        "estimate too: hold the motor and move the carriage by hand; if there is free play, mend clamp, key or coupling first"
     )
 
 

@@ -67,7 +67,8 @@ def draws(name: str, first: int, count: int) -> list[Draw]:
         "backlash": [p for p in pairs if "backlash" in p],
     }[name]
     strengths = STRENGTHS.get(name, USUAL)
-    return [(first + i, hidden[i % len(hidden)], strengths[(i + i // len(hidden)) % len(strengths)]) for i in range(count)]
+    rounds = [divmod(i, len(hidden)) for i in range(count)]  # in every round another strength of each
+    return [(first + i, hidden[k], strengths[(turn + k) % len(strengths)]) for i, (turn, k) in enumerate(rounds)]
 
 
 def possible(pair: tuple[str, str]) -> bool:
