@@ -1,4 +1,4 @@
-"""Says that numerical kernels are compiled, where that happens: the first use after an installation is silent for a quarter of a minute otherwise."""
+"""Says that numerical kernels are compiled, where that happens: the first use after an installation is silent for so long otherwise."""
 
 from __future__ import annotations
 

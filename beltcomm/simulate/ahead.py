@@ -47,10 +47,12 @@ def start(command: Sequence[str]) -> None:
 
 def wait() -> None:
     """Until what was begun is done; told as any other compilation."""
-    if _beside:
-        with told_as_compiling():
-            _beside[0].wait()
-        _beside.clear()
+    if not _beside:
+        return
+    with told_as_compiling():
+        for child in tuple(_beside):  # another thread may wait for the same one
+            child.wait()
+    _beside.clear()
 
 
 def after_waiting(kernel: Callable[_P, _R]) -> Callable[_P, _R]:
