@@ -3,9 +3,10 @@ algebra in one thread."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import lru_cache, wraps
-from typing import TYPE_CHECKING, ParamSpec, TypeVar, cast
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar, cast
 
 import numba
 from numba.core import event
@@ -15,6 +16,9 @@ if TYPE_CHECKING:
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
+
+#: Options of numba that its types do not know.
+_NO_WAY_IN: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
 
 def compiled(function: Callable[_P, _R]) -> Callable[_P, _R]:
@@ -27,6 +31,14 @@ def compiled(function: Callable[_P, _R]) -> Callable[_P, _R]:
         return cast("Callable[_P, _R]", numba.njit(cache=True)(function))
     except RuntimeError:  # "no locator available": numba has found no place for its cache
         return cast("Callable[_P, _R]", numba.njit(function))
+
+
+def within_kernels(function: Callable[_P, _R]) -> Callable[_P, _R]:
+    """The same for what compiled functions alone call: nothing of it is cached but inside them, and Python must not call it.
+
+    Without the two ways in for others a short law takes half the time to compile.
+    """
+    return cast("Callable[_P, _R]", numba.njit(**_NO_WAY_IN)(function))
 
 
 def in_lanes(function: Callable[_P, _R]) -> Callable[_P, _R]:
@@ -61,6 +73,13 @@ def when_compiling(begun: Callable[[], None], ended: Callable[[], None]) -> None
                 ended()
 
     event.register("numba:compile", Listener())  # type: ignore[no-untyped-call]
+
+
+@contextmanager
+def told_as_compiling() -> Iterator[None]:
+    """What is done inside counts for :func:`when_compiling` as one more kernel that is compiled."""
+    with event.trigger_event("numba:compile", data={}):
+        yield
 
 
 def in_one_thread(function: Callable[_P, _R]) -> Callable[_P, _R]:

@@ -19,7 +19,8 @@ def lagged(cells: Array, h: float, time: float) -> Array:
     """
     out = np.empty_like(cells)
     if time < 1e-9:
-        out[:] = cells
+        for k in range(cells.shape[0]):  # assigned as a whole it would take ten times as long to compile
+            out[k] = cells[k]
         return out
     decay = np.exp(-h / time)
     share = (1.0 - decay) * time / h

@@ -19,7 +19,8 @@ def read(torque: Array, start: float, h: float, time: float) -> Array:
     """
     out = np.empty_like(torque)
     if time < 1e-9:
-        out[:] = torque
+        for k in range(torque.shape[0]):  # assigned as a whole it would take ten times as long to compile
+            out[k] = torque[k]
         return out
     decay = np.exp(-h / time)
     share = (1.0 - decay) * time / h

@@ -23,7 +23,6 @@ from beltcomm.simulate.inverse import (
     FineMotion,
     Lags,
     acting_torque,
-    acts_on_motor,
     as_read,
     belt_load,
     belt_loads,
@@ -31,6 +30,7 @@ from beltcomm.simulate.inverse import (
     reading_lags,
     true_motion,
 )
+from beltcomm.simulate.writer import acts_on_motor
 
 Array = NDArray[np.float64]
 

@@ -204,14 +204,22 @@ def _products(starts: NDArray[np.int64], active: NDArray[np.bool_], left: Array,
     """leftᵀ right of every block, (blocks, left columns, right columns).   active : (blocks, left columns), those that are not zero."""
     width = right.shape[1]
     out = np.zeros((starts.shape[0] - 1, left.shape[1], width))
+    used, sums = np.zeros(left.shape[1], dtype=np.int64), np.zeros((left.shape[1], width))
     for b in range(starts.shape[0] - 1):
-        used = np.flatnonzero(active[b])
-        sums = np.zeros((used.shape[0], width))
+        count = 0
+        for i in range(left.shape[1]):
+            if active[b, i]:
+                used[count] = i
+                count += 1
+        for i in range(count):
+            for j in range(width):
+                sums[i, j] = 0.0
         for n in range(starts[b], starts[b + 1]):
-            for i in range(used.shape[0]):
+            for i in range(count):
                 factor = left[n, used[i]]
                 for j in range(width):
                     sums[i, j] += factor * right[n, j]
-        for i in range(used.shape[0]):
-            out[b, used[i]] = sums[i]
+        for i in range(count):
+            for j in range(width):
+                out[b, used[i], j] = sums[i, j]
     return out

@@ -28,13 +28,13 @@ from beltcomm.simulate.inverse import (
     BEFORE_THE_LOAD,
     FineMotion,
     acting_torque,
-    acts_on_motor,
     as_read,
     belt_loads,
     motor_load,
     reading_lags,
     true_motion,
 )
+from beltcomm.simulate.writer import acts_on_motor
 
 Array = NDArray[np.float64]
 

@@ -35,6 +35,7 @@ from beltcomm.session.next_plan import NAME, plan_for, recorded_sets
 from beltcomm.session.opened import Opened, explainable, opened, records_of
 from beltcomm.session.response_table import table_lines, table_of
 from beltcomm.session.revisions import Revision, as_mapping, changed_recordings, current_model, current_revision, new_revision, revisions
+from beltcomm.simulate import ahead
 from beltcomm.talk import Silence, Talk
 
 #: A held-out error must fall by more than this share of itself to confirm an effect.
@@ -112,6 +113,7 @@ def diagnose_run(
 
 def diagnosed(folder: RunFolder, run: Path, auto: bool, cost: bool, following: bool, command: str, when: str, talk: Talk) -> Result:
     """:func:`diagnose_run` with everything worked out."""
+    ahead.begin()
     records = records_of(folder)
     recordings = records.recordings
     model = current_model(folder)

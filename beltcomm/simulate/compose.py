@@ -20,18 +20,22 @@ import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import groupby, pairwise
 from pathlib import Path
 from types import ModuleType
 
 from platformdirs import user_cache_path
 
+from beltcomm.effects import EFFECTS
 from beltcomm.model import Model, body_list
-from beltcomm.simulate.fences import indented
+from beltcomm.simulate.ahead import after_waiting
+from beltcomm.simulate.fences import indented, needed
 from beltcomm.simulate.observer import Watch
-from beltcomm.simulate.writer import LOOK_AHEAD, MOVING_RAD_S, Writer
+from beltcomm.simulate.plain_belt import PLAIN
+from beltcomm.simulate.writer import LOOK_AHEAD, MOVING_RAD_S, Writer, acts_on_motor
 
 #: Changes whenever the generated source changes shape, so that an old cache is never met.
-_VERSION = 16
+_VERSION = 17
 
 
 @dataclass(frozen=True)
@@ -146,11 +150,12 @@ def kernel_source(base_bodies: tuple[str, ...], effects: tuple[str, ...]) -> str
 
 @dataclass(frozen=True)
 class Inverse:
-    """The masked functions over the whole catalogue; ``p``, ``on`` as :func:`catalogue_vector` gives them.
+    """The masked functions over the whole catalogue; ``p``, ``on`` as :class:`beltcomm.simulate.inverse.Switchboard` gives them.
 
-    load(theta, omega, p, on, t, h, bristle, offset, load, cart, watch): load torque at the motor shaft, N m, that the given motor
-        motion needs besides the motor's own inertia; cart position, m.  ``bristle`` : m, in which motor friction turns round.
+    load(theta, omega, p, on, t, h, bristle, offset, load, cart, watch): load torque at the motor shaft, N m, of everything but the effects
+        that act on the motor alone, for a given motor motion; cart position, m.  ``bristle`` : m, in which motor friction turns round.
         ``watch`` : see ``observer``.
+    plain(theta, omega, p, on, t, h, offset, load, cart): the same where nothing is on but ``PLAIN``: a tenth as much to compile.
     motor(theta, omega, p, on, t, h, bristle, load, level): the same for effects that act on the motor alone, one after the other over
         the whole motion; ``level`` is memory, as long as ``load``.
     torque(cells, theta, p, on, t, h, out): acting torque of each cell between two points of ``theta``.
@@ -158,6 +163,7 @@ class Inverse:
     """
 
     load: Callable[..., None]
+    plain: Callable[..., None]
     motor: Callable[..., None]
     torque: Callable[..., None]
     angle: Callable[..., None]
@@ -165,61 +171,85 @@ class Inverse:
 
 @lru_cache(maxsize=1)
 def inverse_kernel() -> Inverse:
-    """The masked inverse of the whole catalogue; compiled once per machine."""
-    module = import_stable(inverse_source())
-    return Inverse(module.load, module.motor, module.torque, module.angle)
+    """The masked inverse of the whole catalogue; each of its functions is compiled once per machine, when it is first called."""
+    others, plain = import_stable(motor_side_source()), import_stable(plain_source())
+    return Inverse(after_waiting(load_module().load), plain.load, others.motor, others.torque, others.angle)
 
 
-def inverse_source() -> str:
-    """Python source of the masked inverse."""
-    writer = Writer.of_catalogue()
+def load_module() -> ModuleType:
+    """The module with the masked load."""
+    return import_stable(load_source())
+
+
+def load_source() -> str:
+    """Python source of the masked load beyond the motor; the motor's own onset of friction turns what the belt's load adds to it."""
+    writer = Writer.masked_over(e for e in EFFECTS if not acts_on_motor(e) or e.slot == "friction_onset")
+    onset = writer.onsets()[0]
+    turn = [
+        "step = ratio * (theta[k] - q0)",
+        f"if s{writer.switch[onset.name]}:", "    " + writer.turn(0, "step"), "else:", "    z0 = min(1.0, max(-1.0, z0 + step / bristle))",
+    ]  # fmt: skip
+    begin = [f"see_{field} = watch.{field}" for field in Watch._fields]
+    begin.append("inside, shut, watched = 0, 0.0, see_wanted.shape[0] > 0")
+    return writer.assemble([_load(writer, "bristle, offset, load, cart, watch", begin, turn, "l0 * z0 - f0", writer.watching())])
+
+
+def plain_source() -> str:
+    """The same of the commonest belt alone."""
+    writer = Writer.masked_over(e for e in EFFECTS if e.name in PLAIN)
+    return writer.assemble([_load(writer, "offset, load, cart", [], [], "-f0", [])])
+
+
+def _load(writer: Writer, given: str, begin: list[str], turn: list[str], load: str, watching: list[str]) -> list[str]:
     others = range(1, len(writer.bodies))
     zeros = [f"{name}{i} = 0.0" for i in range(len(writer.bodies)) for name in ("q", "v", "w", "o")]
     zeros += [f"z{i} = 0.0" for i in writer.onsets()]
-    begin = [f"q{i} = {writer.start(i)}{' + offset' if i == writer.cart else ''}" for i in others]
-    begin += [f"v{i} = o{i} = {writer.follow(i)}" for i in others]
-    turn = "z0 = min(1.0, max(-1.0, z0 + step / bristle))"
+    at_first = [f"q{i} = {writer.start(i)}{' + offset' if i == writer.cart else ''}" for i in others]
+    at_first += [f"v{i} = o{i} = {writer.follow(i)}" for i in others]
     fences, follow_up = writer.fenced(writer.follow_up())
-    load = [
-        "@compiled",
-        "def load(theta, omega, p, on, t, h, bristle, offset, load, cart, watch):",
-        *indented([*writer.constants(), *fences, *zeros, "q0 = theta[0]"], 1),
-        *indented([f"see_{field} = watch.{field}" for field in Watch._fields], 1),
-        "    inside, shut, watched = 0, 0.0, see_wanted.shape[0] > 0",
-        f"    half = max(1, min({LOOK_AHEAD}, theta.shape[0] - 1) // 2)",
-        "    first = (4.0 * theta[half] - theta[2 * half] - 3.0 * theta[0]) / (2.0 * h * half) if theta.shape[0] > 2 else 0.0",
-        f"    if abs(first) < {MOVING_RAD_S}:",
-        "        first = 0.0",
-        "    qd = q0", "    vd = 0.0",
-        *indented([*writer.driving_end("v"), *begin, "for k in range(theta.shape[0]):"], 1),
+    body = [
+        f"half = max(1, min({LOOK_AHEAD}, theta.shape[0] - 1) // 2)",
+        "first = (4.0 * theta[half] - theta[2 * half] - 3.0 * theta[0]) / (2.0 * h * half) if theta.shape[0] > 2 else 0.0",
+        f"if abs(first) < {MOVING_RAD_S}:",
+        "    first = 0.0",
+        *writer.driving_end("v"), *at_first,
+        "for k in range(theta.shape[0]):",
         *indented([
-            "step = ratio * (theta[k] - q0)", "q0 = theta[k]", "v0 = omega[k]",
-            f"if s{writer.switch[writer.onsets()[0].name]}:", "    " + writer.turn(0, "step"), "else:", "    " + turn,
+            *turn, "q0 = theta[k]", "v0 = omega[k]",
             *follow_up,
-            "load[k] = l0 * z0 - f0",
+            f"load[k] = {load}",
             "cart[k] = u",
-            *writer.watching(),
-        ], 2),
-        *indented(["if belt:", f"    cart[k] = {writer.carriage()}"], 2),
-        *indented([line for i in others for line in writer.with_body(i, [f"q{i} += h * v{i}"])], 2),
-        "        t += h",
+            *watching,
+            "if belt:", f"    cart[k] = {writer.carriage()}",
+            *[line for i in others for line in writer.with_body(i, [f"q{i} += h * v{i}"])],
+            "t += h",
+        ], 1),
     ]  # fmt: skip
+    begin = [*begin, "q0 = theta[0]"]
+    return _function(f"load(theta, omega, p, on, t, h, {given})", [*writer.constants(), *fences, *zeros], [*begin, *body])
+
+
+def _function(head: str, constants: list[str], body: list[str]) -> list[str]:
+    """A compiled function with those of its constants that it needs."""
+    return ["@compiled", f"def {head}:", *indented([*needed(constants, body), *body], 1)]
+
+
+def motor_side_source() -> str:
+    """Python source of the masked functions of the motor's side."""
+    writer = Writer.masked_over(EFFECTS)
     rubbing = [f"s{writer.switch[e.name]}" for e in writer.with_level(0) if e.slot == "friction_level"]
     motor = [
-        "@compiled",
-        "def motor(theta, omega, p, on, t, h, bristle, load, level):",
-        *indented(writer.constants(), 1),
-        "    load[:] = 0.0", "    level[:] = 0.0",
-        *indented(writer.motor_alone(), 1),
-        f"    if {' or '.join(rubbing)}:",
-        "        z0, q0, turning = 0.0, theta[0], 1.0 / bristle",
-        "        for k in range(theta.shape[0]):",
+        "load[:] = 0.0", "level[:] = 0.0",
+        *_motor_alone(writer),
+        f"if {' or '.join(rubbing)}:",
+        "    z0, q0, turning = 0.0, theta[0], 1.0 / bristle",
+        "    for k in range(theta.shape[0]):",
         *indented([
             "step = ratio * (theta[k] - q0)", "q0 = theta[k]",
             f"if s{writer.switch[writer.onsets()[0].name]}:", "    " + writer.turn(0, "step"),
             "else:", "    z0 = min(1.0, max(-1.0, z0 + step * turning))",
             "load[k] += max(level[k], 0.0) * z0",
-        ], 3),
+        ], 2),
     ]  # fmt: skip
     path = []
     for effect in writer.chosen("torque_path"):
@@ -227,13 +257,7 @@ def inverse_source() -> str:
         path += writer.when(
             effect, [f"push = {writer.law(effect.law)}(push, 0.5 * (theta[k] + theta[k + 1]), t{writer.arguments(effect)})"]
         )
-    torque = [
-        "@compiled",
-        "def torque(cells, theta, p, on, t, h, out):",
-        *indented(writer.constants(), 1),
-        "    for k in range(cells.shape[0]):",
-        *indented(["push = cells[k]", *path, "out[k] = push", "t += h"], 2),
-    ]
+    torque = ["for k in range(cells.shape[0]):", *indented(["push = cells[k]", *path, "out[k] = push", "t += h"], 1)]
     fix = []
     for effect in writer.chosen("sensor"):
         assert effect.law is not None
@@ -243,14 +267,41 @@ def inverse_source() -> str:
             effect,
             [f"omega[k] *= 1.0 + {slope}(theta[k]{writer.arguments(effect)})", f"theta[k] += {law}(theta[k]{writer.arguments(effect)})"],
         )
-    angle = [
-        "@compiled",
-        "def angle(theta, omega, p, on):",
-        *indented(writer.constants(), 1),
-        "    for k in range(theta.shape[0]):",
-        *indented(fix, 2),
-    ]
-    return writer.assemble([load, motor, torque, angle])
+    constants = writer.constants()
+    return writer.assemble([
+        _function("motor(theta, omega, p, on, t, h, bristle, load, level)", constants, motor),
+        _function("torque(cells, theta, p, on, t, h, out)", constants, torque),
+        _function("angle(theta, omega, p, on)", constants, ["for k in range(theta.shape[0]):", *indented(fix, 1)]),
+    ])  # fmt: skip
+
+
+def _motor_alone(writer: Writer) -> list[str]:
+    """``load`` and ``level`` by the effects that need to know no more than the motor's motion, each in a loop of its own.
+
+    Effects of one law whose switches and parameters stand one behind the other share the text of theirs.
+    """
+    name, ratio = writer.bodies[0][1].name, "ratio * " if writer.bodies[0][1].rotary else ""
+    chosen = [e for e in writer.effects if e.body == name and e.slot in ("force", "friction_level") and e.law is not None]
+    lines = []
+    for (law, slot), same in groupby(chosen, lambda e: (e.law, e.slot)):
+        assert law is not None
+        family = list(same)
+        rows = [[writer.switch[e.name], *(writer.place[n] for n in (*e.full_names(), *e.uses))] for e in family]
+        steps = {tuple(b - a for a, b in zip(one, other, strict=True)) for one, other in pairwise(rows)}
+        given = "theta[k], omega[k]" if slot == "force" else f"omega[k], {ratio}theta[k]"
+        into = "load[k] -=" if slot == "force" else "level[k] +="
+        if len(steps) == 1:
+            (step,) = steps
+            switch, *places = (f"{at} + {by} * e" for at, by in zip(rows[0], step, strict=True))
+            values = [f"a{i} = p[{place}]" for i, place in enumerate(places)]
+            sum_up = f"    {into} {writer.law(law)}({given}, t + k * h, {', '.join(f'a{i}' for i in range(len(places)))})"
+            loop = [*values, "for k in range(theta.shape[0]):", sum_up]
+            lines += [f"for e in range({len(family)}):", f"    if on[{switch}]:", *indented(loop, 2)]
+            continue
+        for effect in family:
+            sum_up = f"    {into} {writer.law(law)}({given}, t + k * h{writer.arguments(effect)})"
+            lines += writer.when(effect, ["for k in range(theta.shape[0]):", sum_up])
+    return lines
 
 
 def import_stable(source: str) -> ModuleType:

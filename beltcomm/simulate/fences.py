@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import re
+
 #: Neighbours that get a switch of their own.
 FEWEST = 2
+_NAME = re.compile(r"[A-Za-z_]\w*")
 
 
 def fenced(lines: list[str], usual: set[str]) -> tuple[list[str], list[str]]:
@@ -51,6 +54,16 @@ def asked(block: list[str]) -> list[str]:
     """Switches that a block asks; none where it is more than that."""
     head = block[0]
     return head[3:-1].split(" or ") if head.startswith("if s") and head[4:5].isdigit() and "else:" not in block else []
+
+
+def needed(lines: list[str], behind: list[str]) -> list[str]:
+    """Those of the lines ``name = ...`` whose name is asked for by the lines behind them, or by others that are."""
+    names, kept = set(_NAME.findall("\n".join(behind))), []
+    for line in reversed(lines):
+        if line.split(" = ", 1)[0] in names:
+            names.update(_NAME.findall(line))
+            kept.append(line)
+    return kept[::-1]
 
 
 def indented(lines: list[str], depth: int) -> list[str]:

@@ -33,7 +33,7 @@ from beltcomm.simulate.mean import triangular_mean
 from beltcomm.simulate.observer import NOTHING, Watch
 from beltcomm.simulate.plain_belt import PLAIN, knows, plain_belt, values_of
 from beltcomm.simulate.plain_gap import plain_gap
-from beltcomm.simulate.writer import LOOK_AHEAD, MOVING_RAD_S, catalogue_parameters
+from beltcomm.simulate.writer import LOOK_AHEAD, MOVING_RAD_S, acts_on_motor, catalogue_parameters
 
 Array = NDArray[np.float64]
 #: Laws with their values.
@@ -134,8 +134,8 @@ class Switchboard:
     those that act on the motor alone, and for the others: the load is the sum of both.
     delays : effects between reported and acting torque, with their places in the model's vector.     readings : the same for those
     between the torque and its reading.     bent : whether the torque path, corrected : whether the angle is touched by an effect.
-    plain : whether ``plain_belt`` knows all that there is beyond the motor.   gap : places in the model's vector of what ``plain_gap`` asks
-    for, -1 for what is off; () where it does not know all of it.
+    bare : whether nothing but ``PLAIN``, plain : whether nothing but what ``plain_belt`` knows is beyond the motor.   gap : places in the
+    model's vector of what ``plain_gap`` asks for, -1 for what is off; () where it does not know all of it.
     """
 
     places: NDArray[np.intp]
@@ -146,6 +146,7 @@ class Switchboard:
     readings: tuple[tuple[Callable[..., Array], tuple[int, ...]], ...]
     bent: bool
     corrected: bool
+    bare: bool
     plain: bool
     gap: tuple[int, ...]
 
@@ -154,11 +155,6 @@ class Switchboard:
         p = np.zeros(_CATALOGUE_SIZE)
         p[self.places] = vector
         return p
-
-
-def acts_on_motor(effect: Effect) -> bool:
-    """Whether an effect adds to the load of the motor whatever the carriage does."""
-    return effect.slot in ("force", "friction_level", "friction_onset") and effect.body == "motor"
 
 
 @lru_cache(maxsize=256)
@@ -179,6 +175,7 @@ def switchboard(base_bodies: tuple[str, ...], effects: tuple[str, ...]) -> Switc
         tuple(laws.get("torque_reading", ())),
         any(e.slot == "torque_path" for e in chosen),
         any(e.slot == "sensor" for e in chosen),
+        base_bodies == ("motor", "cart") and _beyond(chosen) <= set(PLAIN),
         base_bodies == ("motor", "cart") and knows(_beyond(chosen)),
         _gap_places(base_bodies, chosen, own),
     )
@@ -234,8 +231,16 @@ def fine_load(model: Model, motion: FineMotion, vector: Array | None = None, off
     board = switchboard(model.base_bodies, model.effects)
     p = board.spread(model.vector() if vector is None else vector)
     load, cart = np.empty_like(motion.theta), np.empty_like(motion.theta)
-    h = motion.sample_s / motion.substeps
-    inverse_kernel().load(motion.theta, motion.omega, p, board.on, motion.time_s, h, motion.bristle_m, offset_m, load, cart, NOTHING)
+    h, kernel = motion.sample_s / motion.substeps, inverse_kernel()
+    given = (motion.theta, motion.omega, p, board.on, motion.time_s, h)
+    if board.bare:
+        kernel.plain(*given, offset_m, load, cart)
+    else:
+        kernel.load(*given, motion.bristle_m, offset_m, load, cart, NOTHING)
+    if board.motor.any():
+        own, level = _SCRATCH.rows(len(load))
+        kernel.motor(*given, motion.bristle_m, own, level)
+        load += own
     return load, cart
 
 

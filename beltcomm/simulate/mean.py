@@ -13,7 +13,6 @@ Array = NDArray[np.float64]
 ABSURD_NM = 1e12
 
 
-@compiled
 def weighted(fine: Array, middle: int, substeps: int) -> float:
     """Mean with weight 1 - |s| around one place of a fine grid, by Simpson's rule; ``substeps`` even.   At most ``ABSURD_NM``.
 

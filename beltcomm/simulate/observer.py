@@ -92,6 +92,7 @@ def lanes_for(number: int) -> int:
 EXPECTED = ("H", "s", "shares")
 LEARNED = ("keep", "F", "G", "H", "D", "variances", "P", "gains", "deviations", "shares", "lost", "room", "cart", "behind", "spread")
 OBSERVED = ("keep", "F", "s", "ahead", "gains", "deviations", "shares", "white")
+TAKEN = ("places", "behind", "s")
 TOUCHED = ("wanted", "keep", "lost", "deviations", "shares", "half_gap_m", "stiffness")
 
 
@@ -100,7 +101,6 @@ def seen(fields: Sequence[str]) -> str:
     return ", ".join(f"see_{field}" for field in fields)
 
 
-@compiled
 def expected(n: int, left: float, H: Array, s: Array, shares: Array) -> float:
     """ν[n], N m.   left : e[n], N m."""
     share, innovation = shares[n], left
@@ -109,7 +109,6 @@ def expected(n: int, left: float, H: Array, s: Array, shares: Array) -> float:
     return innovation
 
 
-@compiled
 def observe(
     n: int,
     innovation: float,
@@ -137,7 +136,16 @@ def observe(
         s[i] = ahead[i]
 
 
-@compiled
+def taken(body: int, places: NDArray[np.int64], behind: int, s: Array) -> tuple[float, float]:
+    """What s says of a body's position and speed, which are 0 in it from now on; 0, 0 for a body that it does not know."""
+    at = places[body]
+    if at < 0:
+        return 0.0, 0.0
+    place, speed = s[at], s[at + behind]
+    s[at] = s[at + behind] = 0.0
+    return place, speed
+
+
 def learn(
     n: int,
     innovation: float,
@@ -208,7 +216,6 @@ def learn(
         P[cart + behind, cart + behind] += spread[1]
 
 
-@compiled
 def contact(
     n: int,
     lever: float,

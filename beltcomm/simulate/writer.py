@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import inspect
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 
 from beltcomm import cascade_kernel
 from beltcomm.effects import (
@@ -25,9 +25,10 @@ from beltcomm.effects import (
     is_plain_belt,
 )
 from beltcomm.model import BASE_BODIES, body_list, effect_parameters, expected_parameters
-from beltcomm.simulate import loop_kernel, observer
+from beltcomm.simulate import loop_kernel
 from beltcomm.simulate.fences import fenced, indented
-from beltcomm.simulate.observer import EXPECTED, LEARNED, OBSERVED, TOUCHED, seen
+from beltcomm.simulate.mean import weighted
+from beltcomm.simulate.observer import EXPECTED, LEARNED, OBSERVED, TAKEN, TOUCHED, contact, expected, learn, observe, seen, taken
 from beltcomm.simulate.stick import stick_or_slide
 
 #: rad/s: a stretch that begins faster than this begins in motion, all bodies with the motor (a gap in the middle of a stroke);
@@ -48,12 +49,17 @@ def catalogue_parameters() -> dict[str, int]:
     return {name: i for i, name in enumerate(dict.fromkeys(names))}
 
 
-def catalogue_bodies() -> tuple[tuple[str, Body], ...]:
-    """All bodies of the catalogue, the base bodies first."""
+def catalogue_bodies(effects: Sequence[Effect] = EFFECTS) -> tuple[tuple[str, Body], ...]:
+    """All bodies of these effects of the catalogue, the base bodies first."""
     found = {f"{name}.{body.inertia.name}": body for name, body in BASE_BODIES.items()}
-    for effect in EFFECTS:
+    for effect in effects:
         found |= {f"{body.name}.{body.inertia.name}": body for body in effect.bodies}
     return tuple(found.items())
+
+
+def acts_on_motor(effect: Effect) -> bool:
+    """Whether an effect adds to the load of the motor whatever the carriage does."""
+    return effect.slot in ("force", "friction_level", "friction_onset") and effect.body == "motor"
 
 
 class Writer:
@@ -67,13 +73,13 @@ class Writer:
         self._prepare()
 
     @classmethod
-    def of_catalogue(cls) -> Writer:
-        """The masked kernel of everything."""
+    def masked_over(cls, effects: Iterable[Effect]) -> Writer:
+        """A masked kernel that knows these effects, on the parameter vector and the switches of the whole catalogue."""
         writer = cls.__new__(cls)
         writer.masked = True
-        writer.effects = list(EFFECTS)
+        writer.effects = list(effects)
         writer.place = catalogue_parameters()
-        writer.bodies = catalogue_bodies()
+        writer.bodies = catalogue_bodies(writer.effects)
         writer._prepare()
         return writer
 
@@ -332,36 +338,24 @@ class Writer:
         """Corrects the bodies behind the motor at the end of every sample, by what the torque says of them; ``observer``."""
         correct = []
         for i in range(1, len(self.bodies)):
-            taken = [f"q{i} -= see_s[at]", f"v{i} -= see_s[at + see_behind]", f"o{i} -= see_s[at + see_behind]"]
-            correct += [f"at = see_places[{i}]", "if at >= 0:", *indented([*taken, "see_s[at] = see_s[at + see_behind] = 0.0"], 1)]
+            correct += [f"place, speed = {self.law(taken)}({i}, {seen(TAKEN)})", f"q{i} -= place", f"v{i} -= speed", f"o{i} -= speed"]
         sample = [
             "before = k // see_substeps - 1",
             "left = 0.0",
             "if before > 0:",
-            "    left = weighted(load, before * see_substeps, see_substeps) - see_wanted[before]",
+            f"    left = {self.law(weighted)}(load, before * see_substeps, see_substeps) - see_wanted[before]",
             "see_left[before] = left",
             "if see_learning:",
             "    see_shares[before] = shut / inside",
-            f"innovation = expected(before, left, {seen(EXPECTED)})",
+            f"innovation = {self.law(expected)}(before, left, {seen(EXPECTED)})",
             "if see_learning:",
-            f"    learn(before, innovation, {seen(LEARNED)})",
-            f"observe(before, innovation, {seen(OBSERVED)})",
+            f"    {self.law(learn)}(before, innovation, {seen(LEARNED)})",
+            f"{self.law(observe)}(before, innovation, {seen(OBSERVED)})",
             *correct,
-            f"q{self.cart} -= contact(before, lever, u - q{self.cart}, {seen(TOUCHED)})",
+            f"q{self.cart} -= {self.law(contact)}(before, lever, u - q{self.cart}, {seen(TOUCHED)})",
             "inside, shut = 0, 0.0",
         ]
         return ["if watched and k > 0:", "    inside += 1", "    shut += closed", "    if inside == see_substeps:", *indented(sample, 2)]
-
-    def motor_alone(self) -> list[str]:
-        """``load`` and ``level`` by the effects that need to know no more than the motor's motion, each in a loop of its own."""
-        lines = []
-        for effect in (e for e in self.effects if e.body == self.bodies[0][1].name and e.slot in ("force", "friction_level")):
-            assert effect.law is not None
-            force = effect.slot == "force"
-            given = "theta[k], omega[k]" if force else f"omega[k], {'ratio * ' if self.bodies[0][1].rotary else ''}theta[k]"
-            sum_up = f"{'load[k] -=' if force else 'level[k] +='} {self.law(effect.law)}({given}, t + k * h{self.arguments(effect)})"
-            lines += self.when(effect, ["for k in range(theta.shape[0]):", f"    {sum_up}"])
-        return lines
 
     # -- how a stretch begins ---------------------------------------------------------------------------------------------------
 
@@ -378,22 +372,17 @@ class Writer:
         """The module: imports, compiled laws, functions, and a hash of all laws (a changed law must not meet old machine code)."""
         body = "\n\n\n".join("\n".join(part) for part in functions)
         imports = [f"from {law.__module__} import {law.__name__} as _{name}" for name, law in sorted(self.laws.items())]
-        laws = [f"{name} = njit(getattr(_{name}, 'py_func', _{name}))" for name in sorted(self.laws)]
-        head = [
-            "import math",
-            "",
-            "import numpy as np",
-            "from numba import njit",
-            "",
-            "from beltcomm.compiled import compiled",
-            "from beltcomm.simulate.loop_kernel import setpoint",
-            "from beltcomm.simulate.mean import weighted",
-            "from beltcomm.simulate.observer import contact, expected, learn, observe",
-            *imports,
-            "",
-            *laws,
-        ]
-        modules = sorted({law.__module__ for law in self.laws.values()})
-        used = [*(sys.modules[module] for module in modules), loop_kernel, cascade_kernel, observer]
-        text = "".join(inspect.getsource(module) for module in used)
+        laws = [f"{name} = within_kernels(getattr(_{name}, 'py_func', _{name}))" for name in sorted(self.laws)]
+        if "setpoint(" in body:
+            imports.append("from beltcomm.simulate.loop_kernel import setpoint")
+        head = ["import math", "", "import numpy as np", "", "from beltcomm.compiled import compiled, within_kernels", *imports, "", *laws]
+        used = {loop_kernel.__name__, cascade_kernel.__name__}.union(*(_modules(law) for law in self.laws.values()))
+        text = "".join(inspect.getsource(sys.modules[module]) for module in sorted(used))
         return "\n".join(head) + "\n\n\n" + body + "\n# " + hashlib.sha256(text.encode()).hexdigest() + "\n"
+
+
+def _modules(law: Callable[..., object]) -> set[str]:
+    """Where a law and the compiled functions that it calls are written."""
+    plain = getattr(law, "py_func", law)
+    called = (plain.__globals__[name] for name in plain.__code__.co_names if name in plain.__globals__)
+    return {plain.__module__}.union(*(_modules(other) for other in called if hasattr(other, "py_func")))

@@ -10,10 +10,8 @@ from scipy.integrate import solve_ivp
 
 from beltcomm.errors import Refused, UsageError
 from beltcomm.model import Model, build_model
-from beltcomm.simulate.compose import inverse_kernel
 from beltcomm.simulate.forward import State, integrate_torque, simulate_torque
-from beltcomm.simulate.inverse import switchboard
-from beltcomm.simulate.observer import NOTHING
+from beltcomm.simulate.inverse import FineMotion, fine_load
 from beltcomm.statics import equilibrium
 
 IT, INERTIA, MASS, C, D = 0.01242, 71.73e-6, 13.44, 203740.0, 20.0
@@ -244,10 +242,7 @@ def test_inverse_of_the_simulated_motion_is_its_torque(friction: float) -> None:
         h = 1e-3 / substeps
         torque = np.repeat(held, substeps)
         out = integrate_torque(model, torque, h, substeps=1)
-        load, cart = np.empty_like(torque), np.empty_like(torque)
-        board = switchboard(model.base_bodies, model.effects)
-        p = board.spread(model.vector())
-        inverse_kernel().load(out.position_rad, out.velocity_rad_s, p, board.on, 0.0, h, 1e-9, 0.0, load, cart, NOTHING)
+        load, cart = fine_load(model, FineMotion(out.position_rad, out.velocity_rad_s, len(held) + 1, 1e-3, substeps, 0.0, 1e-9))
         speed = np.append(out.velocity_rad_s, out.end.speeds[0])
         expected = torque - INERTIA * np.diff(speed) / h
         moving = np.minimum(np.abs(speed[:-1]), np.abs(speed[1:])) > 0.2

@@ -1,0 +1,98 @@
+"""The largest kernel compiled on another processor while this one does what comes before it; the first time only.
+
+A diagnosis needs the masked load, a third of all that it compiles, when its base fit stands.  A process of its own compiles it from the
+beginning on and leaves it in the cache, where it is found; where that process fails, the kernel is compiled here as any other.
+"""
+
+from __future__ import annotations
+
+import atexit
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from functools import wraps
+from pathlib import Path
+from typing import ParamSpec, TypeVar
+
+import numba
+import numpy as np
+
+from beltcomm.compiled import told_as_compiling
+
+_P = ParamSpec("_P")
+_R = TypeVar("_R")
+
+_beside: list[subprocess.Popen[bytes]] = []
+
+
+def begin() -> None:
+    """Compile the masked load beside this process, unless that was done before, no cache can be written or there is one processor."""
+    note = _note()
+    if note is not None and not note.exists() and len(os.sched_getaffinity(0)) > 1:
+        start([sys.executable, "-P", "-m", __name__])
+
+
+def start(command: Sequence[str]) -> None:
+    """Run a command beside this process, which ends it with itself; :func:`wait` waits for it."""
+    if _beside:
+        return
+    try:
+        child = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    except OSError:
+        return
+    _beside.append(child)
+    atexit.register(_end, child)
+
+
+def wait() -> None:
+    """Until what was begun is done; told as any other compilation."""
+    if not _beside:
+        return
+    with told_as_compiling():
+        for child in tuple(_beside):  # another thread may wait for the same one
+            child.wait()
+    _beside.clear()
+
+
+def after_waiting(kernel: Callable[_P, _R]) -> Callable[_P, _R]:
+    """The kernel, which looks for its machine code when what was begun is done."""
+
+    @wraps(kernel)
+    def call(*args: _P.args, **kwargs: _P.kwargs) -> _R:
+        wait()
+        return kernel(*args, **kwargs)
+
+    return call
+
+
+def _end(child: subprocess.Popen[bytes]) -> None:
+    child.terminate()
+    child.wait()
+
+
+def _note() -> Path | None:
+    """Says that the load of this source was compiled here by this numba; whether its machine code still fits, numba alone decides."""
+    from beltcomm.simulate.compose import load_module
+
+    file: str | None = getattr(load_module(), "__file__", None)
+    return None if file is None else Path(file).with_suffix(f".numba-{numba.__version__}")
+
+
+def main() -> None:
+    """Compile the masked load by a call with the types of every other call."""
+    from beltcomm.effects import EFFECTS
+    from beltcomm.simulate.compose import load_module
+    from beltcomm.simulate.observer import NOTHING
+    from beltcomm.simulate.writer import catalogue_parameters
+
+    p, on = np.ones(len(catalogue_parameters())), np.zeros(len(EFFECTS), dtype=np.bool_)
+    motion, rest, load, cart = np.zeros((4, 3))
+    load_module().load(motion, rest, p, on, 0.0, 1.0, 1.0, 0.0, load, cart, NOTHING)
+    note = _note()
+    if note is not None:
+        note.touch()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,78 @@
+"""What is compiled beside: waited for once, told as compiling, ended with this process; what a plain axis does not compile."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from beltcomm.compiled import when_compiling
+from beltcomm.simulate import ahead
+from beltcomm.simulate.compose import load_source, motor_side_source, plain_source
+from beltcomm.simulate.fences import needed
+
+SLEEP = "import time; time.sleep(0.3)"
+
+
+def test_a_kernel_waits_for_what_was_begun_and_only_once() -> None:
+    heard: list[str] = []
+    when_compiling(lambda: heard.append("begun"), lambda: heard.append("ended"))
+    call = ahead.after_waiting(lambda x: x + 1)
+    ahead.start([sys.executable, "-S", "-c", SLEEP])
+    begun = time.monotonic()
+    assert call(1) == 2
+    assert time.monotonic() - begun > 0.25
+    assert heard == ["begun", "ended"]
+    assert call(2) == 3
+    assert heard == ["begun", "ended"]
+
+
+def test_a_process_that_cannot_be_started_or_fails_stops_nothing(tmp_path: Path) -> None:
+    call = ahead.after_waiting(lambda x: x + 1)
+    ahead.start([str(tmp_path / "nothing")])
+    assert call(1) == 2
+    ahead.start([sys.executable, "-S", "-c", "raise SystemExit(3)"])
+    assert call(2) == 3
+
+
+def test_it_ends_with_the_process_that_began_it(tmp_path: Path) -> None:
+    late = tmp_path / "late"
+    child = f"import time; time.sleep(1); open({str(late)!r}, 'w')"
+    text = f"import sys; from beltcomm.simulate import ahead; ahead.start([sys.executable, '-S', '-c', {child!r}])"
+    subprocess.run([sys.executable, "-c", text], check=True)
+    time.sleep(1.2)
+    assert not late.exists()
+
+
+def test_nothing_is_begun_where_it_was_done_before(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    started: list[object] = []
+    monkeypatch.setattr(ahead, "start", started.append)
+    monkeypatch.setattr("os.sched_getaffinity", lambda _: {0, 1})
+    note = tmp_path / "note"
+    monkeypatch.setattr(ahead, "_note", lambda: note)
+    ahead.begin()
+    assert len(started) == 1
+    note.touch()
+    ahead.begin()
+    monkeypatch.setattr(ahead, "_note", lambda: None)
+    ahead.begin()
+    monkeypatch.setattr(ahead, "_note", lambda: tmp_path / "other")
+    monkeypatch.setattr("os.sched_getaffinity", lambda _: {0})
+    ahead.begin()
+    assert len(started) == 1
+
+
+def test_lines_that_nothing_asks_for_are_left_out() -> None:
+    lines = ["a = p[0]", "b = 1.0 / a", "c = p[2]", "d = c"]
+    assert needed(lines, ["x = b * q"]) == ["a = p[0]", "b = 1.0 / a"]
+    assert needed(lines, ["x = bb"]) == []
+
+
+def test_the_load_knows_nothing_of_what_acts_on_the_motor_alone_and_a_plain_one_no_observer() -> None:
+    assert "cogging" not in load_source()
+    assert "cogging" in motor_side_source()
+    assert "see_" not in plain_source()
+    assert "def load(theta, omega, p, on, t, h, offset, load, cart):" in plain_source()
