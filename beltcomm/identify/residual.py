@@ -102,7 +102,7 @@ class Stretch:
 
     def grouped(self, single: Array) -> Array:
         """Values of the kept samples, (kept,) or (kept, k), put together group by group."""
-        if self.group == 1:
+        if self.group == 1 or len(single) == 0:  # of a record in which the axis never slid nothing counts
             return single
         return _together(single.reshape(len(single), -1), self.firsts, self.group).reshape(-1, *single.shape[1:])
 

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from beltcomm.identify.following import follower_for
-from beltcomm.identify.residual import grouped
+from beltcomm.identify.residual import Stretch, grouped
 from beltcomm.identify.whitening import noise_path, whitener
 from beltcomm.model import Model, build_model
 from beltcomm.simulate.inverse import (
@@ -129,6 +129,13 @@ def test_columns_are_whitened_side_by_side_as_by_the_general_filter(shares: tupl
     f = np.stack([other.path.F] * 2)
     general = filtered(columns, keep, f, np.stack([path.H] * 2), known.gains, known.deviations, np.zeros(800))
     np.testing.assert_array_equal(other(columns, keep), general)
+
+
+def test_a_record_in_which_nothing_counts_leaves_nothing() -> None:
+    motion = shaken(2)
+    still = Stretch("reversal", False, np.zeros(1500), np.zeros(1500), motion, np.zeros(1500, dtype=np.bool_), 5e-3, 1e-4, 0.0, group=4)
+    assert still.grouped(np.zeros(0)).shape == (0,)
+    assert still.grouped(np.zeros((0, 3))).shape == (0, 3)
 
 
 @pytest.mark.parametrize("size", [1, 2, 4])
