@@ -27,8 +27,8 @@ PLAIN = ("belt_stiffness", "belt_damping", "viscous_cart", "cart_friction")
 #: Those that it knows besides, and of these the ones that bring a body: one of them at most.
 BESIDE = ("belt_slack", "stiffness_position", "end_pulley", "viscous_end_pulley", "payload_mode")
 BODIES = ("end_pulley", "payload_mode")
-#: Rows of values: belt, carriage, slack, place, body; see :func:`values_of`.
-_SLACK, _PLACE, _BODY, _ROWS = 7, 12, 16, 23
+#: Rows of :func:`values_of`, and those of them that are not 0 where there is more than a plain belt.
+_ROWS, _MORE = 23, (7, 15, 16)
 
 
 def knows(effects: set[str]) -> bool:
@@ -77,14 +77,25 @@ def plain_belt(theta: Array, omega: Array, step_s: float, substeps: int, ratio: 
     """
     models = values.shape[1]
     mean = np.zeros(((theta.shape[0] - 1) // substeps + 1, models))
-    _plain_belt(theta, omega, step_s, substeps, ratio, first, values, lanes_for(models), mean)
+    more = values if values[list(_MORE)].any() else None
+    _plain_belt(theta, omega, step_s, substeps, ratio, first, values, more, lanes_for(models), mean)
     return mean
 
 
 @in_lanes
 def _plain_belt(
-    theta: Array, omega: Array, h: float, substeps: int, ratio: float, first: float, values: Array, lanes: int, mean: Array
+    theta: Array,
+    omega: Array,
+    h: float,
+    substeps: int,
+    ratio: float,
+    first: float,
+    values: Array,
+    more: Array | None,
+    lanes: int,
+    mean: Array,
 ) -> None:
+    # ``more`` is None where there is nothing but the plain belt: compiled for that type, what stands behind it is left out.
     # Places in one block of memory, so that the compiler sees that none overlap.
     v, w, o, q, k, d, n, b, g, now, ahead = 0, 16, 32, 48, 64, 80, 96, 112, 128, 144, 160
     y, r, f, part = 176, 192, 208, 224
@@ -101,24 +112,26 @@ def _plain_belt(
             s[k + c], s[d + c], s[n + c], s[b + c] = values[0, at], values[1, at], 1.0 / values[2, at], values[3, at]
             s[g + c] = max(values[4, at], 0.0) / values[2, at]
             s[q + c] = ratio * theta[0] + values[5, at]
-            s[part + c] = values[6, at]
-            s[plus + c], s[minus + c], s[above + c], s[below + c] = values[7, at], values[8, at], values[9, at], values[10, at]
-            s[wide + c], s[narrow + c] = values[11, at] * values[7, at], values[11, at] * values[8, at]
-            s[share + c], s[scaled + c], s[at_0 + c], s[twice + c] = values[12, at], values[13, at], values[14, at], values[15, at]
-            s[ne + c] = 1.0 / values[16, at] if values[16, at] > 0.0 else 0.0
-            s[ka + c], s[da + c], s[kb + c], s[db + c] = values[17, at], values[18, at], values[19, at], values[20, at]
-            s[hard + c], s[be + c] = values[21, at], values[22, at]
-            rubs, slack = rubs or s[g + c] > 0.0, slack or s[plus + c] > 0.0
-            placed, chained = placed or s[twice + c] > 0.0, chained or s[ne + c] > 0.0
-            s[qe + c] = ratio * theta[0]
-            s[v + c] = s[o + c] = s[ve + c] = s[oe + c] = ratio * first
+            if more is not None:
+                s[part + c] = more[6, at]
+                s[plus + c], s[minus + c], s[above + c], s[below + c] = more[7, at], more[8, at], more[9, at], more[10, at]
+                s[wide + c], s[narrow + c] = more[11, at] * more[7, at], more[11, at] * more[8, at]
+                s[share + c], s[scaled + c], s[at_0 + c], s[twice + c] = more[12, at], more[13, at], more[14, at], more[15, at]
+                s[ne + c] = 1.0 / more[16, at] if more[16, at] > 0.0 else 0.0
+                s[ka + c], s[da + c], s[kb + c], s[db + c] = more[17, at], more[18, at], more[19, at], more[20, at]
+                s[hard + c], s[be + c] = more[21, at], more[22, at]
+                slack, placed, chained = slack or s[plus + c] > 0.0, placed or s[twice + c] > 0.0, chained or s[ne + c] > 0.0
+                s[qe + c] = ratio * theta[0]
+                s[ve + c] = s[oe + c] = ratio * first
+            rubs = rubs or s[g + c] > 0.0
+            s[v + c] = s[o + c] = ratio * first
             s[now + c] = s[ahead + c] = 0.0
         j, sample = 0, 0
         for i in range(theta.shape[0]):
             u, du = ratio * theta[i], ratio * omega[i]
             simpson = scale * (4.0 if j % 2 else 2.0)  # see ``mean.weighted``
             falling, rising = simpson * (substeps - j), simpson * j
-            if slack or placed or chained:
+            if more is not None:
                 for c in range(lanes):
                     s[w + c] = 1.5 * s[v + c] - 0.5 * s[o + c]
                     s[o + c] = s[v + c]

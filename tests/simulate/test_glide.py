@@ -151,7 +151,7 @@ def test_what_is_declared_harmonic_is_a_sine_and_a_cosine() -> None:
 
 def test_a_law_on_fast_functions_says_the_same() -> None:
     """Also where it calls another one."""
-    for name, given in (("stribeck", (1.3, 0.0, 0.0, 0.02, 2.5)), ("presliding_cart", (2e-6, -0.3, 5e-6, 3.0))):
+    for name, given in (("stribeck", (1.3, 0.0, 0.0, 0.02, 2.5, 1.7)), ("presliding_cart", (2e-6, -0.3, 5e-6, 3.0))):
         law = effect_named(name).law
         assert law is not None
         assert fast(law)(*given) == pytest.approx(law(*given), rel=1e-14)
