@@ -46,7 +46,8 @@ class Nearby:
         shared = self.moving[self.moving < own]
         border = np.repeat(1.0 / np.maximum(norms[own:], 1e-300), np.diff(jacobian.ends))
         beside = jacobian.columns[:, own] * (border if len(border) else 0.0)
-        columns = np.column_stack((jacobian.columns[:, shared] / norms[shared], beside))
+        # Of one layout, here and below, so that ``_products`` is compiled once.
+        columns = np.ascontiguousarray(np.column_stack((jacobian.columns[:, shared] / norms[shared], beside)))
         self.jacobian = Bordered(columns, jacobian.ends)
         #: Of the unknowns that all stretches share and of one for each stretch those that move.
         self.used = np.concatenate((np.arange(len(shared)), len(shared) + self.moving[len(shared) :] - own))
@@ -132,7 +133,7 @@ class Nearby:
         start = self.residual if change is None else self.residual + change
         own = np.zeros((len(start), 0)) if columns is None else columns
         sizes = np.linalg.norm(own, axis=0)
-        right = np.column_stack((start, own / np.maximum(sizes, 1e-300)))
+        right = np.ascontiguousarray(np.column_stack((start, own / np.maximum(sizes, 1e-300))))
         if not np.all(np.isfinite(right)):  # no motion of the other bodies follows from these values
             return Near(np.inf, np.zeros(own.shape[1]), np.zeros(self.unknowns))
         every = np.ones((len(self.count), right.shape[1]), dtype=np.bool_)

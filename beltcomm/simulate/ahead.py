@@ -1,7 +1,8 @@
-"""The largest kernel compiled on another processor while this one does what comes before it; the first time only.
+"""The largest kernels compiled on another processor while this one does what comes before it; the first time only.
 
-A diagnosis needs the masked load, a third of all that it compiles, when its base fit stands.  A process of its own compiles it from the
-beginning on and leaves it in the cache, where it is found; where that process fails, the kernel is compiled here as any other.
+A diagnosis needs the masked load and the belt with what may stand beside it, half of all that it compiles, when its base fit stands.  A
+process of its own compiles them from the beginning on and leaves them in the cache, where they are found; where that process fails, they
+are compiled here as any other.
 """
 
 from __future__ import annotations
@@ -80,15 +81,18 @@ def _note() -> Path | None:
 
 
 def main() -> None:
-    """Compile the masked load by a call with the types of every other call."""
+    """Compile both by calls with the types of every other call."""
     from beltcomm.effects import EFFECTS
     from beltcomm.simulate.compose import load_module
     from beltcomm.simulate.observer import NOTHING
+    from beltcomm.simulate.plain_belt import plain_belt, values_of
     from beltcomm.simulate.writer import catalogue_parameters
 
     p, on = np.ones(len(catalogue_parameters())), np.zeros(len(EFFECTS), dtype=np.bool_)
     motion, rest, load, cart = np.zeros((4, 3))
     load_module().load(motion, rest, p, on, 0.0, 1.0, 1.0, 0.0, load, cart, NOTHING)
+    richest = values_of(1, lambda name: 1.0 if name.endswith("distance") else 0.5, np.zeros(1))
+    plain_belt(motion, rest, 1.0, 2, 1.0, 0.0, richest)
     note = _note()
     if note is not None:
         note.touch()

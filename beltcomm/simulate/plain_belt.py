@@ -17,6 +17,7 @@ from beltcomm.compiled import in_lanes
 from beltcomm.effects._corner import REACH
 from beltcomm.effects.belt_slack import MOST_LOST
 from beltcomm.effects.stiffness_position import LEAST_COMPLIANCE
+from beltcomm.simulate import ahead
 from beltcomm.simulate.mean import ABSURD_NM
 from beltcomm.simulate.observer import lanes_for
 
@@ -78,6 +79,8 @@ def plain_belt(theta: Array, omega: Array, step_s: float, substeps: int, ratio: 
     models = values.shape[1]
     mean = np.zeros(((theta.shape[0] - 1) // substeps + 1, models))
     more = values if values[list(_MORE)].any() else None
+    if more is not None:
+        ahead.wait()
     _plain_belt(theta, omega, step_s, substeps, ratio, first, values, more, lanes_for(models), mean)
     return mean
 
@@ -97,7 +100,7 @@ def _plain_belt(
 ) -> None:
     # ``more`` is None where there is nothing but the plain belt: compiled for that type, what stands behind it is left out.
     # Places in one block of memory, so that the compiler sees that none overlap.
-    v, w, o, q, k, d, n, b, g, now, ahead = 0, 16, 32, 48, 64, 80, 96, 112, 128, 144, 160
+    v, w, o, q, k, d, n, b, g, now, later = 0, 16, 32, 48, 64, 80, 96, 112, 128, 144, 160
     y, r, f, part = 176, 192, 208, 224
     plus, minus, above, below, wide, narrow = 240, 256, 272, 288, 304, 320
     share, scaled, at_0, twice = 336, 352, 368, 384
@@ -125,7 +128,7 @@ def _plain_belt(
                 s[ve + c] = s[oe + c] = ratio * first
             rubs = rubs or s[g + c] > 0.0
             s[v + c] = s[o + c] = ratio * first
-            s[now + c] = s[ahead + c] = 0.0
+            s[now + c] = s[later + c] = 0.0
         j, sample = 0, 0
         for i in range(theta.shape[0]):
             u, du = ratio * theta[i], ratio * omega[i]
@@ -169,7 +172,7 @@ def _plain_belt(
                         s[fe + c] = far - near - s[be + c] * s[we + c]
                         pull = s[f + c] + far
                         s[now + c] += falling * pull
-                        s[ahead + c] += rising * pull
+                        s[later + c] += rising * pull
                         s[f + c] += near
                     for c in range(lanes):
                         s[ve + c] += h * s[fe + c] * s[ne + c]
@@ -177,7 +180,7 @@ def _plain_belt(
                 else:
                     for c in range(lanes):
                         s[now + c] += falling * s[f + c]
-                        s[ahead + c] += rising * s[f + c]
+                        s[later + c] += rising * s[f + c]
                 for c in range(lanes):
                     s[w + c] = (s[f + c] - s[b + c] * s[w + c]) * s[n + c]
             else:
@@ -187,7 +190,7 @@ def _plain_belt(
                     force = s[k + c] * (u - s[q + c]) + s[d + c] * (du - s[w + c])
                     s[w + c] = (force - s[b + c] * s[w + c]) * s[n + c]
                     s[now + c] += falling * force
-                    s[ahead + c] += rising * force
+                    s[later + c] += rising * force
             if rubs:
                 for c in range(lanes):
                     # ``stick_or_slide`` without branches: a body at rest starts to where it is pushed.
@@ -211,6 +214,6 @@ def _plain_belt(
                         value = s[now + c]
                         mean[sample, begin + c] = value if abs(value) < ABSURD_NM else ABSURD_NM
                 for c in range(lanes):
-                    s[now + c] = s[ahead + c]
-                    s[ahead + c] = 0.0
+                    s[now + c] = s[later + c]
+                    s[later + c] = 0.0
                 j, sample = 0, sample + 1

@@ -6,7 +6,9 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
+import numba
 import pytest
 
 from beltcomm.compiled import when_compiling
@@ -76,3 +78,11 @@ def test_the_load_knows_nothing_of_what_acts_on_the_motor_alone_and_a_plain_one_
     assert "cogging" in motor_side_source()
     assert "see_" not in plain_source()
     assert "def load(theta, omega, p, on, t, h, offset, load, cart):" in plain_source()
+
+
+def test_what_is_compiled_ahead_is_called_and_noted(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """The large load apart, which takes too long here; of a process beside nobody would hear that it failed."""
+    module = SimpleNamespace(load=lambda *_given: None, __file__=str(tmp_path / "kernel.py"))
+    monkeypatch.setattr("beltcomm.simulate.compose.load_module", lambda: module)
+    ahead.main()
+    assert [path.name for path in tmp_path.iterdir()] == [f"kernel.numba-{numba.__version__}"]
