@@ -174,6 +174,7 @@ class Effect:
     carriage is free at times, within a gap that is the first parameter, m: only the torque says where it is then.    bound : it only
     says how much any law of its kind could explain; a diagnosis never adds it.    linear : its law is affine in positions and speeds (a
     friction level: constant), the same at every place and time, for any values of its parameters: it is simulated without an integrator.
+    least : of its first parameter; up to this it is nothing to be named, because every axis has as much or no sensor shows it.
     completed_by : effects that belong to it and mean nothing without it; put on trial once it is named.
     unlikely : of its own values and its bodies' by their names here, in words why no machine has them; empty where one may.
     """
@@ -202,6 +203,7 @@ class Effect:
     alike: Mapping[str, str] = field(default_factory=dict)
     bound: bool = False
     linear: bool = False
+    least: float = 0.0
     completed_by: tuple[str, ...] = ()
     unlikely: Callable[[Mapping[str, float]], str] | None = None
 

@@ -38,6 +38,7 @@ EFFECT = Effect(
     slope=slope,
     trials=trials,
     rattles=True,
+    least=1e-6,  # an encoder of 65536 counts on a pulley of 78 mm resolves 1.2 um
     seen="the belt looks softer at small amplitudes; a jump in position at reversals; rattling",
     causes="loose key, worn teeth, loose clamp",
     check="hold the motor and move the carriage by hand against a dial gauge",

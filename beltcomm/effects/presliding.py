@@ -45,6 +45,7 @@ MOTOR = Effect(
     law=turned,
     body="motor",
     trials=trials,
+    least=3e-6,  # every rolling contact gives way by 1 to 2 um before it rolls: two counts of the encoder
     seen="after a reversal friction does not jump but grows over some tens of micrometres",
     causes="elastic seal lips, bearing preload",
     check="normally nothing; it limits the smallest moves",

@@ -39,8 +39,6 @@ CONFIRMED_EXPLAINED, CONFIRMED_GAIN = 0.05, 0.5
 #: Distance from a bound, relative to it, that is none.
 CLOSE = 1e-6
 STIFFNESS = "belt_stiffness.stiffness"
-#: m: a narrower gap is none; an encoder of 65536 counts on a pulley of 78 mm resolves 1.2 um.
-LEAST_GAP_M = 1e-6
 #: Step by which the torque is raised to see how far the path passes it on, as a share of its largest value.
 STEP = 1e-4
 
@@ -79,8 +77,11 @@ def grown_out_of_bounds(model: Model, effect: Effect) -> bool:
 
 
 def fitted_to_nothing(model: Model, effect: Effect) -> bool:
-    """Whether a gap was fitted to no width: then what explains is the observer that follows the carriage, which forgives other effects."""
-    return effect.rattles and model[effect.full_names()[0]] <= LEAST_GAP_M
+    """Whether an effect was fitted to less than is one.
+
+    A gap of no width: then what explains is the observer that follows the carriage, which forgives other effects.
+    """
+    return effect.least > 0.0 and model[effect.full_names()[0]] <= effect.least
 
 
 def refuted(evidence: float, held_gain: float) -> bool:

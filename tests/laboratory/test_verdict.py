@@ -52,9 +52,18 @@ def test_a_payload_that_does_not_swing_is_named(ratio: float, why: list[str]) ->
     assert [found.partition(" (damping ratio")[0] for found in unlikely(BASE.with_effect("payload_mode", values), BASE)] == why
 
 
-@pytest.mark.parametrize(("gap_m", "nothing"), [(0.0, True), (2e-5, False)])
-def test_a_gap_fitted_to_no_width_explains_nothing(gap_m: float, nothing: bool) -> None:
-    assert fitted_to_nothing(BASE.with_effect("backlash", {"gap": gap_m}), effect_named("backlash")) is nothing
+@pytest.mark.parametrize(
+    ("effect", "parameter", "size_m", "nothing"),
+    [
+        ("backlash", "gap", 0.0, True),
+        ("backlash", "gap", 2e-5, False),
+        ("presliding", "length", 1.5e-6, True),
+        ("presliding", "length", 1.2e-5, False),
+        ("cogging", "sine", 0.0, False),
+    ],
+)
+def test_what_is_fitted_to_less_than_is_an_effect_explains_nothing(effect: str, parameter: str, size_m: float, nothing: bool) -> None:
+    assert fitted_to_nothing(BASE.with_effect(effect, {parameter: size_m}), effect_named(effect)) is nothing
 
 
 def test_noise_has_no_structure_and_a_small_constant_has() -> None:
