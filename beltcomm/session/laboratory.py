@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -172,21 +173,25 @@ def climb(folder: RunFolder, found: Diagnosis, known: bool, command: str, when: 
     if not (known and current_revision(folder)):
         made.append(base_revision(folder, found.base, command, when))
     before = found.base
-    for step in found.steps:
-        if not (step.added or step.forms):
+    for step, following in zip_longest(found.steps, found.steps[1:]):
+        if not step.added:
+            continue
+        formed_next = following is not None and following.forms
+        last = following if formed_next else step  # a form belongs to what was named before it, as with ``add``
+        if confirmed(before, last.after) is False:
             break
-        if confirmed(before, step.after) is False:
-            break
-        change = change_of((step.added, *step.forms), step.removed)
-        made.append(revision_of(folder, step.after, before, change, command, when))
-        before = step.after
+        change = change_of((step.added, *last.forms), (*step.removed, *(last.removed if formed_next else ())))
+        made.append(revision_of(folder, last.after, before, change, command, when))
+        before = last.after
     return made
 
 
 def change_of(new: Sequence[str], removed: Sequence[str] = ()) -> str:
-    """What a revision changes: effects with + and -, forms that became free as ``form of EFFECT``."""
-    effects = [f"+{name}" for name in new if name and "." not in name] + [f"-{name}" for name in removed]
-    return " ".join(effects + [f"form of {name}" for name in dict.fromkeys(n.split(".")[0] for n in new if "." in n)])
+    """What a revision changes: effects with + and -, ``with its form`` or ``form of EFFECT`` where one became free."""
+    effects = [f"+{name}" for name in new if "." not in name and name not in removed]
+    effects += [f"-{name}" for name in removed if name not in new]
+    owners = dict.fromkeys(name.split(".")[0] for name in new if "." in name)
+    return " ".join(effects + ["with its form" if owner in new else f"form of {owner}" for owner in owners])
 
 
 def add_to_run(

@@ -10,6 +10,7 @@ import pytest
 from beltcomm.identify.problem import free_parameters
 from beltcomm.laboratory import forms
 from beltcomm.model import Model, build_model
+from beltcomm.session.laboratory import change_of
 
 BASE = build_model("axis", ("belt_stiffness", "belt_damping", "viscous", "coulomb"), {})
 SAMPLES = 1000
@@ -71,3 +72,16 @@ def test_what_belongs_to_an_effect_is_tried_with_it(monkeypatch: pytest.MonkeyPa
     found = axis.formed("end_pulley")
     assert found.new == ("viscous_end_pulley",)
     assert [e.name for e in forms.added(found.fitted.model, BASE)] == ["end_pulley"]
+
+
+@pytest.mark.parametrize(
+    ("new", "removed", "words"),
+    [
+        (("end_pulley", "viscous_end_pulley"), (), "+end_pulley +viscous_end_pulley"),
+        (("friction_position", "friction_position.flatness"), (), "+friction_position with its form"),
+        (("presliding", "stribeck.exponent"), ("presliding", "quadratic_drag"), "-quadratic_drag form of stribeck"),
+        (("cogging",), ("tilt",), "+cogging -tilt"),
+    ],
+)
+def test_a_revision_says_what_it_changes(new: tuple[str, ...], removed: tuple[str, ...], words: str) -> None:
+    assert change_of(new, removed) == words
