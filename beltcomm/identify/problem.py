@@ -37,6 +37,8 @@ Array = NDArray[np.float64]
 #: m; largest stretch of the belt at the start of a record: friction holds up to 0.1 mm (10 N on 100 kN/m) at rest, acceleration
 #: more where the record begins in motion.
 OFFSET_M = 5e-4
+#: Unit of a parameter that begins at zero and usually does, as a share of the room between its bounds; least unit of any.
+ZERO_SHARE, LEAST_UNIT = 1e-3, 1e-9
 
 
 #: What a parameter touches: the inertia's torque and the noise, the motor's own load, everything beyond the motor, the torque path,
@@ -65,10 +67,6 @@ class Parts:
         return as_read(self.inertia + self.motor + self.belt, float(self.acting[1]), self.motion.sample_s, self.lags) - self.acting
 
 
-#: Unit of a parameter that begins at zero and usually does, as a share of the room between its bounds.
-ZERO_SHARE = 1e-3
-
-
 @dataclass(frozen=True)
 class Minimum:
     """Where a search ended.   x : scaled unknowns.   residual : whitened, (n,).   objective : O."""
@@ -88,10 +86,8 @@ class Problem:
         values = [model.parameters[name] for name in free]
         # A start value of nearly nothing (no damping found at first) must not become the unit of its parameter.
         usual = expected_parameters(model.effects, model.base_bodies, model.side)
-        own = np.array(
-            [max(abs(v.value), 0.1 * abs(usual[n].start)) or ZERO_SHARE * (v.high - v.low) for n, v in zip(free, values, strict=True)]
-        )
-        own = np.maximum(own, 1e-9)
+        units = [max(abs(v.value), 0.1 * abs(usual[n].start)) or ZERO_SHARE * (v.high - v.low) for n, v in zip(free, values, strict=True)]
+        own = np.maximum(units, LEAST_UNIT)
         self.movable = "cart" in model.base_bodies
         offsets = np.full(len(self.pieces) if self.movable else 0, OFFSET_M)
         self.scale = np.concatenate([own, offsets])

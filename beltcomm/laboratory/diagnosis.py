@@ -19,7 +19,7 @@ from beltcomm.laboratory.acceptance import EVIDENCE, drop_by
 from beltcomm.laboratory.compare import compare
 from beltcomm.laboratory.data import SUBSTEPS, Data, prepare, remade
 from beltcomm.laboratory.fitting import Fitted, fit
-from beltcomm.laboratory.forms import formed
+from beltcomm.laboratory.forms import additions, formed
 from beltcomm.laboratory.intervals import with_intervals
 from beltcomm.laboratory.score import Scorer, ground_of
 from beltcomm.laboratory.stage import MISSING, Candidate, held_at, merged, search, strayed
@@ -176,8 +176,7 @@ def superfluous(data: Data, fitted: Fitted, base: Model, newest: str) -> tuple[D
     """Throw out earlier additions without which the model is as good."""
     removed = []
     worth = rise_without(fitted)
-    completing = {name for effect in fitted.model.effect_list() for name in effect.completed_by}
-    for name in [e for e in fitted.model.effects if e not in (*base.effects, *completing, newest)]:
+    for name in [e.name for e in additions(fitted.model, base) if e.name != newest]:
         if worth.get(name, 0.0) > SURE * EVIDENCE:
             continue
         try:
@@ -240,8 +239,8 @@ def verdict_of(base: Fitted, steps: Sequence[Step], twins: tuple[str, ...], left
 
 def run_away(model: Model, base: Model) -> list[str]:
     """Parameters of added effects that grew until they met a bound: no size of the effect is right."""
-    forms = {f"{e.name}.{p.name}" for e in model.effect_list() for p in e.parameters if p.form}
-    added = {name: v for name, v in model.parameters.items() if name not in (*base.parameters, *forms) and v.low < v.high}
+    sizes = {name for e in model.effect_list() for name, p in effect_parameters(e).items() if not p.form} - set(base.parameters)
+    added = {name: v for name, v in model.parameters.items() if name in sizes and v.low < v.high}
     near = {name: 1e-6 * (v.high - v.low) for name, v in added.items()}
     return [n for n, v in added.items() if v.value >= v.high - near[n] or (v.low < 0.0 and v.value <= v.low + near[n])]
 

@@ -17,7 +17,7 @@ from functools import reduce
 
 from beltcomm.effects import Effect
 from beltcomm.identify.following import follows
-from beltcomm.laboratory.acceptance import EVIDENCE as NAMED
+from beltcomm.laboratory.acceptance import EVIDENCE as TO_BE_NAMED  # of an effect; that of a form is below
 from beltcomm.laboratory.acceptance import drop_by, grown_out_of_bounds, impossible, refuted
 from beltcomm.laboratory.data import Data
 from beltcomm.laboratory.fitting import Fitted, fit
@@ -47,17 +47,17 @@ def formed(data: Data, fitted: Fitted, base: Model) -> Formed:
         return Formed(fitted)  # an observer forgives what a form would explain
     new: list[str] = []
     removed: list[str] = []
-    for effect in reversed(added(fitted.model, base)[1:]):
+    for effect in reversed(additions(fitted.model, base)[1:]):
         smaller = fitted.model.without_effect(effect.name)
-        formable = [e for e in added(smaller, base) if any(p.form for p in e.parameters)]
+        formable = [e for e in additions(smaller, base) if any(p.form for p in e.parameters)]
         if formable:
             names = [name for e in formable for name in held(smaller, e)]
             trial = fit(data, reduce(Model.with_forms, [e.name for e in formable], smaller), ITERATIONS, offsets=fitted.offsets)
-            if drop_by(trial, fitted) < NAMED and not spoiled(fitted, trial):
+            if drop_by(trial, fitted) < TO_BE_NAMED and not spoiled(fitted, trial):
                 fitted = trial
                 new += names
                 removed.append(effect.name)
-    for effect in added(fitted.model, base):
+    for effect in additions(fitted.model, base):
         for names, model in variants(fitted.model, effect):
             trial = fit(data, model, ITERATIONS, offsets=fitted.offsets)
             if pays(fitted, trial):
@@ -66,7 +66,7 @@ def formed(data: Data, fitted: Fitted, base: Model) -> Formed:
     return Formed(fitted, tuple(new), tuple(removed))
 
 
-def added(model: Model, base: Model) -> list[Effect]:
+def additions(model: Model, base: Model) -> list[Effect]:
     """Effects that the base does not have and that mean something on their own."""
     effects = [e for e in model.effect_list() if e.name not in base.effects]
     completing = {name for e in effects for name in e.completed_by}

@@ -71,7 +71,7 @@ def test_what_belongs_to_an_effect_is_tried_with_it(monkeypatch: pytest.MonkeyPa
     axis = Axis(monkeypatch, lambda effects, free: 1000.0 - 500.0 * ("viscous_end_pulley" in effects))
     found = axis.formed("end_pulley")
     assert found.new == ("viscous_end_pulley",)
-    assert [e.name for e in forms.added(found.fitted.model, BASE)] == ["end_pulley"]
+    assert [e.name for e in forms.additions(found.fitted.model, BASE)] == ["end_pulley"]
 
 
 @pytest.mark.parametrize(
