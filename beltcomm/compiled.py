@@ -3,6 +3,7 @@ algebra in one thread."""
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import lru_cache, wraps
@@ -19,6 +20,8 @@ _R = TypeVar("_R")
 
 #: Options of numba that its types do not know.
 _NO_WAY_IN: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+_FROM_PYTHON: dict[str, Any] = {"no_cfunc_wrapper": True}  # nothing here is called from C
+_LANES: dict[str, Any] = _FROM_PYTHON | {"error_model": "numpy", "fastmath": {"contract"}}
 
 
 def compiled(function: Callable[_P, _R]) -> Callable[_P, _R]:
@@ -28,9 +31,9 @@ def compiled(function: Callable[_P, _R]) -> Callable[_P, _R]:
     written (``njit(cache=True)`` raises there, at import) it lives as long as the process.
     """
     try:
-        return cast("Callable[_P, _R]", numba.njit(cache=True)(function))
+        return cast("Callable[_P, _R]", numba.njit(cache=True, **_FROM_PYTHON)(function))
     except RuntimeError:  # "no locator available": numba has found no place for its cache
-        return cast("Callable[_P, _R]", numba.njit(function))
+        return cast("Callable[_P, _R]", numba.njit(**_FROM_PYTHON)(function))
 
 
 def within_kernels(function: Callable[_P, _R]) -> Callable[_P, _R]:
@@ -47,23 +50,25 @@ def in_lanes(function: Callable[_P, _R]) -> Callable[_P, _R]:
     With the test the compiler cannot put the neighbours into one register.
     """
     try:
-        return cast("Callable[_P, _R]", numba.njit(cache=True, error_model="numpy", fastmath={"contract"})(function))
+        return cast("Callable[_P, _R]", numba.njit(cache=True, **_LANES)(function))
     except RuntimeError:
-        return cast("Callable[_P, _R]", numba.njit(error_model="numpy", fastmath={"contract"})(function))
+        return cast("Callable[_P, _R]", numba.njit(**_LANES)(function))
 
 
 def when_compiling(begun: Callable[[], None], ended: Callable[[], None]) -> None:
     """Call these before and after everything that is really compiled; what is found in the cache, and what another kernel needs, is not.
 
-    begun, ended : of the outermost one.
+    begun, ended : of the outermost one.   Nothing is collected meanwhile: a compiler makes much and drops little of it.
     """
-    depth = 0
+    depth, collects = 0, False
 
     class Listener(event.Listener):
         def on_start(self, event: object) -> None:
-            nonlocal depth
+            nonlocal depth, collects
             depth += 1
             if depth == 1:
+                collects = gc.isenabled()
+                gc.disable()
                 begun()
 
         def on_end(self, event: object) -> None:
@@ -71,6 +76,8 @@ def when_compiling(begun: Callable[[], None], ended: Callable[[], None]) -> None
             depth -= 1
             if depth == 0:
                 ended()
+                if collects:
+                    gc.enable()
 
     event.register("numba:compile", Listener())  # type: ignore[no-untyped-call]
 

@@ -8,6 +8,7 @@ import click
 
 from beltcomm.cli import options as shared
 from beltcomm.cli.frame import Frame, api, today
+from beltcomm.simulate import ahead
 
 
 @click.command("diagnose")
@@ -20,5 +21,6 @@ from beltcomm.cli.frame import Frame, api, today
 def command(frame: Frame, /, run: Path, auto: bool, cost: bool, following: bool) -> int:
     """Say which physical effect the model of RUN lacks, with evidence; changes nothing without --auto."""
     frame.run = run
+    ahead.begin()  # before everything else is imported
     diagnose = api("beltcomm.session.laboratory").diagnose_run
     return frame.show(diagnose(run, cost=cost, following=following, auto=auto, command=frame.line(), when=today(), talk=frame.talk()))

@@ -104,7 +104,10 @@ class Stretch:
         """Values of the kept samples, (kept,) or (kept, k), put together group by group."""
         if self.group == 1 or len(single) == 0:  # of a record in which the axis never slid nothing counts
             return single
-        return _together(single.reshape(len(single), -1), self.firsts, self.group).reshape(-1, *single.shape[1:])
+        rows = single.reshape(len(single), -1)
+        out = np.empty((len(self.firsts), rows.shape[1]))
+        _together(rows, self.firsts, self.group, out)
+        return out.reshape(-1, *single.shape[1:])
 
 
 def stretches(
@@ -342,9 +345,8 @@ def grouped(keep: NDArray[np.bool_], size: int) -> NDArray[np.intp]:
 
 
 @compiled
-def _together(single: Array, firsts: NDArray[np.intp], size: int) -> Array:
+def _together(single: Array, firsts: NDArray[np.intp], size: int, out: Array) -> None:
     """Sums of so many rows from each of the places on, over √size; (n, k) -> (groups, k)."""
-    out = np.empty((firsts.shape[0], single.shape[1]))
     scale = 1.0 / math.sqrt(size)
     for g in range(firsts.shape[0]):
         for c in range(single.shape[1]):
@@ -352,7 +354,6 @@ def _together(single: Array, firsts: NDArray[np.intp], size: int) -> Array:
             for i in range(1, size):
                 total += single[firsts[g] + i, c]
             out[g, c] = scale * total
-    return out
 
 
 def path_of(stretch: Stretch, model: Model) -> NoisePath:

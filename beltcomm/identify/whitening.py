@@ -167,15 +167,19 @@ class Whitener:
 
         ``keep`` : as for :func:`whitener`.
         """
+        kept, size = np.count_nonzero(keep), len(self.path.H)
         if residual.ndim == 1:
-            return _filtered(residual, keep, self.path.F, self.path.H, self.gains, self.deviations)
-        slow = len(self.path.H) - ONE_BODY
+            out = np.empty(kept)
+            _filtered(residual, keep, self.path.F, self.path.H, self.gains, self.deviations, np.zeros((2, size)), out)
+            return out
+        slow = size - ONE_BODY
         if slow in (0, 1):
             f, h = np.zeros((ONE_BODY + 1, ONE_BODY + 1)), np.zeros(ONE_BODY + 1)
             f[1 - slow :, 1 - slow :], h[1 - slow :] = self.path.F, self.path.H
             if not f[ONE_BODY_ZEROS].any():
-                lanes = lanes_for(residual.shape[1])
-                return _one_body(np.ascontiguousarray(residual), keep, f, h, self.gains, self.deviations, slow, lanes)
+                out, columns, lanes = np.empty((kept, residual.shape[1])), np.ascontiguousarray(residual), lanes_for(residual.shape[1])
+                _one_body(columns, keep, f, h, self.gains, self.deviations, slow, lanes, np.empty(112), out)
+                return out
         f, h = np.stack([self.path.F] * 2), np.stack([self.path.H] * 2)  # one path, however much of a sample nothing is closed
         return filtered(np.ascontiguousarray(residual), keep, f, h, self.gains, self.deviations, np.zeros(len(keep)))
 
@@ -188,8 +192,14 @@ def whitener(
     shares : of the rounding's variance step²/12 that is white, and that is slow: decaying with ``SLOW_HZ``.
     """
     path, variances, start = noises(path, step_rad, noise_nm, shares)
-    gains, deviations = np.zeros((len(keep), len(path.H))), np.ones(len(keep))
-    _gains(keep, path.F, path.G, path.H, path.D, variances, start, gains, deviations)
+    size = len(path.H)
+    gains, deviations = np.zeros((len(keep), size)), np.ones(len(keep))
+    noise, cross, direct = np.zeros((size, size)), np.zeros(size), 0.0
+    for g, d, variance in zip(path.G.T, path.D, variances, strict=True):
+        noise += (g * variance)[:, None] * g
+        cross += g * variance * d
+        direct += d * d * variance
+    _gains(keep, path.F, path.H, noise, cross, direct, start, np.empty((size, size)), np.empty((2, size)), gains, deviations)
     return Whitener(path, gains, deviations)
 
 
@@ -221,96 +231,82 @@ def with_slow_rounding(path: NoisePath) -> NoisePath:
 
 
 @compiled
-def _filtered(e: Array, keep: NDArray[np.bool_], f: Array, h: Array, gains: Array, deviations: Array) -> Array:
+def _filtered(e: Array, keep: NDArray[np.bool_], f: Array, h: Array, gains: Array, deviations: Array, states: Array, out: Array) -> None:
+    # Memory comes from outside, here and below: what fetches it took a quarter of the compilation.
     size, own = h.shape[0], h.shape[0] - 2
-    s, ahead = np.zeros(size), np.zeros(size)
-    out = np.empty(keep.sum())
     number = 0
     for n in range(e.shape[0]):
         for i in range(size):
             total = 0.0
             for j in range(own):
-                total += f[i, j] * s[j]
-            ahead[i] = total
+                total += f[i, j] * states[0, j]
+            states[1, i] = total
         if keep[n]:
             innovation = e[n]
             for i in range(size):
-                innovation -= h[i] * s[i]
+                innovation -= h[i] * states[0, i]
             out[number] = innovation / deviations[n]
             number += 1
             for i in range(size):
-                ahead[i] += gains[n, i] * innovation
+                states[1, i] += gains[n, i] * innovation
         for i in range(size):
-            s[i] = ahead[i]
-    return out
+            states[0, i] = states[1, i]
 
 
 @in_lanes
-def _one_body(e: Array, keep: NDArray[np.bool_], f: Array, h: Array, gains: Array, deviations: Array, slow: int, lanes: int) -> Array:
+def _one_body(
+    e: Array, keep: NDArray[np.bool_], f: Array, h: Array, gains: Array, deviations: Array, slow: int, lanes: int, s: Array, out: Array
+) -> None:
     # The filter of ``filtered`` for a path of one body, without what is always 0.  One block of memory, so that nothing can overlap.
     z, x, v, q, p, w, nu = 0, 16, 32, 48, 64, 80, 96
-    s = np.zeros(112)
-    out = np.empty((keep.sum(), e.shape[1]))
-    first = 1 - slow
-    kz = 0.0
+    hz, hx, hv, hq, hp, hw = h[0], h[1], h[2], h[3], h[4], h[5]
     for begin in range(0, e.shape[1], lanes):
         width = min(lanes, e.shape[1] - begin)
-        s[:] = 0.0
+        for c in range(s.shape[0]):
+            s[c] = 0.0
         number = 0
         for n in range(e.shape[0]):
-            if keep[n]:
-                share = 1.0 / deviations[n]
-                if slow == 1:
-                    kz = gains[n, 0]
-                kx, kv, kq, kp, kw = gains[n, 1 - first], gains[n, 2 - first], gains[n, 3 - first], gains[n, 4 - first], gains[n, 5 - first]
-                for c in range(width):
-                    s[nu + c] = e[n, begin + c]
-                for c in range(lanes):
-                    sz, sx, sv, sq = s[z + c], s[x + c], s[v + c], s[q + c]
-                    new = s[nu + c] - h[0] * sz - h[1] * sx - h[2] * sv - h[3] * sq - h[4] * s[p + c] - h[5] * s[w + c]
-                    s[z + c] = f[0, 0] * sz + kz * new
-                    s[x + c] = f[1, 0] * sz + f[1, 1] * sx + f[1, 2] * sv + f[1, 3] * sq + kx * new
-                    s[v + c] = f[2, 0] * sz + f[2, 1] * sx + f[2, 2] * sv + f[2, 3] * sq + kv * new
-                    s[q + c] = f[3, 0] * sz + kq * new
-                    s[p + c] = f[4, 0] * sz + f[4, 1] * sx + f[4, 2] * sv + f[4, 3] * sq + kp * new
-                    s[w + c] = kw * new
-                    s[nu + c] = share * new
+            # Gains are 0 where a sample is not kept, as is then its innovation.  f is not read beforehand: last digits would change.
+            kept, share, kz = keep[n], 1.0 / deviations[n], slow * gains[n, 0]
+            kx, kv, kq, kp, kw = gains[n, slow], gains[n, slow + 1], gains[n, slow + 2], gains[n, slow + 3], gains[n, slow + 4]
+            for c in range(width):
+                s[nu + c] = e[n, begin + c] if kept else 0.0
+            for c in range(lanes):
+                sz, sx, sv, sq = s[z + c], s[x + c], s[v + c], s[q + c]
+                new = s[nu + c] - hz * sz - hx * sx - hv * sv - hq * sq - hp * s[p + c] - hw * s[w + c]
+                s[z + c] = f[0, 0] * sz + kz * new
+                s[x + c] = f[1, 0] * sz + f[1, 1] * sx + f[1, 2] * sv + f[1, 3] * sq + kx * new
+                s[v + c] = f[2, 0] * sz + f[2, 1] * sx + f[2, 2] * sv + f[2, 3] * sq + kv * new
+                s[q + c] = f[3, 0] * sz + kq * new
+                s[p + c] = f[4, 0] * sz + f[4, 1] * sx + f[4, 2] * sv + f[4, 3] * sq + kp * new
+                s[w + c] = kw * new
+                s[nu + c] = share * new
+            if kept:
                 for c in range(width):
                     out[number, begin + c] = s[nu + c]
                 number += 1
-            else:
-                for c in range(lanes):
-                    sz, sx, sv, sq = s[z + c], s[x + c], s[v + c], s[q + c]
-                    s[z + c] = f[0, 0] * sz
-                    s[x + c] = f[1, 0] * sz + f[1, 1] * sx + f[1, 2] * sv + f[1, 3] * sq
-                    s[v + c] = f[2, 0] * sz + f[2, 1] * sx + f[2, 2] * sv + f[2, 3] * sq
-                    s[q + c] = f[3, 0] * sz
-                    s[p + c] = f[4, 0] * sz + f[4, 1] * sx + f[4, 2] * sv + f[4, 3] * sq
-                    s[w + c] = 0.0
-    return out
 
 
 @compiled
 def _gains(
-    keep: NDArray[np.bool_], f: Array, g: Array, h: Array, d: Array, variances: Array, start: Array, gains: Array, deviations: Array
+    keep: NDArray[np.bool_],
+    f: Array,
+    h: Array,
+    noise: Array,
+    cross: Array,
+    direct: float,
+    p: Array,
+    fp: Array,
+    rows: Array,
+    gains: Array,
+    deviations: Array,
 ) -> None:
-    """The covariance half of the filter.   variances : (m,), of the noises.   start : (k, k), covariance at the first sample.
+    """The covariance half of the filter.   noise, cross, direct : G V Gᵀ, G V Dᵀ, D V Dᵀ of the noises' variances V.
 
+    p : (k, k), covariance at the first sample, in place.   fp, rows : (k, k), (2, k), memory.
     In loops: with numpy's functions of rows it took four times as long to compile.
     """
     size, own = h.shape[0], h.shape[0] - 2
-    p = np.zeros((size, size))
-    for i in range(size):
-        for j in range(size):
-            p[i, j] = start[i, j]
-    ph, k = np.zeros(size), np.zeros(size)
-    fp, noise, cross, direct = np.zeros((size, own)), np.zeros((size, size)), np.zeros(size), 0.0
-    for m in range(variances.shape[0]):
-        direct += d[m] * d[m] * variances[m]
-        for i in range(size):
-            cross[i] += g[i, m] * variances[m] * d[m]
-            for j in range(size):
-                noise[i, j] += g[i, m] * variances[m] * g[j, m]
     settled = False
     for n in range(keep.shape[0]):
         if settled and keep[n]:
@@ -330,13 +326,13 @@ def _gains(
                 total = 0.0
                 for j in range(size):
                     total += p[i, j] * h[j]
-                ph[i] = total
+                rows[0, i] = total
                 variance += h[i] * total
             for i in range(size):
                 total = cross[i]
                 for j in range(own):
-                    total += f[i, j] * ph[j]
-                k[i] = total
+                    total += f[i, j] * rows[0, j]
+                rows[1, i] = total
                 gains[n, i] = total / variance
             deviations[n] = math.sqrt(variance)
             settled, largest = n > 0 and keep[n - 1], 0.0
@@ -353,6 +349,6 @@ def _gains(
                 for m in range(own):
                     total += fp[i, m] * f[j, m]
                 if keep[n]:
-                    total -= k[i] * k[j] / variance
+                    total -= rows[1, i] * rows[1, j] / variance
                 p[i, j] = total
                 p[j, i] = total

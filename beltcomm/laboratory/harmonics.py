@@ -23,7 +23,7 @@ def load_means(piece: Stretch, highest: int) -> Iterator[tuple[Array, Array]]:
     power_sine, power_cosine = np.zeros_like(theta), np.ones_like(theta)
     for _ in range(highest):
         means = np.zeros((2, piece.motion.samples))
-        _next_load(sine, cosine, power_sine, power_cosine, m, means)
+        load_kernel(sine, cosine, power_sine, power_cosine, m, means)
         yield means[0], means[1]
 
 
@@ -35,12 +35,12 @@ def gain_means(piece: Stretch, torque: Array, highest: int) -> Iterator[tuple[Ar
     power_sine, power_cosine = np.zeros_like(middle), np.ones_like(middle)
     for _ in range(highest):
         means = np.zeros((2, piece.motion.samples))
-        _next_gain(sine, cosine, power_sine, power_cosine, torque, m, means)
+        gain_kernel(sine, cosine, power_sine, power_cosine, torque, m, means)
         yield means[0], means[1]
 
 
 @compiled
-def _next_load(sine: Array, cosine: Array, power_sine: Array, power_cosine: Array, m: int, means: Array) -> None:
+def load_kernel(sine: Array, cosine: Array, power_sine: Array, power_cosine: Array, m: int, means: Array) -> None:
     """Raise the powers by one order; their triangular means by Simpson's rule (see ``triangular_mean``)."""
     for k in range(sine.shape[0]):
         s, c = power_sine[k], power_cosine[k]
@@ -58,7 +58,7 @@ def _next_load(sine: Array, cosine: Array, power_sine: Array, power_cosine: Arra
 
 
 @compiled
-def _next_gain(sine: Array, cosine: Array, power_sine: Array, power_cosine: Array, torque: Array, m: int, means: Array) -> None:
+def gain_kernel(sine: Array, cosine: Array, power_sine: Array, power_cosine: Array, torque: Array, m: int, means: Array) -> None:
     """The same for cells of held torque; the middle of a cell weighs it."""
     for k in range(sine.shape[0]):
         s, c = power_sine[k], power_cosine[k]

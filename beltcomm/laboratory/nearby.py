@@ -200,12 +200,19 @@ def _robust(count: Array, means: Array) -> float:
     return float(np.sum(count * np.where(means < 1.0, means, 1.0 + np.log(np.maximum(means, 1.0)))))
 
 
-@compiled
 def _products(starts: NDArray[np.int64], active: NDArray[np.bool_], left: Array, right: Array) -> Array:
     """leftᵀ right of every block, (blocks, left columns, right columns).   active : (blocks, left columns), those that are not zero."""
+    shape = (left.shape[1], right.shape[1])
+    out = np.zeros((len(starts) - 1, *shape))
+    _sum_products(starts, active, left, right, np.zeros(shape[0], dtype=np.int64), np.zeros(shape), out)
+    return out
+
+
+@compiled
+def _sum_products(
+    starts: NDArray[np.int64], active: NDArray[np.bool_], left: Array, right: Array, used: NDArray[np.int64], sums: Array, out: Array
+) -> None:
     width = right.shape[1]
-    out = np.zeros((starts.shape[0] - 1, left.shape[1], width))
-    used, sums = np.zeros(left.shape[1], dtype=np.int64), np.zeros((left.shape[1], width))
     for b in range(starts.shape[0] - 1):
         count = 0
         for i in range(left.shape[1]):
@@ -223,4 +230,3 @@ def _products(starts: NDArray[np.int64], active: NDArray[np.bool_], left: Array,
         for i in range(count):
             for j in range(width):
                 out[b, used[i], j] = sums[i, j]
-    return out

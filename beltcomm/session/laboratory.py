@@ -17,6 +17,7 @@ from beltcomm.laboratory.fitting import Fitted, fit
 from beltcomm.laboratory.forms import formed
 from beltcomm.laboratory.intervals import with_intervals
 from beltcomm.laboratory.place_words import in_words
+from beltcomm.laboratory.prepared import last_compiled
 from beltcomm.laboratory.scope import lacking, not_named, within_scope
 from beltcomm.laboratory.score import ground_of
 from beltcomm.laboratory.stage import Candidate, with_effect
@@ -114,7 +115,7 @@ def diagnose_run(
 
 def diagnosed(folder: RunFolder, run: Path, auto: bool, cost: bool, following: bool, command: str, when: str, talk: Talk) -> Result:
     """:func:`diagnose_run` with everything worked out."""
-    ahead.begin()
+    ahead.begin(last_compiled())
     records = records_of(folder)
     recordings = records.recordings
     model = current_model(folder)

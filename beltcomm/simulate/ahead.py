@@ -2,33 +2,38 @@
 
 A diagnosis needs the masked load and the belt with what may stand beside it, half of all that it compiles, when its base fit stands.  A
 process of its own compiles them from the beginning on and leaves them in the cache, where they are found; where that process fails, they
-are compiled here as any other.
+are compiled here as any other.  It begins before numba is loaded here: this module imports nothing that takes time.
 """
 
 from __future__ import annotations
 
 import atexit
+import gc
+import hashlib
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import wraps
+from importlib.util import find_spec
 from pathlib import Path
 from typing import ParamSpec, TypeVar
 
-import numba
-import numpy as np
-
-from beltcomm.compiled import told_as_compiling
+from platformdirs import user_cache_path
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
 
 _beside: list[subprocess.Popen[bytes]] = []
+_meanwhile: list[Callable[[], object]] = []
 
 
-def begin() -> None:
-    """Compile the masked load beside this process, unless that was done before, no cache can be written or there is one processor."""
+def begin(meanwhile: Iterable[Callable[[], object]] = ()) -> None:
+    """Compile the masked load beside this process, unless that was done before, no cache can be written or there is one processor.
+
+    meanwhile : calls that compile what is needed later, made here while :func:`wait` has nothing else to do.
+    """
+    _meanwhile[:] = reversed(tuple(meanwhile))
     note = _note()
     if note is not None and not note.exists() and len(os.sched_getaffinity(0)) > 1:
         start([sys.executable, "-P", "-m", __name__])
@@ -50,8 +55,12 @@ def wait() -> None:
     """Until what was begun is done; told as any other compilation."""
     if not _beside:
         return
+    from beltcomm.compiled import told_as_compiling
+
     with told_as_compiling():
         for child in tuple(_beside):  # another thread may wait for the same one
+            while _meanwhile and child.poll() is None:
+                _meanwhile.pop()()
             child.wait()
     _beside.clear()
 
@@ -73,15 +82,26 @@ def _end(child: subprocess.Popen[bytes]) -> None:
 
 
 def _note() -> Path | None:
-    """Says that the load of this source was compiled here by this numba; whether its machine code still fits, numba alone decides."""
-    from beltcomm.simulate.compose import load_module
+    """Says that what stands in these files was compiled here by this numba; whether its machine code still fits, numba alone decides.
 
-    file: str | None = getattr(load_module(), "__file__", None)
-    return None if file is None else Path(file).with_suffix(f".numba-{numba.__version__}")
+    None where it cannot be written.
+    """
+    folder, package = user_cache_path("beltcomm") / "kernels", Path(__file__).parents[1]
+    numba = find_spec("numba")
+    sources = [path for part in ("*.py", "effects/*.py", "simulate/*.py") for path in sorted(package.glob(part))]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        stamps = [(path, path.stat().st_size, path.stat().st_mtime_ns) for path in (*sources, Path(str(numba and numba.origin)))]
+    except OSError:
+        return None
+    key = hashlib.sha256(repr((os.environ.get("NUMBA_CACHE_DIR"), stamps)).encode()).hexdigest()[:20]
+    return folder / f"ahead_{key}" if os.access(folder, os.W_OK) else None
 
 
 def main() -> None:
     """Compile both by calls with the types of every other call."""
+    import numpy as np
+
     from beltcomm.effects import EFFECTS
     from beltcomm.simulate.compose import load_module
     from beltcomm.simulate.observer import NOTHING
@@ -99,4 +119,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
+    gc.disable()  # a compiler drops little
     main()

@@ -26,13 +26,18 @@ def weighted(fine: Array, middle: int, substeps: int) -> float:
     return float(mean) if abs(mean) < ABSURD_NM else ABSURD_NM
 
 
-@compiled
 def triangular_mean(fine: Array, substeps: int) -> Array:
     """The same around every sample; (n*substeps - substeps + 1,) -> (n,), ends 0."""
     if substeps % 2:
         raise ValueError("Simpson's rule needs an even number of substeps")
-    n = (fine.shape[0] - 1) // substeps + 1
-    mean = np.zeros(n)
+    mean = np.zeros((len(fine) - 1) // substeps + 1)
+    _triangular_mean(fine, substeps, mean)
+    return mean
+
+
+@compiled
+def _triangular_mean(fine: Array, substeps: int, mean: Array) -> None:
+    n = mean.shape[0]
     share = 1.0 / (3.0 * substeps * substeps)
     for k in range(1, n - 1):
         mean[k] = 2.0 * substeps * share * fine[k * substeps]
@@ -43,4 +48,3 @@ def triangular_mean(fine: Array, substeps: int) -> Array:
     for k in range(1, n - 1):
         if not abs(mean[k]) < ABSURD_NM:
             mean[k] = ABSURD_NM
-    return mean

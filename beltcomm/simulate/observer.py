@@ -92,7 +92,7 @@ def lanes_for(number: int) -> int:
 EXPECTED = ("H", "s", "shares")
 LEARNED = ("keep", "F", "G", "H", "D", "variances", "P", "gains", "deviations", "shares", "lost", "room", "cart", "behind", "spread")
 OBSERVED = ("keep", "F", "s", "ahead", "gains", "deviations", "shares", "white")
-TAKEN = ("places", "behind", "s")
+TAKEN = ("behind", "s")
 TOUCHED = ("wanted", "keep", "lost", "deviations", "shares", "half_gap_m", "stiffness")
 
 
@@ -136,9 +136,8 @@ def observe(
         s[i] = ahead[i]
 
 
-def taken(body: int, places: NDArray[np.int64], behind: int, s: Array) -> tuple[float, float]:
-    """What s says of a body's position and speed, which are 0 in it from now on; 0, 0 for a body that it does not know."""
-    at = places[body]
+def taken(at: int, behind: int, s: Array) -> tuple[float, float]:
+    """What s says of a body's position and speed, 0 in it from now on; 0, 0 for one it does not know.   at : its place, or -1."""
     if at < 0:
         return 0.0, 0.0
     place, speed = s[at], s[at + behind]
@@ -238,12 +237,29 @@ def contact(
     return float(math.copysign(half_gap_m, pull) + pull / stiffness - stretch)
 
 
-@compiled
 def filtered(e: Array, keep: NDArray[np.bool_], f: Array, h: Array, gains: Array, deviations: Array, shares: Array) -> Array:
     """What changes e of the residual change of the innovations to first order, over their deviations; (n, k) -> (kept, k)."""
+    columns = e.shape[1]
+    s, ahead, out = np.zeros((h.shape[1], columns)), np.zeros((h.shape[1], columns)), np.empty((np.count_nonzero(keep), columns))
+    _filtered(e, keep, f, h, gains, deviations, shares, s, ahead, np.empty(columns), out)
+    return out
+
+
+@compiled
+def _filtered(
+    e: Array,
+    keep: NDArray[np.bool_],
+    f: Array,
+    h: Array,
+    gains: Array,
+    deviations: Array,
+    shares: Array,
+    s: Array,
+    ahead: Array,
+    innovation: Array,
+    out: Array,
+) -> None:
     size, own, columns = h.shape[1], h.shape[1] - 2, e.shape[1]
-    s, ahead, innovation = np.zeros((size, columns)), np.zeros((size, columns)), np.empty(columns)
-    out = np.empty((keep.sum(), columns))
     number = 0
     for n in range(e.shape[0]):
         share = shares[n]
@@ -256,7 +272,8 @@ def filtered(e: Array, keep: NDArray[np.bool_], f: Array, h: Array, gains: Array
                     for c in range(columns):
                         ahead[i, c] += factor * s[j, c]
         if keep[n]:
-            innovation[:] = e[n]
+            for c in range(columns):
+                innovation[c] = e[n, c]
             for i in range(size):
                 factor = h[0, i] + share * (h[1, i] - h[0, i])
                 for c in range(columns):
@@ -269,4 +286,3 @@ def filtered(e: Array, keep: NDArray[np.bool_], f: Array, h: Array, gains: Array
                 for c in range(columns):
                     ahead[i, c] += factor * innovation[c]
         s, ahead = ahead, s
-    return out

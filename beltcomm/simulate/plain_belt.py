@@ -81,7 +81,7 @@ def plain_belt(theta: Array, omega: Array, step_s: float, substeps: int, ratio: 
     more = values if values[list(_MORE)].any() else None
     if more is not None:
         ahead.wait()
-    _plain_belt(theta, omega, step_s, substeps, ratio, first, values, more, lanes_for(models), mean)
+    _plain_belt(theta, omega, step_s, substeps, ratio, first, values, more, lanes_for(models), np.zeros(592), mean)
     return mean
 
 
@@ -96,6 +96,7 @@ def _plain_belt(
     values: Array,
     more: Array | None,
     lanes: int,
+    s: Array,
     mean: Array,
 ) -> None:
     # ``more`` is None where there is nothing but the plain belt: compiled for that type, what stands behind it is left out.
@@ -105,7 +106,6 @@ def _plain_belt(
     plus, minus, above, below, wide, narrow = 240, 256, 272, 288, 304, 320
     share, scaled, at_0, twice = 336, 352, 368, 384
     ve, we, oe, qe, ne, ka, da, kb, db, hard, be, fe = 400, 416, 432, 448, 464, 480, 496, 512, 528, 544, 560, 576
-    s = np.zeros(592)
     scale = ratio / (3.0 * substeps * substeps)
     for begin in range(0, values.shape[1], lanes):
         width = min(lanes, values.shape[1] - begin)

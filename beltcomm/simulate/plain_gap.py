@@ -28,7 +28,7 @@ def plain_gap(theta: Array, omega: Array, step_s: float, ratio: float, first: fl
     models = values.shape[1]
     white = np.zeros((len(watch.wanted), models))
     carriage = (int(watch.places[1]), int(watch.places[1]) + watch.behind)
-    _plain_gap(theta, omega, step_s, ratio, first, values, lanes_for(models), watch, carriage, white)
+    _plain_gap(theta, omega, step_s, ratio, first, values, lanes_for(models), watch, carriage, np.zeros(224 + 32 * len(watch.s)), white)
     return white
 
 
@@ -43,18 +43,19 @@ def _plain_gap(
     lanes: int,
     watch: Watch,
     carriage: tuple[int, int],
+    s: Array,
     white: Array,
 ) -> None:
     # Places in one block of memory, so that the compiler sees that none overlap; the observer's states and what they become stand last.
     v, w, o, q, k, d, n, b, g, now, ahead, gap, corner, new, states = 0, 16, 32, 48, 64, 80, 96, 112, 128, 144, 160, 176, 192, 208, 224
     substeps, size = watch.substeps, watch.s.shape[0]
     own, become = size - 2, states + 16 * size
-    s = np.zeros(224 + 32 * size)
     scale = ratio / (3.0 * substeps * substeps)
     place, speed_place = states + 16 * carriage[0], states + 16 * carriage[1]
     for begin in range(0, values.shape[1], lanes):
         width = min(lanes, values.shape[1] - begin)
-        s[:] = 0.0
+        for c in range(s.shape[0]):
+            s[c] = 0.0
         for c in range(lanes):
             at = begin + min(c, width - 1)
             s[k + c], s[d + c], s[n + c], s[b + c] = values[0, at], values[1, at], 1.0 / values[2, at], values[3, at]

@@ -338,7 +338,8 @@ class Writer:
         """Corrects the bodies behind the motor at the end of every sample, by what the torque says of them; ``observer``."""
         correct = []
         for i in range(1, len(self.bodies)):
-            correct += [f"place, speed = {self.law(taken)}({i}, {seen(TAKEN)})", f"q{i} -= place", f"v{i} -= speed", f"o{i} -= speed"]
+            at = f"see_places[{i}], {seen(TAKEN)}"
+            correct += [f"place, speed = {self.law(taken)}({at})", f"q{i} -= place", f"v{i} -= speed", f"o{i} -= speed"]
         sample = [
             "before = k // see_substeps - 1",
             "left = 0.0",

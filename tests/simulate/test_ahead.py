@@ -8,12 +8,16 @@ import time
 from pathlib import Path
 from types import SimpleNamespace
 
-import numba
 import pytest
 
 from beltcomm.compiled import when_compiling
+from beltcomm.effects.current_lag import lagged
+from beltcomm.effects.dead_time import delayed
+from beltcomm.effects.measurement_lag import read
+from beltcomm.laboratory.harmonics import gain_kernel, load_kernel
+from beltcomm.laboratory.prepared import last_compiled
 from beltcomm.simulate import ahead
-from beltcomm.simulate.compose import load_source, motor_side_source, plain_source
+from beltcomm.simulate.compose import inverse_kernel, load_source, motor_side_source, plain_source
 from beltcomm.simulate.fences import needed
 
 SLEEP = "import time; time.sleep(0.3)"
@@ -82,7 +86,39 @@ def test_the_load_knows_nothing_of_what_acts_on_the_motor_alone_and_a_plain_one_
 
 def test_what_is_compiled_ahead_is_called_and_noted(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """The large load apart, which takes too long here; of a process beside nobody would hear that it failed."""
-    module = SimpleNamespace(load=lambda *_given: None, __file__=str(tmp_path / "kernel.py"))
+    module = SimpleNamespace(load=lambda *_given: None)
+    monkeypatch.setattr(ahead, "_note", lambda: tmp_path / "note")
     monkeypatch.setattr("beltcomm.simulate.compose.load_module", lambda: module)
     ahead.main()
-    assert [path.name for path in tmp_path.iterdir()] == [f"kernel.numba-{numba.__version__}"]
+    assert [path.name for path in tmp_path.iterdir()] == ["note"]
+
+
+def test_the_note_is_another_one_for_another_cache(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    note = ahead._note()
+    assert note is not None
+    assert note.parent == tmp_path / "beltcomm" / "kernels"
+    assert note == ahead._note()
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "other"))
+    assert note != ahead._note()
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    assert ahead._note() is None
+
+
+def test_what_is_needed_later_is_called_while_there_is_nothing_else_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
+    called: list[str] = []
+    monkeypatch.setattr(ahead, "_note", lambda: None)
+    ahead.begin([lambda: called.append("first"), lambda: called.append("second")])
+    ahead.wait()
+    assert called == []
+    ahead.start([sys.executable, "-S", "-c", SLEEP])
+    ahead.wait()
+    assert called == ["first", "second"]
+
+
+def test_what_a_search_compiles_last_is_called_with_the_types_of_every_other_call() -> None:
+    for call in last_compiled():
+        call()
+    kernels = (load_kernel, gain_kernel, inverse_kernel().torque, inverse_kernel().angle, delayed, lagged, read)
+    assert [len(kernel.signatures) for kernel in kernels] == [1] * len(kernels)  # type: ignore[attr-defined]
