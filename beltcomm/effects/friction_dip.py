@@ -9,7 +9,8 @@ from beltcomm.effects._effect import Effect, Ground, Parameter, Trial
 
 def level(speed: float, position: float, t: float, amount: float, speed_scale: float) -> float:
     """Additional level of friction:  amount (1 - exp(-(speed/speed_scale)²)), N m at the motor; the Coulomb level is that at standstill."""
-    return amount * (1.0 - math.exp(-((speed / speed_scale) ** 2)))
+    x = speed / speed_scale
+    return amount * (1.0 - math.exp(-(x * x)))
 
 
 def slope(speed: float, position: float, t: float, amount: float, speed_scale: float) -> float:

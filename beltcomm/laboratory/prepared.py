@@ -14,13 +14,14 @@ from beltcomm.simulate.writer import catalogue_parameters
 
 def last_compiled() -> list[Callable[[], object]]:
     """Calls on next to nothing, with the types of every other call, in the order in which a search makes them."""
-    a, b, c, d, out = np.zeros((5, 3))
+    a, b, c, d, out, torque = np.zeros((6, 3))
+    torque.flags.writeable = False  # as a recorded one
     means, p, on = np.zeros((2, 1)), np.ones(len(catalogue_parameters())), np.zeros(len(EFFECTS), dtype=np.bool_)
     kernel, delays = inverse_kernel(), [e.law for e in EFFECTS if e.slot == "torque_delay" and e.law is not None]
     readings = [e.law for e in EFFECTS if e.slot == "torque_reading" and e.law is not None]
     return [
         lambda: load_kernel(a, b, c, d, 2, means),
-        lambda: gain_kernel(a, b, c, d, out, 2, means),
+        lambda: gain_kernel(a, b, c, d, torque, 2, means),
         lambda: kernel.torque(a[:2], b, p, on, 0.0, 1.0, out),
         *(lambda law=law: law(a, 1.0, 1.0) for law in delays),
         *(lambda law=law: law(a, 0.0, 1.0, 1.0) for law in readings),

@@ -22,7 +22,7 @@ def weighted(fine: Array, middle: int, substeps: int) -> float:
     for j in range(1, substeps):
         weight = 4.0 if j % 2 else 2.0
         total += weight * (substeps - j) * (fine[middle - j] + fine[middle + j])
-    mean = total / (3.0 * substeps**2)
+    mean = total / (3.0 * (substeps * substeps))
     return float(mean) if abs(mean) < ABSURD_NM else ABSURD_NM
 
 

@@ -128,7 +128,8 @@ class Writer:
         """Arguments of a law behind those of its slot."""
         names = [*effect.full_names(), *effect.uses]
         local = {BELT_STIFFNESS: ", k_belt", BELT_DAMPING: ", d_belt"}
-        return "".join(local.get(name) or f", p[{self.place[name]}]" for name in names)
+        value = "p{}" if self.masked else "p[{}]"
+        return "".join(local.get(name) or f", {value.format(self.place[name])}" for name in names)
 
     def coordinate(self, i: int, variable: str, angular: bool) -> str:
         """Coordinate or speed of body i, in m along the belt unless ``angular``."""
@@ -146,7 +147,8 @@ class Writer:
         if self.masked:
             lines += [f"n{i} = 1.0 / m{i} if m{i} > 0.0 else 0.0" for i in range(len(self.bodies))]
             springs = [e for e in self.effects if e.group == BELT_SPRING]
-            # Local switches: the compiler cannot know that writing the results leaves ``on`` alone.
+            # Local values and switches: the compiler cannot know that writing the results leaves ``p`` and ``on`` alone.
+            lines += [f"p{place} = p[{place}]" for place in self.place.values()]
             lines += [f"s{self.switch[e.name]} = on[{self.switch[e.name]}]" for e in self.effects]
             lines.append("belt = " + " or ".join(f"s{self.switch[e.name]}" for e in springs))
         return lines
@@ -225,7 +227,7 @@ class Writer:
             for effect in self.effects:
                 if is_plain_belt(effect):
                     slope = f"{self.law(effect.elements[0].slope)}(x{self.arguments(effect)})"
-                    lines += self.when(effect, [f"k_belt += {slope}[0]", f"d_belt += {slope}[1]"])
+                    lines += self.when(effect, [f"slopes = {slope}", "k_belt += slopes[0]", "d_belt += slopes[1]"])
         return lines
 
     def element(self, ends: tuple[str, str, bool], speed: str, law: str, arguments: str) -> list[str]:

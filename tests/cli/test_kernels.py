@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from itertools import count
 
 import numba
@@ -20,6 +21,14 @@ def test_only_what_is_really_compiled_is_heard_and_once_for_all_that_it_needs() 
     assert heard == ["begun", "ended"]
     assert outer(2) == 4
     assert heard == ["begun", "ended"]
+
+
+def test_nothing_is_collected_while_something_is_compiled() -> None:
+    collects: list[bool] = []
+    when_compiling(lambda: collects.append(gc.isenabled()), lambda: None)
+    assert numba.njit(lambda x: x + 1)(1) == 2
+    assert collects == [False]
+    assert gc.isenabled()
 
 
 def test_one_line_first_and_then_one_for_every_ten_seconds_of_it() -> None:

@@ -7,18 +7,22 @@ import sys
 import time
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
+import numpy as np
 import pytest
 
 from beltcomm.compiled import when_compiling
 from beltcomm.effects.current_lag import lagged
 from beltcomm.effects.dead_time import delayed
 from beltcomm.effects.measurement_lag import read
-from beltcomm.laboratory.harmonics import gain_kernel, load_kernel
+from beltcomm.laboratory.harmonics import gain_kernel, gain_means, load_kernel, load_means
 from beltcomm.laboratory.prepared import last_compiled
+from beltcomm.model import build_model, expected_parameters
 from beltcomm.simulate import ahead
 from beltcomm.simulate.compose import inverse_kernel, load_source, motor_side_source, plain_source
 from beltcomm.simulate.fences import needed
+from beltcomm.simulate.inverse import FineMotion, torque_residual
 
 SLEEP = "import time; time.sleep(0.3)"
 
@@ -117,8 +121,21 @@ def test_what_is_needed_later_is_called_while_there_is_nothing_else_to_do(monkey
     assert called == ["first", "second"]
 
 
-def test_what_a_search_compiles_last_is_called_with_the_types_of_every_other_call() -> None:
+def test_what_a_search_compiles_last_is_called_with_the_types_of_its_own_calls() -> None:
+    inverse = inverse_kernel()
+    kernels: list[Any] = [load_kernel, gain_kernel, inverse.torque, inverse.angle, delayed, lagged, read]
     for call in last_compiled():
         call()
-    kernels = (load_kernel, gain_kernel, inverse_kernel().torque, inverse_kernel().angle, delayed, lagged, read)
-    assert [len(kernel.signatures) for kernel in kernels] == [1] * len(kernels)  # type: ignore[attr-defined]
+    known = [set(kernel.signatures) for kernel in kernels]
+    motion, torque = FineMotion(np.linspace(0.0, 1.0, 9), np.ones(9), 5, 1e-3, 2, 0.0), np.zeros(5)
+    torque.flags.writeable = False  # as recorded
+    piece: Any = SimpleNamespace(motion=motion)
+    next(load_means(piece, 1))
+    next(gain_means(piece, torque, 1))
+    for lag in ("current_lag", "measurement_lag"):  # a model has one of them
+        late = ("dead_time", lag, "torque_ripple", "encoder_eccentricity")
+        values = {name: 1.0 if name.endswith("order") else 1e-3 for name in expected_parameters(late, ("motor",))}
+        model = build_model(lag, late, values, base_bodies=("motor",))
+        torque_residual(model, motion, torque)
+    assert [set(kernel.signatures) for kernel in kernels] == known
+    assert all(known)
