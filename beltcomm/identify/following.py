@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beltcomm.identify.whitening import noise_path, noises
+from beltcomm.identify.noise_path import noise_path
+from beltcomm.identify.whitening import noises
 from beltcomm.linear import matrices, operating_point
 from beltcomm.model import Model
 from beltcomm.simulate.inverse import FineMotion, acting_torque, followed, followed_beside, motor_load, true_motion

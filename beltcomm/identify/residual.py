@@ -21,8 +21,9 @@ from scipy.optimize import minimize_scalar
 
 from beltcomm.compiled import compiled
 from beltcomm.identify.following import Follower, follower_for, follows
+from beltcomm.identify.noise_path import NoisePath, noise_path
 from beltcomm.identify.reversals import LEVEL, passed, turns_at_once
-from beltcomm.identify.whitening import NoisePath, Whitener, noise_path, whiten
+from beltcomm.identify.whitening import Whitener, whiten
 from beltcomm.linear import matrices, operating_point
 from beltcomm.model import Model
 from beltcomm.recording import Recording

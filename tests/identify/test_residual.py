@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from beltcomm.identify.noise_path import NoisePath, noise_path
 from beltcomm.identify.residual import (
     RUN_IN_S,
     RUN_IN_TRAVEL_M,
@@ -21,7 +23,7 @@ from beltcomm.identify.residual import (
     torque_noise,
     whitened,
 )
-from beltcomm.identify.whitening import NoisePath, noise_path, whiten, whitener
+from beltcomm.identify.whitening import whiten, whitener
 from beltcomm.model import Model, build_model
 from beltcomm.recording import Recording
 from beltcomm.simulate.inverse import FineMotion, torque_residual
@@ -103,6 +105,25 @@ def test_rounding_reaches_the_residual_through_the_belt_as_well() -> None:
         state = path.F @ state + path.G @ new
     # after the count the carriage rings at its antiresonance in both
     np.testing.assert_allclose(seen[1:-1], expected[1:-1], atol=2e-2 * np.abs(expected[at + 5 :]).max())
+
+
+@pytest.mark.parametrize(("dead_s", "lag_s"), [(3e-4, 0.0), (-2e-4, 0.0), (0.0, 1e-3), (1.4e-3, 5e-4), (2e-4, 8e-3)])
+def test_noise_of_a_torque_that_acts_late_is_smoothed(dead_s: float, lag_s: float) -> None:
+    """A single sample of it, through the kernel and along the noise path."""
+    values = {"motor.inertia": 7e-5, "dead_time.time": dead_s, "current_lag.time": lag_s}
+    model = build_model("free", ("dead_time", "current_lag"), values, base_bodies=("motor",))
+    n, at, substeps = 80, 40, 64
+    fine = np.zeros(substeps * (n - 1) + 1)
+    motion = FineMotion(fine, fine, n, PERIOD_S, substeps, 0.0)
+    seen = torque_residual(model, motion, NOISE_NM * (np.arange(n) == at))
+    path = noise_path(model, 0.0, PERIOD_S)
+    state, expected = np.zeros(len(path.H)), np.zeros(n)
+    for k in range(n):
+        new = np.array([0.0, NOISE_NM if k == at else 0.0])
+        expected[k] = path.H @ state + path.D @ new
+        state = path.F @ state + path.G @ new
+    whole = math.floor(dead_s / PERIOD_S)  # of no meaning for a noise, and left out of its path
+    np.testing.assert_allclose(seen[5:-5], np.roll(expected, whole)[5:-5], atol=2e-3 * NOISE_NM)
 
 
 def test_whitened_noise_is_white() -> None:
@@ -321,6 +342,6 @@ def test_a_payload_that_still_swings_when_the_record_begins_leaves_no_trace() ->
         swing = path.F @ swing
     keep = np.ones(len(residual), dtype=bool)
     left = whiten(residual, keep, path, STEP_RAD, NOISE_NM)
-    unknown = whiten(residual, keep, replace(path, begins=np.zeros_like(path.begins)), STEP_RAD, NOISE_NM)
+    unknown = whiten(residual, keep, replace(path, begins=path.begins * [0.0, 1.0, 1.0]), STEP_RAD, NOISE_NM)
     assert np.abs(unknown[500:]).max() > 3.0  # it rings for seconds, and is far above the noise
     assert np.abs(left[500:]).max() < 0.1

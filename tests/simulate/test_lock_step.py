@@ -9,8 +9,9 @@ import pytest
 from numpy.typing import NDArray
 
 from beltcomm.identify.following import follower_for
+from beltcomm.identify.noise_path import noise_path
 from beltcomm.identify.residual import Stretch, grouped
-from beltcomm.identify.whitening import noise_path, whitener
+from beltcomm.identify.whitening import whitener
 from beltcomm.model import Model, build_model
 from beltcomm.simulate.inverse import (
     FineMotion,
