@@ -10,19 +10,25 @@ linearised around sliding.  Lags of the reading smooth what q does, delays of th
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import PchipInterpolator
 
-from beltcomm.linear import matrices, operating_point
+from beltcomm.linear import carriage_of, matrices, operating_point, stretch_of, values_of
 from beltcomm.model import Model
 
 Array = NDArray[np.float64]
 
 #: Columns of the variances at the first sample.
 MOTION, ROUNDING, TORQUE = range(3)
+#: Relative change of the stiffness within a level: at its ends 2 % are left out of account, half a Hz of an antiresonance at 50 Hz.
+LEVEL = 0.04
+#: Places on a way at which the stiffness is worked out, and at which it is looked up.
+PLACES, FINE_PLACES = 25, 601
 #: Share of a period and s below which torque acts when it is reported.
 LEAST_PART, LEAST_LAG_S = 1e-6, 1e-9
 #: Terms of Taylor's series for a norm below one half: 0.5^15/15! is below the machine precision.
@@ -45,6 +51,41 @@ class NoisePath:
     D: Array
     begins: Array
     sample_s: float
+
+
+@dataclass(frozen=True)
+class Way:
+    """Noise paths along the way of a stretch.   paths : of all levels.   level : (n,), which of them holds at each sample."""
+
+    paths: tuple[NoisePath, ...]
+    level: NDArray[np.int64]
+
+
+def way(model: Model, places_m: Array, sample_s: float) -> Way:
+    """The paths at the places of the carriage, (n,), m: one in the middle of the way, several where the belt's stiffness changes on it.
+
+    Levels are even in the logarithm of the stiffness that holds the carriage, :data:`LEVEL` apart at most.
+    """
+    low, high = float(places_m.min()), float(places_m.max())
+    if "cart" not in model.base_bodies or np.ptp(np.log([held(model, x) for x in (low, 0.5 * (low + high), high)])) < LEVEL:
+        return Way((noise_path(model, 0.5 * (low + high), sample_s),), np.zeros(len(places_m), dtype=np.int64))
+    places, at = np.linspace(low, high, PLACES), np.linspace(low, high, FINE_PLACES)
+    stiffness = PchipInterpolator(places, np.log([held(model, float(x)) for x in places]))(at)
+    number = math.ceil(np.ptp(stiffness) / LEVEL)
+    edges = np.linspace(stiffness.min(), stiffness.max(), number + 1)
+    shown = [at[np.argmin(np.abs(stiffness - 0.5 * (a + b)))] for a, b in itertools.pairwise(edges)]
+    level = np.searchsorted(edges[1:-1], np.interp(places_m, at, stiffness))
+    return Way(tuple(noise_path(model, float(place), sample_s) for place in shown), level)
+
+
+def held(model: Model, position_m: float) -> float:
+    """Stiffness of all that holds the carriage at a place while the other bodies stand, N/m."""
+    total, cart = 0.0, carriage_of([body.name for _, body in model.bodies()])
+    for effect in model.effect_list():
+        if effect.elements:
+            values = values_of(model, effect, position_m)
+            total += sum(e.slope(position_m, *values)[0] * float(stretch_of(model, e)[cart]) ** 2 for e in effect.elements)
+    return total
 
 
 def noise_path(model: Model, position_m: float, sample_s: float, closed: float = 1.0) -> NoisePath:

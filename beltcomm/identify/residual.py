@@ -21,7 +21,7 @@ from scipy.optimize import minimize_scalar
 
 from beltcomm.compiled import compiled
 from beltcomm.identify.following import Follower, follower_for, follows
-from beltcomm.identify.noise_path import NoisePath, noise_path
+from beltcomm.identify.noise_path import Way, way
 from beltcomm.identify.reversals import LEVEL, passed, turns_at_once
 from beltcomm.identify.whitening import Whitener, whiten
 from beltcomm.linear import matrices, operating_point
@@ -326,7 +326,7 @@ def in_noise(stretch: Stretch, model: Model, vector: Array, torque: Array) -> Ar
     """
     if stretch.whitener is not None or stretch.follower is not None:
         return stretch.white(torque)
-    return whiten(torque, stretch.keep, path_of(stretch, model.with_vector(vector)), stretch.step_rad, stretch.noise_nm)
+    return whiten(torque, stretch.keep, way_of(stretch, model.with_vector(vector)), stretch.step_rad, stretch.noise_nm)
 
 
 def grouped(keep: NDArray[np.bool_], size: int) -> NDArray[np.intp]:
@@ -356,8 +356,7 @@ def _together(single: Array, firsts: NDArray[np.intp], size: int) -> Array:
     return out
 
 
-def path_of(stretch: Stretch, model: Model) -> NoisePath:
-    """How torque noise and rounding reach the residual of a stretch, linearised in the middle of its way."""
-    theta = stretch.motion.theta
-    middle = 0.5 * float(theta.min() + theta.max()) * model["transmission.ratio"]
-    return noise_path(model, middle, stretch.motion.sample_s)
+def way_of(stretch: Stretch, model: Model) -> Way:
+    """How torque noise and rounding reach the residual of a stretch."""
+    motion = stretch.motion
+    return way(model, motion.theta[:: motion.substeps] * model["transmission.ratio"], motion.sample_s)

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.compiled import compiled, in_lanes
-from beltcomm.identify.noise_path import ROUNDING, NoisePath
+from beltcomm.identify.noise_path import ROUNDING, NoisePath, Way
 from beltcomm.simulate.observer import filtered, lanes_for
 
 Array = NDArray[np.float64]
@@ -33,19 +33,22 @@ ONE_BODY = 5
 ONE_BODY_ZEROS = np.array([[0, 1, 1, 1, 1, 1], [0, 0, 0, 0, 1, 1], [0, 0, 0, 0, 1, 1], [0, 1, 1, 1, 1, 1], [0, 0, 0, 0, 1, 1], [1] * 6]) > 0
 
 
-def whiten(residual: Array, keep: NDArray[np.bool_], path: NoisePath, step_rad: float, noise_nm: float) -> Array:
+def whiten(residual: Array, keep: NDArray[np.bool_], way: Way, step_rad: float, noise_nm: float) -> Array:
     """Innovations of the kept samples over their deviation; (n,) N m -> (kept,).   step_rad : rad.   noise_nm : N m rms."""
-    return whitener(keep, path, step_rad, noise_nm)(residual, keep)
+    return whitener(keep, way, step_rad, noise_nm)(residual, keep)
 
 
 @dataclass(frozen=True)
 class Whitener:
     """The filter of one stretch with its gains worked out: they depend on the noises and on what is kept, not on the residual.
 
-    gains : (n, k).   deviations : (n,), N m, of the innovations.
+    F : (levels, k, k) and H : (levels, k), of the noise paths.   level : (n,), which of them holds.   gains : (n, k).
+    deviations : (n,), N m, of the innovations.
     """
 
-    path: NoisePath
+    F: Array
+    H: Array
+    level: NDArray[np.int64]
     gains: Array
     deviations: Array
 
@@ -55,29 +58,32 @@ class Whitener:
         ``keep`` : as for :func:`whitener`.
         """
         if residual.ndim == 1:
-            return _filtered(residual, keep, self.path.F, self.path.H, self.gains, self.deviations)
-        slow = len(self.path.H) - ONE_BODY
+            return _filtered(residual, keep, self.F, self.H, self.level, self.gains, self.deviations)
+        levels, slow = len(self.H), self.H.shape[1] - ONE_BODY
         if slow in (0, 1):
-            f, h = np.zeros((ONE_BODY + 1, ONE_BODY + 1)), np.zeros(ONE_BODY + 1)
-            f[1 - slow :, 1 - slow :], h[1 - slow :] = self.path.F, self.path.H
-            if not f[ONE_BODY_ZEROS].any():
+            f, h = np.zeros((levels, ONE_BODY + 1, ONE_BODY + 1)), np.zeros((levels, ONE_BODY + 1))
+            f[:, 1 - slow :, 1 - slow :], h[:, 1 - slow :] = self.F, self.H
+            if not f[:, ONE_BODY_ZEROS].any():
                 lanes = lanes_for(residual.shape[1])
-                return _one_body(np.ascontiguousarray(residual), keep, f, h, self.gains, self.deviations, slow, lanes)
-        f, h = np.stack([self.path.F] * 2), np.stack([self.path.H] * 2)  # one path, however much of a sample nothing is closed
+                return _one_body(np.ascontiguousarray(residual), keep, f, h, self.level, self.gains, self.deviations, slow, lanes)
+        if levels > 1:
+            columns = [_filtered(column, keep, self.F, self.H, self.level, self.gains, self.deviations) for column in residual.T]
+            return np.stack(columns, axis=1)
+        f, h = np.concatenate([self.F] * 2), np.concatenate([self.H] * 2)  # one path, however much of a sample nothing is closed
         return filtered(np.ascontiguousarray(residual), keep, f, h, self.gains, self.deviations, np.zeros(len(keep)))
 
 
-def whitener(
-    keep: NDArray[np.bool_], path: NoisePath, step_rad: float, noise_nm: float, shares: tuple[float, float] = (1.0, 0.0)
-) -> Whitener:
+def whitener(keep: NDArray[np.bool_], way: Way, step_rad: float, noise_nm: float, shares: tuple[float, float] = (1.0, 0.0)) -> Whitener:
     """Gains for the kept samples of a stretch.   step_rad : rad.   noise_nm : N m rms.
 
     shares : of the rounding's variance step²/12 that is white, and that is slow: decaying with ``SLOW_HZ``.
     """
-    path, variances, start = noises(path, step_rad, noise_nm, shares)
-    gains, deviations = np.zeros((len(keep), len(path.H))), np.ones(len(keep))
-    _gains(keep, path.F, path.G, path.H, path.D, variances, start, gains, deviations)
-    return Whitener(path, gains, deviations)
+    levels = [noises(path, step_rad, noise_nm, shares) for path in way.paths]
+    _, variances, start = levels[way.level[0]]
+    f, g, h, d = (np.stack([getattr(path, name) for path, _, _ in levels]) for name in "FGHD")
+    gains, deviations = np.zeros((len(keep), h.shape[1])), np.ones(len(keep))
+    _gains(keep, f, g, h, d, way.level, variances, start, gains, deviations)
+    return Whitener(f, h, way.level, gains, deviations)
 
 
 def noises(path: NoisePath, step_rad: float, noise_nm: float, shares: tuple[float, float]) -> tuple[NoisePath, Array, Array]:
@@ -107,21 +113,22 @@ def with_slow_rounding(path: NoisePath) -> NoisePath:
 
 
 @compiled
-def _filtered(e: Array, keep: NDArray[np.bool_], f: Array, h: Array, gains: Array, deviations: Array) -> Array:
-    size, own = h.shape[0], h.shape[0] - 2
+def _filtered(e: Array, keep: NDArray[np.bool_], f: Array, h: Array, level: NDArray[np.int64], gains: Array, deviations: Array) -> Array:
+    size, own = h.shape[1], h.shape[1] - 2
     s, ahead = np.zeros(size), np.zeros(size)
     out = np.empty(keep.sum())
     number = 0
     for n in range(e.shape[0]):
+        at = level[n]
         for i in range(size):
             total = 0.0
             for j in range(own):
-                total += f[i, j] * s[j]
+                total += f[at, i, j] * s[j]
             ahead[i] = total
         if keep[n]:
             innovation = e[n]
             for i in range(size):
-                innovation -= h[i] * s[i]
+                innovation -= h[at, i] * s[i]
             out[number] = innovation / deviations[n]
             number += 1
             for i in range(size):
@@ -132,7 +139,17 @@ def _filtered(e: Array, keep: NDArray[np.bool_], f: Array, h: Array, gains: Arra
 
 
 @in_lanes
-def _one_body(e: Array, keep: NDArray[np.bool_], f: Array, h: Array, gains: Array, deviations: Array, slow: int, lanes: int) -> Array:
+def _one_body(
+    e: Array,
+    keep: NDArray[np.bool_],
+    f: Array,
+    h: Array,
+    level: NDArray[np.int64],
+    gains: Array,
+    deviations: Array,
+    slow: int,
+    lanes: int,
+) -> Array:
     # The filter of ``filtered`` for a path of one body, without what is always 0.  One block of memory, so that nothing can overlap.
     z, x, v, q, p, w, nu = 0, 16, 32, 48, 64, 80, 96
     s = np.zeros(112)
@@ -144,6 +161,7 @@ def _one_body(e: Array, keep: NDArray[np.bool_], f: Array, h: Array, gains: Arra
         s[:] = 0.0
         number = 0
         for n in range(e.shape[0]):
+            at = level[n]
             if keep[n]:
                 share = 1.0 / deviations[n]
                 if slow == 1:
@@ -153,12 +171,20 @@ def _one_body(e: Array, keep: NDArray[np.bool_], f: Array, h: Array, gains: Arra
                     s[nu + c] = e[n, begin + c]
                 for c in range(lanes):
                     sz, sx, sv, sq = s[z + c], s[x + c], s[v + c], s[q + c]
-                    new = s[nu + c] - h[0] * sz - h[1] * sx - h[2] * sv - h[3] * sq - h[4] * s[p + c] - h[5] * s[w + c]
-                    s[z + c] = f[0, 0] * sz + kz * new
-                    s[x + c] = f[1, 0] * sz + f[1, 1] * sx + f[1, 2] * sv + f[1, 3] * sq + kx * new
-                    s[v + c] = f[2, 0] * sz + f[2, 1] * sx + f[2, 2] * sv + f[2, 3] * sq + kv * new
-                    s[q + c] = f[3, 0] * sz + kq * new
-                    s[p + c] = f[4, 0] * sz + f[4, 1] * sx + f[4, 2] * sv + f[4, 3] * sq + kp * new
+                    new = (
+                        s[nu + c]
+                        - h[at, 0] * sz
+                        - h[at, 1] * sx
+                        - h[at, 2] * sv
+                        - h[at, 3] * sq
+                        - h[at, 4] * s[p + c]
+                        - h[at, 5] * s[w + c]
+                    )
+                    s[z + c] = f[at, 0, 0] * sz + kz * new
+                    s[x + c] = f[at, 1, 0] * sz + f[at, 1, 1] * sx + f[at, 1, 2] * sv + f[at, 1, 3] * sq + kx * new
+                    s[v + c] = f[at, 2, 0] * sz + f[at, 2, 1] * sx + f[at, 2, 2] * sv + f[at, 2, 3] * sq + kv * new
+                    s[q + c] = f[at, 3, 0] * sz + kq * new
+                    s[p + c] = f[at, 4, 0] * sz + f[at, 4, 1] * sx + f[at, 4, 2] * sv + f[at, 4, 3] * sq + kp * new
                     s[w + c] = kw * new
                     s[nu + c] = share * new
                 for c in range(width):
@@ -167,38 +193,53 @@ def _one_body(e: Array, keep: NDArray[np.bool_], f: Array, h: Array, gains: Arra
             else:
                 for c in range(lanes):
                     sz, sx, sv, sq = s[z + c], s[x + c], s[v + c], s[q + c]
-                    s[z + c] = f[0, 0] * sz
-                    s[x + c] = f[1, 0] * sz + f[1, 1] * sx + f[1, 2] * sv + f[1, 3] * sq
-                    s[v + c] = f[2, 0] * sz + f[2, 1] * sx + f[2, 2] * sv + f[2, 3] * sq
-                    s[q + c] = f[3, 0] * sz
-                    s[p + c] = f[4, 0] * sz + f[4, 1] * sx + f[4, 2] * sv + f[4, 3] * sq
+                    s[z + c] = f[at, 0, 0] * sz
+                    s[x + c] = f[at, 1, 0] * sz + f[at, 1, 1] * sx + f[at, 1, 2] * sv + f[at, 1, 3] * sq
+                    s[v + c] = f[at, 2, 0] * sz + f[at, 2, 1] * sx + f[at, 2, 2] * sv + f[at, 2, 3] * sq
+                    s[q + c] = f[at, 3, 0] * sz
+                    s[p + c] = f[at, 4, 0] * sz + f[at, 4, 1] * sx + f[at, 4, 2] * sv + f[at, 4, 3] * sq
                     s[w + c] = 0.0
     return out
 
 
 @compiled
 def _gains(
-    keep: NDArray[np.bool_], f: Array, g: Array, h: Array, d: Array, variances: Array, start: Array, gains: Array, deviations: Array
+    keep: NDArray[np.bool_],
+    f: Array,
+    g: Array,
+    h: Array,
+    d: Array,
+    level: NDArray[np.int64],
+    variances: Array,
+    start: Array,
+    gains: Array,
+    deviations: Array,
 ) -> None:
     """The covariance half of the filter.   variances : (m,), of the noises.   start : (k, k), covariance at the first sample.
 
     In loops: with numpy's functions of rows it took four times as long to compile.
     """
-    size, own = h.shape[0], h.shape[0] - 2
+    size, own = h.shape[1], h.shape[1] - 2
     p = np.zeros((size, size))
     for i in range(size):
         for j in range(size):
             p[i, j] = start[i, j]
     ph, k = np.zeros(size), np.zeros(size)
     fp, noise, cross, direct = np.zeros((size, own)), np.zeros((size, size)), np.zeros(size), 0.0
-    for m in range(variances.shape[0]):
-        direct += d[m] * d[m] * variances[m]
-        for i in range(size):
-            cross[i] += g[i, m] * variances[m] * d[m]
-            for j in range(size):
-                noise[i, j] += g[i, m] * variances[m] * g[j, m]
-    settled = False
+    settled, at = False, -1
     for n in range(keep.shape[0]):
+        if level[n] != at:
+            settled, at, direct = False, level[n], 0.0
+            for i in range(size):
+                cross[i] = 0.0
+                for j in range(size):
+                    noise[i, j] = 0.0
+            for m in range(variances.shape[0]):
+                direct += d[at, m] * d[at, m] * variances[m]
+                for i in range(size):
+                    cross[i] += g[at, i, m] * variances[m] * d[at, m]
+                    for j in range(size):
+                        noise[i, j] += g[at, i, m] * variances[m] * g[at, j, m]
         if settled and keep[n]:
             deviations[n] = deviations[n - 1]
             for i in range(size):
@@ -208,24 +249,24 @@ def _gains(
             for j in range(own):
                 total = 0.0
                 for m in range(own):
-                    total += f[i, m] * p[m, j]
+                    total += f[at, i, m] * p[m, j]
                 fp[i, j] = total
         variance = direct
         if keep[n]:
             for i in range(size):
                 total = 0.0
                 for j in range(size):
-                    total += p[i, j] * h[j]
+                    total += p[i, j] * h[at, j]
                 ph[i] = total
-                variance += h[i] * total
+                variance += h[at, i] * total
             for i in range(size):
                 total = cross[i]
                 for j in range(own):
-                    total += f[i, j] * ph[j]
+                    total += f[at, i, j] * ph[j]
                 k[i] = total
                 gains[n, i] = total / variance
             deviations[n] = math.sqrt(variance)
-            settled, largest = n > 0 and keep[n - 1], 0.0
+            settled, largest = n > 0 and keep[n - 1] and level[n - 1] == at, 0.0
             for i in range(size):
                 largest = max(largest, abs(gains[n, i]))
             for i in range(size):
@@ -237,7 +278,7 @@ def _gains(
             for j in range(i + 1):
                 total = noise[i, j]
                 for m in range(own):
-                    total += fp[i, m] * f[j, m]
+                    total += fp[i, m] * f[at, j, m]
                 if keep[n]:
                     total -= k[i] * k[j] / variance
                 p[i, j] = total

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from beltcomm.axis import Axis
 from beltcomm.errors import DataError
 from beltcomm.identify.following import follows
-from beltcomm.identify.residual import Stretch, creeping, evaluate, path_of, stretches, torque_noise
+from beltcomm.identify.residual import Stretch, creeping, evaluate, stretches, torque_noise, way_of
 from beltcomm.identify.whitening import whitener
 from beltcomm.model import Model
 from beltcomm.recording import Recording
@@ -106,7 +106,7 @@ def group_of(recording: Recording) -> int:
 
 def rewhitened(piece: Stretch, model: Model) -> Stretch:
     """A stretch with the noise as a model passes it on."""
-    return replace(piece, whitener=whitener(piece.keep, path_of(piece, model), piece.step_rad, piece.noise_nm, piece.rounding))
+    return replace(piece, whitener=whitener(piece.keep, way_of(piece, model), piece.step_rad, piece.noise_nm, piece.rounding))
 
 
 def remade(data: Data, model: Model, offsets_m: Array, substeps: int = SUBSTEPS) -> Data:
@@ -131,7 +131,7 @@ def rounding_shares(parts: Sequence[tuple[Stretch, Array]], model: Model) -> tup
     An axis that moves slowly and steadily rounds in step with its motion: then the error is less, and no white noise.  What a model
     cannot explain raises the shares up to 1, never beyond: an effect is not taken for rounding.
     """
-    path = path_of(parts[0][0], model)
+    passed = [way_of(piece, model) for piece, _ in parts]
 
     @cache
     def unlikely(white: int, slow: int) -> float:
@@ -139,8 +139,8 @@ def rounding_shares(parts: Sequence[tuple[Stretch, Array]], model: Model) -> tup
         if sum(shares) > 1.0:
             return math.inf
         total = 0.0
-        for piece, torque in parts:
-            trial = whitener(piece.keep, path, piece.step_rad, piece.noise_nm, shares)
+        for (piece, torque), along in zip(parts, passed, strict=True):
+            trial = whitener(piece.keep, along, piece.step_rad, piece.noise_nm, shares)
             total += float(np.sum(trial(torque, piece.keep) ** 2) + 2.0 * np.sum(np.log(trial.deviations[piece.keep])))
         return total
 
