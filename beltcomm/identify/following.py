@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -84,8 +85,13 @@ def follower_for(
     noise_nm: float,
     rounding: tuple[float, float],
     start_m: float,
+    agitation: float,
 ) -> Follower:
-    """The observer of a stretch for a model.   start_m : rms stretch of the belt at first, m."""
+    """The observer of a stretch for a model.   start_m : rms stretch of the belt at first, m.
+
+    agitation : by how much the speed of the carriage changes in each sample as no model tells, rms, as a share of that at which it would
+    swing through half the gap on its belt: in its gap it strikes rough ends at an angle, and rubs.
+    """
     ratio = model["transmission.ratio"]
     middle = 0.5 * float(motion.theta.min() + motion.theta.max()) * ratio
     sides = [noises(noise_path(model, middle, motion.sample_s, closed), step_rad, noise_nm, rounding) for closed in (0.0, 1.0)]
@@ -99,7 +105,10 @@ def follower_for(
     held = matrices(model, operating_point(model, middle, 1.0))
     stiffness, mass = (float(m[names.index("cart"), names.index("cart")]) for m in (held.K, held.M))
     covariance[cart, cart] += start_m**2 + half**2
+    swing = half * math.sqrt(stiffness / mass)
     n, size = motion.samples, len(shut.H)
+    by_chance = np.zeros((2, size, 1))
+    by_chance[:, cart + len(names) - 1] = 1.0
     vector = model.vector()
     true = true_motion(model, motion, vector)
     watch = Watch(
@@ -111,14 +120,14 @@ def follower_for(
         cart=cart,
         half_gap_m=half,
         stiffness=stiffness,
-        spread=np.array([(0.5 * half) ** 2, half**2 * stiffness / mass]),
+        spread=np.array([(0.5 * half) ** 2, swing**2]),
         lost=np.zeros(motion.samples, dtype=np.bool_),
         learning=True,
         F=np.stack([opened.F, shut.F]),
-        G=np.stack([opened.G, shut.G]),
+        G=np.concatenate([np.stack([opened.G, shut.G]), by_chance], axis=2),
         H=np.stack([opened.H, shut.H]),
-        D=np.stack([opened.D, shut.D]),
-        variances=variances,
+        D=np.concatenate([np.stack([opened.D, shut.D]), np.zeros((2, 1))], axis=1),
+        variances=np.append(variances, (agitation * swing) ** 2),
         P=covariance,
         s=np.zeros(size),
         ahead=np.zeros(size),

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from beltcomm.axis import Axis
 from beltcomm.errors import DataError
 from beltcomm.identify.following import follows
-from beltcomm.identify.residual import Stretch, creeping, evaluate, stretches, torque_noise, way_of
+from beltcomm.identify.residual import Stretch, creeping, dressed, evaluate, stretches, torque_noise, way_of
 from beltcomm.identify.whitening import whitener
 from beltcomm.model import Model
 from beltcomm.recording import Recording
@@ -33,6 +33,8 @@ FEWEST, SAME_SPEED = 400, 0.05
 #: Shares of the rounding's variance that are tried: white and slow.
 SHARES = (1.0, 0.7, 0.5, 0.35, 0.25, 0.15, 0.08, 0.03)
 SLOW_SHARES = (0.0, 0.03, 0.08, 0.15, 0.25, 0.35, 0.5)
+#: Agitations of a carriage in its gap that are tried, and deviations beyond which an innovation says no more of them.
+AGITATIONS, STRAY = (0.0, 0.003, 0.01, 0.03, 0.1, 0.3), 5.0
 #: Neighbouring values that make one: where the axis is excited, and elsewhere; Hz that are left at least.
 EXCITED_GROUP, STEADY_GROUP, BAND_HZ = 2, 4, 120.0
 
@@ -75,19 +77,22 @@ def made(
     step_rad: float,
     shares: Mapping[str, tuple[float, float]],
     usual: int = SUBSTEPS,
+    agitations: Mapping[str, float] | None = None,
 ) -> Data:
     """The same with known noise and step.
 
     shares : by record, :func:`rounding_shares`; all of it white where it is missing.   usual : fine steps a sample.
+    agitations : by record, :func:`likeliest_agitation`; none where it is missing.
     """
-    pieces = []
+    pieces, agitations = [], agitations or {}
     rattles = any(effect.rattles for effect in model.effect_list())
     for recording in recordings:
         shown, group = shares.get(recording.name, (1.0, 0.0)), group_of(recording)
         stroke = recording.sidecar.experiment == "friction_sweep"
         substeps = (RATTLING_STROKE_SUBSTEPS if rattles else STROKE_SUBSTEPS) if stroke else (RATTLING_SUBSTEPS if rattles else usual)
         for piece in stretches(recording, model, step_rad, noise_nm, fitted=True, substeps=substeps):
-            pieces.append(rewhitened(replace(piece, rounding=shown, group=group), model))
+            shaken = agitations.get(recording.name, 0.0)
+            pieces.append(rewhitened(replace(piece, rounding=shown, group=group, agitation=shaken), model))
     return Data(
         tuple(recordings),
         tuple(p for p in pieces if not p.held_out),
@@ -120,9 +125,36 @@ def remade(data: Data, model: Model, offsets_m: Array, substeps: int = SUBSTEPS)
         left.setdefault(piece.record, []).append((piece, evaluate(piece, model, model.vector(), float(offset))))
     if follows(model):  # what an observer leaves says nothing of the rounding; the shares found before stay
         shares = {piece.record: piece.rounding for piece in (*data.fitted, *data.held_out)}
+        agitations = {name: likeliest_agitation([piece for piece, _ in parts], model) for name, parts in left.items()}
     else:
         shares = {name: rounding_shares(parts, model) for name, parts in left.items()}
-    return made(data.recordings, model, data.noise_nm, data.step_rad, shares, substeps)
+        agitations = {}
+    return made(data.recordings, model, data.noise_nm, data.step_rad, shares, substeps, agitations)
+
+
+def likeliest_agitation(parts: Sequence[Stretch], model: Model) -> float:
+    """By how much a carriage in its gap moves as no model tells: the likeliest of :data:`AGITATIONS`, see ``follower_for``.
+
+    Without it an observer knows too well where the carriage is, and takes the next stroke for an error of the model.
+    """
+
+    @cache
+    def unlikely(number: int) -> float:
+        total = 0.0
+        for piece in parts:
+            follower = dressed(replace(piece, agitation=AGITATIONS[number]), model).follower
+            assert follower is not None
+            kept = piece.keep
+            squares = np.minimum(follower.watch.white[kept] ** 2, STRAY**2)
+            total += float(np.sum(squares + 2.0 * np.log(follower.watch.deviations[kept])))
+        return total
+
+    here = AGITATIONS.index(parts[0].agitation)
+    while True:
+        best = min((n for n in (here, here - 1, here + 1) if 0 <= n < len(AGITATIONS)), key=unlikely)
+        if best == here:
+            return AGITATIONS[here]
+        here = best
 
 
 def rounding_shares(parts: Sequence[tuple[Stretch, Array]], model: Model) -> tuple[float, float]:

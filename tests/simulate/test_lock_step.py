@@ -106,7 +106,7 @@ def test_a_gap_is_followed_as_by_the_masked_kernel() -> None:
     torque = np.concatenate((triangular_mean(fine_load(axis, motion)[0], 16)[1:], [0.0]))
     keep = np.ones(motion.samples, dtype=np.bool_)
     keep[[0, 700, 701, -1]] = False
-    watch = follower_for(axis, motion, torque, keep, 1e-4, 5e-3, (0.7, 0.1), 1e-5).watch
+    watch = follower_for(axis, motion, torque, keep, 1e-4, 5e-3, (0.7, 0.1), 1e-5, 0.01).watch
     assert watch.lost.any()  # else the correction by contact is not tried
     vectors = beside(axis, 11)
     side_by_side = followed_beside(axis, motion, vectors, watch)
