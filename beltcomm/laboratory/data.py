@@ -77,22 +77,19 @@ def made(
     step_rad: float,
     shares: Mapping[str, tuple[float, float]],
     usual: int = SUBSTEPS,
-    agitations: Mapping[str, float] | None = None,
 ) -> Data:
     """The same with known noise and step.
 
     shares : by record, :func:`rounding_shares`; all of it white where it is missing.   usual : fine steps a sample.
-    agitations : by record, :func:`likeliest_agitation`; none where it is missing.
     """
-    pieces, agitations = [], agitations or {}
+    pieces = []
     rattles = any(effect.rattles for effect in model.effect_list())
     for recording in recordings:
         shown, group = shares.get(recording.name, (1.0, 0.0)), group_of(recording)
         stroke = recording.sidecar.experiment == "friction_sweep"
         substeps = (RATTLING_STROKE_SUBSTEPS if rattles else STROKE_SUBSTEPS) if stroke else (RATTLING_SUBSTEPS if rattles else usual)
         for piece in stretches(recording, model, step_rad, noise_nm, fitted=True, substeps=substeps):
-            shaken = agitations.get(recording.name, 0.0)
-            pieces.append(rewhitened(replace(piece, rounding=shown, group=group, agitation=shaken), model))
+            pieces.append(rewhitened(replace(piece, rounding=shown, group=group), model))
     return Data(
         tuple(recordings),
         tuple(p for p in pieces if not p.held_out),
@@ -125,36 +122,30 @@ def remade(data: Data, model: Model, offsets_m: Array, substeps: int = SUBSTEPS)
         left.setdefault(piece.record, []).append((piece, evaluate(piece, model, model.vector(), float(offset))))
     if follows(model):  # what an observer leaves says nothing of the rounding; the shares found before stay
         shares = {piece.record: piece.rounding for piece in (*data.fitted, *data.held_out)}
-        agitations = {name: likeliest_agitation([piece for piece, _ in parts], model) for name, parts in left.items()}
     else:
         shares = {name: rounding_shares(parts, model) for name, parts in left.items()}
-        agitations = {}
-    return made(data.recordings, model, data.noise_nm, data.step_rad, shares, substeps, agitations)
+    ahead = made(data.recordings, model, data.noise_nm, data.step_rad, shares, substeps)
+    return agitated(ahead, model) if follows(model) else ahead
 
 
-def likeliest_agitation(parts: Sequence[Stretch], model: Model) -> float:
-    """By how much a carriage in its gap moves as no model tells: the likeliest of :data:`AGITATIONS`, see ``follower_for``.
+def agitated(data: Data, model: Model) -> Data:
+    """The same with what no model tells of a carriage in its gap, see ``follower_for``: the likeliest of :data:`AGITATIONS`.
 
     Without it an observer knows too well where the carriage is, and takes the next stroke for an error of the model.
     """
 
-    @cache
     def unlikely(number: int) -> float:
         total = 0.0
-        for piece in parts:
+        for piece in data.fitted:
             follower = dressed(replace(piece, agitation=AGITATIONS[number]), model).follower
             assert follower is not None
-            kept = piece.keep
-            squares = np.minimum(follower.watch.white[kept] ** 2, STRAY**2)
-            total += float(np.sum(squares + 2.0 * np.log(follower.watch.deviations[kept])))
+            squares = np.minimum(follower.watch.white[piece.keep] ** 2, STRAY**2)
+            total += float(np.sum(squares + 2.0 * np.log(follower.watch.deviations[piece.keep])))
         return total
 
-    here = AGITATIONS.index(parts[0].agitation)
-    while True:
-        best = min((n for n in (here, here - 1, here + 1) if 0 <= n < len(AGITATIONS)), key=unlikely)
-        if best == here:
-            return AGITATIONS[here]
-        here = best
+    share = AGITATIONS[min(range(len(AGITATIONS)), key=unlikely)]
+    fitted, held_out = (tuple(replace(piece, agitation=share) for piece in pieces) for pieces in (data.fitted, data.held_out))
+    return replace(data, fitted=fitted, held_out=held_out)
 
 
 def rounding_shares(parts: Sequence[tuple[Stretch, Array]], model: Model) -> tuple[float, float]:
