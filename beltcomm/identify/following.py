@@ -19,6 +19,9 @@ from beltcomm.simulate.writer import catalogue_bodies
 
 Array = NDArray[np.float64]
 
+#: s without a sample that counts, after which a carriage may be anywhere in its gap.
+FORGOTTEN_S = 0.04
+
 
 @dataclass(frozen=True)
 class Follower:
@@ -76,6 +79,14 @@ def left_for_bodies(model: Model, motion: FineMotion, torque: Array, vector: Arr
     return left
 
 
+def forgotten(keep: NDArray[np.bool_], sample_s: float) -> NDArray[np.bool_]:
+    """Samples that do not count, behind so many of them that the carriage may be anywhere in its gap when the next one does; (n,)."""
+    number = np.arange(len(keep))
+    since = number - np.maximum.accumulate(np.where(keep, number, -1))
+    ends: NDArray[np.bool_] = ~keep & np.append(keep[1:], False)
+    return ends & (since * sample_s >= FORGOTTEN_S)
+
+
 def follower_for(
     model: Model,
     motion: FineMotion,
@@ -122,6 +133,7 @@ def follower_for(
         stiffness=stiffness,
         spread=np.array([(0.5 * half) ** 2, swing**2]),
         lost=np.zeros(motion.samples, dtype=np.bool_),
+        forgets=forgotten(keep, motion.sample_s),
         learning=True,
         F=np.stack([opened.F, shut.F]),
         G=np.concatenate([np.stack([opened.G, shut.G]), by_chance], axis=2),

@@ -33,8 +33,8 @@ FEWEST, SAME_SPEED = 400, 0.05
 #: Shares of the rounding's variance that are tried: white and slow.
 SHARES = (1.0, 0.7, 0.5, 0.35, 0.25, 0.15, 0.08, 0.03)
 SLOW_SHARES = (0.0, 0.03, 0.08, 0.15, 0.25, 0.35, 0.5)
-#: Agitations of a carriage in its gap that are tried, and deviations beyond which an innovation says no more of them.
-AGITATIONS, STRAY = (0.0, 0.003, 0.01, 0.03, 0.1, 0.3), 5.0
+#: Agitations of a carriage in its gap that are tried, the third first, and deviations beyond which an innovation says no more of them.
+AGITATIONS, USUAL, STRAY = (0.0, 0.003, 0.01, 0.03, 0.1, 0.3), 2, 5.0
 #: Neighbouring values that make one: where the axis is excited, and elsewhere; Hz that are left at least.
 EXCITED_GROUP, STEADY_GROUP, BAND_HZ = 2, 4, 120.0
 
@@ -134,6 +134,7 @@ def agitated(data: Data, model: Model) -> Data:
     Without it an observer knows too well where the carriage is, and takes the next stroke for an error of the model.
     """
 
+    @cache
     def unlikely(number: int) -> float:
         total = 0.0
         for piece in data.fitted:
@@ -143,8 +144,10 @@ def agitated(data: Data, model: Model) -> Data:
             total += float(np.sum(squares + 2.0 * np.log(follower.watch.deviations[piece.keep])))
         return total
 
-    share = AGITATIONS[min(range(len(AGITATIONS)), key=unlikely)]
-    fitted, held_out = (tuple(replace(piece, agitation=share) for piece in pieces) for pieces in (data.fitted, data.held_out))
+    best, here = -1, AGITATIONS.index(data.fitted[0].agitation) or USUAL
+    while best != here:
+        best, here = here, min((n for n in (here, here - 1, here + 1) if 0 <= n < len(AGITATIONS)), key=unlikely)
+    fitted, held_out = (tuple(replace(piece, agitation=AGITATIONS[best]) for piece in pieces) for pieces in (data.fitted, data.held_out))
     return replace(data, fitted=fitted, held_out=held_out)
 
 
