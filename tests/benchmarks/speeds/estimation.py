@@ -54,8 +54,8 @@ DEFAULT = ("prbs", "inverse")
 OF_THE_THESIS = ("prbs", "thesis")
 AIM, GAIN = 1.2, 2.0
 FIRST_SEED, MANY = 1001, 50
-#: Share of the torque's noise by which the acting torque differs from period to period.  A thousandth moves the rig by half a count in a
-#: period, after which the encoder rounds it otherwise; a hundredth still adds nothing that a fit could see, 1e-4 of the variance.
+#: Share of the torque's noise by which the acting torque differs from period to period; the reading shows it.  A thousandth moves the rig
+#: without friction by 0.8 counts in a period, this by 8, and by 1 with friction under a multisine: no period is rounded like another.
 UNLIKE = 0.01
 DRAWS = user_cache_path("beltcomm") / "benchmark-draws.json"
 
