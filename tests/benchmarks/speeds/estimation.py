@@ -53,7 +53,7 @@ MEANT = {"cart.mass": "mass_kg", "belt_stiffness.stiffness": "stiffness_n_m", "m
 DEFAULT = ("prbs", "inverse")
 OF_THE_THESIS = ("prbs", "thesis")
 AIM, GAIN = 1.2, 2.0
-FIRST_SEED, MANY = 1001, 50
+FIRST_SEED, MANY = 1001, 25
 #: Share of the torque's noise by which the acting torque differs from period to period; the reading shows it.  A thousandth moves the rig
 #: without friction by 0.8 counts in a period, this by 8, and by 1 with friction under a multisine: no period is rounded like another.
 UNLIKE = 0.01
