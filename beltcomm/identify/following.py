@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from beltcomm.identify.whitening import noise_path, noises
+from beltcomm.identify.noise_path import noise_path
+from beltcomm.identify.whitening import noises
 from beltcomm.linear import matrices, operating_point
 from beltcomm.model import Model
 from beltcomm.simulate.inverse import FineMotion, acting_torque, followed, followed_beside, motor_load, true_motion
@@ -16,6 +18,9 @@ from beltcomm.simulate.observer import Watch, filtered
 from beltcomm.simulate.writer import catalogue_bodies
 
 Array = NDArray[np.float64]
+
+#: s without a sample that counts, after which a carriage may be anywhere in its gap.
+FORGOTTEN_S = 0.04
 
 
 @dataclass(frozen=True)
@@ -74,6 +79,14 @@ def left_for_bodies(model: Model, motion: FineMotion, torque: Array, vector: Arr
     return left
 
 
+def forgotten(keep: NDArray[np.bool_], sample_s: float) -> NDArray[np.bool_]:
+    """Samples that do not count, behind so many of them that the carriage may be anywhere in its gap when the next one does; (n,)."""
+    number = np.arange(len(keep))
+    since = number - np.maximum.accumulate(np.where(keep, number, -1))
+    ends: NDArray[np.bool_] = ~keep & np.append(keep[1:], False)
+    return ends & (since * sample_s >= FORGOTTEN_S)
+
+
 def follower_for(
     model: Model,
     motion: FineMotion,
@@ -83,8 +96,13 @@ def follower_for(
     noise_nm: float,
     rounding: tuple[float, float],
     start_m: float,
+    agitation: float,
 ) -> Follower:
-    """The observer of a stretch for a model.   start_m : rms stretch of the belt at first, m."""
+    """The observer of a stretch for a model.   start_m : rms stretch of the belt at first, m.
+
+    agitation : by how much the speed of the carriage changes in each sample as no model tells, rms, as a share of that at which it would
+    swing through half the gap on its belt: in its gap it strikes rough ends at an angle, and rubs.
+    """
     ratio = model["transmission.ratio"]
     middle = 0.5 * float(motion.theta.min() + motion.theta.max()) * ratio
     sides = [noises(noise_path(model, middle, motion.sample_s, closed), step_rad, noise_nm, rounding) for closed in (0.0, 1.0)]
@@ -98,7 +116,10 @@ def follower_for(
     held = matrices(model, operating_point(model, middle, 1.0))
     stiffness, mass = (float(m[names.index("cart"), names.index("cart")]) for m in (held.K, held.M))
     covariance[cart, cart] += start_m**2 + half**2
+    swing = half * math.sqrt(stiffness / mass)
     n, size = motion.samples, len(shut.H)
+    by_chance = np.zeros((2, size, 1))
+    by_chance[:, cart + len(names) - 1] = 1.0
     vector = model.vector()
     true = true_motion(model, motion, vector)
     watch = Watch(
@@ -110,14 +131,15 @@ def follower_for(
         cart=cart,
         half_gap_m=half,
         stiffness=stiffness,
-        spread=np.array([(0.5 * half) ** 2, half**2 * stiffness / mass]),
+        spread=np.array([(0.5 * half) ** 2, swing**2]),
         lost=np.zeros(motion.samples, dtype=np.bool_),
+        forgets=forgotten(keep, motion.sample_s),
         learning=True,
         F=np.stack([opened.F, shut.F]),
-        G=np.stack([opened.G, shut.G]),
+        G=np.concatenate([np.stack([opened.G, shut.G]), by_chance], axis=2),
         H=np.stack([opened.H, shut.H]),
-        D=np.stack([opened.D, shut.D]),
-        variances=variances,
+        D=np.concatenate([np.stack([opened.D, shut.D]), np.zeros((2, 1))], axis=1),
+        variances=np.append(variances, (agitation * swing) ** 2),
         P=covariance,
         s=np.zeros(size),
         ahead=np.zeros(size),

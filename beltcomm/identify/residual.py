@@ -21,8 +21,9 @@ from scipy.optimize import minimize_scalar
 
 from beltcomm.compiled import compiled
 from beltcomm.identify.following import Follower, follower_for, follows
+from beltcomm.identify.noise_path import Way, way
 from beltcomm.identify.reversals import LEVEL, passed, turns_at_once
-from beltcomm.identify.whitening import NoisePath, Whitener, noise_path, whiten
+from beltcomm.identify.whitening import Whitener, whiten
 from beltcomm.linear import matrices, operating_point
 from beltcomm.model import Model
 from beltcomm.recording import Recording
@@ -64,8 +65,8 @@ class Stretch:
     keep : ndarray (n,) bool, samples that count.     noise_nm : torque noise, N m rms.    step_rad : encoder step, rad.
     offset_m : m, the belt may be stretched by up to this at the start.   whitener : gains worked out beforehand for a model near the
     right one; without it every evaluation works out its own.   group : see :func:`grouped`.   rounding : shares for ``whitener``.
-    follower : observer where the carriage is free at times, see :func:`dressed`.   turns : what the kernel's Coulomb friction of level 1
-    lacks at the reversals that count, (n,); None where none of those count, or the motor has no such friction.
+    agitation : for ``follower``, the observer where the carriage is free at times, see :func:`dressed`.   turns : what the kernel's Coulomb
+    friction of level 1 lacks at the reversals that count, (n,); None where none of those count, or the motor has no such friction.
     """
 
     record: str
@@ -79,6 +80,7 @@ class Stretch:
     offset_m: float
     whitener: Whitener | None = None
     rounding: tuple[float, float] = (1.0, 0.0)
+    agitation: float = 0.0
     group: int = 1
     follower: Follower | None = None
     turns: Array | None = None
@@ -282,8 +284,8 @@ def dressed(stretch: Stretch, model: Model) -> Stretch:
     """The stretch with the observer that a model with a gap needs, or without one."""
     if not follows(model):
         return stretch if stretch.follower is None else replace(stretch, follower=None)
-    noise = (stretch.step_rad, stretch.noise_nm, stretch.rounding)
-    return replace(stretch, follower=follower_for(model, stretch.motion, stretch.torque, stretch.keep, *noise, stretch.offset_m))
+    noise = (stretch.step_rad, stretch.noise_nm, stretch.rounding, stretch.offset_m, stretch.agitation)
+    return replace(stretch, follower=follower_for(model, stretch.motion, stretch.torque, stretch.keep, *noise))
 
 
 def evaluate(stretch: Stretch, model: Model, vector: Array, offset_m: float = 0.0) -> Array:
@@ -325,7 +327,7 @@ def in_noise(stretch: Stretch, model: Model, vector: Array, torque: Array) -> Ar
     """
     if stretch.whitener is not None or stretch.follower is not None:
         return stretch.white(torque)
-    return whiten(torque, stretch.keep, path_of(stretch, model.with_vector(vector)), stretch.step_rad, stretch.noise_nm)
+    return whiten(torque, stretch.keep, way_of(stretch, model.with_vector(vector)), stretch.step_rad, stretch.noise_nm)
 
 
 def grouped(keep: NDArray[np.bool_], size: int) -> NDArray[np.intp]:
@@ -355,8 +357,7 @@ def _together(single: Array, firsts: NDArray[np.intp], size: int) -> Array:
     return out
 
 
-def path_of(stretch: Stretch, model: Model) -> NoisePath:
-    """How torque noise and rounding reach the residual of a stretch, linearised in the middle of its way."""
-    theta = stretch.motion.theta
-    middle = 0.5 * float(theta.min() + theta.max()) * model["transmission.ratio"]
-    return noise_path(model, middle, stretch.motion.sample_s)
+def way_of(stretch: Stretch, model: Model) -> Way:
+    """How torque noise and rounding reach the residual of a stretch."""
+    motion = stretch.motion
+    return way(model, motion.theta[:: motion.substeps] * model["transmission.ratio"], motion.sample_s)

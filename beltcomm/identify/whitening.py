@@ -2,15 +2,10 @@
 
 Two noises make the residual e[n] of ``beltcomm.simulate.inverse``: that of the torque signal, w, and the encoder's rounding, q.  The
 rounding acts through the second difference of the angle, and through the belt as well, because the counted angle drives the
-carriage; at its antiresonance a rounding of 1/65536 of a turn is worth ten times the torque noise.  With x the displacements and
-speeds of the bodies behind the motor and rounding linear between the samples,
-
-    x[n+1] = Φ x[n] + Γ_a q[n] + Γ_b q[n+1],
-    e[n] = <load(x, q)>[n] + J (q[n+1] - 2 q[n] + q[n-1])/T² - (w[n-1] + w[n])/2,
-
-linearised around sliding.  A Kalman filter predicts e[n] from the kept samples before it; the innovations over their deviation are
-white, of variance 1 where the model is right, and their squares sum up to the errors-in-variables likelihood: the rounded
-angle in the regressor biases neither the inertia nor the belt's damping.
+carriage; at its antiresonance a rounding of 1/65536 of a turn is worth ten times the torque noise (``noise_path``).  A Kalman filter
+predicts e[n] from the kept samples before it; the innovations over their deviation are white, of variance 1 where the model is right,
+and their squares sum up to the errors-in-variables likelihood: the rounded angle in the regressor biases neither the inertia nor the
+belt's damping.
 Source: Anderson, Moore, Optimal Filtering, 1979, sections 5.3 and 10.5.
 """
 
@@ -23,8 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.compiled import compiled, in_lanes
-from beltcomm.linear import matrices, operating_point
-from beltcomm.model import Model
+from beltcomm.identify.noise_path import ROUNDING, NoisePath, Way
 from beltcomm.simulate.observer import filtered, lanes_for
 
 Array = NDArray[np.float64]
@@ -37,128 +31,24 @@ SETTLED = 1e-8
 ONE_BODY = 5
 #: What is 0 of its F, slow rounding in front: s = (slow rounding, x, v, q, what x and q leave, w).
 ONE_BODY_ZEROS = np.array([[0, 1, 1, 1, 1, 1], [0, 0, 0, 0, 1, 1], [0, 0, 0, 0, 1, 1], [0, 1, 1, 1, 1, 1], [0, 0, 0, 0, 1, 1], [1] * 6]) > 0
-#: Terms of Taylor's series for a norm below one half: 0.5^15/15! is below the machine precision.
-TERMS = 14
 
 
-@dataclass(frozen=True)
-class NoisePath:
-    """How the noises reach the residual:  s[n+1] = F s[n] + G (q[n+1], w[n]),   e[n] = H s[n] + D (q[n+1], w[n]).
-
-    s = (x[n], q[n], what x[n-1] and q[n-1] leave of e[n], w[n-1]).   F : (k, k), zero in its last two columns.   G : (k, 2).
-    H : (k,).   D : (2,).   begins : (k,), variance of s at the first sample by motion that the record does not show.
-    e in N m, q in rad, both at the motor shaft, w in N m.   sample_s : s.
-    """
-
-    F: Array
-    G: Array
-    H: Array
-    D: Array
-    begins: Array
-    sample_s: float
-
-
-def noise_path(model: Model, position_m: float, sample_s: float, closed: float = 1.0) -> NoisePath:
-    """The path of a model linearised with the carriage sliding at a place, m; ``sample_s`` : s.   closed : see ``matrices``.
-
-    The load's triangular mean is exact for rounding linear between the samples:  ∫_0^1 u load du before and ∫_0^1 (1-u) load du after
-    a sample, from the first and the second integral of the load.
-    """
-    linear = matrices(model, operating_point(model, position_m, 1.0), closed=closed)
-    motor, behind = 0, np.arange(1, len(linear.bodies))
-    n = 2 * len(behind)  # states; then the angle, its rate, the load's integral and that one's integral
-    inverse = np.diag(1.0 / np.diag(linear.M)[behind])
-    a = np.zeros((n + 4, n + 4))
-    a[: n // 2, n // 2 : n] = np.eye(n // 2)
-    a[n // 2 : n, : n // 2] = -inverse @ linear.K[np.ix_(behind, behind)]
-    a[n // 2 : n, n // 2 : n] = -inverse @ linear.D[np.ix_(behind, behind)]
-    a[n // 2 : n, n] = -inverse @ linear.K[behind, motor]
-    a[n // 2 : n, n + 1] = -inverse @ linear.D[behind, motor]
-    a[n, n + 1] = 1.0
-    a[n + 2, : n // 2], a[n + 2, n // 2 : n] = linear.K[motor, behind], linear.D[motor, behind]
-    a[n + 2, n], a[n + 2, n + 1] = linear.K[motor, motor], linear.D[motor, motor]
-    a[n + 3, n + 2] = 1.0
-    moved = exponential(a * sample_s)
-    # from (x, angle, rate) to (x, angle before, angle after)
-    moved[:, n + 1] /= sample_s
-    moved[:, n] -= moved[:, n + 1]
-    first, second = moved[n + 2, : n + 2] / sample_s, moved[n + 3, : n + 2] / sample_s**2
-    after, before = second, first - second
-    g = model[model.bodies()[motor][0]] / sample_s**2
-    f, gain, h = np.zeros((n + 3, n + 3)), np.zeros((n + 3, 2)), np.zeros(n + 3)
-    f[:n, : n + 1], gain[:n, 0] = moved[:n, : n + 1], moved[:n, n + 1]
-    gain[n, 0] = 1.0
-    f[n + 1, : n + 1], gain[n + 1, 0] = before[: n + 1], before[n + 1]
-    f[n + 1, n] += g
-    gain[n + 2, 1] = 1.0
-    h[: n + 1] = after[: n + 1]
-    h[n] -= 2.0 * g
-    h[n + 1], h[n + 2] = 1.0, -0.5
-    begins = np.zeros(n + 3)
-    for i, (_, body) in zip(behind, model.bodies()[1:], strict=True):
-        begins[i - 1] = body.swings**2
-        begins[n // 2 + i - 1] = body.swings**2 * linear.K[i, i] / linear.M[i, i]
-    path = NoisePath(f, gain, h, np.array([after[n + 1] + g, -0.5]), begins, sample_s)
-    return read_late(path, sum(model[f"{e.name}.time"] for e in model.effect_list() if e.slot == "torque_reading"))
-
-
-def read_late(path: NoisePath, time_s: float) -> NoisePath:
-    """The path where the torque is read behind a lag: rounding reaches the residual smoothed, noise of the torque as before.
-
-    y[n] = a y[n-1] + b e[n-1] + c e[n]  with  e = h s + d q,  one more state z[n] = a y[n-1] + b e[n-1]:
-    z[n+1] = a z[n] + (a c + b) e[n],   y[n] = z[n] + c e[n]      (straight between the samples, as ``measurement_lag``)
-    """
-    if time_s < 1e-9:
-        return path
-    size = len(path.H)
-    decay = np.exp(-path.sample_s / time_s)
-    share = (1.0 - decay) * time_s / path.sample_s
-    c, b = 1.0 - share, share - decay
-    needed, torque = path.H.copy(), size - 1  # the torque's own noise, the last state, is read as it is
-    needed[torque] = 0.0
-    # One state that is always 0 keeps the last two columns empty.
-    old, place = np.r_[:torque, torque], np.r_[1 : torque + 1, size + 1]
-    f, gain, h = np.zeros((size + 2, size + 2)), np.zeros((size + 2, 2)), np.zeros(size + 2)
-    f[np.ix_(place, place)], gain[place] = path.F[np.ix_(old, old)], path.G[old]
-    begins = np.zeros(size + 2)
-    begins[place] = path.begins[old]
-    f[0, 0], gain[0, 0] = decay, (decay * c + b) * path.D[0]
-    f[0, place] = (decay * c + b) * needed[old]
-    h[0], h[place] = 1.0, c * needed[old]
-    h[size + 1] = path.H[torque]
-    return NoisePath(f, gain, h, np.array([c * path.D[0], path.D[1]]), begins, path.sample_s)
-
-
-def exponential(a: Array) -> Array:
-    """e^a of a small matrix: scaling, Taylor's series, squaring.
-
-    Not scipy's ``expm``: its linear algebra runs in threads, which on a busy machine wait for each other, 20 ms instead of 0.04 ms.
-    Source: Moler, Van Loan, SIAM Review 45 (2003), method 3.
-    """
-    squarings = max(0, math.ceil(math.log2(max(float(np.abs(a).sum(axis=1).max()), 1e-300))) + 1)
-    a = a / 2.0**squarings
-    result = term = np.eye(len(a))
-    for k in range(1, TERMS + 1):
-        term = term @ a / k
-        result = result + term
-    for _ in range(squarings):
-        result = result @ result
-    return result
-
-
-def whiten(residual: Array, keep: NDArray[np.bool_], path: NoisePath, step_rad: float, noise_nm: float) -> Array:
+def whiten(residual: Array, keep: NDArray[np.bool_], way: Way, step_rad: float, noise_nm: float) -> Array:
     """Innovations of the kept samples over their deviation; (n,) N m -> (kept,).   step_rad : rad.   noise_nm : N m rms."""
-    return whitener(keep, path, step_rad, noise_nm)(residual, keep)
+    return whitener(keep, way, step_rad, noise_nm)(residual, keep)
 
 
 @dataclass(frozen=True)
 class Whitener:
     """The filter of one stretch with its gains worked out: they depend on the noises and on what is kept, not on the residual.
 
-    gains : (n, k).   deviations : (n,), N m, of the innovations.
+    F : (levels, k, k) and H : (levels, k), of the noise paths.   level : (n,), which of them holds.   gains : (n, k).
+    deviations : (n,), N m, of the innovations.
     """
 
-    path: NoisePath
+    F: Array
+    H: Array
+    level: NDArray[np.int64]
     gains: Array
     deviations: Array
 
@@ -168,29 +58,32 @@ class Whitener:
         ``keep`` : as for :func:`whitener`.
         """
         if residual.ndim == 1:
-            return _filtered(residual, keep, self.path.F, self.path.H, self.gains, self.deviations)
-        slow = len(self.path.H) - ONE_BODY
+            return _filtered(residual, keep, self.F, self.H, self.level, self.gains, self.deviations)
+        levels, slow = len(self.H), self.H.shape[1] - ONE_BODY
         if slow in (0, 1):
-            f, h = np.zeros((ONE_BODY + 1, ONE_BODY + 1)), np.zeros(ONE_BODY + 1)
-            f[1 - slow :, 1 - slow :], h[1 - slow :] = self.path.F, self.path.H
-            if not f[ONE_BODY_ZEROS].any():
+            f, h = np.zeros((levels, ONE_BODY + 1, ONE_BODY + 1)), np.zeros((levels, ONE_BODY + 1))
+            f[:, 1 - slow :, 1 - slow :], h[:, 1 - slow :] = self.F, self.H
+            if not f[:, ONE_BODY_ZEROS].any():
                 lanes = lanes_for(residual.shape[1])
-                return _one_body(np.ascontiguousarray(residual), keep, f, h, self.gains, self.deviations, slow, lanes)
-        f, h = np.stack([self.path.F] * 2), np.stack([self.path.H] * 2)  # one path, however much of a sample nothing is closed
+                return _one_body(np.ascontiguousarray(residual), keep, f, h, self.level, self.gains, self.deviations, slow, lanes)
+        if levels > 1:
+            columns = [_filtered(column, keep, self.F, self.H, self.level, self.gains, self.deviations) for column in residual.T]
+            return np.stack(columns, axis=1)
+        f, h = np.concatenate([self.F] * 2), np.concatenate([self.H] * 2)  # one path, however much of a sample nothing is closed
         return filtered(np.ascontiguousarray(residual), keep, f, h, self.gains, self.deviations, np.zeros(len(keep)))
 
 
-def whitener(
-    keep: NDArray[np.bool_], path: NoisePath, step_rad: float, noise_nm: float, shares: tuple[float, float] = (1.0, 0.0)
-) -> Whitener:
+def whitener(keep: NDArray[np.bool_], way: Way, step_rad: float, noise_nm: float, shares: tuple[float, float] = (1.0, 0.0)) -> Whitener:
     """Gains for the kept samples of a stretch.   step_rad : rad.   noise_nm : N m rms.
 
     shares : of the rounding's variance step²/12 that is white, and that is slow: decaying with ``SLOW_HZ``.
     """
-    path, variances, start = noises(path, step_rad, noise_nm, shares)
-    gains, deviations = np.zeros((len(keep), len(path.H))), np.ones(len(keep))
-    _gains(keep, path.F, path.G, path.H, path.D, variances, start, gains, deviations)
-    return Whitener(path, gains, deviations)
+    levels = [noises(path, step_rad, noise_nm, shares) for path in way.paths]
+    _, variances, start = levels[way.level[0]]
+    f, g, h, d = (np.stack([getattr(path, name) for path, _, _ in levels]) for name in "FGHD")
+    gains, deviations = np.zeros((len(keep), h.shape[1])), np.ones(len(keep))
+    _gains(keep, f, g, h, d, way.level, variances, start, gains, deviations)
+    return Whitener(f, h, way.level, gains, deviations)
 
 
 def noises(path: NoisePath, step_rad: float, noise_nm: float, shares: tuple[float, float]) -> tuple[NoisePath, Array, Array]:
@@ -199,11 +92,10 @@ def noises(path: NoisePath, step_rad: float, noise_nm: float, shares: tuple[floa
     variances = np.array([fast, torque])
     if slow > 0.0:
         path, variances = with_slow_rounding(path), np.array([fast, slow, torque])
-    size = len(path.H)
-    start = np.diag(path.begins)
-    start[size - 3, size - 3], start[size - 1, size - 1] = fast + slow, torque
+    start = np.diag(path.begins @ np.array([1.0, fast + slow, torque]))
     if slow > 0.0:
-        start[0, 0] = start[0, size - 3] = start[size - 3, 0] = slow
+        start[0] = start[:, 0] = slow * path.begins[:, ROUNDING]
+        start[0, 0] = slow
     return path, variances, start
 
 
@@ -216,26 +108,27 @@ def with_slow_rounding(path: NoisePath) -> NoisePath:
     f[0, 0], f[1:, 0], f[1:, 1:] = keeps, keeps * path.G[:, 0], path.F
     g[0, 1], g[1:, 0], g[1:, 1], g[1:, 2] = new, path.G[:, 0], new * path.G[:, 0], path.G[:, 1]
     d = np.array([path.D[0], new * path.D[0], path.D[1]])
-    h, begins = (np.concatenate(([first], old)) for first, old in ((keeps * path.D[0], path.H), (0.0, path.begins)))
-    return NoisePath(f, g, h, d, begins, path.sample_s)
+    h = np.concatenate(([keeps * path.D[0]], path.H))
+    return NoisePath(f, g, h, d, np.concatenate([np.zeros((1, 3)), path.begins]), path.sample_s)
 
 
 @compiled
-def _filtered(e: Array, keep: NDArray[np.bool_], f: Array, h: Array, gains: Array, deviations: Array) -> Array:
-    size, own = h.shape[0], h.shape[0] - 2
+def _filtered(e: Array, keep: NDArray[np.bool_], f: Array, h: Array, level: NDArray[np.int64], gains: Array, deviations: Array) -> Array:
+    size, own = h.shape[1], h.shape[1] - 2
     s, ahead = np.zeros(size), np.zeros(size)
     out = np.empty(keep.sum())
     number = 0
     for n in range(e.shape[0]):
+        at = level[n]
         for i in range(size):
             total = 0.0
             for j in range(own):
-                total += f[i, j] * s[j]
+                total += f[at, i, j] * s[j]
             ahead[i] = total
         if keep[n]:
             innovation = e[n]
             for i in range(size):
-                innovation -= h[i] * s[i]
+                innovation -= h[at, i] * s[i]
             out[number] = innovation / deviations[n]
             number += 1
             for i in range(size):
@@ -246,7 +139,17 @@ def _filtered(e: Array, keep: NDArray[np.bool_], f: Array, h: Array, gains: Arra
 
 
 @in_lanes
-def _one_body(e: Array, keep: NDArray[np.bool_], f: Array, h: Array, gains: Array, deviations: Array, slow: int, lanes: int) -> Array:
+def _one_body(
+    e: Array,
+    keep: NDArray[np.bool_],
+    f: Array,
+    h: Array,
+    level: NDArray[np.int64],
+    gains: Array,
+    deviations: Array,
+    slow: int,
+    lanes: int,
+) -> Array:
     # The filter of ``filtered`` for a path of one body, without what is always 0.  One block of memory, so that nothing can overlap.
     z, x, v, q, p, w, nu = 0, 16, 32, 48, 64, 80, 96
     s = np.zeros(112)
@@ -258,6 +161,7 @@ def _one_body(e: Array, keep: NDArray[np.bool_], f: Array, h: Array, gains: Arra
         s[:] = 0.0
         number = 0
         for n in range(e.shape[0]):
+            at = level[n]
             if keep[n]:
                 share = 1.0 / deviations[n]
                 if slow == 1:
@@ -267,12 +171,20 @@ def _one_body(e: Array, keep: NDArray[np.bool_], f: Array, h: Array, gains: Arra
                     s[nu + c] = e[n, begin + c]
                 for c in range(lanes):
                     sz, sx, sv, sq = s[z + c], s[x + c], s[v + c], s[q + c]
-                    new = s[nu + c] - h[0] * sz - h[1] * sx - h[2] * sv - h[3] * sq - h[4] * s[p + c] - h[5] * s[w + c]
-                    s[z + c] = f[0, 0] * sz + kz * new
-                    s[x + c] = f[1, 0] * sz + f[1, 1] * sx + f[1, 2] * sv + f[1, 3] * sq + kx * new
-                    s[v + c] = f[2, 0] * sz + f[2, 1] * sx + f[2, 2] * sv + f[2, 3] * sq + kv * new
-                    s[q + c] = f[3, 0] * sz + kq * new
-                    s[p + c] = f[4, 0] * sz + f[4, 1] * sx + f[4, 2] * sv + f[4, 3] * sq + kp * new
+                    new = (
+                        s[nu + c]
+                        - h[at, 0] * sz
+                        - h[at, 1] * sx
+                        - h[at, 2] * sv
+                        - h[at, 3] * sq
+                        - h[at, 4] * s[p + c]
+                        - h[at, 5] * s[w + c]
+                    )
+                    s[z + c] = f[at, 0, 0] * sz + kz * new
+                    s[x + c] = f[at, 1, 0] * sz + f[at, 1, 1] * sx + f[at, 1, 2] * sv + f[at, 1, 3] * sq + kx * new
+                    s[v + c] = f[at, 2, 0] * sz + f[at, 2, 1] * sx + f[at, 2, 2] * sv + f[at, 2, 3] * sq + kv * new
+                    s[q + c] = f[at, 3, 0] * sz + kq * new
+                    s[p + c] = f[at, 4, 0] * sz + f[at, 4, 1] * sx + f[at, 4, 2] * sv + f[at, 4, 3] * sq + kp * new
                     s[w + c] = kw * new
                     s[nu + c] = share * new
                 for c in range(width):
@@ -281,38 +193,53 @@ def _one_body(e: Array, keep: NDArray[np.bool_], f: Array, h: Array, gains: Arra
             else:
                 for c in range(lanes):
                     sz, sx, sv, sq = s[z + c], s[x + c], s[v + c], s[q + c]
-                    s[z + c] = f[0, 0] * sz
-                    s[x + c] = f[1, 0] * sz + f[1, 1] * sx + f[1, 2] * sv + f[1, 3] * sq
-                    s[v + c] = f[2, 0] * sz + f[2, 1] * sx + f[2, 2] * sv + f[2, 3] * sq
-                    s[q + c] = f[3, 0] * sz
-                    s[p + c] = f[4, 0] * sz + f[4, 1] * sx + f[4, 2] * sv + f[4, 3] * sq
+                    s[z + c] = f[at, 0, 0] * sz
+                    s[x + c] = f[at, 1, 0] * sz + f[at, 1, 1] * sx + f[at, 1, 2] * sv + f[at, 1, 3] * sq
+                    s[v + c] = f[at, 2, 0] * sz + f[at, 2, 1] * sx + f[at, 2, 2] * sv + f[at, 2, 3] * sq
+                    s[q + c] = f[at, 3, 0] * sz
+                    s[p + c] = f[at, 4, 0] * sz + f[at, 4, 1] * sx + f[at, 4, 2] * sv + f[at, 4, 3] * sq
                     s[w + c] = 0.0
     return out
 
 
 @compiled
 def _gains(
-    keep: NDArray[np.bool_], f: Array, g: Array, h: Array, d: Array, variances: Array, start: Array, gains: Array, deviations: Array
+    keep: NDArray[np.bool_],
+    f: Array,
+    g: Array,
+    h: Array,
+    d: Array,
+    level: NDArray[np.int64],
+    variances: Array,
+    start: Array,
+    gains: Array,
+    deviations: Array,
 ) -> None:
     """The covariance half of the filter.   variances : (m,), of the noises.   start : (k, k), covariance at the first sample.
 
     In loops: with numpy's functions of rows it took four times as long to compile.
     """
-    size, own = h.shape[0], h.shape[0] - 2
+    size, own = h.shape[1], h.shape[1] - 2
     p = np.zeros((size, size))
     for i in range(size):
         for j in range(size):
             p[i, j] = start[i, j]
     ph, k = np.zeros(size), np.zeros(size)
     fp, noise, cross, direct = np.zeros((size, own)), np.zeros((size, size)), np.zeros(size), 0.0
-    for m in range(variances.shape[0]):
-        direct += d[m] * d[m] * variances[m]
-        for i in range(size):
-            cross[i] += g[i, m] * variances[m] * d[m]
-            for j in range(size):
-                noise[i, j] += g[i, m] * variances[m] * g[j, m]
-    settled = False
+    settled, at = False, -1
     for n in range(keep.shape[0]):
+        if level[n] != at:
+            settled, at, direct = False, level[n], 0.0
+            for i in range(size):
+                cross[i] = 0.0
+                for j in range(size):
+                    noise[i, j] = 0.0
+            for m in range(variances.shape[0]):
+                direct += d[at, m] * d[at, m] * variances[m]
+                for i in range(size):
+                    cross[i] += g[at, i, m] * variances[m] * d[at, m]
+                    for j in range(size):
+                        noise[i, j] += g[at, i, m] * variances[m] * g[at, j, m]
         if settled and keep[n]:
             deviations[n] = deviations[n - 1]
             for i in range(size):
@@ -322,24 +249,24 @@ def _gains(
             for j in range(own):
                 total = 0.0
                 for m in range(own):
-                    total += f[i, m] * p[m, j]
+                    total += f[at, i, m] * p[m, j]
                 fp[i, j] = total
         variance = direct
         if keep[n]:
             for i in range(size):
                 total = 0.0
                 for j in range(size):
-                    total += p[i, j] * h[j]
+                    total += p[i, j] * h[at, j]
                 ph[i] = total
-                variance += h[i] * total
+                variance += h[at, i] * total
             for i in range(size):
                 total = cross[i]
                 for j in range(own):
-                    total += f[i, j] * ph[j]
+                    total += f[at, i, j] * ph[j]
                 k[i] = total
                 gains[n, i] = total / variance
             deviations[n] = math.sqrt(variance)
-            settled, largest = n > 0 and keep[n - 1], 0.0
+            settled, largest = n > 0 and keep[n - 1] and level[n - 1] == at, 0.0
             for i in range(size):
                 largest = max(largest, abs(gains[n, i]))
             for i in range(size):
@@ -351,7 +278,7 @@ def _gains(
             for j in range(i + 1):
                 total = noise[i, j]
                 for m in range(own):
-                    total += fp[i, m] * f[j, m]
+                    total += fp[i, m] * f[at, j, m]
                 if keep[n]:
                     total -= k[i] * k[j] / variance
                 p[i, j] = total

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from beltcomm.axis import Axis
 from beltcomm.errors import DataError
 from beltcomm.identify.following import follows
-from beltcomm.identify.residual import Stretch, creeping, evaluate, path_of, stretches, torque_noise
+from beltcomm.identify.residual import Stretch, creeping, dressed, evaluate, stretches, torque_noise, way_of
 from beltcomm.identify.whitening import whitener
 from beltcomm.model import Model
 from beltcomm.recording import Recording
@@ -33,6 +33,8 @@ FEWEST, SAME_SPEED = 400, 0.05
 #: Shares of the rounding's variance that are tried: white and slow.
 SHARES = (1.0, 0.7, 0.5, 0.35, 0.25, 0.15, 0.08, 0.03)
 SLOW_SHARES = (0.0, 0.03, 0.08, 0.15, 0.25, 0.35, 0.5)
+#: Agitations of a carriage in its gap that are tried, the third first, and deviations beyond which an innovation says no more of them.
+AGITATIONS, USUAL, STRAY = (0.0, 0.003, 0.01, 0.03, 0.1, 0.3), 2, 5.0
 #: Neighbouring values that make one: where the axis is excited, and elsewhere; Hz that are left at least.
 EXCITED_GROUP, STEADY_GROUP, BAND_HZ = 2, 4, 120.0
 
@@ -106,7 +108,7 @@ def group_of(recording: Recording) -> int:
 
 def rewhitened(piece: Stretch, model: Model) -> Stretch:
     """A stretch with the noise as a model passes it on."""
-    return replace(piece, whitener=whitener(piece.keep, path_of(piece, model), piece.step_rad, piece.noise_nm, piece.rounding))
+    return replace(piece, whitener=whitener(piece.keep, way_of(piece, model), piece.step_rad, piece.noise_nm, piece.rounding))
 
 
 def remade(data: Data, model: Model, offsets_m: Array, substeps: int = SUBSTEPS) -> Data:
@@ -122,7 +124,31 @@ def remade(data: Data, model: Model, offsets_m: Array, substeps: int = SUBSTEPS)
         shares = {piece.record: piece.rounding for piece in (*data.fitted, *data.held_out)}
     else:
         shares = {name: rounding_shares(parts, model) for name, parts in left.items()}
-    return made(data.recordings, model, data.noise_nm, data.step_rad, shares, substeps)
+    ahead = made(data.recordings, model, data.noise_nm, data.step_rad, shares, substeps)
+    return agitated(ahead, model) if follows(model) else ahead
+
+
+def agitated(data: Data, model: Model) -> Data:
+    """The same with what no model tells of a carriage in its gap, see ``follower_for``: the likeliest of :data:`AGITATIONS`.
+
+    Without it an observer knows too well where the carriage is, and takes the next stroke for an error of the model.
+    """
+
+    @cache
+    def unlikely(number: int) -> float:
+        total = 0.0
+        for piece in data.fitted:
+            follower = dressed(replace(piece, agitation=AGITATIONS[number]), model).follower
+            assert follower is not None
+            squares = np.minimum(follower.watch.white[piece.keep] ** 2, STRAY**2)
+            total += float(np.sum(squares + 2.0 * np.log(follower.watch.deviations[piece.keep])))
+        return total
+
+    best, here = -1, AGITATIONS.index(data.fitted[0].agitation) or USUAL
+    while best != here:
+        best, here = here, min((n for n in (here, here - 1, here + 1) if 0 <= n < len(AGITATIONS)), key=unlikely)
+    fitted, held_out = (tuple(replace(piece, agitation=AGITATIONS[best]) for piece in pieces) for pieces in (data.fitted, data.held_out))
+    return replace(data, fitted=fitted, held_out=held_out)
 
 
 def rounding_shares(parts: Sequence[tuple[Stretch, Array]], model: Model) -> tuple[float, float]:
@@ -131,7 +157,7 @@ def rounding_shares(parts: Sequence[tuple[Stretch, Array]], model: Model) -> tup
     An axis that moves slowly and steadily rounds in step with its motion: then the error is less, and no white noise.  What a model
     cannot explain raises the shares up to 1, never beyond: an effect is not taken for rounding.
     """
-    path = path_of(parts[0][0], model)
+    passed = [way_of(piece, model) for piece, _ in parts]
 
     @cache
     def unlikely(white: int, slow: int) -> float:
@@ -139,8 +165,8 @@ def rounding_shares(parts: Sequence[tuple[Stretch, Array]], model: Model) -> tup
         if sum(shares) > 1.0:
             return math.inf
         total = 0.0
-        for piece, torque in parts:
-            trial = whitener(piece.keep, path, piece.step_rad, piece.noise_nm, shares)
+        for (piece, torque), along in zip(parts, passed, strict=True):
+            trial = whitener(piece.keep, along, piece.step_rad, piece.noise_nm, shares)
             total += float(np.sum(trial(torque, piece.keep) ** 2) + 2.0 * np.sum(np.log(trial.deviations[piece.keep])))
         return total
 

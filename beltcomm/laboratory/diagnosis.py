@@ -17,8 +17,8 @@ from beltcomm.identify.following import follows
 from beltcomm.identify.problem import OFFSET_M
 from beltcomm.laboratory.acceptance import EVIDENCE, drop_by
 from beltcomm.laboratory.compare import compare
-from beltcomm.laboratory.data import SUBSTEPS, Data, prepare, remade
-from beltcomm.laboratory.fitting import Fitted, fit
+from beltcomm.laboratory.data import SUBSTEPS, Data, agitated, prepare, remade
+from beltcomm.laboratory.fitting import AT_A_TIME, Fitted, fit
 from beltcomm.laboratory.forms import additions, formed
 from beltcomm.laboratory.intervals import with_intervals
 from beltcomm.laboratory.score import Scorer, ground_of
@@ -43,6 +43,8 @@ STRUCTURED, STRUCTURED_BESIDE = 12.0, 25.0
 KNOWN = 0.5
 #: Effects that a diagnosis adds at most.
 MOST_EFFECTS = 4
+#: How often a short fit and what an observer does not know are found anew, each by the other, before the fit.
+ROUNDS = 3
 #: Share of the values that must be left where a model rebuilds the motion.
 LEAST_LEFT = 0.5
 #: An order whose loss would cost so many times the least evidence is not put to the test of a refit.
@@ -105,6 +107,12 @@ def again(data: Data, fitted: Fitted, iterations: int, substeps: int = SUBSTEPS)
     ahead = remade(data, fitted.model, OFFSET_M * fitted.offsets, substeps)
     if sum(len(piece.counted) for piece in ahead.fitted) < LEAST_LEFT * fitted.problem.samples:
         return data, fitted  # by a model that is far off the motor rests nearly all the time
+    for _ in range(ROUNDS if follows(fitted.model) else 0):
+        fitted = fit(ahead, fitted.model, AT_A_TIME)
+        calmer = agitated(ahead, fitted.model)  # what a better model does not tell is less
+        if calmer.fitted[0].agitation == ahead.fitted[0].agitation:
+            break
+        ahead = calmer
     return ahead, fit(ahead, fitted.model, iterations, offsets=fitted.offsets)
 
 

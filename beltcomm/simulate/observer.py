@@ -31,8 +31,8 @@ class Watch(NamedTuple):
     places : place of each body's position in s, -1 for none; its speed stands ``behind`` places further.   substeps : fine steps per
     sample.   cart : place of the carriage's position in s.   half_gap_m : m, and stiffness : N/m at the belt: while a torque is passed on
     the carriage stands half the gap and what the belt gives way behind.   spread : (2,), m² and m²/s², variances of its position and speed
-    once it is lost.   lost : (n,), where it was.   learning : whether gains, deviations, shares and losses are worked out, or taken as
-    they are.   F : (2, k, k).  G : (2, k, m).
+    once it is lost.   lost : (n,), where it was.   forgets : (n,), where so little was seen before that it may be anywhere.
+    learning : whether gains, deviations, shares and losses are worked out, or taken as they are.   F : (2, k, k).  G : (2, k, m).
     H : (2, k).   D : (2, m), open and closed.   variances : (m,).   P : (k, k), covariance.   s, ahead : (k,).   gains : (n, k).
     deviations, shares : (n,).   left : (n,), e.   white : (n,), ν over its deviation.
     room : (4, k, k), memory for learning.
@@ -48,6 +48,7 @@ class Watch(NamedTuple):
     stiffness: float
     spread: Array
     lost: NDArray[np.bool_]
+    forgets: NDArray[np.bool_]
     learning: bool
     F: Array
     G: Array
@@ -68,7 +69,7 @@ class Watch(NamedTuple):
 def _nothing() -> Watch:
     none, square, cube = np.zeros(0), np.zeros((0, 0)), np.zeros((0, 0, 0))
     some, places = np.zeros(0, dtype=np.bool_), np.zeros(0, dtype=np.int64)
-    at = Watch(none, some, places, 0, 1, 0, 0.0, 1.0, none, some, False, cube, cube, square, square, *(none,) * 9, cube)
+    at = Watch(none, some, places, 0, 1, 0, 0.0, 1.0, none, some, some, False, cube, cube, square, square, *(none,) * 9, cube)
     return at._replace(P=square, gains=square)
 
 
@@ -90,7 +91,8 @@ def lanes_for(number: int) -> int:
 #: Fields of ``Watch`` that the functions below take, in their order.  One by one: out of the tuple, every array would be counted as used
 #: and as no longer used at each sample, which took more time than all the rest.
 EXPECTED = ("H", "s", "shares")
-LEARNED = ("keep", "F", "G", "H", "D", "variances", "P", "gains", "deviations", "shares", "lost", "room", "cart", "behind", "spread")
+PLACED = ("room", "cart", "behind", "spread")
+LEARNED = ("keep", "F", "G", "H", "D", "variances", "P", "gains", "deviations", "shares", "lost", "forgets", *PLACED)
 OBSERVED = ("keep", "F", "s", "ahead", "gains", "deviations", "shares", "white")
 TAKEN = ("places", "behind", "s")
 TOUCHED = ("wanted", "keep", "lost", "deviations", "shares", "half_gap_m", "stiffness")
@@ -160,6 +162,7 @@ def learn(
     deviations: Array,
     shares: Array,
     lost: NDArray[np.bool_],
+    forgets: NDArray[np.bool_],
     room: Array,
     cart: int,
     behind: int,
@@ -211,7 +214,7 @@ def learn(
             if variance > 0.0:
                 total -= k[i] * k[j] / variance
             P[i, j] = P[j, i] = total
-    if lost[n]:
+    if lost[n] or forgets[n]:
         P[cart, cart] += spread[0]
         P[cart + behind, cart + behind] += spread[1]
 

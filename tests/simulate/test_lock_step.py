@@ -9,8 +9,9 @@ import pytest
 from numpy.typing import NDArray
 
 from beltcomm.identify.following import follower_for
+from beltcomm.identify.noise_path import way
 from beltcomm.identify.residual import Stretch, grouped
-from beltcomm.identify.whitening import noise_path, whitener
+from beltcomm.identify.whitening import whitener
 from beltcomm.model import Model, build_model
 from beltcomm.simulate.inverse import (
     FineMotion,
@@ -105,7 +106,7 @@ def test_a_gap_is_followed_as_by_the_masked_kernel() -> None:
     torque = np.concatenate((triangular_mean(fine_load(axis, motion)[0], 16)[1:], [0.0]))
     keep = np.ones(motion.samples, dtype=np.bool_)
     keep[[0, 700, 701, -1]] = False
-    watch = follower_for(axis, motion, torque, keep, 1e-4, 5e-3, (0.7, 0.1), 1e-5).watch
+    watch = follower_for(axis, motion, torque, keep, 1e-4, 5e-3, (0.7, 0.1), 1e-5, 0.01).watch
     assert watch.lost.any()  # else the correction by contact is not tried
     vectors = beside(axis, 11)
     side_by_side = followed_beside(axis, motion, vectors, watch)
@@ -120,14 +121,14 @@ def test_a_gap_is_followed_as_by_the_masked_kernel() -> None:
 def test_columns_are_whitened_side_by_side_as_by_the_general_filter(shares: tuple[float, float], count: int) -> None:
     random = np.random.default_rng(count)
     keep, columns = random.random(800) < 0.9, random.standard_normal((800, count))
-    known = whitener(keep, noise_path(model(), 0.2, 1e-3), 1e-4, 5e-3, shares)
-    path = known.path
-    general = filtered(columns, keep, np.stack([path.F] * 2), np.stack([path.H] * 2), known.gains, known.deviations, np.zeros(800))
+    known = whitener(keep, way(model(), np.full(800, 0.2), 1e-3), 1e-4, 5e-3, shares)
+    f, h = np.concatenate([known.F] * 2), np.concatenate([known.H] * 2)
+    general = filtered(columns, keep, f, h, known.gains, known.deviations, np.zeros(800))
     np.testing.assert_allclose(known(columns, keep), general, rtol=0.0, atol=1e-11 * np.abs(general).max())
     # A path of another shape must not be taken for one of a single body.
-    other = replace(known, path=replace(path, F=np.where(path.F == 0.0, 0.01, path.F)))
-    f = np.stack([other.path.F] * 2)
-    general = filtered(columns, keep, f, np.stack([path.H] * 2), known.gains, known.deviations, np.zeros(800))
+    other = replace(known, F=np.where(known.F == 0.0, 0.01, known.F))
+    f = np.concatenate([other.F] * 2)
+    general = filtered(columns, keep, f, h, known.gains, known.deviations, np.zeros(800))
     np.testing.assert_array_equal(other(columns, keep), general)
 
 

@@ -1,0 +1,212 @@
+"""How the noises of a record reach the residual of a model: the encoder's rounding through inertia and belt, the torque's own.
+
+With x the displacements and speeds of the bodies behind the motor, q the rounding, linear between the samples, and w the torque's noise,
+
+    x[n+1] = Φ x[n] + Γ_a q[n] + Γ_b q[n+1],
+    e[n] = <load(x, q)>[n] + J (q[n+1] - 2 q[n] + q[n-1])/T² - (w[n-1] + w[n])/2,
+
+linearised around sliding.  Lags of the reading smooth what q does, delays of the acting torque what w does.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import PchipInterpolator
+
+from beltcomm.linear import carriage_of, matrices, operating_point, stretch_of, values_of
+from beltcomm.model import Model
+
+Array = NDArray[np.float64]
+
+#: Columns of the variances at the first sample.
+MOTION, ROUNDING, TORQUE = range(3)
+#: Relative change of the stiffness within a level: at its ends 2 % are left out of account, half a Hz of an antiresonance at 50 Hz.
+LEVEL = 0.04
+#: Places on a way at which the stiffness is worked out, and at which it is looked up.
+PLACES, FINE_PLACES = 25, 601
+#: Share of a period and s below which torque acts when it is reported.
+LEAST_PART, LEAST_LAG_S = 1e-6, 1e-9
+#: Terms of Taylor's series for a norm below one half: 0.5^15/15! is below the machine precision.
+TERMS = 14
+
+
+@dataclass(frozen=True)
+class NoisePath:
+    """How the noises reach the residual:  s[n+1] = F s[n] + G (q[n+1], w[n]),   e[n] = H s[n] + D (q[n+1], w[n]).
+
+    s = (x[n], q[n], what x[n-1] and q[n-1] leave of e[n], w[n-1]).   F : (k, k), zero in its last two columns.   G : (k, 2).
+    H : (k,).   D : (2,).   begins : (k, 3), variance of s at the first sample: by motion that the record does not show, and in units
+    of the variances of q and of w.
+    e in N m, q in rad, both at the motor shaft, w in N m.   sample_s : s.
+    """
+
+    F: Array
+    G: Array
+    H: Array
+    D: Array
+    begins: Array
+    sample_s: float
+
+
+@dataclass(frozen=True)
+class Way:
+    """Noise paths along the way of a stretch.   paths : of all levels.   level : (n,), which of them holds at each sample."""
+
+    paths: tuple[NoisePath, ...]
+    level: NDArray[np.int64]
+
+
+def way(model: Model, places_m: Array, sample_s: float) -> Way:
+    """The paths at the places of the carriage, (n,), m: one in the middle of the way, several where the belt's stiffness changes on it.
+
+    Levels are even in the logarithm of the stiffness that holds the carriage, :data:`LEVEL` apart at most.
+    """
+    low, high = float(places_m.min()), float(places_m.max())
+    if "cart" not in model.base_bodies or np.ptp(np.log([held(model, x) for x in (low, 0.5 * (low + high), high)])) < LEVEL:
+        return Way((noise_path(model, 0.5 * (low + high), sample_s),), np.zeros(len(places_m), dtype=np.int64))
+    places, at = np.linspace(low, high, PLACES), np.linspace(low, high, FINE_PLACES)
+    stiffness = PchipInterpolator(places, np.log([held(model, float(x)) for x in places]))(at)
+    number = math.ceil(np.ptp(stiffness) / LEVEL)
+    edges = np.linspace(stiffness.min(), stiffness.max(), number + 1)
+    shown = [at[np.argmin(np.abs(stiffness - 0.5 * (a + b)))] for a, b in itertools.pairwise(edges)]
+    level = np.searchsorted(edges[1:-1], np.interp(places_m, at, stiffness))
+    return Way(tuple(noise_path(model, float(place), sample_s) for place in shown), level)
+
+
+def held(model: Model, position_m: float) -> float:
+    """Stiffness of all that holds the carriage at a place while the other bodies stand, N/m."""
+    total, cart = 0.0, carriage_of([body.name for _, body in model.bodies()])
+    for effect in model.effect_list():
+        if effect.elements:
+            values = values_of(model, effect, position_m)
+            total += sum(e.slope(position_m, *values)[0] * float(stretch_of(model, e)[cart]) ** 2 for e in effect.elements)
+    return total
+
+
+def noise_path(model: Model, position_m: float, sample_s: float, closed: float = 1.0) -> NoisePath:
+    """The path of a model linearised with the carriage sliding at a place, m; ``sample_s`` : s.   closed : see ``matrices``.
+
+    The load's triangular mean is exact for rounding linear between the samples:  ∫_0^1 u load du before and ∫_0^1 (1-u) load du after
+    a sample, from the first and the second integral of the load.
+    """
+    linear = matrices(model, operating_point(model, position_m, 1.0), closed=closed)
+    motor, behind = 0, np.arange(1, len(linear.bodies))
+    n = 2 * len(behind)  # states; then the angle, its rate, the load's integral and that one's integral
+    inverse = np.diag(1.0 / np.diag(linear.M)[behind])
+    a = np.zeros((n + 4, n + 4))
+    a[: n // 2, n // 2 : n] = np.eye(n // 2)
+    a[n // 2 : n, : n // 2] = -inverse @ linear.K[np.ix_(behind, behind)]
+    a[n // 2 : n, n // 2 : n] = -inverse @ linear.D[np.ix_(behind, behind)]
+    a[n // 2 : n, n] = -inverse @ linear.K[behind, motor]
+    a[n // 2 : n, n + 1] = -inverse @ linear.D[behind, motor]
+    a[n, n + 1] = 1.0
+    a[n + 2, : n // 2], a[n + 2, n // 2 : n] = linear.K[motor, behind], linear.D[motor, behind]
+    a[n + 2, n], a[n + 2, n + 1] = linear.K[motor, motor], linear.D[motor, motor]
+    a[n + 3, n + 2] = 1.0
+    moved = exponential(a * sample_s)
+    # from (x, angle, rate) to (x, angle before, angle after)
+    moved[:, n + 1] /= sample_s
+    moved[:, n] -= moved[:, n + 1]
+    first, second = moved[n + 2, : n + 2] / sample_s, moved[n + 3, : n + 2] / sample_s**2
+    after, before = second, first - second
+    g = model[model.bodies()[motor][0]] / sample_s**2
+    f, gain, h = np.zeros((n + 3, n + 3)), np.zeros((n + 3, 2)), np.zeros(n + 3)
+    f[:n, : n + 1], gain[:n, 0] = moved[:n, : n + 1], moved[:n, n + 1]
+    gain[n, 0] = 1.0
+    f[n + 1, : n + 1], gain[n + 1, 0] = before[: n + 1], before[n + 1]
+    f[n + 1, n] += g
+    gain[n + 2, 1] = 1.0
+    h[: n + 1] = after[: n + 1]
+    h[n] -= 2.0 * g
+    h[n + 1], h[n + 2] = 1.0, -0.5
+    begins = np.zeros((n + 3, 3))
+    begins[n, ROUNDING] = begins[n + 2, TORQUE] = 1.0
+    for i, (_, body) in zip(behind, model.bodies()[1:], strict=True):
+        begins[i - 1, MOTION] = body.swings**2
+        begins[n // 2 + i - 1, MOTION] = body.swings**2 * linear.K[i, i] / linear.M[i, i]
+    path = NoisePath(f, gain, h, np.array([after[n + 1] + g, -0.5]), begins, sample_s)
+    times = [(e, model[f"{e.name}.time"]) for e in model.effect_list() if e.slot in ("torque_reading", "torque_delay")]
+    path = read_late(path, sum(time for e, time in times if e.slot == "torque_reading"))
+    dead, lag = (sum(time for e, time in times if e.name == name) for name in ("dead_time", "current_lag"))
+    return acting_late(path, dead, lag)
+
+
+def read_late(path: NoisePath, time_s: float) -> NoisePath:
+    """The path where the torque is read behind a lag: rounding reaches the residual smoothed, noise of the torque as before.
+
+    y[n] = a y[n-1] + b e[n-1] + c e[n]  with  e = h s + d q,  one more state z[n] = a y[n-1] + b e[n-1]:
+    z[n+1] = a z[n] + (a c + b) e[n],   y[n] = z[n] + c e[n]      (straight between the samples, as ``measurement_lag``)
+    """
+    if time_s < LEAST_LAG_S:
+        return path
+    size = len(path.H)
+    decay = np.exp(-path.sample_s / time_s)
+    share = (1.0 - decay) * time_s / path.sample_s
+    c, b = 1.0 - share, share - decay
+    needed, torque = path.H.copy(), size - 1  # the torque's own noise, the last state, is read as it is
+    needed[torque] = 0.0
+    # One state that is always 0 keeps the last two columns empty.
+    old, place = np.r_[:torque, torque], np.r_[1 : torque + 1, size + 1]
+    f, gain, h = np.zeros((size + 2, size + 2)), np.zeros((size + 2, 2)), np.zeros(size + 2)
+    f[np.ix_(place, place)], gain[place] = path.F[np.ix_(old, old)], path.G[old]
+    begins = np.zeros((size + 2, 3))
+    begins[place] = path.begins[old]
+    f[0, 0], gain[0, 0] = decay, (decay * c + b) * path.D[0]
+    f[0, place] = (decay * c + b) * needed[old]
+    h[0], h[place] = 1.0, c * needed[old]
+    h[size + 1] = path.H[torque]
+    return NoisePath(f, gain, h, np.array([c * path.D[0], path.D[1]]), begins, path.sample_s)
+
+
+def acting_late(path: NoisePath, dead_s: float, lag_s: float) -> NoisePath:
+    """The path where the reported torque acts ``dead_s`` later, behind a lag ``lag_s``: its noise is smoothed, rounding as before.
+
+    The noise w[n] of a period acts from its share f = dead_s/T - floor(dead_s/T) on; whole periods make no other noise.  With y what acts,
+    lag_s y' = w - y, the residual has the mean of y with the triangular weight:  e[n] = … - ∫_0^1 u y[n-1+u] du - ∫_0^1 (1-u) y[n+u] du.
+    Two more states, y[n] and w[n-1]; the last one is what the period before leaves of e[n].
+    """
+    part = dead_s / path.sample_s - math.floor(dead_s / path.sample_s)
+    if part < LEAST_PART and lag_s < LEAST_LAG_S:
+        return path
+    moved = np.eye(5)  # of (y, w[n-1], w[n], first, second integral of what acts)
+    for source, share in ((1, part), (2, 1.0 - part)):
+        a = np.zeros((5, 5))
+        a[4, 3] = 1.0
+        if lag_s < LEAST_LAG_S:
+            a[3, source] = 1.0
+        else:
+            a[0, 0], a[0, source], a[3, 0] = -path.sample_s / lag_s, path.sample_s / lag_s, 1.0
+        moved = exponential(a * share) @ moved
+    falling = moved[4]
+    rising = moved[3] - falling
+    size, own = len(path.H), len(path.H) - 1
+    f, gain, h = np.zeros((size + 2, size + 2)), np.zeros((size + 2, 2)), np.zeros(size + 2)
+    f[2 : own + 2, 2 : own + 2], gain[2 : own + 2], h[2 : own + 2] = path.F[:own, :own], path.G[:own], path.H[:own]
+    f[0, :2], gain[0, 1] = moved[0, :2], moved[0, 2]
+    gain[1, 1] = 1.0
+    f[-1, :2], gain[-1, 1] = -rising[:2], -rising[2]
+    h[:2], h[-1] = -falling[:2], 1.0
+    begins = np.concatenate([path.begins[[-1, -1]], path.begins])
+    return NoisePath(f, gain, h, np.array([path.D[0], -falling[2]]), begins, path.sample_s)
+
+
+def exponential(a: Array) -> Array:
+    """e^a of a small matrix: scaling, Taylor's series, squaring.
+
+    Not scipy's ``expm``: its linear algebra runs in threads, which on a busy machine wait for each other, 20 ms instead of 0.04 ms.
+    Source: Moler, Van Loan, SIAM Review 45 (2003), method 3.
+    """
+    squarings = max(0, math.ceil(math.log2(max(float(np.abs(a).sum(axis=1).max()), 1e-300))) + 1)
+    a = a / 2.0**squarings
+    result = term = np.eye(len(a))
+    for k in range(1, TERMS + 1):
+        term = term @ a / k
+        result = result + term
+    for _ in range(squarings):
+        result = result @ result
+    return result
