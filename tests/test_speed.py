@@ -65,7 +65,8 @@ def test_the_history_grows_and_finds_the_latest_value(tmp_path):
 
 def test_the_bound_is_that_of_the_dense_covariance():
     """An axis whose matrices change from sample to sample, and forget everything at one of them as a stuck motor does."""
-    from benchmarks.speeds.bound import innovations
+    from benchmarks.rounding import deviations, everywhere, repeats, responses
+    from benchmarks.speeds.bound import gains, innovations
     from benchmarks.speeds.estimation import open_factor
 
     rng, n, step, noise_nm = np.random.default_rng(1), 30, 2e-3, 0.5
@@ -80,5 +81,15 @@ def test_the_bound_is_that_of_the_dense_covariance():
         x, w = Phi[k] @ x + g[k], Phi[k] @ w + np.outer(Gamma[k], np.eye(n)[k])
     dense = noise_nm**2 * paths @ paths.T + step**2 / 12.0 * np.eye(n)
     np.testing.assert_allclose(white.T @ white, columns.T @ np.linalg.solve(dense, columns), rtol=1e-9)
+    K, S = gains(Phi, Gamma, noise_nm, step)
+    angle = rng.integers(0, 3000, n) / 1000  # rounding that is not white
+    usual, best = deviations(white, responses(Phi, K, S), step**2 * everywhere(angle))
+    A = np.linalg.solve(white.T @ white, columns.T @ np.linalg.inv(dense))
+    begins = (np.arange(1000) + 0.5)[:, None] / 1000
+    rounded = step * (np.round(angle + begins) - angle - begins)
+    true = noise_nm**2 * paths @ paths.T + rounded.T @ rounded / 1000
+    np.testing.assert_allclose(usual, np.sqrt(np.diag(A @ true @ A.T)), rtol=1e-5)
+    np.testing.assert_allclose(best, np.sqrt(np.diag(np.linalg.inv(columns.T @ np.linalg.solve(true, columns)))), rtol=1e-5)
+    np.testing.assert_allclose(repeats(angle, 7).toarray(), everywhere(angle) * (np.subtract.outer(range(n), range(n)) % 7 == 0))
     low, high = open_factor(8)
     assert low < 1.0 < high

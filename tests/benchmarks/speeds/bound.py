@@ -63,13 +63,21 @@ def linearised(model: Model, signal: Excitation, names: Sequence[str]) -> tuple[
 
 def innovations(Phi: Array, Gamma: Array, g: Array, noise_nm: float, count_rad: float) -> Array:
     """e/sqrt(S) of the module's head, (n, k)."""
-    d, P = np.zeros(g.shape[1:]), np.zeros(Phi.shape[1:])
-    rounding = count_rad**2 / 12.0
+    K, S = gains(Phi, Gamma, noise_nm, count_rad)
+    d = np.zeros(g.shape[1:])
     white = np.empty((len(g), g.shape[2]))
     for k in range(len(g)):
-        S = P[0, 0] + rounding
-        white[k] = d[0] / math.sqrt(S)
-        gain = P[:, 0] / S
-        d = Phi[k] @ (d - np.outer(gain, d[0])) + g[k]
-        P = Phi[k] @ (P - np.outer(gain, P[0])) @ Phi[k].T + noise_nm**2 * np.outer(Gamma[k], Gamma[k])
+        white[k] = d[0] / math.sqrt(S[k])
+        d = Phi[k] @ (d - np.outer(K[k], d[0])) + g[k]
     return white
+
+
+def gains(Phi: Array, Gamma: Array, noise_nm: float, count_rad: float) -> tuple[Array, Array]:
+    """K (n, s) and S (n,) of the module's head; S in rad²."""
+    P, rounding = np.zeros(Phi.shape[1:]), count_rad**2 / 12.0
+    K, S = np.empty(Gamma.shape), np.empty(len(Phi))
+    for k in range(len(Phi)):
+        S[k] = P[0, 0] + rounding
+        K[k] = P[:, 0] / S[k]
+        P = Phi[k] @ (P - np.outer(K[k], P[0])) @ Phi[k].T + noise_nm**2 * np.outer(Gamma[k], Gamma[k])
+    return K, S
