@@ -37,12 +37,13 @@ from beltcomm.session.delays import assume_delay, delay, measure_delay_and_dampi
 from beltcomm.session.findings import Apply as Apply
 from beltcomm.session.findings import Findings as Findings
 from beltcomm.session.findings import Settings as Settings
-from beltcomm.session.left_out import LeftOut
+from beltcomm.session.left_out import MOST_STOPS, LeftOut
 from beltcomm.session.machine import Machine
 from beltcomm.session.programme import Extent
 from beltcomm.session.proof import SURE_MARGIN_DEG, move_name, proof, thin_margins
 from beltcomm.session.proving import verify_move
 from beltcomm.session.strokes import SWEEP_LONGEST_S
+from beltcomm.session.wandering import stands_after
 from beltcomm.sidecar import Sidecar
 
 #: s of machine time kept for the move that verifies, with the way to its start.
@@ -94,12 +95,25 @@ def identify_here(machine: Machine, findings: Findings, *, brief: bool = False) 
     if findings.holding is not None:
         findings.holding = holding.compare(machine, findings.holding)
     machine.begin(TITLES[3])
-    excited = findings.excited
-    respond_for = partial(phases.frequency_response, machine, "frf_1", excited.model, excited.at_most_nm)
-    making.short_if_possible(respond_for, short_s)
+    first_response(machine, findings, findings.excited, short_s)
     model = first_model(machine, findings)
-    scale.check_fitted(machine, model, excited.model, machine.folder.recording("frf_1"))
+    scale.check_fitted(machine, model, findings.excited.model, machine.folder.recording("frf_1"))
     return model
+
+
+def first_response(machine: Machine, findings: Findings, excited: raising.Excited, seconds: float) -> None:
+    """The frequency response at the present place; where the carriage wanders too far once more where it then stands, with less torque."""
+    most_nm = excited.at_most_nm
+    for again in reversed(range(MOST_STOPS + 1)):
+        to_come = making.short_if_possible(partial(phases.response_to_come, machine, excited.model, most_nm), seconds)[1]
+        try:
+            making.short_if_possible(partial(phases.frequency_response, machine, "frf_1", excited.model, most_nm), seconds)
+            return
+        except SafetyStop as problem:
+            if not again or not stands_after(machine, problem):
+                raise
+            most_nm = QUIETER * to_come.amplitude_nm
+            findings.remarks.append(f"frf_1 is made with at most ±{most_nm:.3f} N m, after this: {problem}")
 
 
 def first_model(machine: Machine, findings: Findings) -> Model:
