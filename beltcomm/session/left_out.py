@@ -22,14 +22,19 @@ class LeftOut:
         self._machine, self._model = machine, model
         self._stops = 0
 
+    @property
+    def exhausted(self) -> bool:
+        """Whether stops have used up what the session goes on after: then open-loop records that it can do without are not begun."""
+        return self._stops > MOST_STOPS
+
     def admits(self, step: Step, problem: SafetyStop) -> bool:
         """Whether the session goes on after a stop like this; then the carriage is at the place of the step again.
 
-        Of an open-loop record whose carriage went too far, ``MOST_STOPS`` times, when it stands inside its travel.   Raises what bringing
-        the carriage back raises.
+        Of an open-loop record whose carriage went too far, ``MOST_STOPS`` times, when it stands inside its travel; once more for one that
+        is left out, and then the session is ``exhausted``.   Raises what bringing the carriage back raises.
         """
         machine = self._machine
-        if step.kind != "response" or self._stops >= MOST_STOPS or not stands_after(machine, problem):
+        if step.kind != "response" or self.exhausted or not stands_after(machine, problem):
             return False
         self._stops += 1
         low, high = machine.full_room().window_m

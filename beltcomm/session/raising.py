@@ -114,7 +114,7 @@ def raise_amplitude(
             f"amplitude {step.amplitude_nm:.3f} N m ({step.binds}): mass {model['cart.mass']:.2f} kg, "
             f"stiffness {model['belt_stiffness.stiffness']:.4g} N/m"
         )
-        scale.check_first(machine, model, recordings[-1])
+        model = scale.check_first(machine, model, recordings[-1])
         stops.lend_brake(machine, model, following.at_m)
         family = around(balanced(model))
         at_most = GROWTH * step.amplitude_nm

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -17,7 +18,7 @@ from beltcomm.axis import load_axis
 from beltcomm.errors import SafetyStop
 from beltcomm.identify.amplitude import AmplitudeStep, Prediction
 from beltcomm.runfolder import RunFolder
-from beltcomm.session import left_out
+from beltcomm.session import commission, left_out
 from beltcomm.session.machine import Machine
 from beltcomm.session.options import claim
 from beltcomm.session.raising import as_made
@@ -107,12 +108,45 @@ def test_what_may_be_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
     assert admits(response, drift, 0.27, 0.27)
     assert moved == [(0.25, left_out.BACK_M_S)]
     assert admits(response, drift, 0.27, 0.27, times=2)
-    assert not admits(response, drift, 0.27, 0.27, times=3)  # the third one is no accident
+    assert admits(response, drift, 0.27, 0.27, times=3)  # that record is left out
+    assert not admits(response, drift, 0.27, 0.27, times=4)
+    for stops in (2, 3):
+        tolerance = left_out.LeftOut(Standing(*[0.27] * 2 * stops), object())  # type: ignore[arg-type]
+        assert all([tolerance.admits(response, drift) for _ in range(stops)])
+        assert tolerance.exhausted == (stops == 3)
     assert not admits(response, drift, 0.27, 0.28)  # it does not stand
     assert not admits(response, drift, 0.51, 0.51)  # outside the travel
     assert not admits(strokes, drift, 0.27, 0.27)  # in closed loop
     for reason in ("torque", "speed", "belt force", "released", "heat", "lag"):
         assert not admits(response, SafetyStop("stopped", reason), 0.27, 0.27)
+
+
+@pytest.mark.parametrize(
+    ("stops", "reason", "amplitudes_nm"), [(1, "position", [0.4, 0.21]), (2, "position", [0.4, 0.21, 0.147]), (1, "speed", [0.4])]
+)
+def test_a_first_response_that_wanders_is_made_again_with_less_torque(
+    monkeypatch: pytest.MonkeyPatch, stops: int, reason: str, amplitudes_nm: list[float]
+) -> None:
+    asked: list[float] = []
+
+    def respond(_machine: Any, name: str, _model: Any, most_nm: float, _seconds: float) -> None:
+        assert name == "frf_1"
+        asked.append(round(most_nm, 6))
+        if len(asked) <= stops:
+            raise SafetyStop("too far", reason)
+
+    def to_come(_machine: Any, _model: Any, most_nm: float, _seconds: float) -> Any:
+        return None, AmplitudeStep(min(most_nm, 0.3), Prediction(0.0, 0.0, 0.0, 0.0), "belt force")  # a limit binds the first
+
+    monkeypatch.setattr(commission.phases, "frequency_response", respond)
+    monkeypatch.setattr(commission.phases, "response_to_come", to_come)
+    monkeypatch.setattr(commission, "stands_after", lambda _machine, problem: problem.reason == "position")
+    findings: Any = SimpleNamespace(remarks=[])
+    excited: Any = SimpleNamespace(model=None, at_most_nm=0.4)
+    with nullcontext() if reason == "position" else pytest.raises(SafetyStop):
+        commission.first_response(SimpleNamespace(), findings, excited, 5.0)  # type: ignore[arg-type]
+    assert asked == amplitudes_nm
+    assert len(findings.remarks) == len(amplitudes_nm) - 1
 
 
 def test_a_run_that_goes_on_later_knows_how_much_later(connect: Callable[[Bench], Bench], tmp_path: Path) -> None:

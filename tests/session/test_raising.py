@@ -48,7 +48,7 @@ class Search:
             "stands_after": lambda _machine, problem: self.stands and problem.reason == "position",
         }.items():
             monkeypatch.setattr(raising, name, stand_in)
-        monkeypatch.setattr(raising.scale, "check_first", lambda *_: None)
+        monkeypatch.setattr(raising.scale, "check_first", lambda _machine, model, _recording: model)
         monkeypatch.setattr(raising.stops, "lend_brake", lambda *_: None)
 
     def step(self, most_nm: float) -> AmplitudeStep:

@@ -24,8 +24,10 @@ from beltcomm.session import commission
 from beltcomm.session.foresight import sheet_model
 from beltcomm.session.machine import Machine
 from beltcomm.session.ratings import check_ratings
-from beltcomm.session.scale import STIFFNESS, check_fitted, feed_constant_in_doubt, ruler
+from beltcomm.session.scale import STIFFNESS, check_first, check_fitted, feed_constant_in_doubt, jumping_inertia, ruler
 from session.bench import Bench, Listener
+from truth.hidden import draw
+from truth.hidden.plant import HiddenPlant
 from truth.rigs import nominal
 
 Connect = Callable[[Bench], Bench]
@@ -198,6 +200,37 @@ def test_a_fit_that_takes_the_carriage_for_the_motor_is_not_blamed_on_the_scalin
     assert "20 % of the ±0.5 N m. It needs more way or more torque: give a wider --window" in words
     with pytest.raises(Refused, match="6076h"):  # the motor alone was too heavy before: then it is the scale
         check_fitted(machine, first.with_values({"motor.inertia": both}), first.with_values({"motor.inertia": both}), response)
+
+
+def stepped(plant: Any, amplitude_nm: float, torque: float = 1.0) -> Recording:
+    """A binary torque on a simulated machine, held for 3 ms each; the drive believes it to be ``1/torque`` of what acts."""
+    setpoint = amplitude_nm * np.repeat(np.random.default_rng(3).choice([-1.0, 1.0], 300), 3)
+    shown = []
+    for nm in setpoint:
+        shown.append(plant.position_rad)
+        plant.step(torque * nm, 1e-3)
+    step_rad = math.tau / RIG.motor.encoder_counts_per_rev
+    return Recording("amplitude_1", np.arange(len(shown)) * 1e-3, setpoint, step_rad * np.round(np.array(shown) / step_rad))
+
+
+def gapped() -> HiddenPlant:
+    return HiddenPlant(draw(881001, ("backlash",), 1.0, "rig"), 0.25)
+
+
+def test_steps_of_the_torque_show_the_inertia_behind_a_gap_as_well() -> None:
+    share = {torque: jumping_inertia(stepped(gapped(), 0.3, torque)) / RIG.motor_side_inertia_kg_m2 for torque in (1.0, 2.0)}
+    assert share[1.0] == pytest.approx(1.0, abs=0.15)
+    assert share[2.0] == pytest.approx(0.5, abs=0.08)
+    assert jumping_inertia(stepped(nominal("g_a"), 0.3)) / RIG.motor_side_inertia_kg_m2 == pytest.approx(1.0, abs=0.15)
+    assert math.isnan(jumping_inertia(stepped(nominal("g_a"), 0.3, torque=-1.0)))  # no inertia is negative
+
+
+def test_an_estimate_that_a_gap_made_light_does_not_end_the_session_and_a_wrong_scale_does() -> None:
+    machine: Any = SimpleNamespace(axis=RIG, folder=SimpleNamespace(journal=lambda _text: None))
+    light = data_sheet_model(RIG, 0.25, 0.1).with_values({"motor.inertia": 0.5 * RIG.motor_side_inertia_kg_m2})
+    assert check_first(machine, light, stepped(gapped(), 0.3))["motor.inertia"] == RIG.motor_side_inertia_kg_m2
+    with pytest.raises(Refused, match="2 times less"):
+        check_first(machine, light, stepped(nominal("g_a"), 0.3, torque=2.0))
 
 
 def test_a_fit_that_went_astray_is_begun_anew_from_its_records(monkeypatch: pytest.MonkeyPatch) -> None:
