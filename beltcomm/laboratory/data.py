@@ -142,7 +142,7 @@ def agitated(data: Data, model: Model) -> Data:
             assert follower is not None
             squares = np.minimum(follower.watch.white[piece.keep] ** 2, STRAY**2)
             total += float(np.sum(squares + 2.0 * np.log(follower.watch.deviations[piece.keep])))
-        return total
+        return total if math.isfinite(total) else math.inf
 
     best, here = -1, AGITATIONS.index(data.fitted[0].agitation) or USUAL
     while best != here:

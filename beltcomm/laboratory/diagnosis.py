@@ -103,17 +103,19 @@ def settled(data: Data, fitted: Fitted) -> tuple[Data, Fitted]:
 
 
 def again(data: Data, fitted: Fitted, iterations: int, substeps: int = SUBSTEPS) -> tuple[Data, Fitted]:
-    """Motion and noise rebuilt by a fitted model, and the model fitted to them."""
+    """Motion and noise rebuilt by a fitted model, and the model fitted to them; as they were where nothing comes of it."""
     ahead = remade(data, fitted.model, OFFSET_M * fitted.offsets, substeps)
     if sum(len(piece.counted) for piece in ahead.fitted) < LEAST_LEFT * fitted.problem.samples:
         return data, fitted  # by a model that is far off the motor rests nearly all the time
+    begun = fitted
     for _ in range(ROUNDS if follows(fitted.model) else 0):
-        fitted = fit(ahead, fitted.model, AT_A_TIME)
-        calmer = agitated(ahead, fitted.model)  # what a better model does not tell is less
+        begun = fit(ahead, begun.model, AT_A_TIME)
+        calmer = agitated(ahead, begun.model)  # what a better model does not tell is less
         if calmer.fitted[0].agitation == ahead.fitted[0].agitation:
             break
         ahead = calmer
-    return ahead, fit(ahead, fitted.model, iterations, offsets=fitted.offsets)
+    found = fit(ahead, begun.model, iterations, offsets=begun.offsets)
+    return (ahead, found) if math.isfinite(found.objective) else (data, fitted)  # behind an observer a light body may fly off
 
 
 @in_one_thread

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from beltcomm.effects import effect_named
+from beltcomm.laboratory import diagnosis
 from beltcomm.laboratory.acceptance import fitted_to_nothing
 from beltcomm.laboratory.diagnosis import KNOWN, run_away, undetermined, unlikely
 from beltcomm.laboratory.structure import excess
@@ -64,6 +67,18 @@ def test_a_payload_that_does_not_swing_is_named(ratio: float, why: list[str]) ->
 )
 def test_what_is_fitted_to_less_than_is_an_effect_explains_nothing(effect: str, parameter: str, size_m: float, nothing: bool) -> None:
     assert fitted_to_nothing(BASE.with_effect(effect, {parameter: size_m}), effect_named(effect)) is nothing
+
+
+@pytest.mark.parametrize(("objective", "kept"), [(float("nan"), "before"), (float("inf"), "before"), (5.0, "after")])
+def test_a_model_that_flies_off_on_the_motion_that_it_rebuilds_is_not_taken(
+    monkeypatch: pytest.MonkeyPatch, objective: float, kept: str
+) -> None:
+    rebuilt, found = SimpleNamespace(fitted=(SimpleNamespace(counted=np.arange(10)),)), SimpleNamespace(objective=objective)
+    data: Any = SimpleNamespace()
+    fitted: Any = SimpleNamespace(model=BASE, offsets=np.zeros(1), problem=SimpleNamespace(samples=10))
+    monkeypatch.setattr(diagnosis, "remade", lambda *_: rebuilt)
+    monkeypatch.setattr(diagnosis, "fit", lambda *_, **_options: found)
+    assert diagnosis.again(data, fitted, 3) == {"before": (data, fitted), "after": (rebuilt, found)}[kept]
 
 
 def test_noise_has_no_structure_and_a_small_constant_has() -> None:
