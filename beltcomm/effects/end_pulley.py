@@ -46,6 +46,8 @@ def trials(ground: Ground) -> list[Trial]:
         carriage = ground.mass / (1.0 + share / ((1.0 - share) * (1.0 - split)))
         base = {"cart.mass": carriage, "belt_stiffness.stiffness": ground.stiffness / (1.0 - share + share / (1.0 - split))}
         found.append(Trial({"end_pulley.mass": ground.mass - carriage, "share": share, "split": split}, base=base, swallowed=True))
+    pulley = 0.25 * ground.mass  # where both were taken for one mass on the stiffness that the belt has
+    found.append(Trial({"end_pulley.mass": pulley, "share": share}, base={"cart.mass": ground.mass - pulley}, swallowed=True))
     return found
 
 

@@ -345,6 +345,7 @@ def diagnosis_data(found: Diagnosis) -> dict[str, Any]:
             {
                 "added": step.added,
                 "removed": list(step.removed),
+                "detour": list(step.detour),
                 "forms": list(step.forms),
                 "ratio": step.after.ratio,
                 "held_out": step.after.held_ratio,

@@ -61,6 +61,12 @@ def diagnosis_lines(found: Diagnosis) -> list[str]:
             for c in shown
         ]
         lines += ["", *table(["effect", ">evidence", ">explains", ">held out", ""], rows)]
+    for step in found.steps:
+        if step.detour:
+            lines += [
+                "",
+                f"{' and '.join(step.detour)} came first on trial and became superfluous beside {step.added}, which explains more.",
+            ]
     model = with_intervals(found.after)
     for name in found.named:
         lines += ["", *effect_lines(effect_named(name), model)]

@@ -13,8 +13,10 @@ import pytest
 from click.testing import CliRunner, Result
 
 from beltcomm.cli.main import cli
-from beltcomm.laboratory.diagnosis import fitted_base
+from beltcomm.effects import effect_named
+from beltcomm.laboratory.diagnosis import Step, fitted_base, shorter
 from beltcomm.laboratory.score import Scorer, ground_of
+from beltcomm.laboratory.stage import candidate, with_effect
 from beltcomm.laboratory.start import start_model
 from beltcomm.laboratory.visible import visible
 from beltcomm.runfolder import RunFolder
@@ -68,6 +70,28 @@ def test_compare_says_where(hidden_cogging: tuple[Path, float], tmp_path: Path) 
     assert (first["dimension"], first["low"]) == ("angle", order)
     assert first["text"].startswith(f"{order:.0f} times per turn of the motor")
     assert not (run / "pictures").exists()
+
+
+def test_a_detour_is_judged_again(hidden_cogging: tuple[Path, float]) -> None:
+    """Quadratic drag first, thrown out when the cogging was found: as if both had been tried.  The other way round it stays."""
+    folder = RunFolder.open(hidden_cogging[0])
+    recordings = [r for r in folder.recordings() if "frf" not in r.name]
+    data, base = fitted_base(recordings, folder.axis, start_model(folder.axis, recordings))
+    ground = ground_of(base, data.fitted, folder.axis)
+    fits = {name: with_effect(data, base, ground, effect_named(name)) for name in ("quadratic_drag", "cogging")}
+
+    def steps(first: str, second: str) -> list[Step]:
+        tried = candidate(base, effect_named(first), 0.0, fits[first], 1)
+        return [Step(base, (tried,), first, (), fits[first]), Step(fits[first], (), second, (first,), fits[second])]
+
+    found = shorter([data, data], steps("quadratic_drag", "cogging"))
+    assert found is not None
+    number, step = found
+    assert (number, step.before, step.added, step.removed, step.detour) == (0, base, "cogging", (), ("quadratic_drag",))
+    assert [c.effect.name for c in step.candidates] == ["cogging", "quadratic_drag"]
+    assert shorter([data, data], steps("cogging", "quadratic_drag")) is None
+    kept = Step(fits["quadratic_drag"], (), "cogging", (), fits["cogging"])
+    assert shorter([data], [kept]) is None, "nothing came before it"
 
 
 def test_a_poor_data_set_says_what_it_cannot_show(hidden_cogging: tuple[Path, float], tmp_path: Path) -> None:

@@ -69,6 +69,19 @@ def test_what_is_fitted_to_less_than_is_an_effect_explains_nothing(effect: str, 
     assert fitted_to_nothing(BASE.with_effect(effect, {parameter: size_m}), effect_named(effect)) is nothing
 
 
+@pytest.mark.parametrize(("gap_m", "removed"), [(2e-8, ("backlash",)), (2e-5, ())])
+def test_an_earlier_gap_of_no_width_is_thrown_out_however_much_its_observer_forgives(
+    monkeypatch: pytest.MonkeyPatch, gap_m: float, removed: tuple[str, ...]
+) -> None:
+    grown: Any = SimpleNamespace(model=BASE.with_effect("backlash", {"gap": gap_m}).with_effect("belt_slack", {}), offsets=np.zeros(1))
+    smaller: Any = SimpleNamespace(model=grown.model.without_effect("backlash"), offsets=np.zeros(1))
+    monkeypatch.setattr(diagnosis, "rise_without", lambda _fitted: {})
+    monkeypatch.setattr(diagnosis, "fit", lambda *_, **_options: smaller)
+    monkeypatch.setattr(diagnosis, "drop_by", lambda *_: 432.0)
+    data: Any = SimpleNamespace()
+    assert diagnosis.superfluous(data, grown, BASE, "belt_slack") == (data, smaller if removed else grown, removed)
+
+
 @pytest.mark.parametrize(("objective", "kept"), [(float("nan"), "before"), (float("inf"), "before"), (5.0, "after")])
 def test_a_model_that_flies_off_on_the_motion_that_it_rebuilds_is_not_taken(
     monkeypatch: pytest.MonkeyPatch, objective: float, kept: str
