@@ -68,27 +68,37 @@ def trials(ground: Ground) -> list[Trial]:
     offsets = [ground.offset_m] if ground.offset_m > 0.0 else []
     offsets += [share * distance for share in _OFFSET_SHARES]
     geometry = {"pulley_distance": distance, "middle": middle}
-    plain = [Trial({"share": 0.6, "offset": max(offset, 0.02 - ground.low_m), **geometry}, signed=True) for offset in offsets]
-    return [*shown(ground, geometry), *plain]
+    offsets = [max(offset, 0.02 - ground.low_m) for offset in offsets]
+    plain = [Trial({"share": 0.6, "offset": offset, **geometry}, signed=True) for offset in offsets]
+    return [*shown(ground, geometry, offsets[0]), *plain]
 
 
-def shown(ground: Ground, geometry: Mapping[str, float]) -> list[Trial]:
-    """The parabola through the compliance seen at three places or more; where no two strands bend like it, the nearest that rise alike."""
+def shown(ground: Ground, geometry: Mapping[str, float], offset: float) -> list[Trial]:
+    """The parabola through the compliance seen at three places or more; where no two strands bend like it, the nearest that rise alike.
+
+    Seen at two places only: the strands of ``offset``, and the share of the compliance that takes them through both.
+    """
     if not ground.stiffness_at:
         return []
     place, amplitude, seen = np.array(ground.stiffness_at).T
     middle, distance = geometry["middle"], geometry["pulley_distance"]
-    if len(np.unique(np.round(place / _APART_M))) < 3:
+    places = len(np.unique(np.round(place / _APART_M)))
+    if places < 2:
         return []
-    curve, rise, whole = np.polyfit(place - middle, 1.0 / seen, 2, w=amplitude)
+    if places == 2:
+        soft = (offset + place) * (2.0 * distance - offset - place) / ((offset + middle) * (2.0 * distance - offset - middle))
+        rise, whole = np.polyfit(soft - 1.0, 1.0 / seen, 1, w=amplitude)
+        share, length = rise / whole, offset + middle
+    else:
+        curve, rise, whole = np.polyfit(place - middle, 1.0 / seen, 2, w=amplitude)
+        length = distance + 0.5 * rise / curve if curve < 0.0 else -math.inf
+        if _NEXT_TO_PULLEY * distance < length < (2.0 - _NEXT_TO_PULLEY) * distance:
+            share = -curve / whole * length * (2.0 * distance - length)
+        else:
+            length = (_NEXT_TO_PULLEY if rise > 0.0 else 2.0 - _NEXT_TO_PULLEY) * distance
+            share = 0.5 * rise / whole * length * (2.0 * distance - length) / (distance - length)
     if not whole > 0.0:
         return []
-    length = distance + 0.5 * rise / curve if curve < 0.0 else -math.inf
-    if _NEXT_TO_PULLEY * distance < length < (2.0 - _NEXT_TO_PULLEY) * distance:
-        share = -curve / whole * length * (2.0 * distance - length)
-    else:
-        length = (_NEXT_TO_PULLEY if rise > 0.0 else 2.0 - _NEXT_TO_PULLEY) * distance
-        share = 0.5 * rise / whole * length * (2.0 * distance - length) / (distance - length)
     values = {"share": float(share), "offset": float(length - middle), **geometry}
     return [Trial(values, signed=True, base={_STIFFNESS: float(1.0 / whole)})]
 

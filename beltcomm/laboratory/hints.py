@@ -23,8 +23,8 @@ ONE_PLACE_M = 0.06
 ENOUGH, LOUD = 300, 0.2
 #: Factor by which the stiffness is searched up and down, and points of the first grid.
 RANGE, GRID = 3.0, 25
-#: Rise of the objective on both sides that makes a minimum, nats.
-CLEAR = 30.0
+#: Rise of the objective on both sides that makes a minimum, nats; a short record has few blocks to rise with, nats each.
+CLEAR, CLEAR_PER_BLOCK = 30.0, 1.0
 STIFFNESS = "belt_stiffness.stiffness"
 #: Mean square of a block's residual up to which the model explains it, and share of such blocks that may have swung further by chance.
 EXPLAINS, BY_CHANCE = 1.5, 0.01
@@ -108,7 +108,8 @@ def likeliest(fitted: Fitted, piece: Stretch) -> float | None:
     grid = np.linspace(-np.log(RANGE), np.log(RANGE), GRID)
     values = costs(grid)
     best = int(np.argmin(values))
-    if best in (0, GRID - 1) or min(max(values[:best]), max(values[best + 1 :])) - values[best] < CLEAR:
+    clear = min(CLEAR, CLEAR_PER_BLOCK * len(blocks))
+    if best in (0, GRID - 1) or min(max(values[:best]), max(values[best + 1 :])) - values[best] < clear:
         return None
     step = grid[1] - grid[0]
     around = (grid[best] - step, grid[best] + step)
