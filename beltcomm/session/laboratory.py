@@ -37,6 +37,7 @@ from beltcomm.session.next_plan import NAME, plan_for, recorded_sets
 from beltcomm.session.opened import Opened, explainable, opened, records_of
 from beltcomm.session.response_table import table_lines, table_of
 from beltcomm.session.revisions import Revision, as_mapping, changed_recordings, current_model, current_revision, new_revision, revisions
+from beltcomm.session.told_before import better
 from beltcomm.simulate import ahead
 from beltcomm.talk import Silence, Talk
 
@@ -216,6 +217,7 @@ def add_to_run(
     if effect in here.fitted.model.effects:
         raise UsageError(f"the model of {run} has {effect} already; take it out with `beltcomm remove {effect} {run}`")
     grown = with_effect(here.data, here.fitted, ground_of(here.fitted, here.data.fitted, here.folder.axis), effect_named(effect))
+    grown = better(here.folder, here.data, here.fitted, grown, effect)
     data, named = again(here.data, grown, NEXT_ITERATIONS)
     shaped = formed(data, named, here.fitted.model)
     data, after = settled(data, shaped.fitted)

@@ -15,11 +15,13 @@ from click.testing import CliRunner, Result
 from beltcomm.cli.main import cli
 from beltcomm.effects import effect_named
 from beltcomm.laboratory.diagnosis import Step, fitted_base, shorter
+from beltcomm.laboratory.fitting import fit
 from beltcomm.laboratory.score import Scorer, ground_of
 from beltcomm.laboratory.stage import candidate, with_effect
 from beltcomm.laboratory.start import start_model
 from beltcomm.laboratory.visible import visible
 from beltcomm.runfolder import RunFolder
+from beltcomm.session.told_before import better
 from truth.hidden import draw, write_session
 
 
@@ -92,6 +94,25 @@ def test_a_detour_is_judged_again(hidden_cogging: tuple[Path, float]) -> None:
     assert shorter([data, data], steps("cogging", "quadratic_drag")) is None
     kept = Step(fits["quadratic_drag"], (), "cogging", (), fits["cogging"])
     assert shorter([data], [kept]) is None, "nothing came before it"
+
+
+def test_adding_begins_where_the_diagnosis_ended(hidden_cogging: tuple[Path, float], tmp_path: Path) -> None:
+    """From an order that is not there the fit finds nothing; the values that a diagnosis left in the folder lead it to the cogging."""
+    folder, order = RunFolder.open(hidden_cogging[0]), hidden_cogging[1]
+    recordings = [r for r in folder.recordings() if "frf" not in r.name]
+    data, base = fitted_base(recordings, folder.axis, start_model(folder.axis, recordings))
+    right = with_effect(data, base, ground_of(base, data.fitted, folder.axis), effect_named("cogging"))
+    wrong = fit(data, base.model.with_effect("cogging", {"order": order + 7.0}), 3, offsets=base.offsets)
+    other = RunFolder.open(shutil.copytree(hidden_cogging[0], tmp_path / "run"))
+
+    assert better(other, data, base, wrong, "cogging") is wrong, "no diagnosis yet"
+    found = {"effects": list(right.model.effects), "parameters": {name: {"value": v.value} for name, v in right.model.parameters.items()}}
+    other.save_result("diagnosis", {"after": found})
+    assert better(other, data, base, wrong, "cogging").ratio == pytest.approx(right.ratio, rel=1e-3)
+    assert better(other, data, base, wrong, "stribeck") is wrong, "the diagnosis says nothing of it"
+    for damaged in ({}, {"after": None}, {"after": {"effects": ["cogging"], "parameters": {"motor.inertia": {"value": "?"}}}}):
+        other.save_result("diagnosis", damaged)
+        assert better(other, data, base, wrong, "cogging") is wrong
 
 
 def test_a_poor_data_set_says_what_it_cannot_show(hidden_cogging: tuple[Path, float], tmp_path: Path) -> None:

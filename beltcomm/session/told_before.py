@@ -1,0 +1,36 @@
+"""What the last diagnosis of a run found of an effect: where ``beltcomm add`` can begin as well."""
+
+from __future__ import annotations
+
+from beltcomm.errors import BeltcommError
+from beltcomm.laboratory.acceptance import drop_by
+from beltcomm.laboratory.data import Data
+from beltcomm.laboratory.diagnosis import NEXT_ITERATIONS
+from beltcomm.laboratory.fitting import Fitted, fit
+from beltcomm.laboratory.stage import MISSING
+from beltcomm.model import Model
+from beltcomm.runfolder import RunFolder
+
+
+def told_before(folder: RunFolder, model: Model, effect: str) -> Model | None:
+    """The model with the effect and the values that ``results/diagnosis.yaml`` ended with; None where it says nothing of it."""
+    try:
+        after = (folder.load_result("diagnosis") or {})["after"]
+        if effect not in after["effects"]:
+            return None
+        grown = model.with_effect(effect)
+        values = {name: float(told["value"]) for name, told in after["parameters"].items() if name in grown.parameters}
+        return grown.with_values(values, "diagnosis")
+    except (BeltcommError, KeyError, TypeError, ValueError, AttributeError):
+        return None  # a start value that cannot be read is none
+
+
+def better(folder: RunFolder, data: Data, base: Fitted, grown: Fitted, effect: str) -> Fitted:
+    """The model grown from a base, or the same begun at what the diagnosis found where that leaves less: it may have come another way."""
+    if grown.objective < MISSING * grown.problem.samples:
+        return grown
+    told = told_before(folder, base.model, effect)
+    if told is None:
+        return grown
+    again = fit(data, told, NEXT_ITERATIONS, offsets=grown.offsets)
+    return again if drop_by(grown, again) > 0.0 else grown
