@@ -9,6 +9,11 @@ the speed is zero and +level after it (or the reverse); with the accelerations a
 The kernel lets friction turn at a point of the grid, and Simpson's rule takes a jump for a curve: both together are off by a third of a
 fine step, 20 us, and always to the same side.  Beside samples without a reversal that is nothing; in samples with one it would
 be 0.5 % of the motor's inertia.
+
+Samples in which the motor may have stuck say nothing, but how it moved there sets the carriage ringing, and that goes on in the samples
+after them.  There friction follows from the torque N that is left for it:
+
+    J ω' = N - level s,   s = sign(ω) while it moves,   N/level while it rests, until |N| > level.
 """
 
 from __future__ import annotations
@@ -27,8 +32,8 @@ Array = NDArray[np.float64]
 
 #: Parameter of the friction that turns.
 LEVEL = "coulomb.level"
-#: Rounds in which instants and motion find each other.
-ROUNDS = 2
+#: Rounds in which instants, rests and motion find each other.
+ROUNDS = 3
 #: Torque that a motor has to spare after a reversal, over its friction, for it not to have stuck.
 TO_SPARE = 1.0
 #: An acceleration beside a reversal is taken as this share, at least, of the mean over the step in which it lies.
@@ -56,11 +61,18 @@ def passed(
         keep[[0, -1]] = False
         return motion, keep, None
     ratio, least = model["transmission.ratio"], TO_SPARE * level / model["motor.inertia"]
+    acted: Array | None = None
     for _ in range(ROUNDS):
-        _, instants = passages(motion, slow_rad_s, least)
-        motion = rebuilt(motion, lacking=level * missed(motion, instants, ratio)[0])
-    doubtful, instants = passages(motion, slow_rad_s, least)
-    return motion, ~samples_at(doubtful, motion.substeps), missed(motion, instants, ratio)[1]
+        doubtful, instants = passages(motion, slow_rad_s, least)
+        lacking, acting = missed(motion, instants, ratio)[0], kernel_directions(motion, ratio)
+        rubbed = acting + lacking
+        if acted is not None:  # the motion is then that of a friction that is known
+            left = np.diff(motion.omega) * motion.substeps / (motion.sample_s * least / TO_SPARE) + acted
+            _rest(motion.omega, left, doubtful, least / TO_SPARE * motion.sample_s / motion.substeps, slow_rad_s, rubbed)
+        motion, acted = rebuilt(motion, lacking=level * (rubbed - acting)), rubbed
+    last, instants = passages(motion, slow_rad_s, least)
+    # Where it was made to rest it now may look as if it went through: a rest is short beside a fine step there.
+    return motion, ~samples_at(doubtful | last, motion.substeps), missed(motion, instants, ratio)[1]
 
 
 def passages(motion: FineMotion, slow_rad_s: float, least_rad_s2: float) -> tuple[NDArray[np.bool_], Array]:
@@ -122,7 +134,7 @@ def missed(motion: FineMotion, instants: Array, ratio: float) -> tuple[Array, Ar
     sample with its triangular weight, (n,), ends 0.   ratio : m/rad.
     """
     points = _directions(motion.theta, ratio / motion.bristle_m)
-    kernel = 0.5 * (points[:-1] + points[1:])
+    kernel = kernel_directions(motion, ratio)
     cells = kernel.copy()
     place = instants.astype(np.intp)
     for k, share in zip(place, instants - place, strict=True):
@@ -134,6 +146,45 @@ def missed(motion: FineMotion, instants: Array, ratio: float) -> tuple[Array, Ar
     mean = np.zeros(motion.samples)
     mean[1:-1] = rows[:-1] @ ramp + rows[1:] @ ramp[::-1]
     return cells - kernel, mean - triangular_mean(points, motion.substeps)
+
+
+def kernel_directions(motion: FineMotion, ratio: float) -> Array:
+    """Direction of the motor's friction as the kernel has it, mean over each fine step, (fine - 1,).   ratio : m/rad."""
+    points = _directions(motion.theta, ratio / motion.bristle_m)
+    return np.asarray(0.5 * (points[:-1] + points[1:]))
+
+
+@compiled
+def _rest(omega: Array, left: Array, doubtful: NDArray[np.bool_], step: float, slow: float, rubbed: Array) -> None:
+    """Direction of friction, mean over each fine step, written where the motor may have stuck.
+
+    omega : rad/s, (fine,).   left : torque that is left for friction, over its level, (fine - 1,).   step : by which the level alone
+    changes the speed in a fine step, rad/s.   slow : speed above which it surely moves.
+    """
+    speed = 0.0
+    for k in range(rubbed.shape[0]):
+        if not (doubtful[k] and doubtful[k + 1]):
+            continue
+        if k == 0 or not doubtful[k - 1]:
+            speed = omega[k]  # the last point at which it surely moves
+        side = 0.0 if speed == 0.0 else (1.0 if speed > 0.0 else -1.0)
+        mean, rest = 0.0, 1.0
+        if side != 0.0:
+            change = (left[k] - side) * step
+            if (speed + change) * side > 0.0:
+                mean, rest, speed = side, 0.0, speed + change
+            else:
+                rest = 1.0 + speed / change  # it comes to standstill within the step
+                mean, speed = side * (1.0 - rest), 0.0
+        if rest > 0.0:
+            if abs(left[k]) <= 1.0:
+                mean += rest * left[k]
+            else:
+                on = 1.0 if left[k] > 0.0 else -1.0
+                mean += rest * on
+                speed = rest * (left[k] - on) * step
+        speed = min(max(speed, -slow), slow) if abs(omega[k + 1]) < slow else speed
+        rubbed[k] = mean
 
 
 @compiled
