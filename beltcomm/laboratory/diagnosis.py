@@ -157,6 +157,7 @@ def diagnose(
         causes = sum(bool(step.added) and not further(step.added) for step in steps)
         if best is None or not best.accepted or best.fitted is None or (causes >= most and not further(best.effect.name)):
             shaped = formed(data, current, base.model)
+            seen.append(data)
             steps.append(Step(current, tuple(candidates), "", shaped.removed, shaped.fitted, shaped.new))
             current = shaped.fitted
             if not shaped.new or current.objective < MISSING * current.problem.samples:
@@ -167,11 +168,14 @@ def diagnose(
         data, grown = again(data, best.fitted, NEXT_ITERATIONS)
         data, kept, removed = superfluous(data, grown, base.model, best.effect.name)
         steps.append(Step(current, tuple(candidates), best.effect.name, removed, kept))
-        begun_at = shorter(seen, steps) if removed else None
-        if begun_at is not None:
-            number, direct = begun_at
-            steps[number:], seen[number + 1 :] = [direct], []
+        direct = shorter(seen, steps) if removed else None
+        if direct is not None:
+            first, step = direct
+            steps[first:], seen[first + 1 :] = [step], []
+            twins = next((pair for s in steps if s.added and (pair := twins_of([c for c in s.candidates if c.stands]))), ())
         current = kept
+    if twins and twins[0] not in current.model.effects:
+        twins = ()
     if any(step.added for step in steps):
         data, last = settled(data, current)
         steps = [replace(step, after=last) if step.after is current else step for step in steps]
@@ -219,15 +223,16 @@ def shorter(seen: Sequence[Data], steps: Sequence[Step]) -> tuple[int, Step] | N
     """
     last = steps[-1]
     for number, step in enumerate(steps[:-1]):
-        if set(last.after.model.effects) != {*step.before.model.effects, last.added}:
+        if not step.added or set(last.after.model.effects) != {*step.before.model.effects, last.added}:
             continue
         straight = fit(seen[number], last.after.model, FIRST_ITERATIONS, offsets=last.after.offsets)
-        found = candidate(step.before, effect_named(last.added), 0.0, straight, 1)
+        found = candidate(step.before, effect_named(last.added), 0.0, straight, len(steps) - number)
         candidates = merged(step.candidates, [found])
         best = next(c for c in candidates if c.stands)
         if best is found and found.accepted:
             detour = tuple(name for name in last.removed if name not in step.before.model.effects)
-            return number, Step(step.before, tuple(candidates), last.added, (), last.after, detour=detour)
+            forms = tuple(name for other in steps[number:] for name in other.forms if name in last.after.model.parameters)
+            return number, Step(step.before, tuple(candidates), last.added, (), last.after, forms, detour)
     return None
 
 

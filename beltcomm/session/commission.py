@@ -104,15 +104,17 @@ def identify_here(machine: Machine, findings: Findings, *, brief: bool = False) 
 def first_response(machine: Machine, findings: Findings, excited: raising.Excited, seconds: float) -> None:
     """The frequency response at the present place; where the carriage wanders too far once more where it then stands, with less torque."""
     most_nm = excited.at_most_nm
-    for again in reversed(range(MOST_STOPS + 1)):
-        to_come = making.short_if_possible(partial(phases.response_to_come, machine, excited.model, most_nm), seconds)[1]
+    for number in range(MOST_STOPS + 1):
+        # A carriage that went too far is not held by friction: no sequence is tried that is louder for leaving out the resonance.
+        chosen = partial(phases.response_to_come, machine, excited.model, most_nm, loud=number == 0)
+        choice, step = making.short_if_possible(chosen, seconds)
         try:
-            making.short_if_possible(partial(phases.frequency_response, machine, "frf_1", excited.model, most_nm), seconds)
+            phases.planned_response(machine, "frf_1", excited.model, choice, step)
             return
         except SafetyStop as problem:
-            if not again or not stands_after(machine, problem):
+            if number == MOST_STOPS or not stands_after(machine, problem):
                 raise
-            most_nm = QUIETER * to_come.amplitude_nm
+            most_nm = QUIETER * step.amplitude_nm
             findings.remarks.append(f"frf_1 is made with at most ±{most_nm:.3f} N m, after this: {problem}")
 
 

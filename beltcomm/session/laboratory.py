@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from itertools import zip_longest
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
@@ -175,16 +175,17 @@ def climb(folder: RunFolder, found: Diagnosis, known: bool, command: str, when: 
     if not (known and current_revision(folder)):
         made.append(base_revision(folder, found.base, command, when))
     before = found.base
-    for step, following in zip_longest(found.steps, found.steps[1:]):
+    for number, step in enumerate(found.steps):
         if not step.added:
             continue
-        formed_next = following is not None and following.forms
-        last = following if formed_next else step  # a form belongs to what was named before it, as with ``add``
-        if confirmed(before, last.after) is False:
+        # Forms belong to what was named before them, as with ``add``.
+        whole = [step, *takewhile(lambda other: not other.added, found.steps[number + 1 :])]
+        after = whole[-1].after
+        if confirmed(before, after) is False:
             break
-        change = change_of((step.added, *last.forms), (*step.removed, *(last.removed if formed_next else ())))
-        made.append(revision_of(folder, last.after, before, change, command, when))
-        before = last.after
+        change = change_of((step.added, *(f for s in whole for f in s.forms)), [name for s in whole for name in s.removed])
+        made.append(revision_of(folder, after, before, change, command, when))
+        before = after
     return made
 
 

@@ -78,7 +78,7 @@ def make(machine: Machine, loop: Closed, step: Step, name: str, loudest_nm: floa
 
 
 def respond(machine: Machine, model: Model, step: Step, name: str, loudest_nm: float, share: float) -> None:
-    """A frequency response at a place of its own.   share : of its torque."""
+    """A frequency response at a place of its own.   share : of its torque; below 1 after a carriage that went too far."""
     low, high = machine.full_room().window_m
     phases.move_to(machine, low + step.place * (high - low), model)
     if machine.folder.finished(SWEEP) is not None and machine.stroking() == "position":
@@ -95,7 +95,7 @@ def respond(machine: Machine, model: Model, step: Step, name: str, loudest_nm: f
         model,
         share * amplitude,
         held_out=step.held_out,
-        loud=step.share >= LOUD and not step.held_out,
+        loud=step.share >= LOUD and share >= 1.0 and not step.held_out,
     )
     short_if_possible(respond_for, wanted)
 

@@ -141,8 +141,15 @@ def frequency_response(
     held_out : only to judge with; another sequence than those that are fitted, and one measured period of it.
     loud : where friction hardly lets the carriage move, the sequence may leave the resonance out to be louder.
     """
-    at, period = machine.position_m, machine.drive.capabilities.sample_period_s
     choice, step = response_to_come(machine, model, amplitude_nm, seconds, held_out=held_out, loud=loud)
+    return planned_response(machine, name, model, choice, step, held_out=held_out)
+
+
+def planned_response(
+    machine: Machine, name: str, model: Model, choice: Choice, step: AmplitudeStep, *, held_out: bool = False
+) -> tuple[Recording, Excitation, AmplitudeStep]:
+    """The same with what :func:`response_to_come` has chosen."""
+    at, period = machine.position_m, machine.drive.capabilities.sample_period_s
     excitation = choice.excitation(step.amplitude_nm, period, torque_step_nm=machine.drive.capabilities.torque_step_nm)
     run_on = exciting.run_on_words(machine, step.prediction, motion_limits(machine, at).ends_m)
     machine.folder.journal(

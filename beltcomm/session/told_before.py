@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from beltcomm.effects import effect_named
 from beltcomm.errors import BeltcommError
 from beltcomm.laboratory.acceptance import drop_by
 from beltcomm.laboratory.data import Data
 from beltcomm.laboratory.diagnosis import NEXT_ITERATIONS
 from beltcomm.laboratory.fitting import Fitted, fit
+from beltcomm.laboratory.forms import held
 from beltcomm.laboratory.stage import MISSING
 from beltcomm.model import Model
 from beltcomm.runfolder import RunFolder
@@ -19,8 +21,10 @@ def told_before(folder: RunFolder, model: Model, effect: str) -> Model | None:
         if effect not in after["effects"]:
             return None
         grown = model.with_effect(effect)
-        values = {name: float(told["value"]) for name, told in after["parameters"].items() if name in grown.parameters}
-        return grown.with_values(values, "diagnosis")
+        told = {name: float(said["value"]) for name, said in after["parameters"].items() if name in grown.parameters}
+        for form in held(grown, effect_named(effect)):  # stays the usual one: it is found after the effect
+            told.pop(form, None)
+        return grown.with_values(told, "diagnosis")
     except (BeltcommError, KeyError, TypeError, ValueError, AttributeError):
         return None  # a start value that cannot be read is none
 

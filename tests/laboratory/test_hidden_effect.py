@@ -21,7 +21,7 @@ from beltcomm.laboratory.stage import candidate, with_effect
 from beltcomm.laboratory.start import start_model
 from beltcomm.laboratory.visible import visible
 from beltcomm.runfolder import RunFolder
-from beltcomm.session.told_before import better
+from beltcomm.session.told_before import better, told_before
 from truth.hidden import draw, write_session
 
 
@@ -92,6 +92,12 @@ def test_a_detour_is_judged_again(hidden_cogging: tuple[Path, float]) -> None:
     assert (number, step.before, step.added, step.removed, step.detour) == (0, base, "cogging", (), ("quadratic_drag",))
     assert [c.effect.name for c in step.candidates] == ["cogging", "quadratic_drag"]
     assert shorter([data, data], steps("cogging", "quadratic_drag")) is None
+    tried, last = steps("quadratic_drag", "cogging")
+    shaped = Step(tried.after, (), "", (), tried.after, ("cogging.order",))
+    found = shorter([data], [tried, shaped, last])
+    assert found is not None
+    assert found[0] == 0
+    assert found[1].forms == ("cogging.order",), "a form that stays in the model stays in its steps"
     kept = Step(fits["quadratic_drag"], (), "cogging", (), fits["cogging"])
     assert shorter([data], [kept]) is None, "nothing came before it"
 
@@ -110,6 +116,11 @@ def test_adding_begins_where_the_diagnosis_ended(hidden_cogging: tuple[Path, flo
     other.save_result("diagnosis", {"after": found})
     assert better(other, data, base, wrong, "cogging").ratio == pytest.approx(right.ratio, rel=1e-3)
     assert better(other, data, base, wrong, "stribeck") is wrong, "the diagnosis says nothing of it"
+    form = {"stribeck.exponent": {"value": 2.25}, "stribeck.amount": {"value": 0.03}}
+    other.save_result("diagnosis", {"after": {"effects": ["stribeck"], "parameters": form}})
+    told = told_before(other, base.model, "stribeck")
+    assert told is not None
+    assert (told["stribeck.amount"], told["stribeck.exponent"]) == (0.03, 2.0), "a form is found after its effect"
     for damaged in ({}, {"after": None}, {"after": {"effects": ["cogging"], "parameters": {"motor.inertia": {"value": "?"}}}}):
         other.save_result("diagnosis", damaged)
         assert better(other, data, base, wrong, "cogging") is wrong

@@ -12,9 +12,10 @@ import pytest
 from beltcomm.effects import effect_named
 from beltcomm.laboratory import diagnosis
 from beltcomm.laboratory.acceptance import fitted_to_nothing
-from beltcomm.laboratory.diagnosis import KNOWN, run_away, undetermined, unlikely
+from beltcomm.laboratory.diagnosis import KNOWN, Step, run_away, undetermined, unlikely
 from beltcomm.laboratory.structure import excess
 from beltcomm.model import build_model
+from beltcomm.session import laboratory
 
 BASE = build_model("axis", ("belt_stiffness", "belt_damping", "viscous", "viscous_cart", "coulomb"), {})
 
@@ -80,6 +81,23 @@ def test_an_earlier_gap_of_no_width_is_thrown_out_however_much_its_observer_forg
     monkeypatch.setattr(diagnosis, "drop_by", lambda *_: 432.0)
     data: Any = SimpleNamespace()
     assert diagnosis.superfluous(data, grown, BASE, "belt_slack") == (data, smaller if removed else grown, removed)
+
+
+def test_every_form_that_followed_an_effect_is_saved_with_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(laboratory, "current_revision", lambda _folder: "there")
+    monkeypatch.setattr(laboratory, "confirmed", lambda _before, _after: True)
+    monkeypatch.setattr(laboratory, "revision_of", lambda _folder, after, before, change, *_: (before, after, change))
+    named: Any = [
+        Step("base", (), "end_pulley", (), "X"),  # type: ignore[arg-type]
+        Step("X", (), "", (), "Y", ("viscous_end_pulley",)),  # type: ignore[arg-type]
+        Step("Y", (), "", ("warmup",), "Z", ("end_pulley.form",)),  # type: ignore[arg-type]
+        Step("Z", (), "cogging", (), "last"),  # type: ignore[arg-type]
+        Step("last", (), "", (), "last"),  # type: ignore[arg-type]
+    ]
+    folder: Any = SimpleNamespace()
+    found: Any = SimpleNamespace(base="base", steps=named)
+    made: Any = laboratory.climb(folder, found, True, "", "")
+    assert made == [("base", "Z", "+end_pulley +viscous_end_pulley -warmup with its form"), ("Z", "last", "+cogging")]
 
 
 @pytest.mark.parametrize(("objective", "kept"), [(float("nan"), "before"), (float("inf"), "before"), (5.0, "after")])

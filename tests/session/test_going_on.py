@@ -18,7 +18,7 @@ from beltcomm.axis import load_axis
 from beltcomm.errors import SafetyStop
 from beltcomm.identify.amplitude import AmplitudeStep, Prediction
 from beltcomm.runfolder import RunFolder
-from beltcomm.session import commission, left_out
+from beltcomm.session import commission, left_out, making
 from beltcomm.session.machine import Machine
 from beltcomm.session.options import claim
 from beltcomm.session.raising import as_made
@@ -122,31 +122,56 @@ def test_what_may_be_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize(
-    ("stops", "reason", "amplitudes_nm"), [(1, "position", [0.4, 0.21]), (2, "position", [0.4, 0.21, 0.147]), (1, "speed", [0.4])]
+    ("stops", "reason", "friction_nm", "amplitudes_nm"),
+    [
+        (1, "position", 0.05, [0.3, 0.21]),
+        (2, "position", 0.05, [0.3, 0.21, 0.147]),
+        (1, "speed", 0.05, [0.3]),
+        (2, "position", 0.3, [0.7, 0.3, 0.21]),  # held by friction: at first with a sequence that may be louder, then not any more
+    ],
 )
 def test_a_first_response_that_wanders_is_made_again_with_less_torque(
-    monkeypatch: pytest.MonkeyPatch, stops: int, reason: str, amplitudes_nm: list[float]
+    monkeypatch: pytest.MonkeyPatch, stops: int, reason: str, friction_nm: float, amplitudes_nm: list[float]
 ) -> None:
-    asked: list[float] = []
+    made: list[float] = []
 
-    def respond(_machine: Any, name: str, _model: Any, most_nm: float, _seconds: float) -> None:
+    def respond(_machine: Any, name: str, _model: Any, _choice: Any, step: AmplitudeStep) -> None:
         assert name == "frf_1"
-        asked.append(round(most_nm, 6))
-        if len(asked) <= stops:
+        made.append(round(step.amplitude_nm, 6))
+        if len(made) <= stops:
             raise SafetyStop("too far", reason)
 
-    def to_come(_machine: Any, _model: Any, most_nm: float, _seconds: float) -> Any:
-        return None, AmplitudeStep(min(most_nm, 0.3), Prediction(0.0, 0.0, 0.0, 0.0), "belt force")  # a limit binds the first
+    def loudest(_machine: Any, _model: Any, _choice: Any, at_most_nm: float, *_: Any) -> AmplitudeStep:
+        bound = 0.3 if at_most_nm < 2.0 else 0.7  # of the usual sequence, and of the one without the resonance
+        return AmplitudeStep(min(at_most_nm, bound), Prediction(0.0, 0.0, 0.0, 0.0), "belt force")
 
-    monkeypatch.setattr(commission.phases, "frequency_response", respond)
-    monkeypatch.setattr(commission.phases, "response_to_come", to_come)
+    phases = commission.phases
+    monkeypatch.setattr(phases, "planned_response", respond)
+    monkeypatch.setattr(phases, "_loudest", loudest)
+    monkeypatch.setattr(phases, "motion_limits", lambda *_: None)
+    monkeypatch.setattr(phases, "total_friction", lambda _model: friction_nm)
+    monkeypatch.setattr(phases.analyse, "characteristic_hz", lambda *_: (40.0, 90.0))
     monkeypatch.setattr(commission, "stands_after", lambda _machine, problem: problem.reason == "position")
     findings: Any = SimpleNamespace(remarks=[])
     excited: Any = SimpleNamespace(model=None, at_most_nm=0.4)
+    drive = SimpleNamespace(capabilities=SimpleNamespace(sample_period_s=1e-3))
+    machine: Any = SimpleNamespace(position_m=0.2, drive=drive, excitation="prbs", axis=SimpleNamespace(torque_limit_nm=2.0))
     with nullcontext() if reason == "position" else pytest.raises(SafetyStop):
-        commission.first_response(SimpleNamespace(), findings, excited, 5.0)  # type: ignore[arg-type]
-    assert asked == amplitudes_nm
+        commission.first_response(machine, findings, excited, 5.0)
+    assert made == amplitudes_nm
     assert len(findings.remarks) == len(amplitudes_nm) - 1
+
+
+@pytest.mark.parametrize(("share", "loud"), [(1.0, True), (0.7, False)])
+def test_what_is_made_again_quieter_is_no_other_sequence(monkeypatch: pytest.MonkeyPatch, share: float, loud: bool) -> None:
+    asked: dict[str, Any] = {}
+    monkeypatch.setattr(making.phases, "move_to", lambda *_: None)
+    monkeypatch.setattr(making.phases, "frequency_response", lambda *at, **by: asked.update(by, amplitude_nm=at[3]))
+    machine: Any = SimpleNamespace(
+        full_room=lambda: SimpleNamespace(window_m=(0.0, 1.0)), folder=SimpleNamespace(finished=lambda _name: None)
+    )
+    making.respond(machine, None, Step("response", place=0.5, share=1.0), "frf_2", 0.4, share)  # type: ignore[arg-type]
+    assert asked == {"amplitude_nm": pytest.approx(share * 0.4), "held_out": False, "loud": loud}
 
 
 def test_a_run_that_goes_on_later_knows_how_much_later(connect: Callable[[Bench], Bench], tmp_path: Path) -> None:
