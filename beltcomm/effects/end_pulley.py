@@ -38,7 +38,8 @@ def direct_slope(x: float, share: float, split: float, stiffness: float, damping
 def trials(ground: Ground) -> list[Trial]:
     """Three masses, three shares; and what a model without it takes for one carriage: both swing in unison where
 
-    me/m = share/((1 - share)(1 - split));  then the carriage seems to weigh m + me, on 1 - share + share/(1 - split) of the stiffness.
+    me/m = share/((1 - share)(1 - split));  then the carriage seems to weigh m + me, on 1 - share + share/(1 - split) of the stiffness;
+    or on all of it, where the two are only roughly in unison.
     """
     found = [Trial({"end_pulley.mass": mass, "share": share}) for mass in (0.1, 0.3, 0.7) for share in (0.15, 0.27, 0.45)]
     share = 0.27
@@ -46,7 +47,7 @@ def trials(ground: Ground) -> list[Trial]:
         carriage = ground.mass / (1.0 + share / ((1.0 - share) * (1.0 - split)))
         base = {"cart.mass": carriage, "belt_stiffness.stiffness": ground.stiffness / (1.0 - share + share / (1.0 - split))}
         found.append(Trial({"end_pulley.mass": ground.mass - carriage, "share": share, "split": split}, base=base, swallowed=True))
-    pulley = 0.25 * ground.mass  # where both were taken for one mass on the stiffness that the belt has
+    pulley = 0.25 * ground.mass
     found.append(Trial({"end_pulley.mass": pulley, "share": share}, base={"cart.mass": ground.mass - pulley}, swallowed=True))
     return found
 

@@ -12,8 +12,8 @@ from beltcomm.effects._effect import BELT_DAMPING, BELT_STIFFNESS, DRIVING_END, 
 
 #: Free belt length at carriage position 0 as a share of the pulley distance, where no data sheet tells it.
 _OFFSET_SHARES = (0.06, 0.15, 0.3)
-#: m; places nearer to each other than this are one.
-_APART_M = 0.1
+#: m; places nearer to each other than this are one.   Share by which compliances of the strands differ at two places that tell something.
+_APART_M, _APART = 0.1, 0.05
 #: Shortest driven strand at ``middle`` that a search begins with, as a share of the pulley distance: at none the law has no slope.
 _NEXT_TO_PULLEY = 0.05
 #: Share of the compliance at ``middle`` below which no belt gets.
@@ -82,11 +82,13 @@ def shown(ground: Ground, geometry: Mapping[str, float], offset: float) -> list[
         return []
     place, amplitude, seen = np.array(ground.stiffness_at).T
     middle, distance = geometry["middle"], geometry["pulley_distance"]
-    places = len(np.unique(np.round(place / _APART_M)))
+    places = 1 + np.count_nonzero(np.diff(np.sort(place)) >= _APART_M)
     if places < 2:
         return []
     if places == 2:
         soft = (offset + place) * (2.0 * distance - offset - place) / ((offset + middle) * (2.0 * distance - offset - middle))
+        if np.ptp(soft) < _APART:
+            return []
         rise, whole = np.polyfit(soft - 1.0, 1.0 / seen, 1, w=amplitude)
         share, length = rise / whole, offset + middle
     else:

@@ -67,15 +67,27 @@ def way(model: Model, places_m: Array, sample_s: float) -> Way:
     Levels are even in the logarithm of the stiffness that holds the carriage, :data:`LEVEL` apart at most.
     """
     low, high = float(places_m.min()), float(places_m.max())
-    if "cart" not in model.base_bodies or np.ptp(np.log([held(model, x) for x in (low, 0.5 * (low + high), high)])) < LEVEL:
+    ends, places, at = (np.linspace(low, high, number) for number in (3, PLACES, FINE_PLACES))
+    known = stiffnesses(model, ends) if "cart" in model.base_bodies else None
+    if known is not None and np.ptp(known) >= LEVEL:
+        known = stiffnesses(model, places)
+    if known is None or len(known) < PLACES:
         return Way((noise_path(model, 0.5 * (low + high), sample_s),), np.zeros(len(places_m), dtype=np.int64))
-    places, at = np.linspace(low, high, PLACES), np.linspace(low, high, FINE_PLACES)
-    stiffness = PchipInterpolator(places, np.log([held(model, float(x)) for x in places]))(at)
+    stiffness = PchipInterpolator(places, known)(at)
     number = math.ceil(np.ptp(stiffness) / LEVEL)
     edges = np.linspace(stiffness.min(), stiffness.max(), number + 1)
     shown = [at[np.argmin(np.abs(stiffness - 0.5 * (a + b)))] for a, b in itertools.pairwise(edges)]
     level = np.searchsorted(edges[1:-1], np.interp(places_m, at, stiffness))
     return Way(tuple(noise_path(model, float(place), sample_s) for place in shown), level)
+
+
+def stiffnesses(model: Model, places_m: Array) -> Array | None:
+    """Logarithm of what holds the carriage at each place; None where a law, as a search has it, holds nothing at one of them."""
+    try:
+        found = np.array([held(model, float(x)) for x in places_m])
+    except ZeroDivisionError:
+        return None
+    return np.asarray(np.log(found)) if np.all(np.isfinite(found)) and found.min() > 0.0 else None
 
 
 def held(model: Model, position_m: float) -> float:

@@ -165,8 +165,8 @@ def _rest(omega: Array, left: Array, doubtful: NDArray[np.bool_], step: float, s
     for k in range(rubbed.shape[0]):
         if not (doubtful[k] and doubtful[k + 1]):
             continue
-        if k == 0 or not doubtful[k - 1]:
-            speed = omega[k]  # the last point at which it surely moves
+        if k == 0 or not doubtful[k - 1] or abs(omega[k]) >= slow:
+            speed = omega[k]  # here it surely moves
         side = 0.0 if speed == 0.0 else (1.0 if speed > 0.0 else -1.0)
         mean, rest = 0.0, 1.0
         if side != 0.0:

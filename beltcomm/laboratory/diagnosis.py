@@ -166,7 +166,7 @@ def diagnose(
         twins = twins or twins_of(standing)
         seen.append(data)
         data, grown = again(data, best.fitted, NEXT_ITERATIONS)
-        data, kept, removed = superfluous(data, grown, base.model, best.effect.name)
+        kept, removed = superfluous(data, grown, base.model, best.effect.name)
         steps.append(Step(current, tuple(candidates), best.effect.name, removed, kept))
         direct = shorter(seen, steps) if removed else None
         if direct is not None:
@@ -194,7 +194,7 @@ def further(name: str) -> bool:
     return name.rpartition("_")[2].isdigit()
 
 
-def superfluous(data: Data, fitted: Fitted, base: Model, newest: str) -> tuple[Data, Fitted, tuple[str, ...]]:
+def superfluous(data: Data, fitted: Fitted, base: Model, newest: str) -> tuple[Fitted, tuple[str, ...]]:
     """Throw out earlier additions without which the model is as good, or of which nothing is left."""
     removed = []
     worth = rise_without(fitted)
@@ -211,7 +211,7 @@ def superfluous(data: Data, fitted: Fitted, base: Model, newest: str) -> tuple[D
         if drop_by(trial, fitted) < EVIDENCE or fitted_to_nothing(fitted.model, effect_named(name)):
             removed.append(name)
             fitted = trial
-    return data, fitted, tuple(removed)
+    return fitted, tuple(removed)
 
 
 def shorter(seen: Sequence[Data], steps: Sequence[Step]) -> tuple[int, Step] | None:

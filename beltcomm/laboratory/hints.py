@@ -80,7 +80,7 @@ def explained_stretch(fitted: Fitted) -> tuple[float, float]:
 
 
 def likeliest(fitted: Fitted, piece: Stretch) -> float | None:
-    """The stiffness that explains a record best, N/m; None where half and double of it explain it as well."""
+    """The stiffness that explains a record best, N/m; None where a third or three times of it explain it nearly as well."""
     rough = replace(piece, motion=piece.motion.coarser(min(SUBSTEPS, piece.motion.substeps)))
     vector, place = fitted.model.vector(), fitted.model.index(STIFFNESS)
     size = max(1, int(BLOCK_S / piece.motion.sample_s))

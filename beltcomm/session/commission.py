@@ -222,7 +222,7 @@ def record_steps(machine: Machine, findings: Findings, model: Model, cascade: Ca
         made = left_out.exhausted and step.kind == "response" and step not in needed
         if made:
             findings.remarks.append(
-                f"{name} ({step.title(course.place_m(step))}) was left out: the carriage went too far three times before"
+                f"{name} ({step.title(course.place_m(step))}) was left out: the carriage went too far {MOST_STOPS + 1} times before"
             )
         while not made:
             try:

@@ -9,7 +9,8 @@ from beltcomm.session.machine import Machine
 from beltcomm.session.steps import Step
 from beltcomm.session.wandering import stands_after
 
-#: Safety stops that one session goes on after: with less torque each time a third one is no accident.
+#: Safety stops after which the first response, and later all the others together, are made again: a third one is no accident, with less
+#: torque each time.
 MOST_STOPS = 2
 #: m/s of bringing the carriage back.
 BACK_M_S = 0.05

@@ -23,6 +23,8 @@ from beltcomm.session.machine import Machine
 FIRST_FACTOR, FITTED_FACTOR = 1.6, 1.35
 #: Inertia that steps of the torque may show, in parts of the data sheets': barely broken away 1.2 to 1.6, louder 0.99 to 1.1.
 STEPS_SHOW = (0.9, 1.6)
+#: Where a first estimate's inertia is from when it is that of the data sheets.
+OF_THE_SHEETS = "first estimate, inertia of the data sheets"
 #: Share of the torque that must accelerate the motor in the record of a first estimate: barely broken away it is 0.46, else from 0.64 on.
 LEAST_SHARE = 0.5
 #: The belt's stiffness as a share of its data sheet's, between which the feed constant is not suspected: real ones show 0.5 to 1.
@@ -78,8 +80,11 @@ def not_told_apart(axis: Axis, model: Model, first: Model, response: Recording, 
     together = axis.motor_side_inertia_kg_m2 + first["cart.mass"] * ratio**2
     friction_nm = first["coulomb.level"] + first["cart_friction.level"] * ratio
     peak_nm = float(np.abs(response.torque).max())
+    shown = f"showed {inertia_share(axis, first):.2f} times that of axis.yaml"
+    if first.parameters["motor.inertia"].origin == OF_THE_SHEETS:
+        shown = "showed about that of axis.yaml at the steps of its torque"
     return (
-        f"{_contradiction(axis, model)}. The excitation before it showed {inertia_share(axis, first):.2f} times that of axis.yaml, so "
+        f"{_contradiction(axis, model)}. The excitation before it {shown}, so "
         f"torques and angles are scaled rightly, and it is likelier that {response.name} does not tell motor and carriage apart: together "
         f"they are {together:.3g} kg m². The carriage moved by {1e3 * ratio * float(np.ptp(response.position)):.1f} mm at most, and "
         f"friction takes {100.0 * min(friction_nm / peak_nm, 1.0):.0f} % of the ±{peak_nm:.3g} N m. It needs more way or more torque: "
@@ -104,7 +109,7 @@ def check_first(machine: Machine, model: Model, recording: Recording) -> Model:
         machine.folder.journal(
             f"scale: the steps of {recording.name} show {shown:.2f} times the inertia of axis.yaml, the estimate too little"
         )
-        return model.with_values({"motor.inertia": stated}, "first estimate, inertia of the data sheets")
+        return model.with_values({"motor.inertia": stated}, OF_THE_SHEETS)
     check_scale(machine, model, FIRST_FACTOR)
     return model
 

@@ -45,6 +45,14 @@ def test_friction_of_a_motor_that_rests_is_what_holds_it(side: float, through: b
     np.testing.assert_allclose(found[inside], friction[inside], atol=1e-9)
 
 
+def test_a_motor_that_is_seen_to_move_between_two_rests_does_not_rest() -> None:
+    omega = np.array([3.0, 0.1, 0.0, 0.1, 3.0, 0.3, 0.2, 0.0])
+    found = np.full(7, np.nan)
+    _rest(omega, np.full(7, 0.2), np.array([True] * 8), 1.0, 0.5, found)
+    assert found[2:4] == pytest.approx([0.2, 0.2]), "it has come to rest"
+    assert found[4] == 1.0
+
+
 def test_the_path_of_a_motor_that_sticks_is_that_of_the_independent_simulator() -> None:
     """Between the samples, against the truth stepped sixteen times as often; with friction that only chatters there it is 150 urad off."""
     record = Recorder(noise_nm=0.0, counts=2**34, delay_s=0.0).shaken(nominal("g_a"), 0.28, 2)

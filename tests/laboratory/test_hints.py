@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import cast
 
@@ -11,7 +12,7 @@ import pytest
 from beltcomm.identify.problem import Problem, free_parameters, time_blocks
 from beltcomm.identify.residual import stretches
 from beltcomm.laboratory.fitting import BLOCK_S, Fitted
-from beltcomm.laboratory.hints import BY_CHANCE, explained_stretch
+from beltcomm.laboratory.hints import BY_CHANCE, explained_stretch, likeliest
 from identify.records import NOISE_NM, STEP_RAD, Recorder, true_model
 from truth.rigs import draw
 
@@ -39,3 +40,24 @@ def test_only_explained_moments_count(share: float) -> None:
     expected = np.quantile([ends[block] for block in explained], 1.0 - BY_CHANCE, axis=0) if explained else np.zeros(2)
     # the encoder's step is 1.5 um at the belt, the recorder's torque is 1 ms late: the carriage is known to some micrometres
     np.testing.assert_allclose(explained_stretch(cast("Fitted", fitted)), expected, atol=1e-5)
+
+
+@pytest.mark.parametrize(("factor", "samples", "seen"), [(1.5, 1500, True), (1.5, 700, True), (4.0, 1500, False)])
+def test_a_record_at_one_place_says_how_stiff_the_belt_is_there(factor: float, samples: int, seen: bool) -> None:
+    """Also a short one, against a model whose belt is too soft; nothing is said beyond three times its stiffness."""
+    plant = draw("g_b", np.random.default_rng(10))
+    model = true_model(plant)
+    record = Recorder().shaken(plant, 0.3, 2)
+    part = replace(
+        record,
+        **{
+            name: getattr(record, name)[600 : 600 + samples] for name in ("t_s", "torque", "torque_setpoint", "position", "cart_position_m")
+        },
+    )
+    soft = model.with_values({"belt_stiffness.stiffness": model["belt_stiffness.stiffness"] / factor})
+    pieces = stretches(part, soft, STEP_RAD, NOISE_NM, fitted=True)
+    found = likeliest(cast("Fitted", SimpleNamespace(model=soft)), pieces[0])
+    if not seen:
+        assert found is None
+    else:
+        assert found == pytest.approx(model["belt_stiffness.stiffness"], rel=0.03)

@@ -45,7 +45,7 @@ def test_two_or_three_places_tell_where_to_begin(places: tuple[float, ...]) -> N
     assert first.values["share"] == pytest.approx(1.0 - FIXED * stiffness_n_m(MIDDLE_M), rel=1e-6)
 
 
-@pytest.mark.parametrize("places", [(), (0.5,), (0.49, 0.51)])
+@pytest.mark.parametrize("places", [(), (0.5,), (0.49, 0.51), (0.449, 0.451), (1.02, 1.24)])  # the last on both sides of the softest place
 def test_one_place_says_nothing_of_another(places: tuple[float, ...]) -> None:
     effect = effect_named("stiffness_position")
     assert effect.trials is not None

@@ -80,7 +80,7 @@ def test_an_earlier_gap_of_no_width_is_thrown_out_however_much_its_observer_forg
     monkeypatch.setattr(diagnosis, "fit", lambda *_, **_options: smaller)
     monkeypatch.setattr(diagnosis, "drop_by", lambda *_: 432.0)
     data: Any = SimpleNamespace()
-    assert diagnosis.superfluous(data, grown, BASE, "belt_slack") == (data, smaller if removed else grown, removed)
+    assert diagnosis.superfluous(data, grown, BASE, "belt_slack") == (smaller if removed else grown, removed)
 
 
 def test_every_form_that_followed_an_effect_is_saved_with_it(monkeypatch: pytest.MonkeyPatch) -> None:

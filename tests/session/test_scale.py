@@ -24,7 +24,7 @@ from beltcomm.session import commission
 from beltcomm.session.foresight import sheet_model
 from beltcomm.session.machine import Machine
 from beltcomm.session.ratings import check_ratings
-from beltcomm.session.scale import STIFFNESS, check_first, check_fitted, feed_constant_in_doubt, jumping_inertia, ruler
+from beltcomm.session.scale import OF_THE_SHEETS, STIFFNESS, check_first, check_fitted, feed_constant_in_doubt, jumping_inertia, ruler
 from session.bench import Bench, Listener
 from truth.hidden import draw
 from truth.hidden.plant import HiddenPlant
@@ -198,6 +198,10 @@ def test_a_fit_that_takes_the_carriage_for_the_motor_is_not_blamed_on_the_scalin
     assert "showed 1.00 times that of axis.yaml, so torques and angles are scaled rightly" in words
     assert f"moved by {1e3 * RIG.transmission_m_rad * 0.1:.1f} mm at most" in words
     assert "20 % of the ±0.5 N m. It needs more way or more torque: give a wider --window" in words
+    sheets = replace(first.parameters["motor.inertia"], origin=OF_THE_SHEETS)
+    guessed = replace(first, parameters={**first.parameters, "motor.inertia": sheets})
+    with pytest.raises(Refused, match=r"before it showed about that of axis\.yaml at the steps of its torque, so"):
+        check_fitted(machine, first.with_values({"motor.inertia": both}), guessed, response)
     with pytest.raises(Refused, match="6076h"):  # the motor alone was too heavy before: then it is the scale
         check_fitted(machine, first.with_values({"motor.inertia": both}), first.with_values({"motor.inertia": both}), response)
 
