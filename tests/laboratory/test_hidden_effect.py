@@ -14,8 +14,9 @@ from click.testing import CliRunner, Result
 
 from beltcomm.cli.main import cli
 from beltcomm.effects import effect_named
+from beltcomm.laboratory.data import Data
 from beltcomm.laboratory.diagnosis import Step, fitted_base, shorter
-from beltcomm.laboratory.fitting import fit
+from beltcomm.laboratory.fitting import Fitted, fit
 from beltcomm.laboratory.score import Scorer, ground_of
 from beltcomm.laboratory.stage import candidate, with_effect
 from beltcomm.laboratory.start import start_model
@@ -32,6 +33,16 @@ def hidden_cogging(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, floa
     folder = tmp_path_factory.mktemp("hidden") / "run"
     write_session(machine, folder, plan="default")
     return folder, float(machine.hidden["cogging"]["order"])
+
+
+@pytest.fixture(scope="module")
+def apart(hidden_cogging: tuple[Path, float]) -> tuple[Data, Fitted, dict[str, Fitted]]:
+    """Its moves without the excited records, which is quick: the base model, and the same with each of two effects."""
+    folder = RunFolder.open(hidden_cogging[0])
+    recordings = [r for r in folder.recordings() if "frf" not in r.name]
+    data, base = fitted_base(recordings, folder.axis, start_model(folder.axis, recordings))
+    ground = ground_of(base, data.fitted, folder.axis)
+    return data, base, {name: with_effect(data, base, ground, effect_named(name)) for name in ("quadratic_drag", "cogging")}
 
 
 def beltcomm(*words: str) -> Result:
@@ -74,13 +85,9 @@ def test_compare_says_where(hidden_cogging: tuple[Path, float], tmp_path: Path) 
     assert not (run / "pictures").exists()
 
 
-def test_a_detour_is_judged_again(hidden_cogging: tuple[Path, float]) -> None:
+def test_a_detour_is_judged_again(apart: tuple[Data, Fitted, dict[str, Fitted]]) -> None:
     """Quadratic drag first, thrown out when the cogging was found: as if both had been tried.  The other way round it stays."""
-    folder = RunFolder.open(hidden_cogging[0])
-    recordings = [r for r in folder.recordings() if "frf" not in r.name]
-    data, base = fitted_base(recordings, folder.axis, start_model(folder.axis, recordings))
-    ground = ground_of(base, data.fitted, folder.axis)
-    fits = {name: with_effect(data, base, ground, effect_named(name)) for name in ("quadratic_drag", "cogging")}
+    data, base, fits = apart
 
     def steps(first: str, second: str) -> list[Step]:
         tried = candidate(base, effect_named(first), 0.0, fits[first], 1)
@@ -102,13 +109,13 @@ def test_a_detour_is_judged_again(hidden_cogging: tuple[Path, float]) -> None:
     assert shorter([data], [kept]) is None, "nothing came before it"
 
 
-def test_adding_begins_where_the_diagnosis_ended(hidden_cogging: tuple[Path, float], tmp_path: Path) -> None:
+def test_adding_begins_where_the_diagnosis_ended(
+    hidden_cogging: tuple[Path, float], apart: tuple[Data, Fitted, dict[str, Fitted]], tmp_path: Path
+) -> None:
     """From an order that is not there the fit finds nothing; the values that a diagnosis left in the folder lead it to the cogging."""
-    folder, order = RunFolder.open(hidden_cogging[0]), hidden_cogging[1]
-    recordings = [r for r in folder.recordings() if "frf" not in r.name]
-    data, base = fitted_base(recordings, folder.axis, start_model(folder.axis, recordings))
-    right = with_effect(data, base, ground_of(base, data.fitted, folder.axis), effect_named("cogging"))
-    wrong = fit(data, base.model.with_effect("cogging", {"order": order + 7.0}), 3, offsets=base.offsets)
+    data, base, fits = apart
+    right = fits["cogging"]
+    wrong = fit(data, base.model.with_effect("cogging", {"order": hidden_cogging[1] + 7.0}), 3, offsets=base.offsets)
     other = RunFolder.open(shutil.copytree(hidden_cogging[0], tmp_path / "run"))
 
     assert better(other, data, base, wrong, "cogging") is wrong, "no diagnosis yet"
