@@ -79,7 +79,7 @@ def when_compiling(begun: Callable[[], None], ended: Callable[[], None]) -> None
                 if collects:
                     gc.enable()
 
-    event.register("numba:compile", Listener())  # type: ignore[no-untyped-call]
+    event.register("numba:compile", Listener())  # type: ignore[no-untyped-call]  # numba has no types
 
 
 @contextmanager

@@ -6,9 +6,12 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
+from numpy.typing import NDArray
 
 from beltcomm.compiled import compiled
 from beltcomm.effects._effect import BELT_DAMPING, BELT_STIFFNESS, DRIVING_END, Effect, Element, Ground, Parameter, Trial
+
+Array = NDArray[np.float64]
 
 #: Free belt length at carriage position 0 as a share of the pulley distance, where no data sheet tells it.
 _OFFSET_SHARES = (0.06, 0.15, 0.3)
@@ -74,10 +77,7 @@ def trials(ground: Ground) -> list[Trial]:
 
 
 def shown(ground: Ground, geometry: Mapping[str, float], offset: float) -> list[Trial]:
-    """The parabola through the compliance seen at three places or more; where no two strands bend like it, the nearest that rise alike.
-
-    Seen at two places only: the strands of ``offset``, and the share of the compliance that takes them through both.
-    """
+    """The law through the compliance seen at three places or more, or with the strands of ``offset``, m, through that seen at two."""
     if not ground.stiffness_at:
         return []
     place, amplitude, seen = np.array(ground.stiffness_at).T
@@ -86,23 +86,35 @@ def shown(ground: Ground, geometry: Mapping[str, float], offset: float) -> list[
     if places < 2:
         return []
     if places == 2:
-        soft = (offset + place) * (2.0 * distance - offset - place) / ((offset + middle) * (2.0 * distance - offset - middle))
-        if np.ptp(soft) < _APART:
-            return []
-        rise, whole = np.polyfit(soft - 1.0, 1.0 / seen, 1, w=amplitude)
-        share, length = rise / whole, offset + middle
+        found = _of_strands(offset + place, offset + middle, distance, 1.0 / seen, amplitude)
     else:
-        curve, rise, whole = np.polyfit(place - middle, 1.0 / seen, 2, w=amplitude)
-        length = distance + 0.5 * rise / curve if curve < 0.0 else -math.inf
-        if _NEXT_TO_PULLEY * distance < length < (2.0 - _NEXT_TO_PULLEY) * distance:
-            share = -curve / whole * length * (2.0 * distance - length)
-        else:
-            length = (_NEXT_TO_PULLEY if rise > 0.0 else 2.0 - _NEXT_TO_PULLEY) * distance
-            share = 0.5 * rise / whole * length * (2.0 * distance - length) / (distance - length)
-    if not whole > 0.0:
+        found = _of_parabola(place - middle, distance, 1.0 / seen, amplitude)
+    if found is None:
         return []
+    share, length, whole = found
     values = {"share": float(share), "offset": float(length - middle), **geometry}
     return [Trial(values, signed=True, base={_STIFFNESS: float(1.0 / whole)})]
+
+
+def _of_strands(lengths: Array, length: float, distance: float, compliance: Array, weights: Array) -> tuple[float, float, float] | None:
+    """Share, l1 at ``middle`` (m) and compliance there (m/N) of strands whose l1, m, is known; None where they say nothing."""
+    soft = lengths * (2.0 * distance - lengths) / (length * (2.0 * distance - length))
+    if np.ptp(soft) < _APART:
+        return None
+    rise, whole = np.polyfit(soft - 1.0, compliance, 1, w=weights)
+    return (rise / whole, length, whole) if whole > 0.0 else None
+
+
+def _of_parabola(places: Array, distance: float, compliance: Array, weights: Array) -> tuple[float, float, float] | None:
+    """The same of the parabola through places, m from ``middle``; where no two strands bend like it, of the nearest that rise alike."""
+    curve, rise, whole = np.polyfit(places, compliance, 2, w=weights)
+    if not whole > 0.0:
+        return None
+    length = distance + 0.5 * rise / curve if curve < 0.0 else -math.inf
+    if _NEXT_TO_PULLEY * distance < length < (2.0 - _NEXT_TO_PULLEY) * distance:
+        return -curve / whole * length * (2.0 * distance - length), length, whole
+    length = (_NEXT_TO_PULLEY if rise > 0.0 else 2.0 - _NEXT_TO_PULLEY) * distance
+    return 0.5 * rise / whole * length * (2.0 * distance - length) / (distance - length), length, whole
 
 
 EFFECT = Effect(

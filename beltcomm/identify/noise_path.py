@@ -62,16 +62,15 @@ class Way:
 
 
 def way(model: Model, places_m: Array, sample_s: float) -> Way:
-    """The paths at the places of the carriage, (n,), m: one in the middle of the way, several where the belt's stiffness changes on it.
+    """The paths at the places of the carriage, (n,), m: one in the middle of the way, several where the belt's stiffness changes on it
+    and is known everywhere.
 
     Levels are even in the logarithm of the stiffness that holds the carriage, :data:`LEVEL` apart at most.
     """
     low, high = float(places_m.min()), float(places_m.max())
     ends, places, at = (np.linspace(low, high, number) for number in (3, PLACES, FINE_PLACES))
-    known = stiffnesses(model, ends) if "cart" in model.base_bodies else None
-    if known is not None and np.ptp(known) >= LEVEL:
-        known = stiffnesses(model, places)
-    if known is None or len(known) < PLACES:
+    rough = stiffnesses(model, ends) if "cart" in model.base_bodies else None
+    if rough is None or np.ptp(rough) < LEVEL or (known := stiffnesses(model, places)) is None:
         return Way((noise_path(model, 0.5 * (low + high), sample_s),), np.zeros(len(places_m), dtype=np.int64))
     stiffness = PchipInterpolator(places, known)(at)
     number = math.ceil(np.ptp(stiffness) / LEVEL)
@@ -82,7 +81,7 @@ def way(model: Model, places_m: Array, sample_s: float) -> Way:
 
 
 def stiffnesses(model: Model, places_m: Array) -> Array | None:
-    """Logarithm of what holds the carriage at each place; None where a law, as a search has it, holds nothing at one of them."""
+    """Logarithm of :func:`held`, N/m, at places m, (n,) -> (n,); None where a law, as a search has it, holds nothing at one of them."""
     try:
         found = np.array([held(model, float(x)) for x in places_m])
     except ZeroDivisionError:

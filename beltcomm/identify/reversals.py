@@ -60,15 +60,16 @@ def passed(
         keep = np.ones(motion.samples, dtype=np.bool_)
         keep[[0, -1]] = False
         return motion, keep, None
-    ratio, least = model["transmission.ratio"], TO_SPARE * level / model["motor.inertia"]
+    ratio, slows = model["transmission.ratio"], level / model["motor.inertia"]  # m/rad, and what friction alone does, rad/s²
+    least, fine_s = TO_SPARE * slows, motion.sample_s / motion.substeps
     acted: Array | None = None
     for _ in range(ROUNDS):
         doubtful, instants = passages(motion, slow_rad_s, least)
         lacking, acting = missed(motion, instants, ratio)[0], kernel_directions(motion, ratio)
         rubbed = acting + lacking
         if acted is not None:  # the motion is then that of a friction that is known
-            left = np.diff(motion.omega) * motion.substeps / (motion.sample_s * least / TO_SPARE) + acted
-            _rest(motion.omega, left, doubtful, least / TO_SPARE * motion.sample_s / motion.substeps, slow_rad_s, rubbed)
+            left = np.diff(motion.omega) / (slows * fine_s) + acted
+            _rest(motion.omega, left, doubtful, slows * fine_s, slow_rad_s, rubbed)
         motion, acted = rebuilt(motion, lacking=level * (rubbed - acting)), rubbed
     last, instants = passages(motion, slow_rad_s, least)
     # Where it was made to rest it now may look as if it went through: a rest is short beside a fine step there.
@@ -134,7 +135,7 @@ def missed(motion: FineMotion, instants: Array, ratio: float) -> tuple[Array, Ar
     sample with its triangular weight, (n,), ends 0.   ratio : m/rad.
     """
     points = _directions(motion.theta, ratio / motion.bristle_m)
-    kernel = kernel_directions(motion, ratio)
+    kernel = _between(points)
     cells = kernel.copy()
     place = instants.astype(np.intp)
     for k, share in zip(place, instants - place, strict=True):
@@ -150,7 +151,10 @@ def missed(motion: FineMotion, instants: Array, ratio: float) -> tuple[Array, Ar
 
 def kernel_directions(motion: FineMotion, ratio: float) -> Array:
     """Direction of the motor's friction as the kernel has it, mean over each fine step, (fine - 1,).   ratio : m/rad."""
-    points = _directions(motion.theta, ratio / motion.bristle_m)
+    return _between(_directions(motion.theta, ratio / motion.bristle_m))
+
+
+def _between(points: Array) -> Array:
     return np.asarray(0.5 * (points[:-1] + points[1:]))
 
 
@@ -183,7 +187,8 @@ def _rest(omega: Array, left: Array, doubtful: NDArray[np.bool_], step: float, s
                 on = 1.0 if left[k] > 0.0 else -1.0
                 mean += rest * on
                 speed = rest * (left[k] - on) * step
-        speed = min(max(speed, -slow), slow) if abs(omega[k + 1]) < slow else speed
+        if abs(omega[k + 1]) < slow:  # as is seen: a level a little off must not let it run away from its own path
+            speed = min(max(speed, -slow), slow)
         rubbed[k] = mean
 
 

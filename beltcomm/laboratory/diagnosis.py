@@ -138,7 +138,6 @@ def diagnose(
     steps: list[Step] = []
     seen: list[Data] = []  # what each step began with
     current = base
-    twins: tuple[str, ...] = ()
     at_base = Scorer(base)
     limit = most + len(EFFECTS)
     for number in range(limit):
@@ -150,9 +149,7 @@ def diagnose(
             held = held_at(data, current, start)
             beside = ground_of(held, data.fitted, axis)
             candidates = merged(candidates, search(data, Scorer(held), beside, swallowed_above=math.inf, against=current))
-        # What the held-out records or its own values contradict stands in no one's way.
-        standing = [c for c in candidates if c.stands]
-        best = standing[0] if standing else None
+        best = next(iter(standing(candidates)), None)
         # Further orders of a ripple that is there already are no new cause.
         causes = sum(bool(step.added) and not further(step.added) for step in steps)
         if best is None or not best.accepted or best.fitted is None or (causes >= most and not further(best.effect.name)):
@@ -163,7 +160,6 @@ def diagnose(
             if not shaped.new or current.objective < MISSING * current.problem.samples:
                 break
             continue
-        twins = twins or twins_of(standing)
         seen.append(data)
         data, grown = again(data, best.fitted, NEXT_ITERATIONS)
         kept, removed = superfluous(data, grown, base.model, best.effect.name)
@@ -172,8 +168,8 @@ def diagnose(
         if direct is not None:
             first, step = direct
             steps[first:], seen[first + 1 :] = [step], []
-            twins = next((pair for s in steps if s.added and (pair := twins_of([c for c in s.candidates if c.stands]))), ())
         current = kept
+    twins = next((pair for step in steps if step.added and (pair := twins_of(standing(step.candidates)))), ())
     if twins and twins[0] not in current.model.effects:
         twins = ()
     if any(step.added for step in steps):
@@ -182,6 +178,11 @@ def diagnose(
         current = last
     progress(1.0)
     return Diagnosis(base, data, tuple(steps), verdict_of(base, steps, twins, remaining_structure(data, current)), twins, at_base)
+
+
+def standing(candidates: Sequence[Candidate]) -> list[Candidate]:
+    """Candidates that neither the held-out records nor their own values contradict: the others stand in no one's way."""
+    return [c for c in candidates if c.stands]
 
 
 def in_stage(progress: Callable[[float], None], number: int) -> Callable[[float], None]:
@@ -228,8 +229,7 @@ def shorter(seen: Sequence[Data], steps: Sequence[Step]) -> tuple[int, Step] | N
         straight = fit(seen[number], last.after.model, FIRST_ITERATIONS, offsets=last.after.offsets)
         found = candidate(step.before, effect_named(last.added), 0.0, straight, len(steps) - number)
         candidates = merged(step.candidates, [found])
-        best = next(c for c in candidates if c.stands)
-        if best is found and found.accepted:
+        if standing(candidates)[0] is found and found.accepted:
             detour = tuple(name for name in last.removed if name not in step.before.model.effects)
             forms = tuple(name for other in steps[number:] for name in other.forms if name in last.after.model.parameters)
             return number, Step(step.before, tuple(candidates), last.added, (), last.after, forms, detour)

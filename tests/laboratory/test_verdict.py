@@ -87,12 +87,13 @@ def test_every_form_that_followed_an_effect_is_saved_with_it(monkeypatch: pytest
     monkeypatch.setattr(laboratory, "current_revision", lambda _folder: "there")
     monkeypatch.setattr(laboratory, "confirmed", lambda _before, _after: True)
     monkeypatch.setattr(laboratory, "revision_of", lambda _folder, after, before, change, *_: (before, after, change))
-    named: Any = [
-        Step("base", (), "end_pulley", (), "X"),  # type: ignore[arg-type]
-        Step("X", (), "", (), "Y", ("viscous_end_pulley",)),  # type: ignore[arg-type]
-        Step("Y", (), "", ("warmup",), "Z", ("end_pulley.form",)),  # type: ignore[arg-type]
-        Step("Z", (), "cogging", (), "last"),  # type: ignore[arg-type]
-        Step("last", (), "", (), "last"),  # type: ignore[arg-type]
+    step: Any = Step  # names stand for models
+    named = [
+        step("base", (), "end_pulley", (), "X"),
+        step("X", (), "", (), "Y", ("viscous_end_pulley",)),
+        step("Y", (), "", ("warmup",), "Z", ("end_pulley.form",)),
+        step("Z", (), "cogging", (), "last"),
+        step("last", (), "", (), "last"),
     ]
     folder: Any = SimpleNamespace()
     found: Any = SimpleNamespace(base="base", steps=named)

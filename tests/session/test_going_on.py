@@ -170,7 +170,8 @@ def test_what_is_made_again_quieter_is_no_other_sequence(monkeypatch: pytest.Mon
     machine: Any = SimpleNamespace(
         full_room=lambda: SimpleNamespace(window_m=(0.0, 1.0)), folder=SimpleNamespace(finished=lambda _name: None)
     )
-    making.respond(machine, None, Step("response", place=0.5, share=1.0), "frf_2", 0.4, share)  # type: ignore[arg-type]
+    model: Any = None  # nobody asks it anything
+    making.respond(machine, model, Step("response", place=0.5, share=1.0), "frf_2", 0.4, share)
     assert asked == {"amplitude_nm": pytest.approx(share * 0.4), "held_out": False, "loud": loud}
 
 
