@@ -267,13 +267,13 @@ def values_of(model: Model, effect: Effect, position_m: float) -> list[float]:
     values = []
     for name in (*effect.full_names(), *effect.uses):
         if name in (BELT_STIFFNESS, BELT_DAMPING):
-            values.append(_belt(model, position_m)[0 if name == BELT_STIFFNESS else 1])
+            values.append(belt_at(model, position_m)[0 if name == BELT_STIFFNESS else 1])
         else:
             values.append(model[name])
     return values
 
 
-def _belt(model: Model, position_m: float) -> tuple[float, float]:
+def belt_at(model: Model, position_m: float) -> tuple[float, float]:
     """Stiffness N/m and damping N s/m of the belt with the carriage there, before other effects change them."""
     plain = [effect for effect in model.effect_list() if is_plain_belt(effect)]
     slopes = [effect.elements[0].slope(position_m, *values_of(model, effect, position_m)) for effect in plain]

@@ -61,23 +61,35 @@ class Way:
     level: NDArray[np.int64]
 
 
-def way(model: Model, places_m: Array, sample_s: float) -> Way:
+def way(model: Model, places_m: Array, sample_s: float, left: Array | None = None) -> Way:
     """The paths at the places of the carriage, (n,), m: one in the middle of the way, several where the belt's stiffness changes on it
-    and is known everywhere.
+    and is known everywhere, or where a strand goes slack.
 
-    Levels are even in the logarithm of the stiffness that holds the carriage, :data:`LEVEL` apart at most.
+    Levels are even in the logarithm of the stiffness that holds the carriage, :data:`LEVEL` apart at most.   left : (n,), share of the
+    belt's stiffness at each sample; all of it without.
     """
     low, high = float(places_m.min()), float(places_m.max())
-    ends, places, at = (np.linspace(low, high, number) for number in (3, PLACES, FINE_PLACES))
-    rough = stiffnesses(model, ends) if "cart" in model.base_bodies else None
-    if rough is None or np.ptp(rough) < LEVEL or (known := stiffnesses(model, places)) is None:
+    at, stiffness = course(model, low, high)
+    own, shares = np.interp(places_m, at, stiffness), np.ones(len(at))
+    if left is not None:
+        at, stiffness, shares = places_m, own + np.log(left), left
+        own = stiffness
+    if np.ptp(stiffness) < LEVEL:
         return Way((noise_path(model, 0.5 * (low + high), sample_s),), np.zeros(len(places_m), dtype=np.int64))
-    stiffness = PchipInterpolator(places, known)(at)
     number = math.ceil(np.ptp(stiffness) / LEVEL)
     edges = np.linspace(stiffness.min(), stiffness.max(), number + 1)
-    shown = [at[np.argmin(np.abs(stiffness - 0.5 * (a + b)))] for a, b in itertools.pairwise(edges)]
-    level = np.searchsorted(edges[1:-1], np.interp(places_m, at, stiffness))
-    return Way(tuple(noise_path(model, float(place), sample_s) for place in shown), level)
+    shown = [np.argmin(np.abs(stiffness - 0.5 * (a + b))) for a, b in itertools.pairwise(edges)]
+    paths = tuple(noise_path(model, float(at[i]), sample_s, float(shares[i])) for i in shown)
+    return Way(paths, np.searchsorted(edges[1:-1], own))
+
+
+def course(model: Model, low_m: float, high_m: float) -> tuple[Array, Array]:
+    """Places, m, and the logarithm of :func:`held` there; one place and 0 where it hardly changes, or is not known everywhere."""
+    ends, places, at = (np.linspace(low_m, high_m, number) for number in (3, PLACES, FINE_PLACES))
+    rough = stiffnesses(model, ends) if "cart" in model.base_bodies else None
+    if rough is None or np.ptp(rough) < LEVEL or (known := stiffnesses(model, places)) is None:
+        return ends[1:2], np.zeros(1)
+    return at, PchipInterpolator(places, known)(at)
 
 
 def stiffnesses(model: Model, places_m: Array) -> Array | None:

@@ -23,6 +23,7 @@ from beltcomm.compiled import compiled
 from beltcomm.identify.following import Follower, follower_for, follows
 from beltcomm.identify.noise_path import Way, way
 from beltcomm.identify.reversals import LEVEL, passed, turns_at_once
+from beltcomm.identify.slack import stiffness_left
 from beltcomm.identify.whitening import Whitener, whiten
 from beltcomm.linear import matrices, operating_point
 from beltcomm.model import Model
@@ -361,4 +362,5 @@ def _together(single: Array, firsts: NDArray[np.intp], size: int, out: Array) ->
 def way_of(stretch: Stretch, model: Model) -> Way:
     """How torque noise and rounding reach the residual of a stretch."""
     motion = stretch.motion
-    return way(model, motion.theta[:: motion.substeps] * model["transmission.ratio"], motion.sample_s)
+    places = motion.theta[:: motion.substeps] * model["transmission.ratio"]
+    return way(model, places, motion.sample_s, stiffness_left(model, motion))
