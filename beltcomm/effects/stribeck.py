@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 from beltcomm.effects._effect import Effect, Ground, Parameter, Trial
+
+#: Exponents that have been measured, and how near to the smallest one a fit has met it.
+LEAST, MOST, MET = 0.5, 4.0, 0.005
 
 
 def level(speed: float, position: float, t: float, amount: float, speed_scale: float, exponent: float) -> float:
@@ -28,6 +32,11 @@ def trials(ground: Ground) -> list[Trial]:
     return [Trial({"amount": 0.4 * ground.coulomb, "speed_scale": v / ground.ratio}) for v in (0.012, 0.03, 0.07)]
 
 
+def unlikely(values: Mapping[str, float]) -> str:
+    """Whether it falls more slowly than any that was measured: so does friction that grows with the logarithm of the time of contact."""
+    return "friction that falls with the logarithm of the speed" if values["exponent"] < LEAST + MET else ""
+
+
 EFFECT = Effect(
     name="stribeck",
     slot="friction_level",
@@ -36,12 +45,13 @@ EFFECT = Effect(
         Parameter("amount", "N m", "motor", 0.02, 0.0, 5.0, "friction at standstill above that in motion"),
         # A larger scale would imitate viscous friction or drag.
         Parameter("speed_scale", "rad/s", "motor", 2.5, 0.2, 10.0, "speed at which 1/e of it is left"),
-        Parameter("exponent", "1", "motor", 2.0, 0.5, 4.0, "how suddenly it falls with speed", fitted=False, form=True),
+        Parameter("exponent", "1", "motor", 2.0, LEAST, MOST, "how suddenly it falls with speed", fitted=False, form=True),
     ),
     law=level,
     slope=slope,
     body="motor",
     trials=trials,
+    unlikely=unlikely,
     seen="slow strokes need more torque than the friction of faster ones says; stick-slip at creeping speed",
     causes="boundary lubrication, new seals, carriage preload",
     check="grease, seals, preload of the carriage",

@@ -33,8 +33,8 @@ Verdict = Literal["nothing missing", "explained", "partly explained", "none of t
 FIRST_ITERATIONS, NEXT_ITERATIONS = 25, 12
 #: The same, and fine steps a sample, for the model that the search ends with.
 SETTLED_ITERATIONS, SETTLED_SUBSTEPS = 4, 2 * SUBSTEPS
-#: O per sample up to which a model with added effects counts as complete.
-EXPLAINED_UP_TO = 1.08
+#: O per sample from which on, beside added effects, it is asked what the base may have swallowed: laws may be others than the machine's.
+BESIDE_ADDED = 1.08
 #: Structure of the rest from which on it is not noise: where nothing was added (a simulated healthy machine stays below 3), and beside
 #: added effects, whose law may be another than the machine's.
 STRUCTURED, STRUCTURED_BESIDE = 12.0, 25.0
@@ -142,7 +142,7 @@ def diagnose(
     limit = most + len(EFFECTS)
     for number in range(limit):
         ground = ground_of(current, data.fitted, axis)
-        above = EXPLAINED_UP_TO if any(step.added for step in steps) else MISSING
+        above = BESIDE_ADDED if any(step.added for step in steps) else MISSING
         scorer = at_base if current is base else Scorer(current)
         candidates = search(data, scorer, ground, progress=in_stage(progress, number), swallowed_above=above)
         if strayed(current, start, above):
@@ -274,7 +274,7 @@ def verdict_of(base: Fitted, steps: Sequence[Step], twins: tuple[str, ...], left
     added = [step.added for step in steps if step.added]
     if not added:
         return "nothing missing" if level < MISSING and left < STRUCTURED else "none of the known effects explains this"
-    if level >= EXPLAINED_UP_TO or left >= STRUCTURED_BESIDE or run_away(after.model, base.model):
+    if level >= MISSING or left >= STRUCTURED_BESIDE or run_away(after.model, base.model):
         return "partly explained"
     if undetermined(with_intervals(after), base.model) or unlikely(after.model, base.model):
         return "partly explained"

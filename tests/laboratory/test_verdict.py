@@ -12,7 +12,7 @@ import pytest
 from beltcomm.effects import effect_named
 from beltcomm.laboratory import diagnosis
 from beltcomm.laboratory.acceptance import fitted_to_nothing
-from beltcomm.laboratory.diagnosis import KNOWN, Step, run_away, undetermined, unlikely
+from beltcomm.laboratory.diagnosis import KNOWN, Step, run_away, undetermined, unlikely, verdict_of
 from beltcomm.laboratory.structure import excess
 from beltcomm.model import build_model
 from beltcomm.session import laboratory
@@ -54,6 +54,24 @@ def test_an_effect_of_which_no_number_is_known_is_named(widths: dict[str, float 
 def test_a_payload_that_does_not_swing_is_named(ratio: float, why: list[str]) -> None:
     values = {"payload.mass": 2.0, "stiffness": 8e4, "damping": 2.0 * ratio * (8e4 * 2.0) ** 0.5}
     assert [found.partition(" (damping ratio")[0] for found in unlikely(BASE.with_effect("payload_mode", values), BASE)] == why
+
+
+@pytest.mark.parametrize(("exponent", "why"), [(0.8, []), (0.5, ["stribeck as friction that falls with the logarithm of the speed"])])
+def test_friction_that_falls_more_slowly_than_any_that_was_measured_is_named(exponent: float, why: list[str]) -> None:
+    """So a contact that ages (Dieterich, Ruina) was imitated by Stribeck friction: 7.0 ± 7.1 rad/s, exponent at its end."""
+    assert unlikely(BASE.with_effect("stribeck", {"exponent": exponent}), BASE) == why
+
+
+@pytest.mark.parametrize(("level", "verdict"), [(1.0, "explained"), (1.039, "explained"), (1.041, "partly explained")])
+def test_what_is_explained_would_pass_as_a_machine_of_which_nothing_is_missing(
+    monkeypatch: pytest.MonkeyPatch, level: float, verdict: str
+) -> None:
+    after: Any = SimpleNamespace(model=BASE.with_effect("tilt", {}), objective=level * 5000, problem=SimpleNamespace(samples=5000))
+    base: Any = SimpleNamespace(model=BASE)
+    monkeypatch.setattr(diagnosis, "with_intervals", lambda _fitted: BASE)
+    assert verdict_of(base, [Step(base, (), "tilt", (), after)], (), 0.0) == verdict
+    untouched: Any = SimpleNamespace(objective=after.objective, problem=after.problem)
+    assert (verdict_of(untouched, [], (), 0.0) == "nothing missing") is (verdict == "explained")
 
 
 @pytest.mark.parametrize(
