@@ -12,14 +12,13 @@ import numpy as np
 from beltcomm.axis import Axis
 from beltcomm.compiled import in_one_thread
 from beltcomm.effects import EFFECTS, effect_named
-from beltcomm.errors import UsageError
 from beltcomm.identify.following import follows
 from beltcomm.identify.problem import OFFSET_M
 from beltcomm.laboratory.acceptance import EVIDENCE, drop_by, fitted_to_nothing
 from beltcomm.laboratory.compare import compare
 from beltcomm.laboratory.data import SUBSTEPS, Data, agitated, prepare, remade
 from beltcomm.laboratory.fitting import AT_A_TIME, Fitted, fit
-from beltcomm.laboratory.forms import additions, formed
+from beltcomm.laboratory.forms import additions, formed, without
 from beltcomm.laboratory.intervals import with_intervals
 from beltcomm.laboratory.score import Scorer, ground_of
 from beltcomm.laboratory.stage import MISSING, Candidate, candidate, held_at, merged, search, strayed
@@ -202,9 +201,8 @@ def superfluous(data: Data, fitted: Fitted, base: Model, newest: str) -> tuple[F
     for name in [e.name for e in additions(fitted.model, base) if e.name != newest]:
         if worth.get(name, 0.0) > SURE * EVIDENCE:
             continue
-        try:
-            smaller = fitted.model.without_effect(name)
-        except UsageError:  # a later effect stands on it
+        smaller = without(fitted.model, name)
+        if smaller is None:
             continue
         # Where an observer is no longer needed, where each carriage stood at first has to be found anew.
         iterations = NEXT_ITERATIONS if follows(smaller) == follows(fitted.model) else FIRST_ITERATIONS

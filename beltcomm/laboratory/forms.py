@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from functools import reduce
 
 from beltcomm.effects import Effect
+from beltcomm.errors import UsageError
 from beltcomm.identify.following import follows
 from beltcomm.laboratory.acceptance import EVIDENCE as TO_BE_NAMED  # of an effect; that of a form is below
 from beltcomm.laboratory.acceptance import drop_by, grown_out_of_bounds, impossible, refuted
@@ -48,9 +49,9 @@ def formed(data: Data, fitted: Fitted, base: Model) -> Formed:
     new: list[str] = []
     removed: list[str] = []
     for effect in reversed(additions(fitted.model, base)[1:]):
-        smaller = fitted.model.without_effect(effect.name)
-        formable = [e for e in additions(smaller, base) if any(p.form for p in e.parameters)]
-        if formable:
+        smaller = without(fitted.model, effect.name)
+        formable = [] if smaller is None else [e for e in additions(smaller, base) if any(p.form for p in e.parameters)]
+        if smaller is not None and formable:
             names = [name for e in formable for name in held(smaller, e)]
             trial = fit(data, reduce(Model.with_forms, [e.name for e in formable], smaller), ITERATIONS, offsets=fitted.offsets)
             if drop_by(trial, fitted) < TO_BE_NAMED and not spoiled(fitted, trial):
@@ -71,6 +72,14 @@ def additions(model: Model, base: Model) -> list[Effect]:
     effects = [e for e in model.effect_list() if e.name not in base.effects]
     completing = {name for e in effects for name in e.completed_by}
     return [e for e in effects if e.name not in completing]
+
+
+def without(model: Model, name: str) -> Model | None:
+    """The model without an effect; None where another stands on it, as presliding of the carriage does on its friction."""
+    try:
+        return model.without_effect(name)
+    except UsageError:
+        return None
 
 
 def held(model: Model, effect: Effect) -> list[str]:

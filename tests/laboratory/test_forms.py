@@ -54,6 +54,15 @@ def test_a_form_that_held_out_records_contradict_is_not_taken(monkeypatch: pytes
     assert axis.formed("torque_saturation").new == ()
 
 
+@pytest.mark.parametrize("stands_on", [("cart_friction", "presliding_cart"), ("elastic_shaft", "viscous_load")])
+def test_an_effect_that_another_stands_on_is_left_where_it_is(monkeypatch: pytest.MonkeyPatch, stands_on: tuple[str, str]) -> None:
+    """It has no model without it; forms of the others are asked for all the same."""
+    axis = Axis(monkeypatch, lambda effects, free: (1000.0 if set(stands_on) <= effects else 3000.0) - 100.0 * (EXPONENT in free))
+    found = axis.formed("torque_saturation", *stands_on)
+    assert (found.new, found.removed) == ((EXPONENT,), ())
+    assert set(stands_on) <= set(found.fitted.model.effects)
+
+
 def test_a_form_takes_the_place_of_an_effect_that_stood_for_it(monkeypatch: pytest.MonkeyPatch) -> None:
     axis = Axis(monkeypatch, lambda effects, free: 900.0 if EXPONENT in free else 1000.0 if "load_friction" in effects else 3000.0)
     found = axis.formed("torque_saturation", "load_friction")
