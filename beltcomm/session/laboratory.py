@@ -41,8 +41,6 @@ from beltcomm.session.told_before import better
 from beltcomm.simulate import ahead
 from beltcomm.talk import Silence, Talk
 
-#: A held-out error must fall by more than this share of itself to confirm an effect.
-CONFIRMED_SHARE = 0.0
 #: Names of one family that no motion of the axis can tell apart, and the effect that stands for it.
 FAMILY = {"tilt": "constant_offset", "coulomb_asymmetry": "constant_offset", "current_offset": "constant_offset"}
 
@@ -147,7 +145,9 @@ def diagnosed(folder: RunFolder, run: Path, auto: bool, cost: bool, following: b
         return Result(data, text + words.after_diagnosis(found, run, planned))
     added = climb(folder, found, model is not None, command, when)
     data["revisions"] = [as_mapping(r) for r in added]
-    return Result(data, [*text, *words.climb_lines(added), f"Next: beltcomm design {run}"])
+    return Result(
+        data, [*text, *words.climb_lines(added, found.named, found.after.held_ratio is not None, run), f"Next: beltcomm design {run}"]
+    )
 
 
 def sight(folder: RunFolder, found: Diagnosis, recordings: Sequence[Recording], following: bool) -> tuple[dict[str, Any], list[str], str]:
@@ -170,7 +170,7 @@ def sight(folder: RunFolder, found: Diagnosis, recordings: Sequence[Recording], 
 
 
 def climb(folder: RunFolder, found: Diagnosis, known: bool, command: str, when: str) -> list[Revision]:
-    """Save every confirmed step of a diagnosis as a revision; the first one that is not confirmed ends it."""
+    """Save every confirmed step of a diagnosis as a revision; the first one that is not, or cannot be, ends it."""
     made = []
     if not (known and current_revision(folder)):
         made.append(base_revision(folder, found.base, command, when))
@@ -181,7 +181,7 @@ def climb(folder: RunFolder, found: Diagnosis, known: bool, command: str, when: 
         # Forms belong to what was named before them, as with ``add``.
         whole = [step, *takewhile(lambda other: not other.added, found.steps[number + 1 :])]
         after = whole[-1].after
-        if confirmed(before, after) is False:
+        if not confirmed(before, after):
             break
         change = change_of((step.added, *(f for s in whole for f in s.forms)), [name for s in whole for name in s.removed])
         made.append(revision_of(folder, after, before, change, command, when))
@@ -277,10 +277,10 @@ def seen_as(one: Sight) -> dict[str, Any]:
 
 
 def confirmed(before: Fitted, after: Fitted) -> bool | None:
-    """Whether the error on the held-out records fell; None without any."""
+    """Whether the error on the held-out records fell, in the mean square and without its outliers; None without any."""
     if after.held_ratio is None or before.held_ratio is None:
         return None
-    return after.held_objective < before.held_objective * (1.0 - CONFIRMED_SHARE)
+    return after.held_objective < before.held_objective and after.held_ratio < before.held_ratio
 
 
 def base_revision(folder: RunFolder, fitted: Fitted, command: str, when: str) -> Revision:
@@ -297,7 +297,7 @@ def revision_of(folder: RunFolder, after: Fitted, before: Fitted, change: str, c
         change,
         ratio=after.ratio,
         held_out=after.held_ratio,
-        confirmed=confirmed(before, after),
+        confirmed=None if change.startswith("-") else confirmed(before, after),  # who takes one out has decided
         command=command,
         when=when,
     )

@@ -159,6 +159,10 @@ def change_lines(before: Fitted, model: Model, after: Fitted, rung: Revision, no
             lines.append("Warning: not confirmed. The error on records that were not fitted did not fall; this may not be the cause.")
         elif rung.confirmed is None:
             lines.append("Not confirmed: no record is held out, so nothing could contradict it.")
+    elif before.held_ratio is not None and after.held_ratio is not None and after.held_ratio > before.held_ratio:
+        lines.append(
+            "Warning: without it records that were not fitted fit worse. It is out all the same, and `design` rests on this model."
+        )
     lines += [f"Saved as {rung.name}.", f"Next: beltcomm compare {run}, or beltcomm ladder {run}"]
     return lines
 
@@ -173,7 +177,7 @@ def ladder_lines(rungs: Sequence[Revision], changed: Sequence[str]) -> list[str]
             f"{rung.ratio:.2f}",
             "" if rung.held_out is None else f"{rung.held_out:.2f}",
             "█" * max(1, round(BAR * rung.ratio / highest)),
-            "not confirmed" if rung.confirmed is False else "",
+            "not confirmed" if rung.confirmed is False else "nothing held out" if rung.confirmed is None and rung.change[0] == "+" else "",
         ]
         for rung in rungs
     ]
@@ -184,11 +188,17 @@ def ladder_lines(rungs: Sequence[Revision], changed: Sequence[str]) -> list[str]
     return lines
 
 
-def climb_lines(made: Sequence[Revision]) -> list[str]:
-    """Steps that ``diagnose --auto`` saved."""
-    if len(made) <= 1:
-        return ["Nothing was added."]
-    return ["", *ladder_lines(made, ())]
+def climb_lines(made: Sequence[Revision], named: Sequence[str], held_out: bool, run: Path) -> list[str]:
+    """Steps that ``diagnose --auto`` saved, and why it ended before the last that was named.   held_out : whether any record is."""
+    added = [rung for rung in made if rung.change.startswith("+")]
+    lines = ["", *ladder_lines(made, ())] if added else ["Nothing was added."]
+    left = [name for name in named if not any(name in rung.effects for rung in added)]
+    if left and held_out:
+        lines.append(f"Not added: {' and '.join(left)}. With {left[0]} the error on records that were not fitted did not fall.")
+    elif left:
+        lines.append(f"Not added: {' and '.join(left)}. No record is held out, so nothing could confirm it; `held_out: true` in a sidecar")
+        lines.append(f"makes one, and `beltcomm add {left[0]} {run}` adds it as it is.")
+    return lines
 
 
 def held_words(fitted: Fitted) -> str:

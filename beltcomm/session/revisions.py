@@ -21,7 +21,8 @@ LADDER = "ladder"
 class Revision:
     """One rung.   name : of the file in ``models/``.   change : "base", "+effect" or "-effect".   ratio, held_out : error over noise.
 
-    confirmed : the error on held-out records fell (None: there are none).   command : that made it.   data : SHA-256 of every recording.
+    confirmed : the error on held-out records fell (None: there are none, or an effect was taken out).
+    command : that made it.   data : SHA-256 of every recording.
     """
 
     name: str

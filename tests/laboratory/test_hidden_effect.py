@@ -22,6 +22,7 @@ from beltcomm.laboratory.stage import candidate, with_effect
 from beltcomm.laboratory.start import start_model
 from beltcomm.laboratory.visible import visible
 from beltcomm.runfolder import RunFolder
+from beltcomm.session.revisions import revisions, trusted_model
 from beltcomm.session.told_before import better, told_before
 from truth.hidden import draw, write_session
 
@@ -160,3 +161,5 @@ def test_words_of_the_family_create_one_effect(hidden_cogging: tuple[Path, float
     assert added["change"] == "+constant_offset"
     removed = json.loads(beltcomm("remove", "coulomb_asymmetry", str(run), "--no-pictures").stdout)
     assert removed["change"] == "-constant_offset"
+    folder = RunFolder.open(run)
+    assert trusted_model(folder)[1] == revisions(folder)[-1].name, "a design rests on what the user has decided"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -16,6 +17,8 @@ from beltcomm.laboratory.diagnosis import KNOWN, Step, run_away, undetermined, u
 from beltcomm.laboratory.structure import excess
 from beltcomm.model import build_model
 from beltcomm.session import laboratory
+from beltcomm.session.ladder_words import climb_lines
+from beltcomm.session.revisions import Revision
 
 BASE = build_model("axis", ("belt_stiffness", "belt_damping", "viscous", "viscous_cart", "coulomb"), {})
 
@@ -117,6 +120,39 @@ def test_every_form_that_followed_an_effect_is_saved_with_it(monkeypatch: pytest
     found: Any = SimpleNamespace(base="base", steps=named)
     made: Any = laboratory.climb(folder, found, True, "", "")
     assert made == [("base", "Z", "+end_pulley +viscous_end_pulley -warmup with its form"), ("Z", "last", "+cogging")]
+
+
+@pytest.mark.parametrize(
+    ("held", "added", "said"),
+    [
+        ((None, None), 0, ["No record is held out", "`beltcomm add cogging RUN`"]),
+        (((3.0, 9.0), (2.0, 4.0)), 1, ["Not added: warmup.", "did not fall"]),
+        (((3.0, 9.0), (3.1, 4.0)), 0, ["Not added: cogging and warmup.", "With cogging the error"]),
+        (((3.0, 9.0), (2.0, 9.5)), 0, ["Not added: cogging and warmup.", "With cogging the error"]),
+    ],
+)
+def test_only_what_held_out_records_confirm_is_added_by_itself(
+    monkeypatch: pytest.MonkeyPatch, held: Any, added: int, said: list[str]
+) -> None:
+    """``held`` : ratio and objective of the held-out records before and with cogging; with warmup they stay as they are."""
+    base, once, twice = (
+        SimpleNamespace(model=name, held_ratio=h and h[0], held_objective=h and h[1])
+        for name, h in zip(("base", "once", "twice"), (*held, held[1]), strict=True)
+    )
+    monkeypatch.setattr(laboratory, "current_revision", lambda _folder: "there")
+    monkeypatch.setattr(
+        laboratory,
+        "revision_of",
+        lambda _folder, _after, _before, change, *_: Revision("r", "", change, (change[1:],), 1.0, 1.0, True, "", "", {}),
+    )
+    step: Any = Step
+    steps = [step(base, (), "cogging", (), once), step(once, (), "warmup", (), twice), step(twice, (), "", (), twice)]
+    folder: Any = SimpleNamespace()
+    found: Any = SimpleNamespace(base=base, steps=steps)
+    made = laboratory.climb(folder, found, True, "", "")
+    assert len(made) == added
+    text = "\n".join(climb_lines(made, ["cogging", "warmup"], held[1] is not None, Path("RUN")))
+    assert all(part in text for part in said), text
 
 
 @pytest.mark.parametrize(("objective", "kept"), [(float("nan"), "before"), (float("inf"), "before"), (5.0, "after")])
