@@ -250,13 +250,15 @@ def rise_without(fitted: Fitted) -> dict[str, float]:
 
 
 def twins_of(candidates: Sequence[Candidate]) -> tuple[str, ...]:
-    """The best candidate and the one the data cannot tell it from."""
-    if len(candidates) < 2:
+    """The best candidate and the next that the data cannot tell it from, whichever of the two knows the other for its twin."""
+    if not candidates:
         return ()
-    first, second = candidates[:2]
-    close = first.evidence - second.evidence < max(TWIN_GAP, TWIN_SHARE * first.evidence)
-    if second.accepted and close and second.effect.name in first.effect.twins:
-        return (first.effect.name, second.effect.name)
+    first = candidates[0]
+    for other in candidates[1:]:
+        if first.evidence - other.evidence >= max(TWIN_GAP, TWIN_SHARE * first.evidence):
+            break
+        if other.accepted and (other.effect.name in first.effect.twins or first.effect.name in other.effect.twins):
+            return (first.effect.name, other.effect.name)
     return ()
 
 

@@ -155,6 +155,24 @@ def test_only_what_held_out_records_confirm_is_added_by_itself(
     assert all(part in text for part in said), text
 
 
+@pytest.mark.parametrize(
+    ("ranked", "twins"),
+    [
+        ((("measurement_lag", 900.0, True), ("dead_time", 880.0, True)), ("measurement_lag", "dead_time")),
+        ((("dead_time", 900.0, True), ("measurement_lag", 880.0, True)), ("dead_time", "measurement_lag")),
+        ((("dead_time", 900.0, True), ("cogging", 890.0, True), ("current_lag", 880.0, True)), ("dead_time", "current_lag")),
+        ((("dead_time", 900.0, True), ("measurement_lag", 840.0, True)), ()),
+        ((("dead_time", 900.0, True), ("measurement_lag", 880.0, False)), ()),
+        ((("dead_time", 900.0, True), ("cogging", 890.0, True)), ()),
+        ((("dead_time", 900.0, True),), ()),
+        ((), ()),
+    ],
+)
+def test_twins_are_told_whichever_comes_first_and_whoever_stands_between(ranked: Any, twins: tuple[str, ...]) -> None:
+    given: Any = [SimpleNamespace(effect=effect_named(name), evidence=evidence, accepted=ok) for name, evidence, ok in ranked]
+    assert diagnosis.twins_of(given) == twins
+
+
 @pytest.mark.parametrize(("objective", "kept"), [(float("nan"), "before"), (float("inf"), "before"), (5.0, "after")])
 def test_a_model_that_flies_off_on_the_motion_that_it_rebuilds_is_not_taken(
     monkeypatch: pytest.MonkeyPatch, objective: float, kept: str
