@@ -5,8 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from functools import cache
-from importlib.resources import files
 from typing import Any
 
 import numpy as np
@@ -16,27 +14,14 @@ from beltcomm.identify.following import follows
 from beltcomm.laboratory.data import Data, made
 from beltcomm.laboratory.fitting import Fitted, held_objective, judged, problem_of
 from beltcomm.model import Model, model_from_dict
+from beltcomm.programs import source_hash
 from beltcomm.recording import Recording
-
-#: What the fit rests on: programs of these packages, beside records, axis and model.
-PROGRAMS = ("beltcomm.laboratory", "beltcomm.identify", "beltcomm.simulate", "beltcomm.effects", "beltcomm")
 
 
 def key_of(records: Mapping[str, str], axis: Axis, start: Model) -> str:
     """Equal only where the same programs would fit the same model to the same records.   records : name -> SHA-256, sidecars too."""
-    text = json.dumps([dict(sorted(records.items())), axis.fingerprint(), start.to_dict(), _programs()], sort_keys=True)
+    text = json.dumps([dict(sorted(records.items())), axis.fingerprint(), start.to_dict(), source_hash()], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()
-
-
-@cache
-def _programs() -> str:
-    """Hash of the source text that a fit runs through."""
-    found = hashlib.sha256()
-    for package in PROGRAMS:
-        for file in sorted(files(package).iterdir(), key=lambda item: item.name):
-            if file.name.endswith(".py"):
-                found.update(file.read_bytes())
-    return found.hexdigest()
 
 
 def kept(data: Data, fitted: Fitted) -> dict[str, Any] | None:

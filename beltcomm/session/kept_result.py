@@ -5,13 +5,12 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Sequence
-from importlib.resources import files
-from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any
 
 from beltcomm.configfiles import write_text
 from beltcomm.errors import BeltcommError
+from beltcomm.programs import source_hash
 from beltcomm.result import Result, Row, plain
 from beltcomm.runfolder import RunFolder
 
@@ -54,7 +53,7 @@ def _key(folder: RunFolder, name: str, question: Sequence[object]) -> str:
         found = [(str(p.relative_to(folder.path)), _digest(p)) for p in there]
     except OSError:
         return ""
-    text = json.dumps([found, _programs(files("beltcomm")), str(folder.path), *question])
+    text = json.dumps([found, source_hash(), str(folder.path), *question])
     return hashlib.sha256(text.encode()).hexdigest()
 
 
@@ -69,14 +68,3 @@ def _kept(line: str) -> str | list[object]:
 
 def _line(kept: str | list[Any]) -> str:
     return kept if isinstance(kept, str) else Row(*kept)
-
-
-def _programs(package: Traversable) -> list[str]:
-    """Hashes of all source text."""
-    found = []
-    for item in sorted(package.iterdir(), key=lambda item: item.name):
-        if item.is_dir():
-            found += _programs(item)
-        elif item.name.endswith(".py"):
-            found.append(hashlib.sha256(item.read_bytes()).hexdigest())
-    return found

@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from beltcomm import __version__
 from beltcomm.axis import Axis, load_axis
 from beltcomm.configfiles import did_you_mean, find_config, read_yaml
 from beltcomm.control import Cascade
@@ -65,7 +64,7 @@ class Study:
         return {"run": self.runs[number]} if self.population is None else self.population.member(number, self.nominal)
 
     def key(self, number: int) -> str:
-        """Of the member's definition: whoever has the same key has the same result."""
+        """Of the member's definition: the same program finds the same result for the same key."""
         values = dict(self.values(number))
         content = run_fingerprint(Path(self.runs[number])) if self.population is None else ""
         return _digest([self.fingerprint, values, content])
@@ -140,7 +139,7 @@ def _study_in(path: Path, data: Mapping[str, Any], doing: Doing) -> Study:
         _noise(each) or {"dynamic_m": targets.dynamic_m, "static_m": targets.static_m},
         words,
         gains,
-        _digest([each, __version__, plain(targets), *shared]),
+        _digest([each, plain(targets), *shared]),
         units_of(model),
     )
 
@@ -155,7 +154,7 @@ def _fleet(path: Path, data: Mapping[str, Any], title: str, each: str) -> Study:
     told = data["base"]["runs"]
     patterns = [str(one) for one in (told if isinstance(told, list) else [told])]
     found = {
-        str(run)
+        str(run.resolve())  # a worker may stand elsewhere
         for pattern in patterns
         for run in (sorted(path.parent.glob(pattern)) if not Path(pattern).is_absolute() else sorted(Path("/").glob(pattern[1:])))
         if (run / "axis.yaml").is_file()
@@ -163,9 +162,7 @@ def _fleet(path: Path, data: Mapping[str, Any], title: str, each: str) -> Study:
     if not found:
         raise UsageError(f"base.runs: no run folder is {' or '.join(patterns)}, seen from {path.parent.resolve()}")
     runs = tuple(sorted(found))
-    return Study(
-        title, each, len(runs), Fleet(each), None, {}, runs, _noise(each), f"{len(runs)} runs", None, _digest([each, __version__]), {}
-    )
+    return Study(title, each, len(runs), Fleet(each), None, {}, runs, _noise(each), f"{len(runs)} runs", None, _digest([each]), {})
 
 
 def _noise(each: str) -> dict[str, float]:

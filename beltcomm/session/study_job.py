@@ -11,6 +11,7 @@ from typing import Any
 
 from beltcomm.configfiles import find_config, to_yaml, write_text
 from beltcomm.errors import DataError, UsageError
+from beltcomm.programs import source_hash
 from beltcomm.result import Result, jsonable, plain
 from beltcomm.session import study_words as words
 from beltcomm.session.study_file import Study, load_study
@@ -49,7 +50,7 @@ def study_of(
         raise UsageError("--workers are processes of this machine, --scheduler is a cluster: choose one")
     talk = talk or Silence()
     asked = load_study(file, doing)
-    lines = _goes_on(asked, out)
+    lines = _goes_on(asked, out, reads_only=limit == 0)
     _copy(file, out)
     open_members = [(k, asked.key(k), asked.values(k)) for k in range(asked.count) if k not in lines][:limit]
     if open_members:
@@ -108,8 +109,8 @@ def _result(asked: Study, file: str | Path, out: Path, lines: Mapping[int, Line]
     return Result({**data, "folder": str(out), "page": str(out / PAGE) if report else None}, text, int(bool(missed)))
 
 
-def _goes_on(asked: Study, out: Path) -> dict[int, Line]:
-    """Results that a folder holds, by member.   Raises UsageError where they are another study's."""
+def _goes_on(asked: Study, out: Path, reads_only: bool) -> dict[int, Line]:
+    """Results that a folder holds, by member.   Raises UsageError for those of another study, and of another program if it goes on."""
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -123,6 +124,11 @@ def _goes_on(asked: Study, out: Path) -> dict[int, Line]:
             )
         if line["key"] != asked.key(number):
             raise UsageError(f"{out} holds results of another study: {_differs(line, asked)}; choose another --out")
+        if not reads_only and line.get("program") != source_hash():
+            raise UsageError(
+                f"{out} holds results of another beltcomm (member {number}), which are not mixed with new ones; choose another --out, "
+                "or --limit 0 to read what it holds"
+            )
         lines[number] = line
     return lines
 
@@ -133,7 +139,7 @@ def _differs(line: Line, asked: Study) -> str:
         before, after = line["values"].get(name, "nothing"), now.get(name, "nothing")
         if before != after:
             return f"member {line['member']} had {name} {before}, now it has {after}"
-    return f"member {line['member']} has the same values, but base, design, move, targets, run folder or the version of beltcomm differ"
+    return f"member {line['member']} has the same values, but base, design, move, targets or run folder differ"
 
 
 def read_members(path: Path) -> list[Line]:

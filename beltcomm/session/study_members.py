@@ -13,8 +13,9 @@ from typing import Any, Protocol
 
 from beltcomm.axis import Axis
 from beltcomm.configfiles import to_yaml, write_text
-from beltcomm.errors import BeltcommError
+from beltcomm.errors import BeltcommError, Refused
 from beltcomm.model import Model, PlantFile
+from beltcomm.programs import source_hash
 from beltcomm.result import Result, jsonable
 from beltcomm.study.population import HIDDEN, NOTHING, DrawnAxis, Population, Values, drawn_axis
 from beltcomm.study.tracking import Ground, track
@@ -176,12 +177,15 @@ def lines_of(work: Work, members: Sequence[tuple[int, str, Values]]) -> list[dic
 
 
 def line_of(work: Work, number: int, key: str, values: Values, folder: Path | None = None) -> dict[str, Any]:
-    """One line."""
-    line: dict[str, Any] = {"member": number, "key": key, "values": dict(values)}
+    """One line.   Raises Refused where this computer is in the way, not the member: a full disk, no memory."""
+    line: dict[str, Any] = {"member": number, "key": key, "program": source_hash(), "values": dict(values)}
     try:
         found = work.found(number, values, folder)
     except BeltcommError as error:
         return {**line, "exit_code": error.exit_code, "error": str(error)}
-    except (ArithmeticError, ValueError) as error:  # LinAlgError too: an axis nobody thought of is a finding, not the end of the study
+    except (OSError, MemoryError) as error:
+        told = f"{type(error).__name__}: {error}".rstrip(": ")
+        raise Refused(f"member {number} cannot be computed here ({told}); what is done is kept, the same command goes on") from error
+    except Exception as error:  # an axis nobody thought of is a finding, not the end of the study
         return {**line, "exit_code": 1, "error": f"an unexpected {type(error).__name__}: {error}"}
     return {**line, "exit_code": int(found.get("passed") is False), "found": jsonable(found)}

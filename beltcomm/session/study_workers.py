@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError
 from concurrent.futures.process import BrokenProcessPool
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
-from beltcomm import __version__
 from beltcomm.errors import Refused, UsageError
+from beltcomm.programs import source_hash
 from beltcomm.talk import Talk
 
 if TYPE_CHECKING:
@@ -97,23 +97,33 @@ def _connected(address: str) -> Client:
         ) from error
     try:
         client.wait_for_workers(1, timeout=WORKER_S)
-        versions: dict[str, Any] = client.run(_version)
+        programs: dict[str, str] = client.run(source_hash)
+        threads: dict[str, int] = client.nthreads()
     except TimeoutError as error:
         client.close()
-        raise UsageError(f"the scheduler {address} has no worker; start some with `dask worker {address}`") from error
+        raise UsageError(f"the scheduler {address} has no worker; start some with {_alone(address)}") from error
     except ModuleNotFoundError as error:
         client.close()
         raise UsageError(f"a worker of {address} has no beltcomm ({error}); install the same version there") from error
-    others = {worker: version for worker, version in versions.items() if version != __version__}
-    if others:
+    if said := unfit(programs, threads, address):
         client.close()
-        worker, version = next(iter(others.items()))
-        raise UsageError(f"the worker {worker} has beltcomm {version}, here is {__version__}; install the same version there")
+        raise UsageError(said)
     return client
 
 
-def _version() -> str:
-    return __version__
+def unfit(programs: Mapping[str, str], threads: Mapping[str, int], address: str) -> str:
+    """Why workers cannot compute members, empty where they can.   programs, threads : by worker, hash of its beltcomm and their number."""
+    others = [worker for worker, program in programs.items() if program != source_hash()]
+    if others:
+        return f"the worker {others[0]} has another beltcomm than this computer; install the same one there"
+    many = [worker for worker, number in threads.items() if number > 1]
+    if many:  # a member is made for one thread and the memory of one
+        return f"the worker {many[0]} computes in {threads[many[0]]} threads; start it with {_alone(address)}, one for each processor"
+    return ""
+
+
+def _alone(address: str) -> str:
+    return f"`dask worker {address} --nthreads 1`"
 
 
 def _died(times: int, hint: str) -> str:

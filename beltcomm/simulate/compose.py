@@ -17,6 +17,7 @@ import importlib.util
 import os
 import sys
 import tempfile
+import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
@@ -36,6 +37,8 @@ from beltcomm.simulate.writer import LOOK_AHEAD, MOVING_RAD_S, Writer, acts_on_m
 
 #: Changes whenever the generated source changes shape, so that an old cache is never met.
 _VERSION = 17
+#: A thread must not meet a module that another one is still executing.
+_IMPORTING = threading.RLock()
 
 
 @dataclass(frozen=True)
@@ -307,8 +310,11 @@ def _motor_alone(writer: Writer) -> list[str]:
 def import_stable(source: str) -> ModuleType:
     """Import generated source from a file whose name is its hash; numba caches machine code beside that file."""
     name = f"kernel_{_VERSION}_{hashlib.sha256(source.encode()).hexdigest()[:20]}"
-    if name in sys.modules:
-        return sys.modules[name]
+    with _IMPORTING:
+        return sys.modules[name] if name in sys.modules else _imported(name, source)
+
+
+def _imported(name: str, source: str) -> ModuleType:
     path = _source_file(name, source)
     if path is None:
         module = ModuleType(name)

@@ -28,7 +28,7 @@ from beltcomm.simulate import fast_math
 from beltcomm.simulate.compose import import_stable
 from beltcomm.simulate.fences import indented
 from beltcomm.simulate.stick import stick_or_slide
-from beltcomm.simulate.writer import Writer
+from beltcomm.simulate.writer import Writer, modules_of
 
 Array = NDArray[np.float64]
 
@@ -266,9 +266,8 @@ def _read_first(lines: list[str]) -> list[str]:
 
 def _module(writer: Writer, lines: list[str]) -> str:
     laws = sorted(writer.laws.items())
-    modules = {law.__module__: inspect.getmodule(law) for _, law in laws}
-    used = [*(module for _, module in sorted(modules.items()) if module), fast_math, sys.modules[__name__]]
-    text = "".join(inspect.getsource(module) for module in used)
+    used = {fast_math.__name__, __name__}.union(*(modules_of(law) for _, law in laws))
+    text = "".join(inspect.getsource(sys.modules[module]) for module in sorted(used))
     tables = "NODES, PLACES, PLACE_END, SPEEDS, SPEED_END, STAGES"
     head = [
         "import math", "", "import numpy as np", "", "from beltcomm.compiled import in_lanes",

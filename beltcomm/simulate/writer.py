@@ -379,13 +379,13 @@ class Writer:
         if "setpoint(" in body:
             imports.append("from beltcomm.simulate.loop_kernel import setpoint")
         head = ["import math", "", "import numpy as np", "", "from beltcomm.compiled import compiled, within_kernels", *imports, "", *laws]
-        used = {loop_kernel.__name__, cascade_kernel.__name__}.union(*(_modules(law) for law in self.laws.values()))
+        used = {loop_kernel.__name__, cascade_kernel.__name__}.union(*(modules_of(law) for law in self.laws.values()))
         text = "".join(inspect.getsource(sys.modules[module]) for module in sorted(used))
         return "\n".join(head) + "\n\n\n" + body + "\n# " + hashlib.sha256(text.encode()).hexdigest() + "\n"
 
 
-def _modules(law: Callable[..., object]) -> set[str]:
+def modules_of(law: Callable[..., object]) -> set[str]:
     """Where a law and the compiled functions that it calls are written."""
     plain = getattr(law, "py_func", law)
     called = (plain.__globals__[name] for name in plain.__code__.co_names if name in plain.__globals__)
-    return {plain.__module__}.union(*(_modules(other) for other in called if hasattr(other, "py_func")))
+    return {plain.__module__}.union(*(modules_of(other) for other in called if hasattr(other, "py_func")))

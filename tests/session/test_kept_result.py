@@ -65,7 +65,7 @@ def test_what_was_kept_may_be_damaged_or_gone(ask: Ask, folder: RunFolder, damag
 
 def test_other_programs_ask_anew(ask: Ask, monkeypatch: pytest.MonkeyPatch) -> None:
     ask()
-    monkeypatch.setattr("beltcomm.session.kept_result._programs", lambda _: ["another version"])
+    monkeypatch.setattr("beltcomm.session.kept_result.source_hash", lambda: "another version")
     assert ask().data["times"] == 2
 
 

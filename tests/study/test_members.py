@@ -91,7 +91,7 @@ def test_a_fleet_with_runs_that_hold_nothing(tmp_path: Path) -> None:
     assert result.data["worst"] == [0, 1]
     (tmp_path / "runs" / "a" / "recordings").mkdir(exist_ok=True)
     (tmp_path / "runs" / "a" / "recordings" / "new.csv").touch()
-    with pytest.raises(BeltcommError, match="run folder or the version of beltcomm differ"):
+    with pytest.raises(BeltcommError, match="targets or run folder differ"):
         api.study(study, tmp_path / "out", workers=1)
 
 

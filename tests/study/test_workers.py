@@ -17,7 +17,9 @@ import pytest
 
 from beltcomm import api
 from beltcomm.errors import DataError, Refused, UsageError
-from beltcomm.session.study_workers import answers
+from beltcomm.programs import source_hash
+from beltcomm.session.study_members import line_of
+from beltcomm.session.study_workers import answers, unfit
 from beltcomm.talk import Silence
 from study.conftest import MEMBERS
 from study.dying import dying, dying_once
@@ -119,6 +121,47 @@ def test_a_folder_of_another_study_is_left_alone(written: Callable[..., Path], s
     with pytest.raises(UsageError, match="this study has 10"):
         api.study(written(members=10), alone)
     assert (alone / "members.jsonl").read_bytes() == before
+
+
+def test_results_of_another_program_are_read_and_not_gone_on_with(written: Callable[..., Path], alone: Path, tmp_path: Path) -> None:
+    lines = [json.loads(text) for text in (alone / "members.jsonl").read_text(encoding="utf-8").splitlines()]
+    text = "".join(json.dumps({**line, "program": "another"}) + "\n" for line in lines[:3])
+    (tmp_path / "members.jsonl").write_text(text, encoding="utf-8")
+    with pytest.raises(UsageError, match="results of another beltcomm"):
+        api.study(written(), tmp_path, workers=1)
+    assert (tmp_path / "members.jsonl").read_text(encoding="utf-8") == text
+    assert api.study(written(), tmp_path, limit=0).data["done"] == 3
+
+
+def test_a_worker_of_several_threads_or_of_another_program_is_refused() -> None:
+    here = source_hash()
+    assert unfit({"a": here, "b": here}, {"a": 1, "b": 1}, "tcp://x:1") == ""
+    assert "the worker b has another beltcomm" in unfit({"a": here, "b": "0.1.0"}, {"a": 1, "b": 1}, "tcp://x:1")
+    said = unfit({"a": here, "b": here}, {"a": 1, "b": 4}, "tcp://x:1")
+    assert "the worker b computes in 4 threads; start it with `dask worker tcp://x:1 --nthreads 1`" in said
+
+
+@pytest.mark.parametrize("error", [KeyError("no such body"), AssertionError("never"), RuntimeError("odd")])
+def test_an_error_nobody_thought_of_is_the_result_of_its_member(error: Exception) -> None:
+    class Work:
+        def found(self, *_: Any) -> dict[str, Any]:
+            raise error
+
+    work: Any = Work()
+    line = line_of(work, 3, "key", {})
+    assert (line["member"], line["exit_code"]) == (3, 1)
+    assert f"an unexpected {type(error).__name__}: {error}" in line["error"]
+
+
+@pytest.mark.parametrize("error", [OSError(28, "No space left on device"), MemoryError()])
+def test_what_is_the_computers_fault_is_no_result(error: Exception) -> None:
+    class Work:
+        def found(self, *_: Any) -> dict[str, Any]:
+            raise error
+
+    work: Any = Work()
+    with pytest.raises(Refused, match=f"member 3 cannot be computed here .*{type(error).__name__}"):
+        line_of(work, 3, "key", {})
 
 
 def test_a_damaged_line_is_named(small: Path, tmp_path: Path) -> None:
