@@ -6,9 +6,16 @@ the carriage must be free to travel the whole window, in the drive's own zero.
 
 from __future__ import annotations
 
+import signal
 from typing import Any
 
 import pytest
+
+
+def pytest_configure() -> None:
+    """Ctrl-C counts, also in a run that a shell has put into the background: its processes are born deaf to it."""
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
