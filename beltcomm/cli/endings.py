@@ -48,9 +48,11 @@ def like_ctrl_c(noted: Callable[[], None]) -> Iterator[None]:
 def twice_leaves(clock: Callable[[], float] = time.monotonic) -> Iterator[None]:
     """Ctrl-C raises KeyboardInterrupt as ever; another one within ``TWICE_S`` raises LeaveNow.   clock : s, never going back.
 
-    Where SIGINT is ignored (a background job) or handled by somebody else, and outside the main thread, nothing changes.
+    Also where SIGINT is ignored: a script's job in the background is born deaf to it, and who ends the script must stop the axis too.
+    Where it is handled by somebody else, and outside the main thread, nothing changes.
     """
-    ours = threading.current_thread() is threading.main_thread() and signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    before = signal.getsignal(signal.SIGINT)
+    ours = threading.current_thread() is threading.main_thread() and before in (signal.default_int_handler, signal.SIG_IGN)
     heard: list[float] = []
 
     def interrupt(_number: int, _frame: FrameType | None) -> None:
@@ -65,4 +67,4 @@ def twice_leaves(clock: Callable[[], float] = time.monotonic) -> Iterator[None]:
         yield
     finally:
         if ours:
-            signal.signal(signal.SIGINT, signal.default_int_handler)
+            signal.signal(signal.SIGINT, before)

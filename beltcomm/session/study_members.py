@@ -5,6 +5,8 @@ The laboratory is imported when a member needs it: a worker that predicts moves 
 
 from __future__ import annotations
 
+import errno
+import os
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -13,7 +15,7 @@ from typing import Any, Protocol
 
 from beltcomm.axis import Axis
 from beltcomm.configfiles import to_yaml, write_text
-from beltcomm.errors import BeltcommError, Refused
+from beltcomm.errors import BeltcommError, DataError, Refused
 from beltcomm.model import Model, PlantFile
 from beltcomm.programs import source_hash
 from beltcomm.result import Result, jsonable
@@ -176,6 +178,13 @@ def lines_of(work: Work, members: Sequence[tuple[int, str, Values]]) -> list[dic
     return [line_of(work, *member) for member in members]
 
 
+def of_the_member(error: OSError | MemoryError, values: Values) -> bool:
+    """Whether a file of the run that is the member is in the way, and not this computer."""
+    run, file = values.get("run"), getattr(error, "filename", None)
+    full = getattr(error, "errno", None) in (errno.ENOSPC, errno.EDQUOT)
+    return run is not None and file is not None and not full and Path(os.fsdecode(file)).is_relative_to(str(run))
+
+
 def line_of(work: Work, number: int, key: str, values: Values, folder: Path | None = None) -> dict[str, Any]:
     """One line.   Raises Refused where this computer is in the way, not the member: a full disk, no memory."""
     line: dict[str, Any] = {"member": number, "key": key, "program": source_hash(), "values": dict(values)}
@@ -184,6 +193,8 @@ def line_of(work: Work, number: int, key: str, values: Values, folder: Path | No
     except BeltcommError as error:
         return {**line, "exit_code": error.exit_code, "error": str(error)}
     except (OSError, MemoryError) as error:
+        if of_the_member(error, values):
+            return {**line, "exit_code": DataError.exit_code, "error": f"its files cannot be read: {error}"}
         told = f"{type(error).__name__}: {error}".rstrip(": ")
         raise Refused(f"member {number} cannot be computed here ({told}); what is done is kept, the same command goes on") from error
     except Exception as error:  # an axis nobody thought of is a finding, not the end of the study

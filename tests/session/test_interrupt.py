@@ -249,9 +249,10 @@ def test_a_second_ctrl_c_counts_only_within_two_seconds() -> None:
     assert signal.getsignal(signal.SIGINT) is before
     with twice_leaves(lambda: 0.0), pytest.raises(KeyboardInterrupt):
         signal.raise_signal(signal.SIGINT)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a job in the background of a shell
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a script's job in the background: nobody else stops its axis
     try:
-        with twice_leaves(lambda: 0.0):
+        with twice_leaves(lambda: 0.0), pytest.raises(KeyboardInterrupt):
             signal.raise_signal(signal.SIGINT)
+        assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
     finally:
         signal.signal(signal.SIGINT, before)

@@ -16,14 +16,14 @@ import pytest
 from beltcomm.runfolder import RunFolder
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_ended_from_outside(tmp_path: Path, number: signal.Signals) -> None:
-    """The console command itself, in its own process, interrupted while it records."""
+@pytest.mark.parametrize(("number", "deaf"), [(signal.SIGINT, False), (signal.SIGINT, True), (signal.SIGTERM, False)])
+def test_ended_from_outside(tmp_path: Path, number: signal.Signals, deaf: bool) -> None:
+    """The console command itself, in its own process, interrupted while it records.   deaf : as a script's job in the background begins."""
     run = tmp_path / "run"
     words = ["identify", "--drive", "virtual", "--yes", "--realtime", "--json", "--run", str(run)]
     command = [sys.executable, "-c", "from beltcomm.cli.main import main; main()", *words]
     # Tests that run under nohup hand on a SIGHUP that is ignored; a terminal's is not.
-    heard = partial(signal.signal, signal.SIGHUP, signal.SIG_DFL)
+    heard = partial(signal.signal, signal.SIGINT, signal.SIG_IGN) if deaf else partial(signal.signal, signal.SIGHUP, signal.SIG_DFL)
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path, preexec_fn=heard) as process:
         give_up = time.monotonic() + 60.0
         while not (run / "recordings" / "amplitude_1.csv.part").exists():

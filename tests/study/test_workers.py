@@ -164,6 +164,21 @@ def test_what_is_the_computers_fault_is_no_result(error: Exception) -> None:
         line_of(work, 3, "key", {})
 
 
+def test_a_run_that_nobody_may_read_is_the_result_of_that_run() -> None:
+    class Work:
+        def found(self, *_: Any) -> dict[str, Any]:
+            raise PermissionError(13, "Permission denied", "/fleet/a/recordings/frf_1.csv")
+
+    work: Any = Work()
+    line = line_of(work, 3, "key", {"run": "/fleet/a"})
+    assert (line["exit_code"], line["error"]) == (
+        3,
+        "its files cannot be read: [Errno 13] Permission denied: '/fleet/a/recordings/frf_1.csv'",
+    )
+    with pytest.raises(Refused, match="member 3 cannot be computed here"):
+        line_of(work, 3, "key", {"run": "/fleet/b"})
+
+
 def test_a_damaged_line_is_named(small: Path, tmp_path: Path) -> None:
     (tmp_path / "members.jsonl").write_text('{"member": 0}\n', encoding="utf-8")
     with pytest.raises(DataError, match="damaged in line 1"):
