@@ -232,9 +232,9 @@ def _load(writer: Writer, given: str, begin: list[str], turn: list[str], load: s
     return _function(f"load(theta, omega, p, on, t, h, {given})", [*writer.constants(), *fences, *zeros], [*begin, *body])
 
 
-def _function(head: str, constants: list[str], body: list[str]) -> list[str]:
+def _function(head: str, constants: list[str], body: list[str], how: str = "compiled") -> list[str]:
     """A compiled function with those of its constants that it needs."""
-    return ["@compiled", f"def {head}:", *indented([*needed(constants, body), *body], 1)]
+    return [f"@{how}", f"def {head}:", *indented([*needed(constants, body), *body], 1)]
 
 
 def motor_side_source() -> str:
@@ -265,16 +265,14 @@ def motor_side_source() -> str:
     for effect in writer.chosen("sensor"):
         assert effect.law is not None
         assert effect.slope is not None
-        slope, law = writer.law(effect.slope), writer.law(effect.law)
-        fix += writer.when(
-            effect,
-            [f"omega[k] *= 1.0 + {slope}(theta[k]{writer.arguments(effect)})", f"theta[k] += {law}(theta[k]{writer.arguments(effect)})"],
-        )
+        slope, law = writer.law(effect.slope, in_lanes=True), writer.law(effect.law, in_lanes=True)
+        true = [f"omega[k] *= 1.0 + {slope}(theta[k]{writer.arguments(effect)})", f"theta[k] += {law}(theta[k]{writer.arguments(effect)})"]
+        fix += writer.when(effect, ["for k in range(theta.shape[0]):", *indented(true, 1)])
     constants = writer.constants()
     return writer.assemble([
         _function("motor(theta, omega, p, on, t, h, bristle, load, level)", constants, motor),
         _function("torque(cells, theta, p, on, t, h, out)", constants, torque),
-        _function("angle(theta, omega, p, on)", constants, ["for k in range(theta.shape[0]):", *indented(fix, 1)]),
+        _function("angle(theta, omega, p, on)", constants, fix, "in_lanes"),
     ])  # fmt: skip
 
 

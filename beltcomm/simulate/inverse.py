@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import cast
 
@@ -67,6 +67,8 @@ class FineMotion:
     substeps: int
     time_s: float
     bristle_m: float = BRISTLE_M
+    #: What :func:`true_motion` last made of it, by the values of the sensor's errors: most of a fit does not change them.
+    _true: dict[tuple[object, ...], FineMotion] = field(init=False, repr=False, compare=False, default_factory=dict)
 
     def coarser(self, substeps: int) -> FineMotion:
         """The same motion with fewer fine steps per sample, of which today's are a multiple; itself where it has no more."""
@@ -133,7 +135,8 @@ class Switchboard:
     places : (k,), place of each entry of ``Model.vector()``.    on : (effects of the catalogue,) bool.   motor, belt : the same for
     those that act on the motor alone, and for the others: the load is the sum of both.
     delays : effects between reported and acting torque, with their places in the model's vector.     readings : the same for those
-    between the torque and its reading.     bent : whether the torque path, corrected : whether the angle is touched by an effect.
+    between the torque and its reading.     bent : whether the torque path is touched by an effect.   sensor : places in the model's vector
+    of the errors of the angle.
     bare : whether nothing but ``PLAIN``, plain : whether nothing but what ``plain_belt`` knows is beyond the motor.   gap : places in the
     model's vector of what ``plain_gap`` asks for, -1 for what is off; () where it does not know all of it.
     """
@@ -145,7 +148,7 @@ class Switchboard:
     delays: tuple[tuple[Callable[..., Array], tuple[int, ...]], ...]
     readings: tuple[tuple[Callable[..., Array], tuple[int, ...]], ...]
     bent: bool
-    corrected: bool
+    sensor: tuple[int, ...]
     bare: bool
     plain: bool
     gap: tuple[int, ...]
@@ -174,7 +177,7 @@ def switchboard(base_bodies: tuple[str, ...], effects: tuple[str, ...]) -> Switc
         tuple(laws.get("torque_delay", ())),
         tuple(laws.get("torque_reading", ())),
         any(e.slot == "torque_path" for e in chosen),
-        any(e.slot == "sensor" for e in chosen),
+        tuple(own.index(name) for e in chosen if e.slot == "sensor" for name in e.full_names()),
         base_bodies == ("motor", "cart") and _beyond(chosen) <= set(PLAIN),
         base_bodies == ("motor", "cart") and knows(_beyond(chosen)),
         _gap_places(base_bodies, chosen, own),
@@ -214,12 +217,16 @@ _SCRATCH = _Scratch()
 def true_motion(model: Model, motion: FineMotion, vector: Array | None = None) -> FineMotion:
     """The motion with the errors of the angle sensor taken out; the same object where the model knows of none."""
     board = switchboard(model.base_bodies, model.effects)
-    if not board.corrected:
+    if not board.sensor:
         return motion
-    p = board.spread(model.vector() if vector is None else vector)
-    theta, omega = motion.theta.copy(), motion.omega.copy()
-    inverse_kernel().angle(theta, omega, p, board.on)
-    return replace(motion, theta=theta, omega=omega)
+    values = model.vector() if vector is None else vector
+    key = (model.effects, *(float(values[i]) for i in board.sensor))
+    if key not in motion._true:
+        theta, omega = motion.theta.copy(), motion.omega.copy()
+        inverse_kernel().angle(theta, omega, board.spread(values), board.on)
+        motion._true.clear()
+        motion._true[key] = replace(motion, theta=theta, omega=omega)
+    return motion._true[key]
 
 
 def fine_load(model: Model, motion: FineMotion, vector: Array | None = None, offset_m: float = 0.0) -> tuple[Array, Array]:

@@ -25,7 +25,7 @@ from beltcomm.effects import (
     is_plain_belt,
 )
 from beltcomm.model import BASE_BODIES, body_list, effect_parameters, expected_parameters
-from beltcomm.simulate import loop_kernel
+from beltcomm.simulate import fast_math, loop_kernel
 from beltcomm.simulate.fences import fenced, indented
 from beltcomm.simulate.mean import weighted
 from beltcomm.simulate.observer import EXPECTED, LEARNED, OBSERVED, TAKEN, TOUCHED, contact, expected, learn, observe, seen, taken
@@ -87,6 +87,7 @@ class Writer:
         self.number = {body.name: i for i, (_, body) in enumerate(self.bodies)}
         self.switch = {effect.name: i for i, effect in enumerate(EFFECTS)}
         self.laws: dict[str, Callable[..., object]] = {}
+        self.in_lanes: set[str] = set()
         self.cart = self.number.get("cart", 0)
         self.driven = self.number.get(DRIVING_BODY)
         self.carries = {body.name: [e for e in self.effects if body in e.bodies] for _, body in self.bodies}
@@ -118,10 +119,12 @@ class Writer:
 
     # -- names ------------------------------------------------------------------------------------------------------------------
 
-    def law(self, function: Callable[..., object]) -> str:
-        """Name of a law in the module."""
+    def law(self, function: Callable[..., object], in_lanes: bool = False) -> str:
+        """Name of a law in the module.   in_lanes : for a loop over samples that do not know each other, on ``fast_math``."""
         name = f"{function.__module__.rsplit('.', 1)[1]}__{function.__name__}"
         self.laws[name] = function
+        if in_lanes:
+            self.in_lanes.add(name)
         return name
 
     def arguments(self, effect: Effect) -> str:
@@ -375,11 +378,15 @@ class Writer:
         """The module: imports, compiled laws, functions, and a hash of all laws (a changed law must not meet old machine code)."""
         body = "\n\n\n".join("\n".join(part) for part in functions)
         imports = [f"from {law.__module__} import {law.__name__} as _{name}" for name, law in sorted(self.laws.items())]
-        laws = [f"{name} = within_kernels(getattr(_{name}, 'py_func', _{name}))" for name in sorted(self.laws)]
+        single, several = "within_kernels(getattr(_{0}, 'py_func', _{0}))", "fast(_{0})"
+        laws = [f"{name} = {(several if name in self.in_lanes else single).format(name)}" for name in sorted(self.laws)]
         if "setpoint(" in body:
             imports.append("from beltcomm.simulate.loop_kernel import setpoint")
-        head = ["import math", "", "import numpy as np", "", "from beltcomm.compiled import compiled, within_kernels", *imports, "", *laws]
-        used = {loop_kernel.__name__, cascade_kernel.__name__}.union(*(modules_of(law) for law in self.laws.values()))
+        if self.in_lanes:
+            imports.append("from beltcomm.simulate.fast_math import fast")
+        ours = "from beltcomm.compiled import compiled, in_lanes, within_kernels"
+        head = ["import math", "", "import numpy as np", "", ours, *imports, "", *laws]
+        used = {loop_kernel.__name__, cascade_kernel.__name__, fast_math.__name__}.union(*(modules_of(law) for law in self.laws.values()))
         text = "".join(inspect.getsource(sys.modules[module]) for module in sorted(used))
         return "\n".join(head) + "\n\n\n" + body + "\n# " + hashlib.sha256(text.encode()).hexdigest() + "\n"
 
