@@ -26,7 +26,7 @@ BASE_BODIES = {
         Parameter("inertia", "kg m2", "motor", 5e-5, 1e-8, 10.0, "motor, coupling, gearbox and driving pulley at the shaft"),
         rotary=True,
     ),
-    "cart": Body("cart", Parameter("mass", "kg", "cart", 1.0, 1e-3, 1e4, "carriage with payload")),
+    "cart": Body("cart", Parameter("mass", "kg", "cart", 1.0, 1e-3, 1e4, "carriage with payload"), swings=2e-4),
 }
 TRANSMISSION = Parameter("ratio", "m/rad", "motor", 0.0125, 1e-5, 10.0, "i_t = r/i_g: travel per radian of the motor (2.16)")
 
