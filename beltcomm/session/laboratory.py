@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import takewhile
 from pathlib import Path
 from typing import Any
@@ -23,7 +24,7 @@ from beltcomm.laboratory.score import ground_of
 from beltcomm.laboratory.stage import Candidate, with_effect
 from beltcomm.laboratory.start import start_model
 from beltcomm.laboratory.visible import Sight, visible
-from beltcomm.model import Model
+from beltcomm.model import Model, model_from_dict
 from beltcomm.recording import Recording
 from beltcomm.result import Result, plain
 from beltcomm.runfolder import RunFolder
@@ -36,7 +37,16 @@ from beltcomm.session.kept_result import answered
 from beltcomm.session.next_plan import NAME, plan_for, recorded_sets
 from beltcomm.session.opened import Opened, explainable, opened, records_of
 from beltcomm.session.response_table import table_lines, table_of
-from beltcomm.session.revisions import Revision, as_mapping, changed_recordings, current_model, current_revision, new_revision, revisions
+from beltcomm.session.revisions import (
+    Revision,
+    as_mapping,
+    changed_recordings,
+    current_model,
+    current_revision,
+    keep_cost,
+    new_revision,
+    revisions,
+)
 from beltcomm.session.told_before import better
 from beltcomm.simulate import ahead
 from beltcomm.talk import Silence, Talk
@@ -135,7 +145,7 @@ def diagnosed(folder: RunFolder, run: Path, auto: bool, cost: bool, following: b
     text = words.remark_lines(records.remarks) + words.diagnosis_lines(found) + doubts + check_lines(crossed)
     if cost and found.named:
         talk.phase(1, 1, "what it costs in tracking")
-        data["cost"], lines = cost_of(folder, found.base.model, found.after.model, " and ".join(found.named))
+        data["cost"], lines = cost_of(folder, found.base.model, with_intervals(found.after), " and ".join(found.named))
         text += lines
     seen, lines, planned = sight(folder, found, recordings, following)
     data |= seen
@@ -144,6 +154,8 @@ def diagnosed(folder: RunFolder, run: Path, auto: bool, cost: bool, following: b
     if not auto:
         return Result(data, text + words.after_diagnosis(found, run, planned))
     added = climb(folder, found, model is not None, command, when)
+    if cost and added:
+        added = priced(folder, found, added, data.get("cost"))
     data["revisions"] = [as_mapping(r) for r in added]
     return Result(
         data, [*text, *words.climb_lines(added, found.named, found.after.held_ratio is not None, run), f"Next: beltcomm design {run}"]
@@ -189,6 +201,19 @@ def climb(folder: RunFolder, found: Diagnosis, known: bool, command: str, when: 
     return made
 
 
+def priced(folder: RunFolder, found: Diagnosis, made: list[Revision], whole: dict[str, Any] | None) -> list[Revision]:
+    """The revisions of a climb with what their effects together cost, kept with the last.   whole : of all that was named."""
+    last = made[-1]
+    new = [name for name in last.effects if name not in found.base.model.effects]
+    if not new:
+        return made
+    if set(found.named) - set(last.effects):
+        whole, _ = cost_of(folder, found.base.model, model_from_dict(folder.load("models", last.name)), "")
+    kept = None if whole is None else {"of": " and ".join(new), **whole}
+    keep_cost(folder, last.name, kept)
+    return [*made[:-1], replace(last, cost=kept)]
+
+
 def change_of(new: Sequence[str], removed: Sequence[str] = ()) -> str:
     """What a revision changes: effects with + and -, ``with its form`` or ``form of EFFECT`` where one became free."""
     effects = [f"+{name}" for name in new if "." not in name and name not in removed]
@@ -231,7 +256,8 @@ def add_to_run(
     result = change_result(here, data, after, rung, note, command, pictures)
     if not cost:
         return result
-    price, lines = cost_of(here.folder, here.fitted.model, after.model, effect)
+    price, lines = cost_of(here.folder, here.fitted.model, with_intervals(after), effect)
+    keep_cost(here.folder, rung.name, None if price is None else {"of": effect, **price})
     return Result({**result.data, "cost": price}, [*result.text[:-1], *lines, result.text[-1]])
 
 
