@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from itertools import takewhile
 from pathlib import Path
 from typing import Any
@@ -24,14 +23,14 @@ from beltcomm.laboratory.score import ground_of
 from beltcomm.laboratory.stage import Candidate, with_effect
 from beltcomm.laboratory.start import start_model
 from beltcomm.laboratory.visible import Sight, visible
-from beltcomm.model import Model, model_from_dict
+from beltcomm.model import Model
 from beltcomm.recording import Recording
 from beltcomm.result import Result, plain
 from beltcomm.runfolder import RunFolder
 from beltcomm.session import ladder_words as words
 from beltcomm.session import pictures as drawn
-from beltcomm.session.cost import cost_lines, cost_or_reason
 from beltcomm.session.cross_check_words import as_data, check_lines, cross_checked, sheet_lines
+from beltcomm.session.kept_cost import cost_of, priced
 from beltcomm.session.kept_fit import fitted_to
 from beltcomm.session.kept_result import answered
 from beltcomm.session.next_plan import NAME, plan_for, recorded_sets
@@ -201,19 +200,6 @@ def climb(folder: RunFolder, found: Diagnosis, known: bool, command: str, when: 
     return made
 
 
-def priced(folder: RunFolder, found: Diagnosis, made: list[Revision], whole: dict[str, Any] | None) -> list[Revision]:
-    """The revisions of a climb with what their effects together cost, kept with the last.   whole : of all that was named."""
-    last = made[-1]
-    new = [name for name in last.effects if name not in found.base.model.effects]
-    if not new:
-        return made
-    if set(found.named) - set(last.effects):
-        whole, _ = cost_of(folder, found.base.model, model_from_dict(folder.load("models", last.name)), "")
-    kept = None if whole is None else {"of": " and ".join(new), **whole}
-    keep_cost(folder, last.name, kept)
-    return [*made[:-1], replace(last, cost=kept)]
-
-
 def change_of(new: Sequence[str], removed: Sequence[str] = ()) -> str:
     """What a revision changes: effects with + and -, ``with its form`` or ``form of EFFECT`` where one became free."""
     effects = [f"+{name}" for name in new if "." not in name and name not in removed]
@@ -259,12 +245,6 @@ def add_to_run(
     price, lines = cost_of(here.folder, here.fitted.model, with_intervals(after), effect)
     keep_cost(here.folder, rung.name, None if price is None else {"of": effect, **price})
     return Result({**result.data, "cost": price}, [*result.text[:-1], *lines, result.text[-1]])
-
-
-def cost_of(folder: RunFolder, before: Model, after: Model, name: str) -> tuple[dict[str, Any] | None, list[str]]:
-    """What an effect costs, for programs and for people."""
-    price, reason = cost_or_reason(folder, before, after)
-    return (None if price is None else dict(plain(price))), cost_lines(price, reason, name)
 
 
 def remove_from_run(

@@ -14,7 +14,7 @@ from beltcomm.model import load_plant
 from beltcomm.report.page import Table
 from beltcomm.result import plain
 from beltcomm.runfolder import RunFolder
-from beltcomm.session import laboratory
+from beltcomm.session import kept_cost
 from beltcomm.session.cost import Cost
 from beltcomm.session.ladder_words import ladder_lines
 from beltcomm.session.reporting import missing
@@ -90,11 +90,14 @@ def test_a_climb_keeps_the_cost_of_what_it_added(
     for grown, change in ((model, "base"), (model.with_effect("backlash"), "+backlash")):
         new_revision(folder, grown, change, ratio=1.0, held_out=None, confirmed=None, command="", when="")
     asked: list[Any] = []
-    monkeypatch.setattr(
-        laboratory, "cost_of", lambda _folder, before, after, _name: (asked.append((before, after)) or {"move": "anew"}, [])
-    )
+
+    def cost(_folder: RunFolder, before: Any, after: Any, _name: str) -> tuple[dict[str, Any], list[str]]:
+        asked.append((before, after))
+        return {"move": "anew"}, []
+
+    monkeypatch.setattr(kept_cost, "cost_of", cost)
     found: Any = SimpleNamespace(base=SimpleNamespace(model=model), named=named)
-    made = laboratory.priced(folder, found, revisions(folder), {"move": "whole"})
+    made = kept_cost.priced(folder, found, revisions(folder), {"move": "whole"})
     assert [rung.cost for rung in made] == [None, {"of": "backlash", "move": "anew" if computed else "whole"}]
     assert revisions(folder) == made
     assert [after.effects[-1] for _, after in asked] == ["backlash"] * computed
