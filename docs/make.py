@@ -39,6 +39,16 @@ STYLE: Mapping[str, Any] = {
 WIDTH, FULL = 110, 100
 #: Sides of the gearbox in words.
 SIDES = {"motor": "motor shaft", "cart": "carriage", "belt": "belt line", "drive": "drive"}
+#: How a state begins in a record, and how it gets into the next one.
+BEGINS = {
+    "rest": "at rest, or with the motor where that is in motion",
+    "unloaded": "unloaded",
+    "first value": "as if the first value had always been there",
+    "estimated": "anywhere; an observer finds it by the torque",
+    "swings": "at rest; a fit counts with the swing that the motion before may have left",
+    "clock": "by the session's time in the sidecar",
+}
+CARRIED = {"end": "a simulation goes on from the end; a fit begins anew", "clock": "by the session's clock", "no": "nothing"}
 
 
 def pages() -> tuple[Effect, ...]:
@@ -147,6 +157,10 @@ def page(effect: Effect, experiment: str) -> str:
     lines += [f"The same law for further orders: {', '.join(f'`{name}`' for name in family)}."] if family else []
     lines += ["", "| parameter | meaning | unit | side | bounds | in a fit |", "|---|---|---|---|---|---|"]
     lines += [row(body.inertia, body.name) for body in effect.bodies] + [row(p, effect.name) for p in effect.parameters]
+    lines += ["", "## State", ""]
+    lines += ["| remembers | unit | at the start of a record | from record to record |", "|---|---|---|---|"] if effect.states else []
+    lines += [f"| {s.name} | {s.unit} | {BEGINS[s.start]} | {CARRIED[s.carried]} |" for s in effect.states]
+    lines += [] if effect.states else ["None: it depends on the instant only, and no record on the one before by it."]
     typed, said = commands(effect)
     lines += ["", "## Commands", "", "```sh", *typed, "```", "", *([said.strip(), ""] if said else [])]
     lines += ["*Made from the effect's declaration by docs/make.py; see [all effects](../effects.md).*", ""]

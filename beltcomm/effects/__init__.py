@@ -55,6 +55,7 @@ from beltcomm.effects._effect import (
     Ground,
     Parameter,
     Point,
+    State,
     Trial,
     is_plain_belt,
 )
@@ -73,6 +74,7 @@ __all__ = [
     "Ground",
     "Parameter",
     "Point",
+    "State",
     "Trial",
     "effect_named",
     "is_plain_belt",

@@ -111,6 +111,32 @@ class Trial:
     swallowed: bool = False
 
 
+#: How a state begins in a record: bodies rest, or go with a motor that is in motion; friction is not loaded; a late torque was always the
+#: first one; an observer finds a free carriage; a payload may swing by so much; the sidecar says the session's time.
+Start = Literal["rest", "unloaded", "first value", "estimated", "swings", "clock"]
+#: How a state gets into the next simulated record: by the end of the one before (``simulate.forward.State``), by the session's clock, or
+#: not.  A fit knows no end of a record before: there every record begins by ``Start``, and only the clock is carried.
+Carried = Literal["end", "clock", "no"]
+
+
+@dataclass(frozen=True)
+class State:
+    """What an effect remembers.   unit : SI.   start : in a record.   carried : from one record to the next."""
+
+    name: str
+    unit: str
+    start: Start
+    carried: Carried
+
+
+#: What the effects of a slot remember; all others, friction that sticks among them, decide anew at every instant.
+OF_SLOT: Mapping[str, tuple[State, ...]] = {
+    "friction_onset": (State("share of the friction that has turned round", "1", "unloaded", "end"),),
+    "torque_delay": (State("torque under way", "N m", "first value", "no"),),
+    "torque_reading": (State("torque shown last", "N m", "first value", "no"),),
+}
+
+
 @dataclass(frozen=True)
 class Body:
     """A moving mass with its inertia parameter; ``rotary`` bodies move in rad at the motor shaft, others in m.
@@ -170,8 +196,8 @@ class Effect:
     that need data of their own).    twins : effects that no motion of this axis can tell from it, or hardly.    separate : the
     experiment that tells the twins apart.    alike : what else looks like it to a person, by name, each with the experiment that tells them
     apart; no diagnosis uses these.    harmonic : a sine and a cosine of the motor angle times the
-    first parameter, added to the load or to the gain of the torque (so that all orders can be searched in one pass).    rattles : the
-    carriage is free at times, within a gap that is the first parameter, m: only the torque says where it is then.    bound : it only
+    first parameter, added to the load or to the gain of the torque (so that all orders can be searched in one pass).    state : what it
+    remembers beside what its slot and its bodies do.    bound : it only
     says how much any law of its kind could explain; a diagnosis never adds it.    linear : its law is affine in positions and speeds (a
     friction level: constant), the same at every place and time, for any values of its parameters: it is simulated without an integrator.
     least : of its first parameter; up to this it is nothing to be named, because every axis has as much or no sensor shows it.
@@ -195,7 +221,7 @@ class Effect:
     group: str = ""
     trials: Callable[[Ground], list[Trial]] | None = None
     harmonic: Literal["", "load", "gain"] = ""
-    rattles: bool = False
+    state: tuple[State, ...] = ()
     twins: tuple[str, ...] = ()
     separate: str = ""
     causes: str = ""
@@ -210,6 +236,20 @@ class Effect:
     def full_names(self) -> tuple[str, ...]:
         """Names of its own parameters as they stand in a model: ``effect.parameter``."""
         return tuple(f"{self.name}.{p.name}" for p in self.parameters)
+
+    @property
+    def states(self) -> tuple[State, ...]:
+        """Everything that it remembers: of its slot, of its bodies, and its own."""
+        bodies = [
+            State(f"place and speed of the {b.name.replace('_', ' ')}", "rad" if b.rotary else "m", "swings" if b.swings else "rest", "end")
+            for b in self.bodies
+        ]
+        return (*OF_SLOT.get(self.slot, ()), *bodies, *self.state)
+
+    @property
+    def rattles(self) -> bool:
+        """Whether the carriage is free at times, within a gap that is the first parameter, m: only the torque says where it is then."""
+        return any(state.start == "estimated" for state in self.states)
 
 
 def body_units(body: str) -> tuple[str, str, Side]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from beltcomm.effects._corner import ramp, ramp_slope
-from beltcomm.effects._effect import Effect, Ground, Parameter, Trial
+from beltcomm.effects._effect import Effect, Ground, Parameter, State, Trial
 
 #: m; a harder contact than this none of the time steps can follow.
 LEAST_WIDTH_M = 1e-8
@@ -37,7 +37,7 @@ EFFECT = Effect(
     law=stretch_law,
     slope=slope,
     trials=trials,
-    rattles=True,
+    state=(State("place of the carriage in the gap", "m", "estimated", "end"),),
     least=1e-6,  # an encoder of 65536 counts on a pulley of 78 mm resolves 1.2 um
     seen="the belt looks softer at small amplitudes; a jump in position at reversals; rattling",
     causes="loose key, worn teeth, loose clamp",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from beltcomm.effects._effect import Effect, Ground, Parameter, Trial
+from beltcomm.effects._effect import Effect, Ground, Parameter, State, Trial
 
 
 def force(position: float, speed: float, t: float, amount: float, time: float, damping: float) -> float:
@@ -35,6 +35,7 @@ EFFECT = Effect(
     body="motor",
     uses=("viscous.damping",),
     trials=trials,
+    state=(State("time since the session began", "s", "clock", "clock"),),
     seen="fast strokes at the end of the session need less torque than at its start",
     causes="cold grease",
     check="repeat after ten minutes of running",

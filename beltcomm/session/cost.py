@@ -6,7 +6,9 @@ No machine is needed: the cascade is that of the run's drive, else the thesis's;
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 from beltcomm.axis import Axis
 from beltcomm.axis_entries import TrajectoryLimits
@@ -20,7 +22,7 @@ from beltcomm.session.delays import assume_delay, delay, measure_delay_and_dampi
 from beltcomm.session.findings import Findings
 from beltcomm.session.offline import structure_of
 from beltcomm.trajectory import Trajectory, held, plan_trajectory
-from beltcomm.verify import MOVE_M, REST_S, Loop, TrackingError, demand, predict_move, tracking_error
+from beltcomm.verify import MOVE_M, REST_S, Loop, TrackingError, demand, predict_move, predict_range, tracking_error
 
 #: Limits of the move where axis.yaml names none: those of an ordinary handling axis.
 USUAL = TrajectoryLimits(jerk_m_s3=200.0, acceleration_m_s2=10.0, speed_m_s=1.5)
@@ -34,13 +36,18 @@ MATTERS_M, MATTERS_SHARE = 5e-6, 0.10
 
 @dataclass(frozen=True)
 class Cost:
-    """Errors of the move on a machine with the effect.   unaware, aware : at the motor, by controller; *_cart : at the carriage."""
+    """Errors of the move on a machine with the effect.   unaware, aware : at the motor, by controller; *_cart : at the carriage.
+
+    *_range : smallest and largest at the motor over the intervals of the model, ``verify.predict_range``; None where it has none.
+    """
 
     move: str
     unaware: TrackingError
     aware: TrackingError
     unaware_cart: TrackingError
     aware_cart: TrackingError
+    unaware_range: tuple[TrackingError, TrackingError] | None = None
+    aware_range: tuple[TrackingError, TrackingError] | None = None
 
     @property
     def nothing(self) -> bool:
@@ -67,7 +74,7 @@ def cost_of(folder: RunFolder, before: Model, after: Model) -> Cost:
     aware = _errors(axis, after, after, structure, findings, rested)
     top = float(abs(move.velocity_m_s).max())
     words = f"{move.position_m[0]:.2f} to {move.position_m[-1]:.2f} m at up to {top:.2g} m/s"
-    return Cost(words, unaware[0], aware[0], unaware[1], aware[1])
+    return Cost(words, unaware[0], aware[0], unaware[1], aware[1], unaware[2], aware[2])
 
 
 def cost_or_reason(folder: RunFolder, before: Model, after: Model) -> tuple[Cost | None, str]:
@@ -118,10 +125,23 @@ def offline_move(axis: Axis, model: Model, period_s: float) -> Trajectory:
     raise Refused(f"no move from {start:g} m to {end:g} m keeps the limits of axis.yaml")
 
 
+def cost_rows(cost: Mapping[str, Any]) -> list[tuple[str, ...]]:
+    """A cost as a revision keeps it: what, error without the effect, its range, error with it, its range, µm; no range: ""."""
+    rows: list[tuple[str, ...]] = []
+    for place, end in (("motor", ""), ("carriage", "_cart")):
+        for kind in ("dynamic_m", "static_m"):
+            shown = []
+            for controller in ("unaware", "aware"):
+                spread = cost.get(f"{controller}{end}_range") or ()
+                shown += [f"{1e6 * cost[controller + end][kind]:.0f}", " to ".join(f"{1e6 * one[kind]:.0f}" for one in spread)]
+            rows.append((f"{place}, {kind.removesuffix('_m')}", *shown))
+    return rows
+
+
 def _errors(
     axis: Axis, known: Model, machine: Model, structure: CascadeStructure, findings: Findings, rested: Trajectory
-) -> tuple[TrackingError, TrackingError]:
-    """Errors at motor and carriage with a controller made for one model on a machine that is another."""
+) -> tuple[TrackingError, TrackingError, tuple[TrackingError, TrackingError] | None]:
+    """Errors at motor and carriage with a controller made for one model on a machine that is another; the motor's over its intervals."""
     _, cascade = analyse.design(
         known,
         structure,
@@ -131,15 +151,16 @@ def _errors(
         apparent_damping_nm_s_rad=analyse.apparent_damping(findings.thesis),
     )
     send = structure.torque_feedforward and compensated(known)
-    path = predict_move(
-        machine,
-        cascade,
-        rested,
-        Loop(structure, delay(findings), axis.torque_limit_nm, int(axis.motor.encoder_counts_per_rev or COUNTS)),
-        extra_torque_nm=compensation(known, cascade.feedforward, rested, structure.period_s) if send else None,
-    )
-    at = rested.position_m
-    return tracking_error(path.t_s, at, path.motor_m), tracking_error(path.t_s, at, path.cart_m)
+    extra = compensation(known, cascade.feedforward, rested, structure.period_s) if send else None
+    drive = Loop(structure, delay(findings), axis.torque_limit_nm, int(axis.motor.encoder_counts_per_rev or COUNTS))
+
+    def errors(on: Model, stretch_m: float) -> tuple[TrackingError, TrackingError]:
+        path = predict_move(on, cascade, rested, drive, belt_stretch_m=stretch_m, extra_torque_nm=extra)
+        return tracking_error(path.t_s, rested.position_m, path.motor_m), tracking_error(path.t_s, rested.position_m, path.cart_m)
+
+    told = any(value.interval is not None for value in machine.parameters.values())
+    spread = predict_range(machine, lambda on, stretch_m: errors(on, stretch_m)[0]) if told else None
+    return *errors(machine, 0.0), spread
 
 
 def _um(value_m: float) -> str:

@@ -29,14 +29,23 @@ from beltcomm.result import Result, plain
 from beltcomm.runfolder import RunFolder
 from beltcomm.session import ladder_words as words
 from beltcomm.session import pictures as drawn
-from beltcomm.session.cost import cost_lines, cost_or_reason
 from beltcomm.session.cross_check_words import as_data, check_lines, cross_checked, sheet_lines
+from beltcomm.session.kept_cost import cost_of, priced
 from beltcomm.session.kept_fit import fitted_to
 from beltcomm.session.kept_result import answered
 from beltcomm.session.next_plan import NAME, plan_for, recorded_sets
 from beltcomm.session.opened import Opened, explainable, opened, records_of
 from beltcomm.session.response_table import table_lines, table_of
-from beltcomm.session.revisions import Revision, as_mapping, changed_recordings, current_model, current_revision, new_revision, revisions
+from beltcomm.session.revisions import (
+    Revision,
+    as_mapping,
+    changed_recordings,
+    current_model,
+    current_revision,
+    keep_cost,
+    new_revision,
+    revisions,
+)
 from beltcomm.session.told_before import better
 from beltcomm.simulate import ahead
 from beltcomm.talk import Silence, Talk
@@ -135,7 +144,7 @@ def diagnosed(folder: RunFolder, run: Path, auto: bool, cost: bool, following: b
     text = words.remark_lines(records.remarks) + words.diagnosis_lines(found) + doubts + check_lines(crossed)
     if cost and found.named:
         talk.phase(1, 1, "what it costs in tracking")
-        data["cost"], lines = cost_of(folder, found.base.model, found.after.model, " and ".join(found.named))
+        data["cost"], lines = cost_of(folder, found.base.model, with_intervals(found.after), " and ".join(found.named))
         text += lines
     seen, lines, planned = sight(folder, found, recordings, following)
     data |= seen
@@ -144,6 +153,8 @@ def diagnosed(folder: RunFolder, run: Path, auto: bool, cost: bool, following: b
     if not auto:
         return Result(data, text + words.after_diagnosis(found, run, planned))
     added = climb(folder, found, model is not None, command, when)
+    if cost and added:
+        added = priced(folder, found, added, data.get("cost"))
     data["revisions"] = [as_mapping(r) for r in added]
     return Result(
         data, [*text, *words.climb_lines(added, found.named, found.after.held_ratio is not None, run), f"Next: beltcomm design {run}"]
@@ -231,14 +242,9 @@ def add_to_run(
     result = change_result(here, data, after, rung, note, command, pictures)
     if not cost:
         return result
-    price, lines = cost_of(here.folder, here.fitted.model, after.model, effect)
+    price, lines = cost_of(here.folder, here.fitted.model, with_intervals(after), effect)
+    keep_cost(here.folder, rung.name, None if price is None else {"of": effect, **price})
     return Result({**result.data, "cost": price}, [*result.text[:-1], *lines, result.text[-1]])
-
-
-def cost_of(folder: RunFolder, before: Model, after: Model, name: str) -> tuple[dict[str, Any] | None, list[str]]:
-    """What an effect costs, for programs and for people."""
-    price, reason = cost_or_reason(folder, before, after)
-    return (None if price is None else dict(plain(price))), cost_lines(price, reason, name)
 
 
 def remove_from_run(

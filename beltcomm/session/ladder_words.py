@@ -15,10 +15,11 @@ from beltcomm.laboratory.start import BELT_BASE, RIGID_BASE
 from beltcomm.laboratory.visible import Sight
 from beltcomm.model import Model, effect_parameters
 from beltcomm.result import table, with_unit
+from beltcomm.session.cost import cost_rows
 from beltcomm.session.revisions import Revision
 
 #: Characters of the longest bar of a staircase.
-BAR = 40
+BAR = 24
 
 
 def remark_lines(remarks: Sequence[str]) -> list[str]:
@@ -182,9 +183,24 @@ def ladder_lines(rungs: Sequence[Revision], changed: Sequence[str]) -> list[str]
         for rung in rungs
     ]
     rows.append(["noise", "", "1.00", "", "█" * max(1, round(BAR / highest)), ""])
-    lines: list[str] = [*table(["revision", "change", ">error", ">held out", "", ""], rows)]
+    lines: list[str] = [*table(["revision", "change", ">error", ">held out", "", ""], rows), "", "Where they come from:"]
+    for rung in rungs:
+        lines += provenance_lines(rung)
     if changed:
         lines.append(f"Since the last revision these recordings changed: {', '.join(changed)}.")
+    return lines
+
+
+def provenance_lines(rung: Revision) -> list[str]:
+    """When, from which data and by which command a revision was made; what not knowing its effects costs."""
+    number = f"{len(rung.data)} recording{'' if len(rung.data) == 1 else 's'}"
+    lines = [f"  {rung.name}  {', '.join(filter(None, [rung.when, f'{number}, data {rung.data_hash}']))}"]
+    lines += [f"    {rung.command}"] if rung.command else []
+    if rung.cost is not None:
+        lines.append(f"    error in µm without {rung.cost['of']} → with it ({rung.cost['move']}):")
+        for what, *errors in cost_rows(rung.cost):
+            without, aware = (f"{error} ({spread})" if spread else error for error, spread in zip(errors[::2], errors[1::2], strict=True))
+            lines.append(f"      {what:17} {without} → {aware}")
     return lines
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from beltcomm.errors import DataError
@@ -23,6 +23,7 @@ class Revision:
 
     confirmed : the error on held-out records fell (None: there are none, or an effect was taken out).
     command : that made it.   data : SHA-256 of every recording.
+    cost : ``of``, the effects not known, and a ``session.cost.Cost``; None where nobody asked for it or it cannot be said.
     """
 
     name: str
@@ -35,6 +36,12 @@ class Revision:
     command: str
     when: str
     data: Mapping[str, str]
+    cost: Mapping[str, Any] | None = None
+
+    @property
+    def data_hash(self) -> str:
+        """Of all recordings together, short: the same where the same data were fitted."""
+        return hashlib.sha256("".join(f"{name} {digest}\n" for name, digest in sorted(self.data.items())).encode()).hexdigest()[:10]
 
 
 def revisions(folder: RunFolder) -> list[Revision]:
@@ -98,6 +105,12 @@ def new_revision(
     return rung
 
 
+def keep_cost(folder: RunFolder, name: str, cost: Mapping[str, Any] | None) -> None:
+    """Write down with a revision what not knowing its effects costs."""
+    rungs = [replace(rung, cost=cost) if rung.name == name else rung for rung in revisions(folder)]
+    folder.save_result(LADDER, {"revisions": [plain(r) for r in rungs]})
+
+
 def recording_hashes(folder: RunFolder) -> dict[str, str]:
     """SHA-256 of every complete recording."""
     return {name: hashlib.sha256((folder.recordings_folder / f"{name}.csv").read_bytes()).hexdigest() for name in folder.finished_names()}
@@ -111,4 +124,4 @@ def changed_recordings(folder: RunFolder, rung: Revision) -> list[str]:
 
 def as_mapping(rung: Revision) -> dict[str, Any]:
     """A rung for ``--json``."""
-    return dict(plain(rung))
+    return {**plain(rung), "data_hash": rung.data_hash}

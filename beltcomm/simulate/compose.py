@@ -204,7 +204,7 @@ def plain_source() -> str:
 
 
 def _load(writer: Writer, given: str, begin: list[str], turn: list[str], load: str, watching: list[str]) -> list[str]:
-    others = range(1, len(writer.bodies))
+    others, driven = range(1, len(writer.bodies)), writer.driven
     zeros = [f"{name}{i} = 0.0" for i in range(len(writer.bodies)) for name in ("q", "v", "w", "o")]
     zeros += [f"z{i} = 0.0" for i in writer.onsets()]
     at_first = [f"q{i} = {writer.start(i)}{' + offset' if i == writer.cart else ''}" for i in others]
@@ -215,6 +215,8 @@ def _load(writer: Writer, given: str, begin: list[str], turn: list[str], load: s
         "first = (4.0 * theta[half] - theta[2 * half] - 3.0 * theta[0]) / (2.0 * h * half) if theta.shape[0] > 2 else 0.0",
         f"if abs(first) < {MOVING_RAD_S}:",
         "    first = 0.0",
+        # What drives the belt is where the motor is before anything is placed by it.
+        *([] if driven is None else [f"q{driven} = {writer.start(driven)}", f"v{driven} = {writer.follow(driven)}"]),
         *writer.driving_end("v"), *at_first,
         "for k in range(theta.shape[0]):",
         *indented([

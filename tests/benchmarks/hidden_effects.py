@@ -24,12 +24,13 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+import numpy as np
 from hidden_table import FAMILY, table
 
 from beltcomm.effects import effect_named
 from beltcomm.errors import BeltcommError
 from beltcomm.laboratory.diagnosis import Diagnosis, diagnose
-from beltcomm.laboratory.fitting import fit
+from beltcomm.laboratory.fitting import Fitted, fit
 from beltcomm.laboratory.intervals import spread_of
 from beltcomm.laboratory.run_checks import checked
 from beltcomm.laboratory.score import ground_of
@@ -122,6 +123,7 @@ def judged(machine: Machine, found: Diagnosis, run: RunFolder) -> dict[str, Any]
     line["ranking"] = [(c.effect.name, round(c.evidence), c.fitted is not None) for c in first.candidates[:3]]
     line["ratio"] = [found.base.ratio, after.ratio]
     line["held"] = [found.base.held_ratio, after.held_ratio]
+    line["records"] = records_of(found)
     line["level"] = [f.objective / f.problem.samples for f in (found.base, after)]
     wanted = [FAMILY.get(e, e) for e in machine.effects if e not in OUTSIDE]
     if wanted and not set(machine.effects) & set(OUTSIDE):
@@ -140,6 +142,26 @@ def judged(machine: Machine, found: Diagnosis, run: RunFolder) -> dict[str, Any]
             inside = covered(truth, values, tuple(spread.half_width({n: 1.0}) for n in names))
             line["covered"]["+".join(names)] = [truth, *values, inside]
     return line
+
+
+def records_of(found: Diagnosis) -> list[tuple[str, bool, float, float]]:
+    """Name, held out, and ratio before and after of every record."""
+    before, after = (white_of(found, fitted) for fitted in (found.base, found.after))
+    return [(*key, rms(before[key]), rms(white)) for key, white in after.items() if len(white) and len(before[key])]
+
+
+def white_of(found: Diagnosis, fitted: Fitted) -> dict[tuple[str, bool], np.ndarray]:
+    """The whitened residual of every record; a stretch counts other samples before than after where friction turns in it."""
+    parts: dict[tuple[str, bool], list[np.ndarray]] = {}
+    for piece, white in zip(fitted.problem.pieces, np.split(fitted.residual, fitted.problem.ends[1:-1]), strict=True):
+        parts.setdefault((piece.record, False), []).append(white)
+    for piece, white in zip(found.data.held_out, fitted.held_residual, strict=True):
+        parts.setdefault((piece.record, True), []).append(white)
+    return {key: np.concatenate(whites) for key, whites in parts.items()}
+
+
+def rms(white: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(white**2)))
 
 
 def reference(machine: Machine, found: Diagnosis, run: RunFolder, wanted: list[str]) -> float | None:

@@ -42,6 +42,7 @@ def table(lines: Sequence[Line]) -> None:
     one = [line for line in shown if right(line)]
     if one:
         print_ratios("after adding the right effect: fitted", one, 1, 0.05)
+        print_records(one)
     print_held("held-out error within 1.02 of the true model class", [line for line in shown if line.get("best_held")])
     print_coverage(lines)
     refused = [line for line in lines if "added" not in line]
@@ -87,6 +88,14 @@ def print_ratios(title: str, lines: Sequence[Line], at: int, within: float) -> N
     if values:
         near = share(abs(value - 1.0) <= within for value in values)
         print(f"{title} {values[len(values) // 2]:.3f} ({values[0]:.3f} to {values[-1]:.3f}); within 1.00 ± {within:.2f}: {near}")
+
+
+def print_records(lines: Sequence[Line]) -> None:
+    """Share of single records within 1.00 ± 0.05 after adding, fitted and held out; lines from before hold no records."""
+    records = [record for line in lines for record in line.get("records", [])]
+    for title, wanted in (("fitted", False), ("held out", True)):
+        if values := [after for _, held_out, _, after in records if held_out is wanted]:
+            print(f"    single records, {title}, within 1.00 ± 0.05: {share(abs(value - 1.0) <= 0.05 for value in values)}")
 
 
 def print_held(title: str, lines: Sequence[Line]) -> None:

@@ -73,6 +73,15 @@ def test_the_hidden_effect_is_added_and_the_error_falls(hidden_cogging: tuple[Pa
     assert compared["ratio"]["overall"] == pytest.approx(added["after"]["ratio"], rel=0.02)
     ladder = json.loads(beltcomm("ladder", str(run), "--no-pictures").stdout)
     assert [rung["change"] for rung in ladder["revisions"]] == ["base", "+cogging"]
+    first, second = ladder["revisions"]
+    assert first["cost"] is None
+    assert second["cost"] == {"of": "cogging", **added["cost"]}
+    low, high = second["cost"]["aware_range"]
+    assert low["dynamic_m"] < high["dynamic_m"], "over the intervals of the model"
+    text = CliRunner().invoke(cli, ["ladder", str(run), "--no-pictures"], standalone_mode=False).stdout
+    assert f"revision_2  {second['when']}, {len(second['data'])} recordings, data {second['data_hash']}\n" in text
+    assert f"    beltcomm add cogging {run}" in text
+    assert f"{1e6 * added['cost']['unaware']['dynamic_m']:.0f} (" in text
     assert {path: path.read_bytes() for path in sorted((run / "recordings").iterdir())} == before
 
 

@@ -11,7 +11,7 @@ from beltcomm.errors import UsageError
 from beltcomm.report.page import Page, render
 from beltcomm.result import Result, jsonable, plain
 from beltcomm.session.cross_check_words import sheet_lines
-from beltcomm.session.reporting import axis, changes, first, gains, loops, model, model_error, safety, tracking
+from beltcomm.session.reporting import axis, changes, first, gains, loops, missing, model, model_error, safety, tracking
 from beltcomm.session.reporting.gather import Gathered, gathered
 from beltcomm.talk import Silence, Talk
 
@@ -23,6 +23,7 @@ PARTS = (
     gains.section,
     model.section,
     model_error.section,
+    missing.section,
     axis.frequency,
     axis.sliding,
     loops.section,
@@ -90,6 +91,7 @@ def numbers_of(found: Gathered, page: Page, before: Gathered | None = None) -> d
         "ratio": None if comparison is None else {"overall": comparison.ratio, "held_out": comparison.held_out},
         "data_sheet": [plain(doubt) for doubt in doubts],
         "data_sheet_words": sheet_lines(doubts),
+        "costs": [{"revision": rung.name, "change": rung.change, **rung.cost} for rung in found.rungs if rung.cost is not None],
         "results": plain(dict(found.results)),
         "against": None if before is None else {"run": before.name, "changes": plain(changes.compared(before, found))},
     }

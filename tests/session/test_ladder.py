@@ -1,0 +1,103 @@
+"""The ladder: where each revision comes from in the text, and what a missing effect costs there and on the report's page."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from beltcomm.axis import load_axis
+from beltcomm.model import load_plant
+from beltcomm.report.page import Table
+from beltcomm.result import plain
+from beltcomm.runfolder import RunFolder
+from beltcomm.session import kept_cost
+from beltcomm.session.cost import Cost
+from beltcomm.session.ladder_words import ladder_lines
+from beltcomm.session.reporting import missing
+from beltcomm.session.revisions import Revision, as_mapping, keep_cost, new_revision, revisions
+from beltcomm.verify import TrackingError
+
+MOVE = "0.00 to 0.50 m at up to 1.5 m/s"
+COST = Cost(MOVE, *(TrackingError(1e-6 * d, 1e-6 * s) for d, s in ((411, 97), (205, 31), (512, 98), (306, 33))))
+RANGED = replace(
+    COST,
+    unaware_range=(TrackingError(4e-4, 9e-5), TrackingError(4.2e-4, 1e-4)),
+    aware_range=(TrackingError(2e-4, 3e-5), TrackingError(2.1e-4, 4e-5)),
+)
+BASE = Revision("revision_1", "", "base", (), 3.2, 3.3, None, "beltcomm fit RUN", "2026-03-31T09:12:44", {"a": "12", "b": "34"})
+ADDED = Revision(
+    "revision_2", "revision_1", "+backlash", ("backlash",), 1.02, 1.05, True, "beltcomm add backlash RUN", "2026-03-31T09:20:00",
+    {"a": "12", "b": "56"}, {"of": "backlash", **plain(RANGED)},
+)  # fmt: skip
+
+
+def test_text_names_time_data_and_command_of_every_revision_within_80_columns() -> None:
+    lines = ladder_lines([BASE, ADDED], ())
+    text = "\n".join(lines)
+    for rung in (BASE, ADDED):
+        assert f"{rung.name}  {rung.when}, 2 recordings, data {rung.data_hash}" in text
+        assert f"    {rung.command}\n" in f"{text}\n"
+    assert BASE.data_hash != ADDED.data_hash
+    assert BASE.data_hash == replace(ADDED, data=dict(reversed(BASE.data.items()))).data_hash
+    assert "411 (400 to 420) → 205 (200 to 210)" in text
+    assert "carriage, static  98 → 33" in text
+    assert max(map(len, lines)) <= 80
+
+
+def test_a_cost_is_kept_with_its_revision_and_ladders_from_before_load(tmp_path: Path) -> None:
+    folder = RunFolder.create(tmp_path / "run", load_axis("egc-70-600"))
+    model = load_plant("g_a").model
+    for change in ("base", "+backlash"):
+        new_revision(folder, model, change, ratio=1.0, held_out=None, confirmed=None, command="", when="")
+    saved = folder.load_result("ladder")
+    assert saved is not None
+    folder.save_result("ladder", {"revisions": [{k: v for k, v in rung.items() if k != "cost"} for rung in saved["revisions"]]})
+    assert [rung.cost for rung in revisions(folder)] == [None, None]
+    keep_cost(folder, "revision_2", {"of": "backlash", **plain(COST)})
+    kept = [as_mapping(rung)["cost"] for rung in revisions(folder)]
+    assert kept[0] is None
+    assert kept[1]["unaware"]["dynamic_m"] == COST.unaware.dynamic_m
+
+
+@pytest.mark.parametrize(
+    ("cost", "row"),
+    [(RANGED, ("motor, dynamic", "411", "400 to 420", "205", "200 to 210")), (COST, ("motor, dynamic", "411", "205"))],
+)
+def test_report_shows_errors_without_and_with(cost: Cost, row: tuple[str, ...]) -> None:
+    unknown = replace(ADDED, name="revision_3", change="+cogging", cost=None)
+    run: Any = SimpleNamespace(rungs=[BASE, replace(ADDED, cost={"of": "backlash", **plain(cost)}), unknown], place="RUN")
+    made = missing.section(run)
+    (table,) = (part for part in made.parts if isinstance(part, Table))
+    assert table.rows[0] == row
+    assert len({len(table.head), *map(len, table.rows)}) == 1
+    words = " ".join(line for part in made.parts if not isinstance(part, Table) for line in part.lines)
+    assert MOVE in words
+    assert "Not known of revision_3 (+cogging)" in words
+    run.rungs = [BASE]
+    assert "beltcomm diagnose RUN" in missing.section(run).missing
+
+
+@pytest.mark.parametrize(("named", "computed"), [(("backlash",), 0), (("backlash", "warmup"), 1)])
+def test_a_climb_keeps_the_cost_of_what_it_added(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, named: tuple[str, ...], computed: int
+) -> None:
+    """With the last revision: what the diagnosis computed where all was added, else anew for what was."""
+    folder, model = RunFolder.create(tmp_path / "run", load_axis("egc-70-600")), load_plant("g_a").model
+    for grown, change in ((model, "base"), (model.with_effect("backlash"), "+backlash")):
+        new_revision(folder, grown, change, ratio=1.0, held_out=None, confirmed=None, command="", when="")
+    asked: list[Any] = []
+
+    def cost(_folder: RunFolder, before: Any, after: Any, _name: str) -> tuple[dict[str, Any], list[str]]:
+        asked.append((before, after))
+        return {"move": "anew"}, []
+
+    monkeypatch.setattr(kept_cost, "cost_of", cost)
+    found: Any = SimpleNamespace(base=SimpleNamespace(model=model), named=named)
+    made = kept_cost.priced(folder, found, revisions(folder), {"move": "whole"})
+    assert [rung.cost for rung in made] == [None, {"of": "backlash", "move": "anew" if computed else "whole"}]
+    assert revisions(folder) == made
+    assert [after.effects[-1] for _, after in asked] == ["backlash"] * computed
