@@ -15,6 +15,7 @@ from beltcomm.programs import source_hash
 from beltcomm.result import Result, jsonable, plain
 from beltcomm.session import study_words as words
 from beltcomm.session.study_file import Study, load_study
+from beltcomm.session.study_lock import held
 from beltcomm.session.study_members import Doing, line_of, lines_of
 from beltcomm.session.study_workers import answers, processors
 from beltcomm.study.summary import summary_of
@@ -44,13 +45,28 @@ def study_of(
     workers : processes, None for one per processor.   scheduler : address of a Dask cluster in their place.   limit : so many more members
     at most; with 0 only what is known is said, also while another process computes.   report : the page too.   The results are the same
     whoever computes them, bit for bit, on processors of one kind.
-    Raises UsageError for a wrong study, a folder of another study, a scheduler that cannot be used; DataError for a damaged folder.
+    Raises UsageError for a wrong study, a folder of another study or one in which another process computes, a scheduler that cannot be
+    used; DataError for a damaged folder; Refused where workers die or vanish.
     """
     if workers is not None and scheduler is not None:
         raise UsageError("--workers are processes of this machine, --scheduler is a cluster: choose one")
     talk = talk or Silence()
     asked = load_study(file, doing)
-    lines = _goes_on(asked, out, reads_only=limit == 0)
+    _make(out)
+    if limit == 0:
+        lines = _goes_on(asked, out, reads_only=True)
+        _copy(file, out)
+        return _result(asked, file, out, lines, report)
+    with held(out, talk):
+        lines = _computed(asked, file, out, workers=workers, scheduler=scheduler, limit=limit, talk=talk)
+        return _result(asked, file, out, lines, report)
+
+
+def _computed(
+    asked: Study, file: str | Path, out: Path, *, workers: int | None, scheduler: str | None, limit: int | None, talk: Talk
+) -> dict[int, Line]:
+    """All members with a result, old and new."""
+    lines = _goes_on(asked, out, reads_only=False)
     _copy(file, out)
     open_members = [(k, asked.key(k), asked.values(k)) for k in range(asked.count) if k not in lines][:limit]
     if open_members:
@@ -70,7 +86,7 @@ def study_of(
                 done += len(made)
                 talk.progress(done / len(open_members), None)
         write_text(out / MEMBERS, "".join(_text(lines[k]) for k in sorted(lines)))
-    return _result(asked, file, out, lines, report)
+    return lines
 
 
 def one_member(file: str | Path, number: int, *, doing: Doing, out: Path | None = None) -> Result:
@@ -109,12 +125,15 @@ def _result(asked: Study, file: str | Path, out: Path, lines: Mapping[int, Line]
     return Result({**data, "folder": str(out), "page": str(out / PAGE) if report else None}, text, int(bool(missed)))
 
 
-def _goes_on(asked: Study, out: Path, reads_only: bool) -> dict[int, Line]:
-    """Results that a folder holds, by member.   Raises UsageError for those of another study, and of another program if it goes on."""
+def _make(out: Path) -> None:
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise UsageError(f"{out} cannot be made: {error.strerror}; choose another --out") from error
+
+
+def _goes_on(asked: Study, out: Path, reads_only: bool) -> dict[int, Line]:
+    """Results that a folder holds, by member.   Raises UsageError for those of another study, and of another program if it goes on."""
     lines: dict[int, Line] = {}
     for line in read_members(out / MEMBERS):
         number = line["member"]
