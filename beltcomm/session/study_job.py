@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from beltcomm.configfiles import find_config, to_yaml, write_text
-from beltcomm.errors import DataError, UsageError
+from beltcomm.errors import DataError, Refused, UsageError
 from beltcomm.programs import source_hash
 from beltcomm.result import Result, jsonable, plain
 from beltcomm.session import study_words as words
@@ -79,6 +79,8 @@ def _computed(
         _cut(out / MEMBERS)
         with open(out / MEMBERS, "ab") as members:
             for made in answers(partial(lines_of, asked.work), tasks, workers=workers, scheduler=scheduler, talk=talk):
+                if any(line["program"] != source_hash() for line in made):  # a worker that joined later
+                    raise Refused("a worker has another beltcomm than this computer; install the same one there. What is done is kept")
                 members.write("".join(_text(line) for line in made).encode())
                 members.flush()
                 os.fsync(members.fileno())
