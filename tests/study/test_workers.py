@@ -116,7 +116,7 @@ def test_a_folder_of_another_study_is_left_alone(written: Callable[..., Path], s
     before = (alone / "members.jsonl").read_bytes()
     with pytest.raises(UsageError, match=r"member 0 had cart\.mass .* now it has"):
         api.study(written(seed=4), alone)
-    with pytest.raises(UsageError, match="base, design, move, targets"):
+    with pytest.raises(UsageError, match="base, design, move or targets differ"):
         api.study(written(targets={"dynamic": "2 mm"}), alone)
     with pytest.raises(UsageError, match="this study has 10"):
         api.study(written(members=10), alone)
