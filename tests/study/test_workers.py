@@ -133,6 +133,20 @@ def test_results_of_another_program_are_read_and_not_gone_on_with(written: Calla
     assert api.study(written(), tmp_path, limit=0).data["done"] == 3
 
 
+def test_what_a_worker_with_another_program_found_is_not_kept(small: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It joined later, and nobody had looked at it yet."""
+
+    def joined(function: Callable[[Any], Any], given: Any, **_: Any) -> Iterator[Any]:
+        for k, one in enumerate(given):
+            yield [{**line, "program": "another"} if k else line for line in function(one)]
+
+    monkeypatch.setattr("beltcomm.session.study_job.answers", joined)
+    with pytest.raises(Refused, match=r"a worker has another beltcomm .* What is done is kept"):
+        api.study(small, tmp_path, workers=4)
+    programs = {json.loads(text)["program"] for text in (tmp_path / "members.jsonl").read_text(encoding="utf-8").splitlines()}
+    assert programs == {source_hash()}
+
+
 def test_a_worker_of_several_threads_or_of_another_program_is_refused() -> None:
     here = source_hash()
     assert unfit({"a": here, "b": here}, {"a": 1, "b": 1}, "tcp://x:1") == ""
