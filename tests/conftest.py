@@ -37,6 +37,7 @@ FIRST = (
     "tests/laboratory/test_draws.py",
     "tests/laboratory/test_demo.py",
     "tests/identify/test_inverse_fit.py",
+    "tests/study/test_commissioned.py",
     "tests/study/test_workers.py",
 )
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError
 from concurrent.futures.process import BrokenProcessPool
-from typing import TYPE_CHECKING, TypeVar
+from queue import Empty, SimpleQueue
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from beltcomm.errors import Refused, UsageError
 from beltcomm.programs import source_hash
@@ -20,18 +21,27 @@ Found = TypeVar("Found")
 DEATHS = 3
 #: s to wait for a scheduler and for its first worker.
 SCHEDULER_S, WORKER_S = 10, 30
+#: s without an answer after which a cluster is looked at; s without any worker after which that is said, and after which it is the end.
+LOOK_S, SAID_S, ALONE_S = 2.0, 6.0, 300.0
 
 
 def answers(
-    function: Callable[[Given], Found], given: Sequence[Given], *, workers: int | None, scheduler: str | None, talk: Talk
+    function: Callable[[Given], Found],
+    given: Sequence[Given],
+    *,
+    workers: int | None,
+    scheduler: str | None,
+    talk: Talk,
+    alone_s: float = ALONE_S,
 ) -> Iterator[Found]:
     """What ``function`` finds, as it comes, in any order; whatever a dead worker had in hand is computed again.
 
     workers : processes of this machine, 1 for this one alone, None for one per processor.   scheduler : address of a Dask scheduler in
-    their place.   Raises UsageError for a scheduler that cannot be used, Refused when workers die again and again.
+    their place.   alone_s : so long a cluster may be without any worker.   Raises UsageError for a scheduler that cannot be used, Refused
+    when workers die again and again, or when a cluster has none any more.
     """
     if scheduler is not None:
-        return _on_dask(function, given, scheduler, talk)
+        return _on_dask(function, given, scheduler, talk, alone_s)
     count = workers if workers is not None else processors()
     return map(function, given) if count == 1 or len(given) == 1 else _on_processes(function, given, count, talk)
 
@@ -65,24 +75,77 @@ def _on_processes(function: Callable[[Given], Found], given: Sequence[Given], wo
             talk.say("a worker died; what it had in hand is computed again")
 
 
-def _on_dask(function: Callable[[Given], Found], given: Sequence[Given], address: str, talk: Talk) -> Iterator[Found]:
+def _on_dask(function: Callable[[Given], Found], given: Sequence[Given], address: str, talk: Talk, alone_s: float) -> Iterator[Found]:
     try:
-        from distributed import as_completed
         from distributed.scheduler import KilledWorker
     except ImportError as error:
         raise UsageError("a Dask scheduler needs the package distributed: pip install 'beltcomm[study]'") from error
 
     with _connected(address) as client:
-        submitted = [client.submit(function, one, pure=False) for one in given]
-        for future in as_completed(submitted, loop=client.loop):
+        known = set(client.nthreads())
+        done: SimpleQueue[Any] = SimpleQueue()
+        submitted = {client.submit(function, one, pure=False) for one in given}
+        for future in submitted:
+            future.add_done_callback(done.put)
+        while submitted:
             try:
-                found: Found = future.result()
+                future, found = _next(done, client, address, talk, alone_s, known)
             except KilledWorker as error:
                 raise Refused(_died(DEATHS, "more memory for the workers may help")) from error
             except (CancelledError, OSError) as error:
-                raise Refused(f"the scheduler {address} went away ({error}); what is done is kept, the same command goes on") from error
+                told = " ".join(str(error).split())
+                raise Refused(f"the scheduler {address} went away ({told}); what is done is kept, the same command goes on") from error
             yield found
+            submitted.remove(future)
             future.release()
+
+
+def _next(done: SimpleQueue[Any], client: Client, address: str, talk: Talk, alone_s: float, known: set[str]) -> tuple[Any, Any]:
+    """The next task that is done, and what it found.   known : workers that have been looked at.
+
+    Raises Refused when the cluster has had no worker for ``alone_s``, or has got one that cannot compute members; OSError without a
+    scheduler; what the task raised.
+    """
+    look_s, without_s, said, future = min(LOOK_S, 0.25 * alone_s), 0.0, False, None
+    while True:
+        try:
+            future = done.get(timeout=look_s) if future is None else future
+            found = future.result(timeout=look_s)  # which may have gone with its worker, and is computed again
+        except (Empty, TimeoutError):
+            threads: dict[str, int] = client.nthreads()
+        else:
+            if said:
+                talk.say("the cluster has workers again; it goes on")
+            return future, found
+        if new := set(threads) - known:
+            _refuse_unfit(client, sorted(new), threads, address)
+            known |= new
+        if threads:
+            if said:
+                talk.say("the cluster has workers again; it goes on")
+            without_s, said = 0.0, False
+            continue
+        without_s += look_s
+        if without_s >= alone_s:
+            raise Refused(
+                f"the cluster {address} has had no worker for {alone_s:.3g} s; what is done is kept. Start some with {_alone(address)}, "
+                "and the same command goes on"
+            )
+        if without_s >= min(SAID_S, 0.5 * alone_s) and not said:
+            said = True
+            talk.say(f"the cluster has no worker any more; it is waited for {alone_s:.3g} s in all. Start some with {_alone(address)}")
+
+
+def _refuse_unfit(client: Client, new: list[str], threads: Mapping[str, int], address: str) -> None:
+    """Raise Refused for a worker that came later and cannot compute members."""
+    try:
+        programs: dict[str, str] = client.run(source_hash, workers=new)
+    except ModuleNotFoundError as error:
+        raise Refused(f"a new worker of {address} has no beltcomm ({error}); install the same version there") from error
+    except (OSError, KeyError):  # it has gone again
+        return
+    if said := unfit(programs, {worker: threads[worker] for worker in programs}, address):
+        raise Refused(f"{said}. What is done is kept, the same command goes on")
 
 
 def _connected(address: str) -> Client:

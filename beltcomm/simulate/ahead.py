@@ -19,7 +19,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import ParamSpec, TypeVar
 
-from platformdirs import user_cache_path
+from beltcomm.simulate import cached
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
@@ -86,16 +86,16 @@ def _note() -> Path | None:
 
     None where it cannot be written.
     """
-    folder, package = user_cache_path("beltcomm") / "kernels", Path(__file__).parents[1]
+    kernels, package = cached.folder(), cached.package()
     numba = find_spec("numba")
     sources = [path for part in ("*.py", "effects/*.py", "simulate/*.py") for path in sorted(package.glob(part))]
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        kernels.mkdir(parents=True, exist_ok=True)
         stamps = [(path, path.stat().st_size, path.stat().st_mtime_ns) for path in (*sources, Path(str(numba and numba.origin)))]
     except OSError:
         return None
     key = hashlib.sha256(repr((os.environ.get("NUMBA_CACHE_DIR"), stamps)).encode()).hexdigest()[:20]
-    return folder / f"ahead_{key}" if os.access(folder, os.W_OK) else None
+    return kernels / f"ahead_{key}" if os.access(kernels, os.W_OK) else None
 
 
 def main() -> None:
@@ -115,7 +115,8 @@ def main() -> None:
     plain_belt(motion, rest, 1.0, 2, 1.0, 0.0, richest)
     note = _note()
     if note is not None:
-        note.touch()
+        cached.write_note(note)
+        cached.prune(note)
 
 
 if __name__ == "__main__":

@@ -25,18 +25,15 @@ from itertools import groupby, pairwise
 from pathlib import Path
 from types import ModuleType
 
-from platformdirs import user_cache_path
-
 from beltcomm.effects import EFFECTS
 from beltcomm.model import Model, body_list
 from beltcomm.simulate.ahead import after_waiting
+from beltcomm.simulate.cached import VERSION, folder
 from beltcomm.simulate.fences import indented, needed
 from beltcomm.simulate.observer import Watch
 from beltcomm.simulate.plain_belt import PLAIN
 from beltcomm.simulate.writer import LOOK_AHEAD, MOVING_RAD_S, Writer, acts_on_motor
 
-#: Changes whenever the generated source changes shape, so that an old cache is never met.
-_VERSION = 17
 #: A thread must not meet a module that another one is still executing.
 _IMPORTING = threading.RLock()
 
@@ -309,30 +306,41 @@ def _motor_alone(writer: Writer) -> list[str]:
 
 def import_stable(source: str) -> ModuleType:
     """Import generated source from a file whose name is its hash; numba caches machine code beside that file."""
-    name = f"kernel_{_VERSION}_{hashlib.sha256(source.encode()).hexdigest()[:20]}"
+    name = f"kernel_{VERSION}_{hashlib.sha256(source.encode()).hexdigest()[:20]}"
     with _IMPORTING:
         return sys.modules[name] if name in sys.modules else _imported(name, source)
 
 
 def _imported(name: str, source: str) -> ModuleType:
     path = _source_file(name, source)
-    if path is None:
-        module = ModuleType(name)
-        exec(compile(source, f"<{name}>", "exec"), module.__dict__)
-        sys.modules[name] = module
-        return module
+    if path is not None:
+        try:
+            return _from_file(name, path)
+        except FileNotFoundError:  # another version has pruned the cache in between: it is as if none could be written
+            pass
+    module = ModuleType(name)
+    exec(compile(source, f"<{name}>", "exec"), module.__dict__)
+    sys.modules[name] = module
+    return module
+
+
+def _from_file(name: str, path: Path) -> ModuleType:
     spec = importlib.util.spec_from_file_location(name, path)
     if spec is None or spec.loader is None:
         raise ImportError(f"cannot import the generated kernel {path}")
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module
-    spec.loader.exec_module(module)
+    try:
+        spec.loader.exec_module(module)
+    except BaseException:  # also Ctrl-C: the next call must not be given half of it
+        sys.modules.pop(name, None)
+        raise
     return module
 
 
 def _source_file(name: str, source: str) -> Path | None:
     """The file with ``source`` in the user's cache, where it outlives the process; None when none can be read or written there."""
-    path = user_cache_path("beltcomm") / "kernels" / f"{name}.py"
+    path = folder() / f"{name}.py"
     if os.access(path, os.R_OK):
         return path
     try:

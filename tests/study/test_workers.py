@@ -51,7 +51,7 @@ class Told(Silence):
 def cluster() -> Iterator[Any]:
     from distributed import LocalCluster
 
-    with LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50) as made:
+    with LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0", silence_logs=50) as made:
         yield made
 
 
@@ -116,7 +116,7 @@ def test_a_folder_of_another_study_is_left_alone(written: Callable[..., Path], s
     before = (alone / "members.jsonl").read_bytes()
     with pytest.raises(UsageError, match=r"member 0 had cart\.mass .* now it has"):
         api.study(written(seed=4), alone)
-    with pytest.raises(UsageError, match="base, design, move, targets"):
+    with pytest.raises(UsageError, match="base, design, move or targets differ"):
         api.study(written(targets={"dynamic": "2 mm"}), alone)
     with pytest.raises(UsageError, match="this study has 10"):
         api.study(written(members=10), alone)
@@ -131,6 +131,20 @@ def test_results_of_another_program_are_read_and_not_gone_on_with(written: Calla
         api.study(written(), tmp_path, workers=1)
     assert (tmp_path / "members.jsonl").read_text(encoding="utf-8") == text
     assert api.study(written(), tmp_path, limit=0).data["done"] == 3
+
+
+def test_what_a_worker_with_another_program_found_is_not_kept(small: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It joined later, and nobody had looked at it yet."""
+
+    def joined(function: Callable[[Any], Any], given: Any, **_: Any) -> Iterator[Any]:
+        for k, one in enumerate(given):
+            yield [{**line, "program": "another"} if k else line for line in function(one)]
+
+    monkeypatch.setattr("beltcomm.session.study_job.answers", joined)
+    with pytest.raises(Refused, match=r"a worker has another beltcomm .* What is done is kept"):
+        api.study(small, tmp_path, workers=4)
+    programs = {json.loads(text)["program"] for text in (tmp_path / "members.jsonl").read_text(encoding="utf-8").splitlines()}
+    assert programs == {source_hash()}
 
 
 def test_a_worker_of_several_threads_or_of_another_program_is_refused() -> None:
