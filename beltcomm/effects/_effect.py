@@ -157,6 +157,31 @@ class Point:
 
 
 @dataclass(frozen=True)
+class Hand:
+    """What a person does where no motion of the axis tells two effects apart.
+
+    change : on the machine.   record : what is recorded, or read, after it.   tells : which of the two it was.
+    """
+
+    change: str
+    record: str
+    tells: str
+
+    def words(self) -> str:
+        """A sentence."""
+        return f"{self.change}; then {self.record}: {self.tells}"
+
+
+@dataclass(frozen=True)
+class Apart:
+    """The experiment between an effect and one of its twins.   shows : where the two differ.   records : as steps of a plan file."""
+
+    shows: str
+    records: tuple[Mapping[str, Any], ...] = ()
+    hands: tuple[Hand, ...] = ()
+
+
+@dataclass(frozen=True)
 class Effect:
     """One physical effect.
 
@@ -168,7 +193,8 @@ class Effect:
     group : effects of one group exclude each other.     seen, causes, check, remedy : for the technician.     source : origin of the law.
     trials : how a diagnosis switches it on, from what is known of the axis; None: it is not put on trial (base effects and laws
     that need data of their own).    twins : effects that no motion of this axis can tell from it, or hardly.    separate : the
-    experiment that tells the twins apart.    alike : what else looks like it to a person, by name, each with the experiment that tells them
+    experiment that tells the twins apart.    apart : the same by twin, as records
+    and as changes by hand.    alike : what else looks like it to a person, by name, each with the experiment that tells them
     apart; no diagnosis uses these.    harmonic : a sine and a cosine of the motor angle times the
     first parameter, added to the load or to the gain of the torque (so that all orders can be searched in one pass).    rattles : the
     carriage is free at times, within a gap that is the first parameter, m: only the torque says where it is then.    bound : it only
@@ -198,6 +224,7 @@ class Effect:
     rattles: bool = False
     twins: tuple[str, ...] = ()
     separate: str = ""
+    apart: Mapping[str, Apart] = field(default_factory=dict)
     causes: str = ""
     remedy: str = ""
     alike: Mapping[str, str] = field(default_factory=dict)

@@ -29,16 +29,18 @@ from beltcomm.result import Result, plain
 from beltcomm.runfolder import RunFolder
 from beltcomm.session import ladder_words as words
 from beltcomm.session import pictures as drawn
+from beltcomm.session.already import Before, shown_already
 from beltcomm.session.cost import cost_lines, cost_or_reason
 from beltcomm.session.cross_check_words import as_data, check_lines, cross_checked, sheet_lines
 from beltcomm.session.kept_fit import fitted_to
 from beltcomm.session.kept_result import answered
-from beltcomm.session.next_plan import NAME, plan_for, recorded_sets
+from beltcomm.session.next_plan import NAME, families, plan_for, recorded_sets
 from beltcomm.session.opened import Opened, explainable, opened, records_of
 from beltcomm.session.response_table import table_lines, table_of
 from beltcomm.session.revisions import Revision, as_mapping, changed_recordings, current_model, current_revision, new_revision, revisions
 from beltcomm.session.told_before import better
 from beltcomm.simulate import ahead
+from beltcomm.stopping import total_friction
 from beltcomm.talk import Silence, Talk
 
 #: Names of one family that no motion of the axis can tell apart, and the effect that stands for it.
@@ -161,7 +163,10 @@ def sight(folder: RunFolder, found: Diagnosis, recordings: Sequence[Recording], 
     lines = words.lacking_lines(missing) + words.sight_lines(sights, folder.path, not_named(model, recordings), planned=following)
     if following:
         travel = float(folder.axis.travel.max_m or 1.0) - float(folder.axis.travel.min_m or 0.0)
-        wanted = plan_for(found.twins, [one for one in sights if not one.seen], recorded_sets(recordings, travel))
+        window = (float(folder.axis.travel.min_m or 0.0), float(folder.axis.travel.max_m or 1.0))
+        before = Before(recordings, window, model["transmission.ratio"], total_friction(model))
+        blind, sets = [one for one in sights if not one.seen], recorded_sets(recordings, travel)
+        wanted = plan_for(found.twins, blind, sets, found.named, lambda step: shown_already(step, before))
         data["next"] = wanted.to_dict()
         folder.save_result(NAME, plain(wanted.to_dict()))
         lines += wanted.lines(folder.path)
@@ -344,6 +349,7 @@ def diagnosis_data(found: Diagnosis) -> dict[str, Any]:
         },
         "ranking": [ranked(c) for c in first],
         "twins": list(found.twins),
+        "by_hand": [entry for name in found.named for entry in by_hand_of(name)],
         "steps": [
             {
                 "added": step.added,
@@ -363,6 +369,12 @@ def diagnosis_data(found: Diagnosis) -> dict[str, Any]:
             "parameters": values_of(with_intervals(found.after)),
         },
     }
+
+
+def by_hand_of(name: str) -> list[dict[str, Any]]:
+    """What tells the causes apart that an effect stands for, where no motion does."""
+    causes = families(effect_named(name))
+    return [{"effect": name, "cause": cause, **plain(hand)} for cause, apart in causes.items() for hand in apart.hands]
 
 
 def ranked(candidate: Candidate) -> dict[str, Any]:
