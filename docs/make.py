@@ -114,6 +114,8 @@ def commands(effect: Effect) -> tuple[list[str], str]:
     words += ["beltcomm diagnose RUN", "beltcomm diagnose RUN --next"] if effect.trials else []
     words += [f"beltcomm add {one} RUN" for one in (*brought, name)] + [f"beltcomm remove {name} RUN"]
     said = "" if effect.trials else "`diagnose` does not put it on trial; `add` fits it."
+    if effect.untried:
+        said = f"`diagnose` does not put it on trial: {effect.untried}. `add` tries to fit it."
     return words, f"{said} It acts on a body that `{brought[0]}` brings." if brought else said
 
 

@@ -202,6 +202,7 @@ class Effect:
     friction level: constant), the same at every place and time, for any values of its parameters: it is simulated without an integrator.
     least : of its first parameter; up to this it is nothing to be named, because every axis has as much or no sensor shows it.
     completed_by : effects that belong to it and mean nothing without it; put on trial once it is named.
+    untried : why a diagnosis cannot put it on trial although a motor may see it, with figures; "" where that has no need of words.
     unlikely : of its own values and its bodies' by their names here, in words why no machine has them; empty where one may.
     """
 
@@ -232,6 +233,7 @@ class Effect:
     linear: bool = False
     least: float = 0.0
     completed_by: tuple[str, ...] = ()
+    untried: str = ""
     unlikely: Callable[[Mapping[str, float]], str] | None = None
 
     def full_names(self) -> tuple[str, ...]:

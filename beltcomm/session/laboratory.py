@@ -8,7 +8,7 @@ from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
-from beltcomm.effects import effect_named
+from beltcomm.effects import EFFECTS, effect_named
 from beltcomm.errors import UsageError
 from beltcomm.laboratory.compare import Comparison, compare, landmarks, worst
 from beltcomm.laboratory.data import Data
@@ -20,7 +20,7 @@ from beltcomm.laboratory.place_words import in_words
 from beltcomm.laboratory.prepared import last_compiled
 from beltcomm.laboratory.scope import lacking, not_named, within_scope
 from beltcomm.laboratory.score import ground_of
-from beltcomm.laboratory.stage import Candidate, with_effect
+from beltcomm.laboratory.stage import Candidate, may_add, with_effect
 from beltcomm.laboratory.start import start_model
 from beltcomm.laboratory.visible import Sight, visible
 from beltcomm.model import Model
@@ -34,10 +34,11 @@ from beltcomm.session.cost import cost_lines, cost_or_reason
 from beltcomm.session.cross_check_words import as_data, check_lines, cross_checked, sheet_lines
 from beltcomm.session.kept_fit import fitted_to
 from beltcomm.session.kept_result import answered
-from beltcomm.session.next_plan import NAME, families, plan_for, recorded_sets
+from beltcomm.session.next_plan import NAME, by_hand_of, plan_for, recorded_sets
 from beltcomm.session.opened import Opened, explainable, opened, records_of
 from beltcomm.session.response_table import table_lines, table_of
 from beltcomm.session.revisions import Revision, as_mapping, changed_recordings, current_model, current_revision, new_revision, revisions
+from beltcomm.session.together import together
 from beltcomm.session.told_before import better
 from beltcomm.simulate import ahead
 from beltcomm.stopping import total_friction
@@ -134,7 +135,10 @@ def diagnosed(folder: RunFolder, run: Path, auto: bool, cost: bool, following: b
         "remarks": list(records.remarks),
         "doubts": doubts,
     }
-    text = words.remark_lines(records.remarks) + words.diagnosis_lines(found) + doubts + check_lines(crossed)
+    belonging = together(found.after, found.named)
+    data["together"] = [plain(one) for one in belonging]
+    text = words.remark_lines(records.remarks) + words.diagnosis_lines(found) + [one.text for one in belonging] + doubts
+    text += check_lines(crossed)
     if cost and found.named:
         talk.phase(1, 1, "what it costs in tracking")
         data["cost"], lines = cost_of(folder, found.base.model, found.after.model, " and ".join(found.named))
@@ -160,7 +164,10 @@ def sight(folder: RunFolder, found: Diagnosis, recordings: Sequence[Recording], 
     model = found.base.model
     missing = lacking(recordings, model["transmission.ratio"]) if "cart" in model.base_bodies else []
     data["lacking"] = missing
-    lines = words.lacking_lines(missing) + words.sight_lines(sights, folder.path, not_named(model, recordings), planned=following)
+    untried = [e for e in EFFECTS if e.untried and may_add(found.base, e)]
+    data["untried"] = [{"effect": e.name, "why": e.untried} for e in untried]
+    lines = words.lacking_lines(missing) + words.untried_lines(untried)
+    lines += words.sight_lines(sights, folder.path, not_named(model, recordings), planned=following)
     if following:
         travel = float(folder.axis.travel.max_m or 1.0) - float(folder.axis.travel.min_m or 0.0)
         window = (float(folder.axis.travel.min_m or 0.0), float(folder.axis.travel.max_m or 1.0))
@@ -369,12 +376,6 @@ def diagnosis_data(found: Diagnosis) -> dict[str, Any]:
             "parameters": values_of(with_intervals(found.after)),
         },
     }
-
-
-def by_hand_of(name: str) -> list[dict[str, Any]]:
-    """What tells the causes apart that an effect stands for, where no motion does."""
-    causes = families(effect_named(name))
-    return [{"effect": name, "cause": cause, **plain(hand)} for cause, apart in causes.items() for hand in apart.hands]
 
 
 def ranked(candidate: Candidate) -> dict[str, Any]:

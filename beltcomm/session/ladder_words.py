@@ -104,6 +104,11 @@ def lacking_lines(missing: Sequence[str]) -> list[str]:
     return ["Little can be seen here of some things:", *(f"  {line}" for line in missing)] if missing else []
 
 
+def untried_lines(effects: Sequence[Effect]) -> list[str]:
+    """Effects that no diagnosis looks for."""
+    return [f"Not looked for: {effect.name} ({effect.title}), {effect.untried}. Check: {effect.check}." for effect in effects]
+
+
 def sight_lines(sights: Sequence[Sight], run: Path, unnamed: Collection[str] = (), planned: bool = False) -> list[str]:
     """What these data could not have shown.   unnamed : effects that are not named from them, whatever they show.   planned : what to
     record next is said beside it.

@@ -15,6 +15,7 @@ from beltcomm.effects import EFFECTS, Apart, Effect, effect_named
 from beltcomm.errors import UsageError
 from beltcomm.laboratory.visible import Sight
 from beltcomm.recording import Recording
+from beltcomm.result import plain
 from beltcomm.session.steps import PLACES, QUIET, SLOW_M_S, TRIANGLES_M, Step, checked_step
 
 #: Name of the file in ``results/``.
@@ -184,6 +185,12 @@ def families(effect: Effect) -> Mapping[str, Apart]:
 def hands_of(apart: Mapping[str, Apart]) -> list[str]:
     """What is done by hand, in sentences that begin with the cause."""
     return [f"{name}: {hand.words()}" for name, one in apart.items() for hand in one.hands]
+
+
+def by_hand_of(name: str) -> list[dict[str, Any]]:
+    """What tells the causes apart that an effect stands for, where no motion does."""
+    causes = families(effect_named(name))
+    return [{"effect": name, "cause": cause, **plain(hand)} for cause, apart in causes.items() for hand in apart.hands]
 
 
 def shown_by(effect: Effect) -> tuple[str, ...]:
