@@ -124,6 +124,8 @@ def commands(effect: Effect) -> tuple[list[str], str]:
     words += ["beltcomm diagnose RUN", "beltcomm diagnose RUN --next"] if effect.trials else []
     words += [f"beltcomm add {one} RUN" for one in (*brought, name)] + [f"beltcomm remove {name} RUN"]
     said = "" if effect.trials else "`diagnose` does not put it on trial; `add` fits it."
+    if effect.untried:
+        said = f"`diagnose` does not put it on trial: {effect.untried}. `add` tries to fit it."
     return words, f"{said} It acts on a body that `{brought[0]}` brings." if brought else said
 
 
@@ -144,8 +146,10 @@ def page(effect: Effect, experiment: str) -> str:
     lines += ["", "## What looks like it", ""]
     if effect.twins:
         lines += [f"These records often cannot tell it from {named_pages(effect.twins)}. To tell them apart: {effect.separate}.", ""]
+    for name, apart in effect.apart.items():
+        lines += [f"- {named_pages((name,))}: {apart.shows}.", *(f"  - By hand: {hand.words()}." for hand in apart.hands)]
     lines += [f"- {named_pages((name,))}: {how}." for name, how in effect.alike.items()]
-    lines += [""] if effect.alike else []
+    lines += [""] if effect.alike or effect.apart else []
     if not effect.twins and not effect.alike:
         lines += ["Nothing else in the catalogue.", ""]
     about = inspect.getdoc(inspect.getmodule(effect.law or effect.elements[0].law)) or ""

@@ -30,6 +30,10 @@ def command(frame: Frame, /, name: str | None) -> int:
                 "remedy": effect.remedy,
                 "twins": list(effect.twins),
                 "separate": effect.separate,
+                "apart": {
+                    twin: {"shows": apart.shows, "records": [dict(r) for r in apart.records], "by_hand": [h.words() for h in apart.hands]}
+                    for twin, apart in effect.apart.items()
+                },
                 "alike": dict(effect.alike),
                 "source": effect.source,
                 "parameters": [
@@ -55,6 +59,7 @@ def command(frame: Frame, /, name: str | None) -> int:
             f"What to check: {effect.check}",
             f"Remedy: {effect.remedy}",
             *([f"Looks alike in the records: {', '.join(effect.twins)}; to tell apart: {effect.separate}"] if effect.twins else []),
+            *(f"By hand, {twin}: {hand.words()}" for twin, apart in effect.apart.items() for hand in apart.hands),
             *(f"Looks like {other}: {how}" for other, how in effect.alike.items()),
             *(f"  {p.name}, {p.unit} ({p.side} side), {p.low:g} to {p.high:g}: {p.meaning}" for p in effect.parameters),
             f"Source: {effect.source}",

@@ -183,6 +183,31 @@ class Point:
 
 
 @dataclass(frozen=True)
+class Hand:
+    """What a person does where no motion of the axis tells two effects apart.
+
+    change : on the machine.   record : what is recorded, or read, after it.   tells : which of the two it was.
+    """
+
+    change: str
+    record: str
+    tells: str
+
+    def words(self) -> str:
+        """A sentence."""
+        return f"{self.change}; then {self.record}: {self.tells}"
+
+
+@dataclass(frozen=True)
+class Apart:
+    """The experiment between an effect and one of its twins.   shows : where the two differ.   records : as steps of a plan file."""
+
+    shows: str
+    records: tuple[Mapping[str, Any], ...] = ()
+    hands: tuple[Hand, ...] = ()
+
+
+@dataclass(frozen=True)
 class Effect:
     """One physical effect.
 
@@ -194,7 +219,8 @@ class Effect:
     group : effects of one group exclude each other.     seen, causes, check, remedy : for the technician.     source : origin of the law.
     trials : how a diagnosis switches it on, from what is known of the axis; None: it is not put on trial (base effects and laws
     that need data of their own).    twins : effects that no motion of this axis can tell from it, or hardly.    separate : the
-    experiment that tells the twins apart.    alike : what else looks like it to a person, by name, each with the experiment that tells them
+    experiment that tells the twins apart.    apart : the same by twin, as records
+    and as changes by hand.    alike : what else looks like it to a person, by name, each with the experiment that tells them
     apart; no diagnosis uses these.    harmonic : a sine and a cosine of the motor angle times the
     first parameter, added to the load or to the gain of the torque (so that all orders can be searched in one pass).    state : what it
     remembers beside what its slot and its bodies do.    bound : it only
@@ -202,6 +228,7 @@ class Effect:
     friction level: constant), the same at every place and time, for any values of its parameters: it is simulated without an integrator.
     least : of its first parameter; up to this it is nothing to be named, because every axis has as much or no sensor shows it.
     completed_by : effects that belong to it and mean nothing without it; put on trial once it is named.
+    untried : why a diagnosis cannot put it on trial although a motor may see it, with figures; "" where that has no need of words.
     unlikely : of its own values and its bodies' by their names here, in words why no machine has them; empty where one may.
     """
 
@@ -224,6 +251,7 @@ class Effect:
     state: tuple[State, ...] = ()
     twins: tuple[str, ...] = ()
     separate: str = ""
+    apart: Mapping[str, Apart] = field(default_factory=dict)
     causes: str = ""
     remedy: str = ""
     alike: Mapping[str, str] = field(default_factory=dict)
@@ -231,6 +259,7 @@ class Effect:
     linear: bool = False
     least: float = 0.0
     completed_by: tuple[str, ...] = ()
+    untried: str = ""
     unlikely: Callable[[Mapping[str, float]], str] | None = None
 
     def full_names(self) -> tuple[str, ...]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from beltcomm.effects._effect import Effect, Ground, Parameter, Trial
+from beltcomm.effects._effect import Apart, Effect, Ground, Hand, Parameter, Trial
+from beltcomm.effects._records import AGAIN
 
 
 def force(position: float, speed: float, t: float, torque: float) -> float:
@@ -34,6 +35,58 @@ EFFECT = Effect(
     trials=trials,
     twins=("tilt", "coulomb_asymmetry", "current_offset"),
     separate="record slow strokes with a second known payload (tilt grows with the mass), or level the axis and compare",
+    apart={
+        "tilt": Apart(
+            "nothing that moves: on one axis with one payload gravity is a constant",
+            hands=(
+                Hand(
+                    "lay a spirit level on the rail, along the travel",
+                    "read it",
+                    "an axis that rises by the angle that is stated here explains all of it; one that is level nothing",
+                ),
+                Hand(
+                    "put a known payload on, or take it off",
+                    AGAIN + " with payload.mass_kg in axis.yaml",
+                    "constant_offset.torque that grows as the moved mass is tilt; one that stays is not",
+                ),
+                Hand(
+                    "turn the axis end for end on its mounting",
+                    AGAIN,
+                    "a tilt of the mounting changes the sign of constant_offset.torque, friction and current sensor keep it",
+                ),
+            ),
+        ),
+        "coulomb_asymmetry": Apart(
+            "nothing that moves: (F_c ± a) sign v is F_c sign v + a",
+            hands=(
+                Hand(
+                    "stage off; push the carriage slowly both ways with a spring balance",
+                    "read both forces, at the stroke's middle",
+                    "half of their difference is friction by direction or tilt, equal forces leave the current sensor",
+                ),
+                Hand(
+                    "take the wipers of the carriage off, or set it straight",
+                    AGAIN,
+                    "what is gone of constant_offset.torque was friction by direction",
+                ),
+            ),
+        ),
+        "current_offset": Apart(
+            "nothing that moves: the sensor adds the same to every reading",
+            hands=(
+                Hand(
+                    "stage off, motor at rest",
+                    "read torque or current that the drive reports",
+                    "what it reports without any current is the sensor's offset",
+                ),
+                Hand(
+                    "take the belt off and let the drive turn the motor slowly both ways",
+                    "read the mean of both torques",
+                    "a mean that stays is current sensor or motor bearing, one that is gone was behind the belt",
+                ),
+            ),
+        ),
+    },
     seen="more torque in one direction than in the other, at every speed",
     causes="axis not level, seal lip or skewed carriage, offset of the current sensor",
     check="spirit level; push the carriage both ways with a spring balance; torque reading with the stage off",

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.compiled import compiled
-from beltcomm.effects._effect import Effect, Ground, Parameter, Trial
+from beltcomm.effects._effect import Apart, Effect, Ground, Parameter, Trial
+from beltcomm.effects._records import MIDDLE, wide
 
 Array = NDArray[np.float64]
 
@@ -47,6 +48,9 @@ EFFECT = Effect(
     trials=trials,
     twins=("current_lag",),
     separate="record an excitation up to 250 Hz with more torque: the dead time leaves the magnitude alone, the lag lowers it",
+    apart={
+        "current_lag": Apart("magnitude and phase up to 250 Hz: a dead time leaves the magnitude alone, a lag lowers it", wide(MIDDLE)),
+    },
     seen="phase of the frequency response falls in proportion to frequency, at all amplitudes",
     causes="bus cycle, time stamps, filters, an angle that is read late; a recording whose torque is a sample off",
     check="PDO mapping, synchronous mode, time stamps",

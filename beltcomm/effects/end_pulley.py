@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from beltcomm.effects._effect import BELT_DAMPING, BELT_STIFFNESS, DRIVING_END, Body, Effect, Element, Ground, Parameter, Trial
+from beltcomm.effects._effect import BELT_DAMPING, BELT_STIFFNESS, DRIVING_END, Apart, Body, Effect, Element, Ground, Parameter, Trial
+from beltcomm.effects._records import ENDS, wide
 
 
 def far(stretch: float, rate: float, x: float, share: float, split: float, stiffness: float, damping: float) -> float:
@@ -70,6 +71,9 @@ EFFECT = Effect(
     trials=trials,
     twins=("dead_time",),
     separate="record an excitation up to 250 Hz at another place of the carriage",
+    apart={
+        "dead_time": Apart("the second resonance at both ends of the travel: it moves with the carriage, a dead time stays", wide(*ENDS)),
+    },
     seen="a second resonance above the first one, the same at all amplitudes",
     causes="inertia of the idler and the returning span",
     check="mass and bearing of the idler",

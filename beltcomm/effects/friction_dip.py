@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 
-from beltcomm.effects._effect import Effect, Ground, Parameter, Trial
+from beltcomm.effects._effect import Apart, Effect, Ground, Parameter, Trial
+from beltcomm.effects._records import ENDS, MIDDLE, reversals, slow, wide
 
 
 def level(speed: float, position: float, t: float, amount: float, speed_scale: float) -> float:
@@ -38,6 +39,12 @@ EFFECT = Effect(
     trials=trials,
     twins=("presliding", "dead_time"),
     separate="strokes at constant low speed: the dip stays as long as the motion is slow, presliding is over within its distance",
+    apart={
+        "presliding": Apart(
+            "constant low speed: a dip stays as long as it is slow, presliding ends within its way", (*slow(*ENDS), *reversals())
+        ),
+        "dead_time": Apart("constant low speed, where no delay shows: the dip stays", (*slow(*ENDS), *wide(MIDDLE))),
+    },
     seen="around a reversal, before it and after it, the axis needs less torque than the friction of slow strokes says",
     causes="rolling elements and preload that give way before they slide, thin grease, friction that needs speed to build up",
     check="slow strokes at 1, 2, 5, 10, 20 mm/s both ways",

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 
-from beltcomm.effects._effect import Effect, Ground, Parameter, Trial
+from beltcomm.effects._effect import Apart, Effect, Ground, Hand, Parameter, Trial
+from beltcomm.effects._records import AGAIN, sweep
 
 
 def level(speed: float, position: float, t: float, sine: float, cosine: float, ratio: float) -> float:
@@ -44,6 +45,14 @@ EFFECT = Effect(
     trials=trials,
     twins=("pulley_eccentricity", "encoder_eccentricity"),
     separate="turn slowly forward and backward: drag turns its sign with the direction, run-out does not; or lift the brake by hand",
+    apart={
+        name: Apart(
+            "slow turns both ways: drag changes its sign with the direction, run-out does not",
+            sweep(0.01, 0.03, 0.1),
+            (Hand("lift the brake by hand", AGAIN, "what is gone was the brake's drag"),),
+        )
+        for name in ("pulley_eccentricity", "encoder_eccentricity")
+    },
     seen="friction varies once per turn of the motor, with the direction of motion; the brake gets warm",
     causes="brake voltage too low, worn release spring, air gap out of adjustment, disc that runs out",
     check="voltage at the brake while released, air gap, temperature of the brake after ten minutes",

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from beltcomm.effects._effect import Effect, Ground, Parameter, Trial
+from beltcomm.effects._effect import Apart, Effect, Ground, Parameter, Trial
+from beltcomm.effects._records import moves
 
 
 def level(load: float, share: float) -> float:
@@ -31,6 +32,11 @@ EFFECT = Effect(
     trials=trials,
     twins=("torque_saturation",),
     separate="drive and brake at the same torque: friction works against the motion both times, a lost torque against the torque",
+    apart={
+        "torque_saturation": Apart(
+            "driving and braking at two forces: friction works against the motion, lost torque against the torque", moves()
+        ),
+    },
     seen="accelerating needs more and braking less torque than the moving mass says",
     causes="gearbox or screw of low efficiency, bearings under load, tooth flanks",
     check="efficiency of the gearbox in its data sheet; bearings of the driving pulley",

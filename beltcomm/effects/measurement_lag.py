@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.compiled import compiled
-from beltcomm.effects._effect import TORQUE_LAG, Effect, Ground, Parameter, Trial
+from beltcomm.effects._effect import TORQUE_LAG, Apart, Effect, Ground, Hand, Parameter, Trial
+from beltcomm.effects._records import MIDDLE, sweep, wide
 
 Array = NDArray[np.float64]
 
@@ -53,6 +54,22 @@ EFFECT = Effect(
     trials=trials,
     twins=("dead_time", "current_lag"),
     separate="record the same way at another speed: a lag moves and flattens a ripple with speed; a repeat at one speed cannot show it",
+    apart={
+        "dead_time": Apart(
+            "ripples of slow and fast strokes: a lag flattens the fast ones, a dead time only moves them", sweep(0.05, 0.5, 1.0)
+        ),
+        "current_lag": Apart(
+            "fast changes of the torque: the reading is smooth where the motion is not, or both are",
+            (*wide(MIDDLE), *sweep(0.05, 0.5, 1.0)),
+            (
+                Hand(
+                    "block the motor and step the current at standstill",
+                    "look at it with the drive's own scope beside the reported torque",
+                    "a current that rises late is a current_lag, a report that rises behind it a measurement_lag",
+                ),
+            ),
+        ),
+    },
     seen="ripples come late by a time, not by a way; fast changes of the torque are read too small",
     causes="report filter of the drive, a slow logger, a filter of the current sensor",
     check="filter constants of the reported current or torque; step of the current at standstill",

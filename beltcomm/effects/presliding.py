@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 
 from beltcomm.compiled import compiled
-from beltcomm.effects._effect import Effect, Ground, Parameter, Trial
+from beltcomm.effects._effect import Apart, Effect, Ground, Parameter, Trial
+from beltcomm.effects._records import reversals, tiny
 
 
 @compiled
@@ -67,6 +68,9 @@ CART = Effect(
     trials=cart_trials,
     twins=("cart_friction",),
     separate="an excitation so small that the carriage hardly leaves its place",
+    apart={
+        "cart_friction": Apart("excitations hardly above friction: the carriage is held by a spring, or stuck", (*tiny(), *reversals())),
+    },
     seen="small excitations find the carriage held by a spring and not stuck",
     causes="preloaded balls of the guide, wipers",
     check="normally nothing; preload class of the guide",

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 
-from beltcomm.effects._effect import Effect, Ground, Parameter, Trial
+from beltcomm.effects._effect import Apart, Effect, Ground, Parameter, Trial
+from beltcomm.effects._records import belt_off, moves, sweep
 
 
 def travel(theta: float, sine: float, cosine: float) -> float:
@@ -53,6 +54,13 @@ def numbered(index: int) -> Effect:
         trials=trials,
         twins=("encoder_eccentricity",),
         separate="take the belt off and spin the motor: the encoder's part stays, that of the pulley goes; or turn the pulley by 180°",
+        apart={
+            "encoder_eccentricity": Apart(
+                "torque over speed and acceleration: an error of the angle asks for torque with the square of speed, run-out with the load",
+                (*sweep(0.05, 0.3, 0.8), *moves()),
+                (belt_off("the encoder's", "the pulley's"),),
+            ),
+        },
         seen=f"torque varies {'twice' if oval else 'once'} per turn, more with load and acceleration",
         causes="pulley out of round, clamped askew" if oval else "pulley run-out, bent shaft",
         check="dial gauge on the pulley",

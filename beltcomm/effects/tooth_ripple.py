@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from beltcomm.effects._effect import Effect, Ground, Parameter, Trial
+from beltcomm.effects._effect import Apart, Effect, Ground, Parameter, Trial
+from beltcomm.effects._records import belt_off, pulley_turned
 from beltcomm.effects.cogging import force, slope
 
 
@@ -31,6 +32,12 @@ EFFECT = Effect(
     harmonic="load",
     twins=("cogging",),
     separate="take the belt off and turn the motor slowly: the ripple of the teeth goes, cogging stays",
+    apart={
+        "cogging": Apart(
+            "nothing that moves by the motor: at one order both are the same law",
+            hands=(belt_off("cogging", "the mesh of the teeth"), pulley_turned("cogging", "the teeth")),
+        ),
+    },
     seen="torque ripples with the pitch of the belt",
     causes="mesh of belt and pulley",
     check="belt tension, wear of the pulley, dirt in its grooves",

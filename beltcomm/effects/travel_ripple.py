@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 
-from beltcomm.effects._effect import Effect, Ground, Parameter, Trial
+from beltcomm.effects._effect import Apart, Effect, Ground, Hand, Parameter, Trial
+from beltcomm.effects._records import AGAIN
 
 #: m; the shortest period tried.
 SHORTEST_M = 1e-3
@@ -49,6 +50,19 @@ EFFECT = Effect(
     trials=trials,
     twins=("cogging", "tooth_ripple"),
     separate="compare the period with the lead of the screw, the pitch of the magnets, the teeth of the rack",
+    apart={
+        name: Apart(
+            "nothing that moves by the motor: without slip place and angle are one",
+            hands=(
+                Hand(
+                    "slacken the belt and let it skip a tooth at the driving pulley, or turn the screw in its coupling",
+                    AGAIN,
+                    "what keeps its place on the rail is a travel_ripple, what keeps its angle of the motor the other",
+                ),
+            ),
+        )
+        for name in ("cogging", "tooth_ripple")
+    },
     seen="slow strokes ripple with the position, by the same force in both directions",
     causes="run-out of a screw, balls entering the nut, magnets of a linear motor, teeth",
     check="lead of the screw or pitch of the magnets against the period",

@@ -25,9 +25,10 @@ from beltcomm.laboratory.score import Scorer, ground_of
 from beltcomm.laboratory.visible import Sight, visible
 from beltcomm.model import Model
 from beltcomm.recording import Recording
-from beltcomm.result import with_unit
+from beltcomm.result import plain, with_unit
 from beltcomm.session import analyse, phases, programme
 from beltcomm.session.bounds import course_before, seconds_of
+from beltcomm.session.foresight_kept import Said, kept
 from beltcomm.session.making import EXPERIMENT, RESPONSE_S, quieter
 from beltcomm.session.options import Options
 from beltcomm.session.paths import Course, path_of, start_of
@@ -49,6 +50,8 @@ Array = NDArray[np.float64]
 FRICTION_SHARE, BELT_DAMPING_NS_M, VISCOUS_SHARE, NOISE_SHARE = 0.1, 20.0, 0.5, 0.004
 #: Units that are shown in thousandths or millionths where they are small.
 PREFIXED = ("m", "s", "N m", "rad", "N")
+#: What a quick plan says instead.
+UNSAID = "How weak an effect these records could name is not said with --quick; --visible says it."
 #: Seed of the noise.
 SEED = 1
 #: s of simulated positioning between two records.
@@ -134,18 +137,24 @@ def foresee(axis: Axis, capabilities: Capabilities, extent: Extent) -> Foresight
 
 
 def foretold(plan: Plan, axis: Axis, capabilities: Capabilities, options: Options, talk: Talk) -> Plan:
-    """The plan with what its records could show; as it is where nobody asked for that.
+    """The plan with what its records could show.
 
-    Some 10 s of calculation: nothing beside the three minutes of a thorough session, too much before one of a minute.
+    1.5 s of calculation, kept for the next time; a quick session leaves it out and says what shows it.   The first time on a machine
+    its kernels are compiled, too, which a later ``diagnose`` needs as well.
     """
-    if not (options.visible or options.thorough):
-        return plan
+    if options.quick and not options.visible:
+        return replace(plan, notes=(*plan.notes, UNSAID))
     talk.phase(1, 1, "what the records could show")
     try:
-        found = foresee(axis, capabilities, options.extent)
+        lines, seen = kept(axis, capabilities, options.extent, lambda: said(foresee(axis, capabilities, options.extent)))
     except BeltcommError as problem:
-        return replace(plan, notes=(f"What these records could name cannot be said beforehand: {problem}",))
-    return replace(plan, notes=tuple(found.lines()), visible=found.to_dict())
+        return replace(plan, notes=(*plan.notes, f"What these records could name cannot be said beforehand: {problem}"))
+    return replace(plan, notes=(*plan.notes, *lines), visible=seen)
+
+
+def said(found: Foresight) -> Said:
+    """As it is kept."""
+    return tuple(found.lines()), dict(plain(found.to_dict()))
 
 
 def sheet_model(axis: Axis) -> Model:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
-from beltcomm.effects import effect_named
+from beltcomm.effects import EFFECTS, effect_named
 from beltcomm.errors import UsageError
 from beltcomm.laboratory.compare import Comparison, compare, landmarks, worst
 from beltcomm.laboratory.data import Data
@@ -20,16 +19,17 @@ from beltcomm.laboratory.place_words import in_words
 from beltcomm.laboratory.prepared import last_compiled
 from beltcomm.laboratory.scope import lacking, not_named, within_scope
 from beltcomm.laboratory.score import ground_of
-from beltcomm.laboratory.stage import Candidate, with_effect
+from beltcomm.laboratory.stage import may_add, with_effect
 from beltcomm.laboratory.start import start_model
-from beltcomm.laboratory.visible import Sight, visible
-from beltcomm.model import Model
+from beltcomm.laboratory.visible import visible
 from beltcomm.recording import Recording
 from beltcomm.result import Result, plain
 from beltcomm.runfolder import RunFolder
 from beltcomm.session import ladder_words as words
 from beltcomm.session import pictures as drawn
+from beltcomm.session.already import Before, shown_already
 from beltcomm.session.cross_check_words import as_data, check_lines, cross_checked, sheet_lines
+from beltcomm.session.diagnosis_data import diagnosis_data, seen_as, values_of
 from beltcomm.session.kept_cost import cost_of, priced
 from beltcomm.session.kept_fit import fitted_to
 from beltcomm.session.kept_result import answered
@@ -46,8 +46,10 @@ from beltcomm.session.revisions import (
     new_revision,
     revisions,
 )
+from beltcomm.session.together import together
 from beltcomm.session.told_before import better
 from beltcomm.simulate import ahead
+from beltcomm.stopping import total_friction
 from beltcomm.talk import Silence, Talk
 
 #: Names of one family that no motion of the axis can tell apart, and the effect that stands for it.
@@ -141,7 +143,10 @@ def diagnosed(folder: RunFolder, run: Path, auto: bool, cost: bool, following: b
         "remarks": list(records.remarks),
         "doubts": doubts,
     }
-    text = words.remark_lines(records.remarks) + words.diagnosis_lines(found) + doubts + check_lines(crossed)
+    belonging = together(found.after, found.named)
+    data["together"] = [plain(one) for one in belonging]
+    text = words.remark_lines(records.remarks) + words.diagnosis_lines(found) + [one.text for one in belonging] + doubts
+    text += check_lines(crossed)
     if cost and found.named:
         talk.phase(1, 1, "what it costs in tracking")
         data["cost"], lines = cost_of(folder, found.base.model, with_intervals(found.after), " and ".join(found.named))
@@ -169,10 +174,16 @@ def sight(folder: RunFolder, found: Diagnosis, recordings: Sequence[Recording], 
     model = found.base.model
     missing = lacking(recordings, model["transmission.ratio"]) if "cart" in model.base_bodies else []
     data["lacking"] = missing
-    lines = words.lacking_lines(missing) + words.sight_lines(sights, folder.path, not_named(model, recordings), planned=following)
+    untried = [e for e in EFFECTS if e.untried and may_add(found.base, e)]
+    data["untried"] = [{"effect": e.name, "why": e.untried} for e in untried]
+    lines = words.lacking_lines(missing) + words.untried_lines(untried)
+    lines += words.sight_lines(sights, folder.path, not_named(model, recordings), planned=following)
     if following:
         travel = float(folder.axis.travel.max_m or 1.0) - float(folder.axis.travel.min_m or 0.0)
-        wanted = plan_for(found.twins, [one for one in sights if not one.seen], recorded_sets(recordings, travel))
+        window = (float(folder.axis.travel.min_m or 0.0), float(folder.axis.travel.max_m or 1.0))
+        before = Before(recordings, window, model["transmission.ratio"], total_friction(model))
+        blind, sets = [one for one in sights if not one.seen], recorded_sets(recordings, travel)
+        wanted = plan_for(found.twins, blind, sets, found.named, lambda step: shown_already(step, before))
         data["next"] = wanted.to_dict()
         folder.save_result(NAME, plain(wanted.to_dict()))
         lines += wanted.lines(folder.path)
@@ -275,13 +286,6 @@ def ladder_of_run(run: Path, *, pictures: bool = True, command: str = "") -> Res
     return Result(data, words.ladder_lines(rungs, changed) + drawn.lines(folder, made, remarks))
 
 
-def seen_as(one: Sight) -> dict[str, Any]:
-    """One line of what could have been seen; null for never."""
-    weakest, hardest = (None if math.isinf(v) else v for v in (one.weakest, one.hardest))
-    known = {"parameter": one.parameter, "typical": one.size, "unit": one.unit, "seen": one.seen}
-    return {"effect": one.effect.name, "weakest": weakest, "usual": hardest, **known}
-
-
 def confirmed(before: Fitted, after: Fitted) -> bool | None:
     """Whether the error on the held-out records fell, in the mean square and without its outliers; None without any."""
     if after.held_ratio is None or before.held_ratio is None:
@@ -335,55 +339,3 @@ def change_result(here: Opened, grown: Data, after: Fitted, rung: Revision, note
 def ratios(comparison: Comparison) -> dict[str, Any]:
     """``ratio`` : overall and held out."""
     return {"ratio": {"overall": comparison.ratio, "held_out": comparison.held_out}}
-
-
-def diagnosis_data(found: Diagnosis) -> dict[str, Any]:
-    """Everything of a diagnosis for ``--json``."""
-    first = found.steps[0].candidates if found.steps else ()
-    return {
-        "verdict": found.verdict,
-        "base": {
-            "effects": list(found.base.model.effects),
-            "ratio": found.base.ratio,
-            "held_out": found.base.held_ratio,
-            "parameters": values_of(with_intervals(found.base)),
-        },
-        "ranking": [ranked(c) for c in first],
-        "twins": list(found.twins),
-        "steps": [
-            {
-                "added": step.added,
-                "removed": list(step.removed),
-                "detour": list(step.detour),
-                "forms": list(step.forms),
-                "ratio": step.after.ratio,
-                "held_out": step.after.held_ratio,
-                "ranking": [ranked(c) for c in step.candidates],
-            }
-            for step in found.steps
-        ],
-        "after": {
-            "effects": list(found.after.model.effects),
-            "ratio": found.after.ratio,
-            "held_out": found.after.held_ratio,
-            "parameters": values_of(with_intervals(found.after)),
-        },
-    }
-
-
-def ranked(candidate: Candidate) -> dict[str, Any]:
-    """One line of the ranking."""
-    return {
-        "effect": candidate.effect.name,
-        "evidence": candidate.evidence,
-        "explained": max(0.0, candidate.explained),
-        "held_out_gain": candidate.held_gain if candidate.fitted is not None and candidate.fitted.held_residual else None,
-        "accepted": candidate.accepted,
-        "refitted": candidate.fitted is not None,
-        "twin_of": list(candidate.effect.twins),
-    }
-
-
-def values_of(model: Model) -> dict[str, Any]:
-    """Parameters with unit and interval."""
-    return {name: {"value": v.value, "unit": v.unit, "interval": v.interval} for name, v in model.parameters.items()}

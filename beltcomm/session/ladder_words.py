@@ -7,6 +7,7 @@ from collections.abc import Collection, Sequence
 from pathlib import Path
 
 from beltcomm.effects import Effect, effect_named
+from beltcomm.effects.tilt import GRAVITY_M_S2
 from beltcomm.laboratory.compare import Comparison
 from beltcomm.laboratory.diagnosis import KNOWN, Diagnosis, undetermined, unlikely
 from beltcomm.laboratory.fitting import Fitted
@@ -16,6 +17,7 @@ from beltcomm.laboratory.visible import Sight
 from beltcomm.model import Model, effect_parameters
 from beltcomm.result import table, with_unit
 from beltcomm.session.cost import cost_rows
+from beltcomm.session.next_plan import families, hands_of
 from beltcomm.session.revisions import Revision
 
 #: Characters of the longest bar of a staircase.
@@ -103,6 +105,11 @@ def lacking_lines(missing: Sequence[str]) -> list[str]:
     return ["Little can be seen here of some things:", *(f"  {line}" for line in missing)] if missing else []
 
 
+def untried_lines(effects: Sequence[Effect]) -> list[str]:
+    """Effects that no diagnosis looks for."""
+    return [f"Not looked for: {effect.name} ({effect.title}), {effect.untried}. Check: {effect.check}." for effect in effects]
+
+
 def sight_lines(sights: Sequence[Sight], run: Path, unnamed: Collection[str] = (), planned: bool = False) -> list[str]:
     """What these data could not have shown.   unnamed : effects that are not named from them, whatever they show.   planned : what to
     record next is said beside it.
@@ -145,7 +152,25 @@ def effect_lines(effect: Effect, model: Model) -> list[str]:
         lines.append(
             f"  Looks alike: {', '.join(effect.twins)}" + (f"; to tell them apart: {effect.separate}." if effect.separate else ".")
         )
+    lines += family_lines(effect, model)
     return lines
+
+
+def family_lines(effect: Effect, model: Model) -> list[str]:
+    """What tells the causes apart that an effect stands for, where no motion does; as which tilt a constant torque would be."""
+    causes = families(effect)
+    if not causes:
+        return []
+    lines = [f"  No motion of the axis tells {', '.join(causes)} apart. By hand:", *(f"    {text}" for text in hands_of(causes))]
+    if "tilt" in causes and "cart.mass" in model.parameters:
+        sine = model[f"{effect.name}.torque"] / (model["transmission.ratio"] * model["cart.mass"] * GRAVITY_M_S2)
+        stated = (
+            f"would be {math.degrees(math.asin(sine)):.2g}°"
+            if abs(sine) <= 1.0
+            else "is more than gravity has: it is none, or not tilt alone"
+        )
+        lines.append(f"    All of it by tilt {stated}, with the {model['cart.mass']:.3g} kg that move.")
+    return [*lines, f"    Compare with what the catalogue says: {', '.join(f'beltcomm effects {n}' for n in ('tilt', effect.name))}."]
 
 
 def change_lines(before: Fitted, model: Model, after: Fitted, rung: Revision, note: str, run: Path) -> list[str]:

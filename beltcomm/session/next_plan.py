@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 
 from beltcomm.configfiles import read_yaml
-from beltcomm.effects import Effect, effect_named
+from beltcomm.effects import EFFECTS, Apart, Effect, effect_named
 from beltcomm.errors import UsageError
 from beltcomm.laboratory.visible import Sight
 from beltcomm.recording import Recording
+from beltcomm.result import plain
 from beltcomm.session.steps import PLACES, QUIET, SLOW_M_S, TRIANGLES_M, Step, checked_step
 
 #: Name of the file in ``results/``.
@@ -48,26 +49,32 @@ SETS = ("sweep", "places", "quiet", "slow", "reversals", "fast", "sweep again")
 
 @dataclass(frozen=True)
 class NextPlan:
-    """What to record.   reasons : by effect, why.   by_hand : what a person must change on the machine first, or besides."""
+    """What to record.   reasons : by effect, why.   by_hand : what a person must change on the machine first, or besides.
+    left_out : steps that would show nothing new, and the record that shows it.
+    """
 
     reasons: Mapping[str, str]
     by_hand: tuple[str, ...]
     steps: tuple[Step, ...]
+    left_out: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """As it stands in the file."""
         steps = [step.to_dict() for step in self.steps]
-        return {"reasons": dict(self.reasons), "by_hand": list(self.by_hand), "steps": steps}
+        return {"reasons": dict(self.reasons), "by_hand": list(self.by_hand), "steps": steps, "left_out": list(self.left_out)}
 
     def lines(self, run: Path) -> list[str]:
         """For people."""
         if not self.reasons:
             return ["Nothing more needs to be recorded: every effect of typical size would have been seen."]
         lines = ["Record next, for " + ", ".join(self.reasons) + ":"]
+        out = [f"  left out: {text}" for text in self.left_out]
         if not self.steps:
-            return ["Nothing that this axis may do would show more.", *(f"  {text}" for text in self.by_hand)]
+            why = [f"  {name}: {reason}" for name, reason in self.reasons.items()]
+            hand = [f"  by hand: {text}" for text in self.by_hand]
+            return ["Nothing that this axis may do would show more; the plan has no record.", *why, *out, *hand]
         lines += [f"  {number}. {step.words()}" for number, step in enumerate(self.steps, start=1)]
-        lines += [f"  by hand: {text}" for text in self.by_hand]
+        lines += [*out, *(f"  by hand: {text}" for text in self.by_hand)]
         return [*lines, f"The plan is {self.file(run)}; a drive runs it with: {self.command(run)}"]
 
     def file(self, run: Path) -> Path:
@@ -105,27 +112,85 @@ def recorded_sets(recordings: Sequence[Recording], travel_m: float) -> frozenset
     return frozenset(found)
 
 
-def plan_for(twins: Sequence[str], blind: Sequence[Sight], recorded: frozenset[str] = frozenset()) -> NextPlan:
-    """The plan that tells twins apart, or where there are none shows what could not be seen.   recorded : sets that are there."""
-    reasons, by_hand, sets = {}, [], set[str]()
-    for name in twins:
-        effect = effect_named(name)
-        reasons[name] = f"these data cannot tell it from {', '.join(n for n in twins if n != name)}"
-        by_hand += [effect.separate] if effect.separate and effect.separate not in by_hand else []
-        sets |= set(shown_by(effect))
-    if not twins:
-        for sight in blind:
-            seen = f"it would be seen from {sight.hardest:.2g} x a typical one on"
-            reasons[sight.effect.name] = "these data say nothing of it" if math.isinf(sight.hardest) else seen
-            wanted = set(shown_by(sight.effect)) - recorded
-            sets |= wanted
-            if not wanted:
-                by_hand.append(f"{sight.effect.name}: such records are here already; it shows only beyond the limits in axis.yaml")
+def plan_for(
+    twins: Sequence[str],
+    blind: Sequence[Sight],
+    recorded: frozenset[str] = frozenset(),
+    named: Sequence[str] = (),
+    already: Callable[[Step], str] = lambda _step: "",
+) -> NextPlan:
+    """The plan that tells twins apart, or where there are none shows what could not be seen.
+
+    recorded : sets that are there.   named : effects that were found.   already : the record that shows what a step would, "" for none.
+    """
+    if twins:
+        return plan_apart(twins, already)
+    reasons: dict[str, str] = {}
+    by_hand: list[str] = []
+    sets = set[str]()
+    for effect in (effect_named(name) for name in named):
+        only_by_hand = families(effect)
+        if only_by_hand:
+            reasons[effect.name] = f"it stands for {', '.join(only_by_hand)}, which no motion of the axis tells apart"
+            by_hand += hands_of(only_by_hand)
+    for sight in blind:
+        seen = f"it would be seen from {sight.hardest:.2g} x a typical one on"
+        reasons[sight.effect.name] = "these data say nothing of it" if math.isinf(sight.hardest) else seen
+        wanted = set(shown_by(sight.effect)) - recorded
+        sets |= wanted
+        if not wanted:
+            by_hand.append(f"{sight.effect.name}: such records are here already; it shows only beyond the limits in axis.yaml")
     steps: list[Step] = []
     for name in SETS:
         if name in sets:
             steps += steps_of(name)
     return NextPlan(reasons, tuple(by_hand), tuple(steps))
+
+
+def plan_apart(twins: Sequence[str], already: Callable[[Step], str]) -> NextPlan:
+    """The experiment that separates twins, without the steps that the run has."""
+    first, other = twins[0], twins[1]
+    between = apart_of(first, other)
+    reasons = {name: f"these data cannot tell it from {', '.join(n for n in twins if n != name)}: {between.shows}" for name in twins}
+    steps, left_out = [], []
+    for number, entry in enumerate(between.records, start=1):
+        step = checked_step(entry, f"{first} and {other}, record {number}")
+        found = already(step)
+        if found:
+            left_out.append(f"{step.words()}: {found} shows as much, the same once more would show nothing new")
+        else:
+            steps.append(step)
+    by_hand = hands_of({other: between})
+    if not by_hand and not any(not step.held_out for step in steps):
+        by_hand = [separate for name in twins if (separate := effect_named(name).separate)]
+    return NextPlan(reasons, tuple(dict.fromkeys(by_hand)), tuple(steps), tuple(left_out))
+
+
+def apart_of(first: str, other: str) -> Apart:
+    """What tells two effects apart, whichever of them says so."""
+    for one, two in ((first, other), (other, first)):
+        said = effect_named(one).apart
+        family = two.rpartition("_")  # what is said of a numbered family counts for each of it
+        if between := said.get(two) or (said.get(family[0]) if family[2].isdigit() else None):
+            return between
+    return Apart(effect_named(first).separate or effect_named(other).separate)
+
+
+def families(effect: Effect) -> Mapping[str, Apart]:
+    """Causes that one effect stands for because no motion tells them apart: those of its twins that have no effect to be found as."""
+    found_as = {e.name for e in EFFECTS if e.trials is not None}
+    return {name: apart for name, apart in effect.apart.items() if name not in found_as}
+
+
+def hands_of(apart: Mapping[str, Apart]) -> list[str]:
+    """What is done by hand, in sentences that begin with the cause."""
+    return [f"{name}: {hand.words()}" for name, one in apart.items() for hand in one.hands]
+
+
+def by_hand_of(name: str) -> list[dict[str, Any]]:
+    """What tells the causes apart that an effect stands for, where no motion does."""
+    causes = families(effect_named(name))
+    return [{"effect": name, "cause": cause, **plain(hand)} for cause, apart in causes.items() for hand in apart.hands]
 
 
 def shown_by(effect: Effect) -> tuple[str, ...]:
@@ -153,9 +218,13 @@ def load_plan(path: Path) -> NextPlan:
     data = read_yaml(path)
     steps = []
     entries = data.get("steps")
+    if entries == [] and data.get("reasons"):
+        text = "; ".join(map(str, data.get("by_hand") or ())) or "what it would record is there already"
+        raise UsageError(f"{path} has no steps: no record of this axis would tell more. By hand: {text}")
     if not isinstance(entries, list) or not entries:
         raise UsageError(f"{path} has no steps; write a plan with `beltcomm diagnose RUN --next`")
     for number, entry in enumerate(entries, start=1):
         steps.append(checked_step(entry, f"{path}, step {number}"))
     reasons = {str(k): str(v) for k, v in (data.get("reasons") or {}).items()}
-    return NextPlan(reasons, tuple(map(str, data.get("by_hand") or ())), tuple(steps))
+    by_hand, left_out = (tuple(map(str, data.get(key) or ())) for key in ("by_hand", "left_out"))
+    return NextPlan(reasons, by_hand, tuple(steps), left_out)

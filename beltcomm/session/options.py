@@ -26,7 +26,7 @@ class Options:
     yes : no questions.   seed : of everything random in a virtual drive.   dry_run : plan only.   resume : go on with a run.
     position_m : where the carriage stands.   window_m : how far it may move from there, (low, high).   home : find the zero first.
     payload_kg : heaviest further load.   apply : "keep", "restore" or "save" the new gains; None asks, with ``yes`` it restores.
-    quick : one place only.   thorough : what every effect needs.   visible : say beforehand what the records could show; thorough does.
+    quick : one place only.   thorough : what every effect needs.   visible : of a quick session, too, say what it could show.
     excitation : of the long frequency response; the rising ones before it stay binary.   force : gains in doubt too.
     prefilter, feedforward : None is the best one; "compliant" is for ``verify``.   profile, node, bitrate, realtime : of the drive.
     order, repeat, mounted_kg : of friction sweeps (thesis 3.6), how often, and the payload that is mounted while they are driven.

@@ -134,14 +134,23 @@ def excitation_torque_nm(axis: Axis, capabilities: Capabilities, held_nm: float)
 
 
 def frequency_response(
-    machine: Machine, name: str, model: Model, amplitude_nm: float, seconds: float, *, held_out: bool = False, loud: bool = True
+    machine: Machine,
+    name: str,
+    model: Model,
+    amplitude_nm: float,
+    seconds: float,
+    *,
+    held_out: bool = False,
+    loud: bool = True,
+    up_to_hz: float = 0.0,
 ) -> tuple[Recording, Excitation, AmplitudeStep]:
     """Excite at the present place with an amplitude that the limits allow there, long enough for a frequency response.
 
     held_out : only to judge with; another sequence than those that are fitted, and one measured period of it.
     loud : where friction hardly lets the carriage move, the sequence may leave the resonance out to be louder.
+    up_to_hz : power up to there at least, also above the resonance.
     """
-    choice, step = response_to_come(machine, model, amplitude_nm, seconds, held_out=held_out, loud=loud)
+    choice, step = response_to_come(machine, model, amplitude_nm, seconds, held_out=held_out, loud=loud, up_to_hz=up_to_hz)
     return planned_response(machine, name, model, choice, step, held_out=held_out)
 
 
@@ -161,12 +170,20 @@ def planned_response(
 
 
 def response_to_come(
-    machine: Machine, model: Model, amplitude_nm: float, seconds: float, *, held_out: bool = False, loud: bool = True
+    machine: Machine,
+    model: Model,
+    amplitude_nm: float,
+    seconds: float,
+    *,
+    held_out: bool = False,
+    loud: bool = True,
+    up_to_hz: float = 0.0,
 ) -> tuple[Choice, AmplitudeStep]:
     """Sequence and amplitude of :func:`frequency_response`; nothing moves."""
     at, period = machine.position_m, machine.drive.capabilities.sample_period_s
     limits = motion_limits(machine, at)
     antiresonance, resonance = analyse.characteristic_hz(model, at)
+    resonance = max(resonance, up_to_hz)
     choice: Choice
     if held_out:
         choice = held_choice(choose_prbs(period, antiresonance, resonance, seconds))

@@ -12,7 +12,7 @@ Kind = Literal["response", "strokes", "sweep", "reversals", "moves"]
 
 #: What a step of a kind may say beside its kind.
 KEYS: Mapping[str, tuple[str, ...]] = {
-    "response": ("place", "share", "seconds", "held_out"),
+    "response": ("place", "share", "seconds", "up_to_hz", "held_out"),
     "strokes": ("place", "speeds_m_s", "held_out"),
     "sweep": ("speeds_m_s", "again", "held_out"),
     "reversals": ("place", "amplitudes_m", "held_out"),
@@ -28,6 +28,8 @@ SLOW_M_S = (0.006, 0.015, 0.04, 0.1)
 TRIANGLES_M = (2e-3, 1e-3, 4e-4, 2e-4)
 #: m, longest triangle: more is a stroke.
 LONGEST_TRIANGLE_M = 2e-2
+#: Hz, highest band that a response may be asked for: half of it has to be sampled.
+HIGHEST_HZ = 1000.0
 
 
 @dataclass(frozen=True)
@@ -37,6 +39,7 @@ class Step:
     speeds_m_s : of strokes; of a sweep, where none means the usual seven.   again : two of the seven only, to compare with.
     amplitudes_m : of triangles.
     seconds : of a response, 0 for the usual length; of random moves, 0 for fast moves between fixed places.   seed : of random moves.
+    up_to_hz : of a response, up to where it has power at least, 0 for what the belt's resonance asks for.
     """
 
     kind: Kind
@@ -46,6 +49,7 @@ class Step:
     amplitudes_m: tuple[float, ...] = ()
     seconds: float = 0.0
     seed: int = 0
+    up_to_hz: float = 0.0
     again: bool = False
     held_out: bool = False
 
@@ -69,7 +73,10 @@ class Step:
         if self.kind == "moves":
             what = f"moves to random places for {self.seconds:.0f} s" if self.seconds else "fast moves from end to end"
             return f"{what}, with up to {100.0 * self.share:.0f} % of the belt's force{held}"
-        return f"excitation {where}, with {100.0 * self.share:.0f} % of what the limits allow"
+        most = "" if self.share >= LOUD else " above friction"
+        long = f", for {self.seconds:.0f} s" if self.seconds else ""
+        wide = f", up to {self.up_to_hz:.0f} Hz" if self.up_to_hz else ""
+        return f"excitation {where}, with {100.0 * self.share:.0f} % of what the limits allow{most}{wide}{long}"
 
     def title(self, place_m: float) -> str:
         """In a few words.   place_m : where it happens, m."""
@@ -102,6 +109,7 @@ def checked_step(entry: Any, where: str) -> Step:
     try:
         place, share = float(entry.get("place", 0.5)), float(entry.get("share", LOUD))
         seconds, seed = float(entry.get("seconds", 0.0)), int(entry.get("seed", 0))
+        up_to_hz = float(entry.get("up_to_hz", 0.0))
         speeds, amplitudes = (tuple(float(v) for v in entry.get(key) or ()) for key in ("speeds_m_s", "amplitudes_m"))
     except (TypeError, ValueError) as error:
         raise UsageError(f"{where}: {error}; give plain numbers") from error
@@ -109,9 +117,11 @@ def checked_step(entry: Any, where: str) -> Step:
         raise UsageError(f"{where}: place {place:g} and share {share:g} must lie between 0 and 1")
     if not 0.0 <= seconds <= 60.0 or seed < 0:
         raise UsageError(f"{where}: seconds must lie between 0 and 60 and the seed must not be negative, not {seconds:g} and {seed}")
+    if not 0.0 <= up_to_hz <= HIGHEST_HZ:
+        raise UsageError(f"{where}: up_to_hz must lie between 0 and {HIGHEST_HZ:g}, not {up_to_hz:g}")
     if (kind == "strokes" and not speeds) or (speeds and not min(speeds) > 0.0):
         raise UsageError(f"{where}: strokes need speeds_m_s, all above 0")
     if kind == "reversals" and not (amplitudes and 0.0 < min(amplitudes) <= max(amplitudes) <= LONGEST_TRIANGLE_M):
         raise UsageError(f"{where}: reversals need amplitudes_m, all above 0 and at most {LONGEST_TRIANGLE_M:g}")
     again, held_out = bool(entry.get("again", False)), bool(entry.get("held_out", False))
-    return Step(kind, place, share, speeds, amplitudes, seconds, seed, again, held_out)
+    return Step(kind, place, share, speeds, amplitudes, seconds, seed, up_to_hz, again, held_out)

@@ -5,18 +5,22 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 
 from beltcomm.axis import load_axis
-from beltcomm.effects import effect_named
+from beltcomm.effects import EFFECTS, effect_named
 from beltcomm.errors import UsageError
 from beltcomm.laboratory.visible import Sight
 from beltcomm.model import load_plant
+from beltcomm.recording import Recording
 from beltcomm.runfolder import RunFolder
-from beltcomm.session.next_plan import load_plan, plan_for
+from beltcomm.session.already import Before, shown_already
+from beltcomm.session.next_plan import apart_of, load_plan, plan_apart, plan_for
 from beltcomm.session.proof import doubts
 from beltcomm.session.revisions import new_revision, trusted_model
+from beltcomm.sidecar import ExcitationNote, Sidecar
 
 
 def blind(name: str, strength: float = 4.0) -> Sight:
@@ -27,6 +31,84 @@ def test_twins_are_told_apart_by_what_their_file_says() -> None:
     plan = plan_for(("cogging", "tooth_ripple"), [blind("warmup")])
     assert set(plan.reasons) == {"cogging", "tooth_ripple"}
     assert any("belt off" in text for text in plan.by_hand)
+
+
+def test_twins_get_the_experiment_that_separates_them_and_not_what_shows_each() -> None:
+    plan = plan_for(("dead_time", "current_lag"), [])
+    assert [(s.kind, s.up_to_hz) for s in plan.steps] == [("response", 250.0)], "three usual responses tell nothing new"
+    assert not plan.by_hand
+    tiny = plan_for(("presliding_cart", "cart_friction"), []).steps
+    assert {s.kind for s in tiny} == {"response", "reversals"}
+    assert max(s.share for s in tiny if s.kind == "response") < 0.1
+    assert plan_for(("cogging", "tooth_ripple"), []).steps == ()
+
+
+def test_every_pair_of_twins_has_an_experiment() -> None:
+    for effect in EFFECTS:
+        for twin in effect.twins:
+            between = apart_of(effect.name, twin) if twin not in effect.apart else effect.apart[twin]
+            assert between.records or between.hands, (effect.name, twin)
+            if twin in {e.name for e in EFFECTS}:
+                plan_apart((effect.name, twin), lambda _: "")  # its records are steps that a drive knows
+
+
+def test_a_record_that_shows_as_much_is_left_out_and_said() -> None:
+    plan = plan_for(("dead_time", "current_lag"), [], already=lambda step: "frf_9")
+    assert plan.steps == ()
+    said = "\n".join(plan.lines(Path("RUN")))
+    assert "left out: excitation at 50 % of the travel" in said
+    assert "frf_9 shows as much" in said
+    assert "by hand: record an excitation up to 250 Hz" in said, "an empty plan says what is left to do"
+    assert plan.command(Path("RUN")) == ""
+
+
+def test_what_no_motion_separates_is_told_by_hand() -> None:
+    plan = plan_for((), [], named=("constant_offset",))
+    said = " ".join(plan.by_hand)
+    assert plan.steps == ()
+    assert {"tilt", "coulomb_asymmetry", "current_offset"} == {text.split(":")[0] for text in plan.by_hand}
+    for word in ("spirit level", "payload", "end for end", "spring balance", "belt off", "RUN_AFTER"):
+        assert word in said
+    assert plan_for((), [], named=("stribeck",)).reasons == {}
+
+
+def test_an_empty_plan_says_why_it_cannot_be_run(tmp_path: Path) -> None:
+    path = tmp_path / "next.yaml"
+    path.write_text(yaml.safe_dump(plan_for(("cogging", "tooth_ripple"), []).to_dict()), encoding="utf-8")
+    with pytest.raises(UsageError, match=r"no record of this axis would tell more\. By hand: .*belt off"):
+        load_plan(path)
+
+
+def excited(seconds: float, clock: int, amplitude_nm: float = 1.0, at_m: float = 0.28) -> Recording:
+    """A binary excitation."""
+    count = round(seconds * 1e3)
+    bits = np.sign(np.random.default_rng(1).normal(size=count // clock + 1))
+    torque = amplitude_nm * np.repeat(bits, clock)[:count]
+    time = 1e-3 * np.arange(count)
+    note = ExcitationNote("prbs", amplitude_nm)
+    return Recording("frf_9", time, torque, 1e-3 * np.sin(20.0 * time), sidecar=Sidecar("frf", at_m, excitation=note))
+
+
+@pytest.mark.parametrize(
+    ("record", "there"),
+    [
+        (excited(20.0, 2), True),
+        (excited(7.0, 2), False),
+        (excited(20.0, 7), False),
+        (excited(20.0, 2, at_m=0.5), False),
+    ],
+    ids=["as asked", "too short", "only up to 140 Hz", "another place"],
+)
+def test_a_repetition_is_left_out_only_where_it_shows_nothing_new(record: Recording, there: bool) -> None:
+    step = plan_for(("dead_time", "current_lag"), []).steps[0]
+    assert bool(shown_already(step, Before([record], (0.0, 0.56), 0.01, 0.1))) is there
+
+
+def test_a_quiet_excitation_is_not_there_because_of_a_loud_one() -> None:
+    step = plan_for(("presliding_cart", "cart_friction"), []).steps[0]
+    loud = excited(20.0, 2)
+    assert not shown_already(step, Before([loud], (0.0, 0.56), 0.01, 0.1))
+    assert shown_already(step, Before([loud, excited(20.0, 2, 0.12)], (0.0, 0.56), 0.01, 0.1))
 
 
 def test_what_was_not_seen_gets_its_records() -> None:
@@ -76,6 +158,7 @@ def test_the_file_holds_the_plan(tmp_path: Path) -> None:
         ("steps: [{kind: response, place: here}]", "plain numbers"),
         ("steps: [{kind: reversals, place: 0.5}]", "amplitudes_m"),
         ("steps: [{kind: reversals, amplitudes_m: [0.5]}]", "at most 0.02"),
+        ("steps: [{kind: response, up_to_hz: 1e5}]", "up_to_hz"),
         ("steps: [{kind: moves, seconds: 900}]", "between 0 and 60"),
     ],
 )

@@ -3,26 +3,29 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from beltcomm.axis import load_axis
+from beltcomm.axis import Axis, load_axis
 from beltcomm.drive import Capabilities, open_drive
 from beltcomm.excitation import choose_prbs, prbs
 from beltcomm.identify.first_estimate import data_sheet_model
 from beltcomm.recording import Recording
-from beltcomm.session import analyse, phases, programme
+from beltcomm.session import analyse, foresight, foresight_kept, phases, programme
 from beltcomm.session.bounds import bounds_of, course_before
-from beltcomm.session.foresight import foresee
+from beltcomm.session.foresight import Foresight, foresee
 from beltcomm.session.making import holding_at, quieter
+from beltcomm.session.options import Options
 from beltcomm.session.paths import path_of, start_of
-from beltcomm.session.plan import commission_plan
-from beltcomm.session.programme import BUDGET_S, BY_EXTENT, STANDARD, THOROUGH, Item, fitting, named
+from beltcomm.session.plan import Plan, commission_plan
+from beltcomm.session.programme import BUDGET_S, BY_EXTENT, STANDARD, THOROUGH, Extent, Item, fitting, named
 from beltcomm.session.raising import believable
 from beltcomm.session.sequences import calmer_choice
 from beltcomm.session.steps import Step
 from beltcomm.simulate.forward import simulate_torque
+from beltcomm.talk import Silence
 
 AXIS = load_axis("egc-70-600")
 STEPS = [item.step for item in (*STANDARD, *THOROUGH)]
@@ -178,3 +181,35 @@ def test_what_holds_the_carriage_is_read_off_the_strokes() -> None:
 def test_a_short_sweep_of_a_heavy_carriage_is_slower_in_proportion() -> None:
     assert programme.quick_speeds_m_s(5.0) == pytest.approx(programme.QUICK_M_S)
     assert programme.quick_speeds_m_s(2.5) == pytest.approx([0.5 * speed for speed in programme.QUICK_M_S])
+
+
+class Counted:
+    """What the records could show, counted how often it is worked out."""
+
+    def __init__(self) -> None:
+        self.times = 0
+
+    def __call__(self, axis: Axis, capabilities: Capabilities, extent: Extent) -> Foresight:
+        self.times += 1
+        return Foresight((), f"assumed {self.times}", 3, extent)
+
+
+def test_the_default_plan_says_what_its_records_could_name_and_keeps_it(
+    capabilities: Capabilities, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(foresight_kept, "user_cache_path", lambda _: tmp_path)
+    found = Counted()
+    monkeypatch.setattr(foresight, "foresee", found)
+    bare = Plan("", (), notes=("first",))
+    told = [foresight.foretold(bare, AXIS, capabilities, Options(), Silence()) for _ in range(2)]
+    assert found.times == 1, "the second time it is read from the cache"
+    assert told[0] == told[1]
+    assert told[0].notes[0] == "first"
+    assert "assumed 1" in told[0].notes[1]
+    assert told[0].visible is not None
+    quick = foresight.foretold(bare, AXIS, capabilities, Options(quick=True), Silence())
+    assert found.times == 1
+    assert quick.visible is None
+    assert "--visible" in quick.notes[-1]
+    foresight.foretold(bare, AXIS, replace(capabilities, counts_per_rev=4096), Options(), Silence())
+    assert found.times == 2, "another encoder sees other things"

@@ -1,0 +1,87 @@
+"""Which record of a run shows already what a step of a plan would show: made again it would tell nothing new."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from beltcomm.recording import Recording
+from beltcomm.session.making import EXPERIMENT, RESPONSE_S, quieter
+from beltcomm.session.steps import LOUD, Step
+
+#: Share of the travel between places that count as one; of a length or an amplitude that counts as reached.
+SAME_PLACE, REACHED = 0.08, 0.75
+#: Room for an amplitude or a speed that the drive rounds.
+ROUNDED = 1.1
+#: Share of a torque's power that lies within its band; share of the largest speed above which a stroke is under way.
+IN_BAND, UNDER_WAY = 0.9, 0.02
+
+
+@dataclass(frozen=True)
+class Before:
+    """What is known of a run.   window_m : of the travel.   ratio : m/rad.   friction_nm : N m, which a quiet excitation lies above."""
+
+    recordings: Sequence[Recording]
+    window_m: tuple[float, float]
+    ratio: float
+    friction_nm: float
+
+
+def shown_already(step: Step, before: Before) -> str:
+    """Name of the record that shows what the step would, "" for none."""
+    return next((r.name for r in before.recordings if shows(r, step, before)), "")
+
+
+def shows(recording: Recording, step: Step, before: Before) -> bool:
+    """Whether one record has the step's kind, place, size and length.  A longer one would tell more, so a shorter does not count."""
+    sidecar, wanted = recording.sidecar, "frf" if step.kind == "response" else EXPERIMENT[step.kind]
+    if sidecar.experiment != wanted or sidecar.held_out != step.held_out or step.kind == "moves":
+        return False  # of moves nothing but their path says how hard they were
+    low, high = before.window_m
+    at = sidecar.start_position_m
+    if step.here and (at is None or abs(at - (low + step.place * (high - low))) > SAME_PLACE * (high - low)):
+        return False
+    if step.kind == "response":
+        return excited_so(recording, step, before)
+    if step.kind == "reversals":
+        return abs(before.ratio) * float(np.ptp(recording.position)) <= 2.0 * ROUNDED * max(step.amplitudes_m)
+    return has_speeds(recording, step, before)
+
+
+def excited_so(recording: Recording, step: Step, before: Before) -> bool:
+    """Whether an excitation is as loud or as quiet, as long and as wide as the step asks for."""
+    if recording.t_s[-1] - recording.t_s[0] < REACHED * (step.seconds or RESPONSE_S) or band_hz(recording) < REACHED * step.up_to_hz:
+        return False
+    excited = [r for r in before.recordings if r.sidecar.experiment == "frf" and not r.sidecar.held_out]
+    loudest, own = max(largest_nm(r) for r in excited), largest_nm(recording)
+    return own >= REACHED * loudest if step.share >= LOUD else own <= ROUNDED * quieter(loudest, before.friction_nm, step.share)
+
+
+def has_speeds(recording: Recording, step: Step, before: Before) -> bool:
+    """Whether strokes are as slow and as fast as the step asks for; of a sweep without speeds any will do."""
+    if not step.speeds_m_s:
+        return True
+    if recording.reference_velocity is None:
+        return False
+    speed = np.abs(before.ratio * recording.reference_velocity)
+    cruising = speed[(np.abs(np.gradient(speed)) < 1e-9) & (speed > UNDER_WAY * min(step.speeds_m_s))]
+    return len(cruising) > 0 and bool(
+        np.min(cruising) <= ROUNDED * min(step.speeds_m_s) and ROUNDED * np.max(cruising) >= max(step.speeds_m_s)
+    )
+
+
+def largest_nm(recording: Recording) -> float:
+    """Amplitude of an excitation, N m, without what holds the axis."""
+    note = recording.sidecar.excitation
+    known = note.amplitude_nm if note is not None else None
+    return known if known is not None else float(np.max(np.abs(recording.torque)))
+
+
+def band_hz(recording: Recording) -> float:
+    """Hz below which ``IN_BAND`` of the torque's power lies."""
+    torque = recording.torque - np.mean(recording.torque)
+    power = np.cumsum(np.abs(np.fft.rfft(torque)) ** 2)
+    place = int(np.searchsorted(power, IN_BAND * power[-1]))
+    return place / (len(torque) * recording.sample_period_s)

@@ -1,0 +1,59 @@
+"""What is said of effects that data tell apart badly, and of what no diagnosis looks for or no motion separates."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from beltcomm.effects import effect_named
+from beltcomm.model import load_plant
+from beltcomm.session import together as told
+from beltcomm.session.ladder_words import effect_lines, untried_lines
+from beltcomm.session.next_plan import by_hand_of
+
+BASE = load_plant("g_a").model
+
+
+def fitted(values: dict[str, float]) -> Any:
+    model = BASE
+    for name in dict.fromkeys(key.split(".")[0] for key in values):
+        model = model if name in model.effects else model.with_effect(name)
+    return SimpleNamespace(model=model.with_values(values, "test"), problem=SimpleNamespace(free=tuple(values)))
+
+
+def test_of_two_delays_the_sum_is_known_and_a_short_dead_time_may_be_a_second_pole(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(told, "spread_of", lambda _: SimpleNamespace(half_width=lambda c: 4e-6 if len(c) == 2 else 9e-6))
+    (found,) = told.together(fitted({"dead_time.time": 4.3e-5, "current_lag.time": 7.588e-4}), ["current_lag", "dead_time"])
+    assert found.value == pytest.approx(8.018e-4)
+    assert (found.interval, found.unit) == (4e-6, "s")
+    assert "802 ± 4 us" in found.text
+    assert "second pole of the current_lag" in found.text
+    (long,) = told.together(fitted({"dead_time.time": 6e-4, "current_lag.time": 7e-4}), ["dead_time"])
+    assert "second pole" not in long.text
+    assert told.together(fitted({"dead_time.time": 6e-4}), ["dead_time"]) == []
+    assert told.together(fitted({"dead_time.time": 6e-4, "current_lag.time": 7e-4}), ["stribeck"]) == [], "both were known before"
+
+
+@pytest.mark.parametrize(("order", "size", "part"), [(25.0, 2e-3, True), (27.0, 2e-3, True), (24.0, 2e-3, False), (25.0, 3e-2, False)])
+def test_a_line_beside_the_teeth_may_be_theirs(order: float, size: float, part: bool) -> None:
+    values = {"tooth_ripple.teeth": 26.0, "tooth_ripple.sine": 2e-2, "cogging.order": order, "cogging.sine": size}
+    assert bool(told.together(fitted(values), ["tooth_ripple", "cogging"])) is part
+
+
+def test_a_constant_torque_is_told_with_its_tilt_and_what_is_done_by_hand() -> None:
+    text = "\n".join(effect_lines(effect_named("constant_offset"), fitted({"constant_offset.torque": 0.02}).model))
+    mass, ratio = BASE["cart.mass"], BASE["transmission.ratio"]
+    angle = 57.2958 * 0.02 / (ratio * mass * 9.80665)
+    assert f"All of it by tilt would be {angle:.2g}°" in text
+    for word in ("spirit level", "spring balance", "take the belt off", "RUN_AFTER"):
+        assert word in text
+    assert {entry["cause"] for entry in by_hand_of("constant_offset")} == {"tilt", "coulomb_asymmetry", "current_offset"}
+    assert by_hand_of("stribeck") == []
+
+
+def test_what_is_not_looked_for_is_said_with_the_reason() -> None:
+    (line,) = untried_lines([effect_named("coupling")])
+    assert "not identifiable from these data" in line
+    assert "380 to 3600 Hz" in line
