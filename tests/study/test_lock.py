@@ -34,11 +34,13 @@ def test_a_second_study_is_refused_reading_is_not_and_a_killed_one_leaves_no_loc
     with subprocess.Popen([sys.executable, "-c", HOLDING, str(tmp_path)], stdout=subprocess.PIPE) as other:
         assert other.stdout is not None
         other.stdout.readline()
-        with pytest.raises(UsageError, match=rf"is being computed by process {other.pid} on .*; wait for its end, or end it"):
-            api.study(study, tmp_path, workers=1, report=False)
-        assert not (tmp_path / "members.jsonl").exists()
-        assert api.study(study, tmp_path, limit=0, report=False).data["done"] == 0
-        other.kill()
+        try:
+            with pytest.raises(UsageError, match=rf"is being computed by process {other.pid} on .*; wait for its end, or end it"):
+                api.study(study, tmp_path, workers=1, report=False)
+            assert not (tmp_path / "members.jsonl").exists()
+            assert api.study(study, tmp_path, limit=0, report=False).data["done"] == 0
+        finally:
+            other.kill()
     assert "process" in (tmp_path / study_lock.LOCK).read_text(encoding="utf-8"), "the file stays and does not matter"
     assert api.study(study, tmp_path, workers=1, report=False).data["done"] == 2
     assert api.study(study, tmp_path, workers=1, report=False).data["done"] == 2, "whoever came to its end lets go"
