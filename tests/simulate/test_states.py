@@ -113,8 +113,8 @@ def test_a_record_begins_as_it_says(effect: Effect) -> None:
         assert late_torque(model, held, T) == pytest.approx(held)
         assert torque_as_read(model, held, T) == pytest.approx(held)
     if effect.bodies and "cart" in model.base_bodies:
-        counted = noise_path(model, AT_M, T).begins[:, MOTION].any()
-        assert counted == ("swings" in starts)
+        counted = np.count_nonzero(noise_path(model, AT_M, T).begins[:, MOTION])
+        assert (counted > 2) == ("swings" in starts), "place and speed of the carriage always do"
     if effect.bodies:
         for speed, rest in ((2.0, True), (4.0, False)):  # rad/s, below and above what tells a record that begins in motion
             theta = AT_M / RATIO + speed * T / 20 * np.arange(400.0)
