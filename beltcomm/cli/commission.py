@@ -23,7 +23,7 @@ from beltcomm.cli.frame import Frame, api, axis_for, run_folder
 @shared.apply_option
 @click.option("--quick", is_flag=True, help="Fewer records: one position, a shorter sweep; wider intervals.")
 @click.option("--thorough", is_flag=True, help="More records, up to 180 s: all that the search for missing effects needs.")
-@click.option("--visible", is_flag=True, help="With --quick, too, say beforehand how weak an effect its records could name.")
+@click.option("--visible", is_flag=True, help="Say beforehand, a line each, how weak an effect the records could name; with --quick, too.")
 @click.option("--report/--no-report", default=True, help="A page on the run at the end, RUN/report.html; made when left out.")
 @shared.output_options
 @click.pass_obj

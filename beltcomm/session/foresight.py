@@ -7,7 +7,8 @@ The records are simulated with the model from the data sheets, and what they wou
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+import textwrap
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -28,7 +29,7 @@ from beltcomm.recording import Recording
 from beltcomm.result import plain, with_unit
 from beltcomm.session import analyse, phases, programme
 from beltcomm.session.bounds import course_before, seconds_of
-from beltcomm.session.foresight_kept import Said, kept
+from beltcomm.session.foresight_kept import kept
 from beltcomm.session.making import EXPERIMENT, RESPONSE_S, quieter
 from beltcomm.session.options import Options
 from beltcomm.session.paths import Course, path_of, start_of
@@ -75,16 +76,29 @@ class Foresight:
         """For ``--json``; null for never."""
         return {"extent": self.extent, "records": self.records, "assumed": self.assumed, "effects": [as_entry(s) for s in self.sights]}
 
-    def lines(self) -> list[str]:
-        """For people: the weakest strength of every effect that could be named, then in one line those that could not."""
-        seen = sorted((s for s in self.sights if s.seen), key=lambda s: s.effect.name)
-        blind = [s for s in self.sights if not s.seen]
-        lines = [f"What these records could name, to first order, by a simulation from the data sheets ({self.assumed}):"]
-        width = max((len(_amount(s)) for s in seen), default=0)
-        lines += [f"  {s.effect.name:22} from {_amount(s):{width}} on  {_share(s)}" for s in seen]
-        if blind:
-            lines.append("  cannot be named at a typical size: " + "; ".join(f"{s.effect.name} ({_remedy(s, self.extent)})" for s in blind))
-        return lines
+
+def lines_of(found: Mapping[str, Any], whole: bool) -> list[str]:
+    """For people: the weakest strength of every effect that could be named, then those that could not.
+
+    found : :meth:`Foresight.to_dict`.   whole : a line for each, with its parameter and how much of a typical one that is.
+    """
+    seen = sorted((e for e in found["effects"] if e["seen"]), key=lambda e: str(e["effect"]))
+    blind = [e for e in found["effects"] if not e["seen"]]
+    lines = [f"What these records could name, to first order, by a simulation from the data sheets ({found['assumed']}):"]
+    width = max((len(_amount(e)) for e in seen), default=0)
+    if whole:
+        each = (f"{e['effect']:22} from {_amount(e):{width}} on  {e['parameter']}, {e['strength']:.1g} of a typical one" for e in seen)
+        lines += [f"  {line}" for line in each]
+    elif seen:
+        lines[0] = lines[0].removesuffix(":") + ", each from this size on (--visible: what it is a size of):"
+        lines += textwrap.wrap(
+            ", ".join(f"{e['effect']} {_amount(e)}".replace(" ", "\xa0") for e in seen), 96, initial_indent="  ", subsequent_indent="  "
+        )
+        lines = [line.replace("\xa0", " ") for line in lines]
+    if blind:
+        told = "; ".join(f"{e['effect']} ({_remedy(e, found['extent'])})" for e in blind)
+        lines.append(f"  cannot be named at a typical size: {told}")
+    return lines
 
 
 def as_entry(sight: Sight) -> dict[str, Any]:
@@ -101,24 +115,19 @@ def as_entry(sight: Sight) -> dict[str, Any]:
     }
 
 
-def _amount(sight: Sight) -> str:
+def _amount(entry: Mapping[str, Any]) -> str:
     """Weakest size with a unit that people read."""
-    value = sight.hardest * sight.size
-    if sight.unit in ("", "1"):
+    value, unit = entry["weakest"], entry["unit"]
+    if unit in ("", "1"):
         return f"{100.0 * value:.2g} %"
-    fits = ((p, f) for p, f in (("", 1.0), ("m", 1e3), ("u", 1e6)) if sight.unit not in PREFIXED or value * f >= 0.3 or p == "u")
+    fits = ((p, f) for p, f in (("", 1.0), ("m", 1e3), ("u", 1e6)) if unit not in PREFIXED or value * f >= 0.3 or p == "u")
     prefix, factor = next(fits)
-    return with_unit(f"{value * factor:.3g}", f"{prefix}{sight.unit}")
+    return with_unit(f"{value * factor:.3g}", f"{prefix}{unit}")
 
 
-def _share(sight: Sight) -> str:
-    """Which parameter, and what share of a typical size that is."""
-    return f"{sight.parameter}, {sight.hardest:.1g} of a typical one"
-
-
-def _remedy(sight: Sight, extent: Extent) -> str:
+def _remedy(entry: Mapping[str, Any], extent: Extent) -> str:
     """From where on, and which option would show it."""
-    weaker = f"only from {sight.hardest:.2g} x a typical one on" if math.isfinite(sight.hardest) else "at no size"
+    weaker = "at no size" if entry["strength"] is None else f"only from {entry['strength']:.2g} x a typical one on"
     return f"{weaker}; {'the limits in axis.yaml allow no more' if extent == 'thorough' else '--thorough records more'}"
 
 
@@ -146,15 +155,10 @@ def foretold(plan: Plan, axis: Axis, capabilities: Capabilities, options: Option
         return replace(plan, notes=(*plan.notes, UNSAID))
     talk.phase(1, 1, "what the records could show")
     try:
-        lines, seen = kept(axis, capabilities, options.extent, lambda: said(foresee(axis, capabilities, options.extent)))
+        seen = kept(axis, capabilities, options.extent, lambda: plain(foresee(axis, capabilities, options.extent).to_dict()))
     except BeltcommError as problem:
         return replace(plan, notes=(*plan.notes, f"What these records could name cannot be said beforehand: {problem}"))
-    return replace(plan, notes=(*plan.notes, *lines), visible=seen)
-
-
-def said(found: Foresight) -> Said:
-    """As it is kept."""
-    return tuple(found.lines()), dict(plain(found.to_dict()))
+    return replace(plan, notes=(*plan.notes, *lines_of(seen, whole=options.visible)), visible=seen)
 
 
 def sheet_model(axis: Axis) -> Model:

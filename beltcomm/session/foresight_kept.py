@@ -18,22 +18,19 @@ from beltcomm.errors import BeltcommError
 from beltcomm.programs import source_hash
 from beltcomm.session.programme import Extent
 
-#: Lines for people, and the same for ``--json``.
-Said = tuple[tuple[str, ...], dict[str, Any]]
 
-
-def kept(axis: Axis, capabilities: Capabilities, extent: Extent, make: Callable[[], Said]) -> Said:
+def kept(axis: Axis, capabilities: Capabilities, extent: Extent, make: Callable[[], dict[str, Any]]) -> dict[str, Any]:
     """The last answer of this extent where everything is as it was, else a new one.   Raises what ``make`` raises."""
     path, key = user_cache_path("beltcomm") / f"foresight_{extent}.json", key_of(axis, capabilities, extent)
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
         if found["key"] == key:
-            return tuple(found["lines"]), dict(found["visible"])
+            return dict(found["visible"])
     except (OSError, ValueError, KeyError, TypeError):
         pass  # nothing there, or nothing that can be used: it is made again
-    lines, visible = make()
-    keep(path, {"key": key, "lines": list(lines), "visible": visible})
-    return lines, visible
+    visible = make()
+    keep(path, {"key": key, "visible": visible})
+    return visible
 
 
 def keep(path: Path, found: dict[str, Any]) -> None:

@@ -15,7 +15,7 @@ from beltcomm.identify.first_estimate import data_sheet_model
 from beltcomm.recording import Recording
 from beltcomm.session import analyse, foresight, foresight_kept, phases, programme
 from beltcomm.session.bounds import bounds_of, course_before
-from beltcomm.session.foresight import Foresight, foresee
+from beltcomm.session.foresight import Foresight, foresee, lines_of
 from beltcomm.session.making import holding_at, quieter
 from beltcomm.session.options import Options
 from beltcomm.session.paths import path_of, start_of
@@ -139,9 +139,13 @@ def test_what_the_records_could_name_is_said_beforehand(capabilities: Capabiliti
     assert entries["stribeck"]["seen"]
     assert 0.0 < entries["stribeck"]["weakest"] < 0.02
     assert not entries["belt_slack"]["seen"], "100 N of belt force cannot make a belt slack"
-    text = "\n".join(found.lines())
+    whole, brief = ("\n".join(lines_of(found.to_dict(), whole)) for whole in (True, False))
+    assert len(whole.splitlines()) - 2 == sum(entry["seen"] for entry in entries.values())
+    assert len(brief.splitlines()) < 0.6 * len(whole.splitlines())
+    assert all(f"{name} " in brief for name in entries)
+    assert all(f"{name} " in whole for name in entries)
+    text = brief
     assert "carriage 2 kg" in text
-    assert "stribeck" in text
     assert "belt_slack (" in text.splitlines()[-1]
     assert "--thorough" in text.splitlines()[-1]
 
