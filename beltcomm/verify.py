@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 
 from beltcomm.control import Cascade, CascadeStructure
 from beltcomm.effects.tilt import GRAVITY_M_S2
-from beltcomm.errors import DataError
+from beltcomm.errors import DataError, UsageError
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 from beltcomm.simulate.loop import LoopDrive, close_loop
@@ -23,8 +24,8 @@ Array = NDArray[np.float64]
 #: Targets of the thesis's chapter 5: "smaller than 1 mm", "smaller than 100 um".
 DYNAMIC_TARGET_M = 1e-3
 STATIC_TARGET_M = 100e-6
-#: Machines in the range of a prediction.
-RANGE_DRAWS = 16
+#: Machines in the range of a prediction, and share of them that must be machines.
+RANGE_DRAWS, LEAST_DRAWN = 16, 0.5
 #: s after the end of the reference motion between which the static error is read.
 STATIC_FROM_S, STATIC_TO_S = 0.5, 1.5
 #: m and s of the verification move: the thesis's 0 to 0.5 m, and the rest in which the static error is read.
@@ -157,15 +158,21 @@ def predict_move(
     return PredictedMove(t_s, motor, cart, run.asked_nm, float(run.belt_force_n.max()), tuple(saturated))
 
 
-def predict_range(model: Model, predict: Callable[[Model, float], TrackingError]) -> tuple[TrackingError, TrackingError]:
-    """Smallest and largest error over ``RANGE_DRAWS`` machines that the model may as well stand for.
+def predict_range(model: Model, predict: Callable[[Model, float], TrackingError]) -> tuple[TrackingError, TrackingError] | None:
+    """Smallest and largest error over ``RANGE_DRAWS`` machines that the model may as well stand for; None where it stands for hardly any.
 
     Parameters are drawn from their intervals, each by itself, and the belt's stretch at the start from what friction can hold,
     min(F_c, τ_c/i_t)/c either way: the move before leaves it so, and no motor encoder sees it.   predict : of a model and a stretch.
     """
     random = np.random.default_rng(0)
     held = _held_stretch_m(model)
-    errors = [predict(_drawn(model, random), float(random.uniform(-held, held))) for _ in range(RANGE_DRAWS)]
+    errors = []
+    for _ in range(RANGE_DRAWS):
+        drawn, stretch = _drawn(model, random), float(random.uniform(-held, held))
+        with suppress(ZeroDivisionError, UsageError):  # a law that hardly anything is known of may hold nothing at some place
+            errors.append(predict(drawn, stretch))
+    if len(errors) < LEAST_DRAWN * RANGE_DRAWS:
+        return None
     dynamic, static = [e.dynamic_m for e in errors], [e.static_m for e in errors]
     return TrackingError(min(dynamic), min(static)), TrackingError(max(dynamic), max(static))
 

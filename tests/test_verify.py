@@ -17,7 +17,7 @@ from beltcomm.model import Model, build_model
 from beltcomm.recording import Recording
 from beltcomm.sidecar import Sidecar
 from beltcomm.trajectory import Trajectory, at_rest, join, plan_trajectory
-from beltcomm.verify import Loop, PredictedMove, TrackingError, demand, judge, predict_move, predict_range, tracking_error
+from beltcomm.verify import RANGE_DRAWS, Loop, PredictedMove, TrackingError, demand, judge, predict_move, predict_range, tracking_error
 from identify.records import COUNTS, PERIOD_S, true_model
 from truth import TruthPlant, nominal
 
@@ -234,8 +234,10 @@ def test_the_range_of_a_prediction_holds_what_friction_may_have_left_in_the_belt
     def error(other: Model, stretch_m: float) -> TrackingError:
         return tracking_error(trajectory.t_s, trajectory.position_m, path(other, stretch_m).motor_m)
 
-    low, high = predict_range(model, error)
-    assert predict_range(model, error) == (low, high)  # the draws are always the same
+    spread = predict_range(model, error)
+    assert spread is not None
+    assert predict_range(model, error) == spread  # the draws are always the same
+    low, high = spread
     for share in (-0.99, 0.99):
         plant = nominal("g_b")
         plant.place((0.0, -share * held, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0))
@@ -257,16 +259,34 @@ def test_the_range_of_a_prediction_follows_the_intervals_of_the_model() -> None:
         seen.append(other["viscous.damping"])
         return TrackingError(other["viscous.damping"], 0.0)
 
-    low, high = predict_range(rigid, error)
+    none_open = predict_range(rigid, error)
+    assert none_open is not None
+    low, high = none_open
     assert low.dynamic_m == high.dynamic_m == 2e-3
     item = replace(rigid.parameters["viscous.damping"], interval=1e-3)
     seen.clear()
     unsure = replace(rigid, parameters={**rigid.parameters, "viscous.damping": item})
-    low, high = predict_range(unsure, error)
+    spread = predict_range(unsure, error)
+    assert spread is not None
+    low, high = spread
     assert 1.96 * np.std(seen) == pytest.approx(1e-3, rel=0.5)
     assert low.dynamic_m < 1.7e-3
     assert high.dynamic_m > 2.3e-3
     assert min(seen) >= 0.0
+
+
+@pytest.mark.parametrize(("share", "told"), [(0.4, True), (0.8, False)])
+def test_draws_that_are_no_machine_leave_the_range_or_end_it(share: float, told: bool) -> None:
+    """A belt law that is hardly known holds nothing at the place of the move for some draws."""
+    rigid = build_model("rigid", ("viscous",), {"motor.inertia": 1e-3, "viscous.damping": 2e-3}, base_bodies=("motor",))
+    tried = iter(np.arange(RANGE_DRAWS) < share * RANGE_DRAWS)
+
+    def error(other: Model, _stretch_m: float) -> TrackingError:
+        if next(tried):
+            raise ZeroDivisionError
+        return TrackingError(other["viscous.damping"], 0.0)
+
+    assert (predict_range(rigid, error) is not None) == told
 
 
 # ---- verdict

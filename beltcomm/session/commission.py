@@ -219,7 +219,7 @@ def record_steps(machine: Machine, findings: Findings, model: Model, cascade: Ca
     share = 1.0
     needed, left_out = [item.step for item in items if item.rank == 0], LeftOut(machine, model)
     for name, step in programme.named(steps, ("frf_1",)):
-        made = left_out.exhausted and step.kind == "response" and step not in needed
+        made = left_out.exhausted and step.kind == "response"
         if made:
             findings.remarks.append(
                 f"{name} ({step.title(course.place_m(step))}) was left out: the carriage went too far {MOST_STOPS + 1} times before"
@@ -228,7 +228,7 @@ def record_steps(machine: Machine, findings: Findings, model: Model, cascade: Ca
             try:
                 making.make(machine, loop, step, name, loudest, share)
             except SafetyStop as problem:  # the model does not quite know how far this machine goes: again, and all that follow, quieter
-                if not left_out.admits(step, problem) or (left_out.exhausted and step in needed):
+                if not left_out.admits(step, problem):
                     raise
                 if left_out.exhausted:
                     findings.remarks.append(f"{name} ({step.title(course.place_m(step))}) was left out: {problem}")

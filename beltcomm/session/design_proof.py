@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -252,11 +253,17 @@ def on_draws(grounds: Grounds, cascade: Cascade, period_s: float, seed: int) -> 
     delays = np.maximum(grounds.delay_s + spread_s * np.random.default_rng((seed, 1)).standard_normal(count), 0.0)
     # Every damping between none and the apparent one is a plant of its own anyway, so the drawn one would only change which.
     drawn = [i for i, name in enumerate(names) if name not in DAMPINGS]
-    draws = [
-        _plants(grounds, model.with_values({names[i]: float(row[i]) for i in drawn}), float(d))
-        for row, d in zip(values, delays, strict=True)
-    ]
-    return margin_spread(draws, cascade, period_s), source + (" and the delay's interval" if late else "; the delay is assumed")
+    draws = []
+    for row, d in zip(values, delays, strict=True):
+        with suppress(UsageError):  # a law that hardly anything is known of may leave no stiffness at an end of the travel
+            draws.append(_plants(grounds, model.with_values({names[i]: float(row[i]) for i in drawn}), float(d)))
+    if not draws:
+        raise Refused(
+            f"within its uncertainty the model makes no machine at {' and '.join(f'{x:.2f} m' for x in grounds.positions_m)}: record more "
+            "(beltcomm diagnose RUN --next), or design without the effect that is known worst (beltcomm remove EFFECT RUN)"
+        )
+    none = f", of which {count - len(draws)} of {count} draws make no machine and were left out" if len(draws) < count else ""
+    return margin_spread(draws, cascade, period_s), source + none + (" and the delay's interval" if late else "; the delay is assumed")
 
 
 def _plants(grounds: Grounds, model: Model, delay_s: float) -> list[DesignPlant]:

@@ -121,6 +121,35 @@ def test_what_may_be_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
         assert not admits(response, SafetyStop("stopped", reason), 0.27, 0.27)
 
 
+def test_a_place_whose_response_is_stopped_three_times_is_left_out_with_all_responses_after_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What was measured at the first place makes a result; it says where nothing was measured."""
+    made: list[str] = []
+
+    def make(_machine: Any, _loop: Any, _step: Step, name: str, *_: Any) -> None:
+        made.append(name)
+        if name == "frf_2":
+            raise SafetyStop("too far", "position")
+
+    monkeypatch.setattr(left_out.phases, "move_to", lambda *_: None)
+    monkeypatch.setattr(left_out.phases, "stroke_ends", lambda _machine: (0.03, 0.47))
+    monkeypatch.setattr(making, "make", make)
+    monkeypatch.setattr(making, "course_of", lambda *_: SimpleNamespace(place_m=lambda step: step.place))
+    monkeypatch.setattr(making, "measured_already", lambda *_: False)
+    monkeypatch.setattr(commission.bounds, "has_room", lambda *_: True)
+    monkeypatch.setattr(commission.bounds, "seconds_of", lambda *_: 1.0)
+    monkeypatch.setattr(commission, "delay", lambda _findings: 0.0)
+    machine: Any = Standing(*[0.27] * 6)
+    machine.begin, machine.stroking, machine.axis = (lambda _title: None), (lambda: "position"), SimpleNamespace(torque_limit_nm=1.0)
+    machine.folder.finished_names = list
+    findings: Any = SimpleNamespace(remarks=[], calibrating_s=0.0, excited=None)
+    model: Any = None
+    commission.record_steps(machine, findings, model, model, "standard")
+    assert made.count("frf_2") == 3
+    assert not [name for name in made if name.startswith("frf_") and name != "frf_2"]
+    assert "sweep" in made
+    assert len([text for text in findings.remarks if "left out" in text]) >= 3
+
+
 @pytest.mark.parametrize(
     ("stops", "reason", "friction_nm", "amplitudes_nm"),
     [
@@ -172,7 +201,7 @@ def test_what_is_made_again_quieter_is_no_other_sequence(monkeypatch: pytest.Mon
     )
     model: Any = None  # nobody asks it anything
     making.respond(machine, model, Step("response", place=0.5, share=1.0), "frf_2", 0.4, share)
-    assert asked == {"amplitude_nm": pytest.approx(share * 0.4), "held_out": False, "loud": loud}
+    assert asked == {"amplitude_nm": pytest.approx(share * 0.4), "held_out": False, "loud": loud, "up_to_hz": 0.0}
 
 
 def test_a_run_that_goes_on_later_knows_how_much_later(connect: Callable[[Bench], Bench], tmp_path: Path) -> None:

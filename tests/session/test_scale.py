@@ -237,6 +237,21 @@ def test_an_estimate_that_a_gap_made_light_does_not_end_the_session_and_a_wrong_
         check_first(machine, light, stepped(nominal("g_a"), 0.3, torque=2.0))
 
 
+def test_an_estimate_that_a_delay_or_a_ripple_made_wrong_does_not_end_the_session_and_a_wrong_scale_does() -> None:
+    """A torque that acts late makes twice the inertia, a ripple half of it; barely broken away, the steps show friction beside it."""
+    machine: Any = SimpleNamespace(axis=RIG, folder=SimpleNamespace(journal=lambda _text: None))
+    stated = RIG.motor_side_inertia_kg_m2
+    heavy, light = (data_sheet_model(RIG, 0.25, 0.1).with_values({"motor.inertia": share * stated}) for share in (2.0, 0.5))
+    late, rippled = (HiddenPlant(draw(seed, (e,), 0.7, "rig"), 0.25) for seed, e in ((882011, "dead_time"), (882003, "tooth_ripple")))
+    assert check_first(machine, heavy, stepped(late, 0.2))["motor.inertia"] == stated, "the steps show about the sheet's"
+    barely = stepped(rippled, 0.17)
+    assert check_first(machine, light, barely)["motor.inertia"] == stated, "the steps contradict the estimate"
+    with pytest.raises(Refused, match="2 times more"):
+        check_first(machine, heavy, barely)  # both show too much
+    with pytest.raises(Refused, match="2 times more"):
+        check_first(machine, heavy, stepped(nominal("g_a"), 0.6, torque=0.5))
+
+
 def test_a_fit_that_went_astray_is_begun_anew_from_its_records(monkeypatch: pytest.MonkeyPatch) -> None:
     """As on an axis whose coupling is twenty times as stiff as its data sheet says: the first estimate is kept near the sheet."""
     made = {name: SimpleNamespace(fit=SimpleNamespace(suspect=name == "astray")) for name in ("astray", "right")}
