@@ -252,6 +252,26 @@ def test_an_estimate_that_a_delay_or_a_ripple_made_wrong_does_not_end_the_sessio
         check_first(machine, heavy, stepped(nominal("g_a"), 0.6, torque=0.5))
 
 
+def test_a_fit_that_lacks_a_body_is_no_wrong_scale_where_the_steps_of_the_torque_show_the_inertia() -> None:
+    """Of an end pulley a fit makes less inertia; a torque that is scaled wrongly shows at its steps as well."""
+    remarks: list[str] = []
+    folder = SimpleNamespace(journal=lambda _text: None)
+    machine: Any = SimpleNamespace(axis=RIG, more_room="", folder=folder, remark=remarks.append, place_m=lambda _at: None, position_m=0.0)
+    first = data_sheet_model(RIG, 0.25, 0.1)
+    light = first.with_values({"motor.inertia": 0.72 * RIG.motor_side_inertia_kg_m2})
+    check_fitted(machine, light, first, stepped(nominal("g_a"), 0.3))
+    (said,) = remarks
+    assert "makes 0.72 times the inertia of axis.yaml" in said
+    for share, torque in ((0.72, 2.0), (0.55, 1.0)):
+        with pytest.raises(Refused, match="times less"):
+            check_fitted(
+                machine,
+                first.with_values({"motor.inertia": share * RIG.motor_side_inertia_kg_m2}),
+                first,
+                stepped(nominal("g_a"), 0.3, torque),
+            )
+
+
 def test_a_fit_that_went_astray_is_begun_anew_from_its_records(monkeypatch: pytest.MonkeyPatch) -> None:
     """As on an axis whose coupling is twenty times as stiff as its data sheet says: the first estimate is kept near the sheet."""
     made = {name: SimpleNamespace(fit=SimpleNamespace(suspect=name == "astray")) for name in ("astray", "right")}
