@@ -76,7 +76,7 @@ def commission(drive: str, axis: Axis | str, run: Path, *, options: Options | No
         if options.window_m is not None:
             referencing.only_here(connected.capabilities, options.position_m, home=options.home)
             return _identify(connected, drive, axis, run, options, talk, whole=True)
-        plan = foretold(commission_plan(axis, connected.capabilities, options.extent), axis, connected.capabilities, options, talk)
+        plan = foretold(commission_plan(axis, connected.capabilities, options.extent), axis, connected.capabilities, options)
         if options.dry_run and options.resume:
             RunFolder.create(run, axis, resume=True)  # says whether it could go on
         if options.dry_run:

@@ -41,7 +41,6 @@ from beltcomm.sidecar import ExcitationNote, Sidecar
 from beltcomm.simulate.exact import is_exact
 from beltcomm.simulate.forward import integrate_torque, simulate_torque
 from beltcomm.stopping import total_friction
-from beltcomm.talk import Talk
 from beltcomm.verify import Loop, predict_move
 
 Array = NDArray[np.float64]
@@ -145,7 +144,7 @@ def foresee(axis: Axis, capabilities: Capabilities, extent: Extent) -> Foresight
     return Foresight(tuple(sights), assumed, len(recordings), extent)
 
 
-def foretold(plan: Plan, axis: Axis, capabilities: Capabilities, options: Options, talk: Talk) -> Plan:
+def foretold(plan: Plan, axis: Axis, capabilities: Capabilities, options: Options) -> Plan:
     """The plan with what its records could show.
 
     1.5 s of calculation, kept for the next time; a quick session leaves it out and says what shows it.   The first time on a machine
@@ -153,7 +152,6 @@ def foretold(plan: Plan, axis: Axis, capabilities: Capabilities, options: Option
     """
     if options.quick and not options.visible:
         return replace(plan, notes=(*plan.notes, UNSAID))
-    talk.phase(1, 1, "what the records could show")
     try:
         seen = kept(axis, capabilities, options.extent, lambda: plain(foresee(axis, capabilities, options.extent).to_dict()))
     except BeltcommError as problem:

@@ -25,7 +25,6 @@ from beltcomm.session.raising import believable
 from beltcomm.session.sequences import calmer_choice
 from beltcomm.session.steps import Step
 from beltcomm.simulate.forward import simulate_torque
-from beltcomm.talk import Silence
 
 AXIS = load_axis("egc-70-600")
 STEPS = [item.step for item in (*STANDARD, *THOROUGH)]
@@ -205,15 +204,15 @@ def test_the_default_plan_says_what_its_records_could_name_and_keeps_it(
     found = Counted()
     monkeypatch.setattr(foresight, "foresee", found)
     bare = Plan("", (), notes=("first",))
-    told = [foresight.foretold(bare, AXIS, capabilities, Options(), Silence()) for _ in range(2)]
+    told = [foresight.foretold(bare, AXIS, capabilities, Options()) for _ in range(2)]
     assert found.times == 1, "the second time it is read from the cache"
     assert told[0] == told[1]
     assert told[0].notes[0] == "first"
     assert "assumed 1" in told[0].notes[1]
     assert told[0].visible is not None
-    quick = foresight.foretold(bare, AXIS, capabilities, Options(quick=True), Silence())
+    quick = foresight.foretold(bare, AXIS, capabilities, Options(quick=True))
     assert found.times == 1
     assert quick.visible is None
     assert "--visible" in quick.notes[-1]
-    foresight.foretold(bare, AXIS, replace(capabilities, counts_per_rev=4096), Options(), Silence())
+    foresight.foretold(bare, AXIS, replace(capabilities, counts_per_rev=4096), Options())
     assert found.times == 2, "another encoder sees other things"
