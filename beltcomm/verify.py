@@ -178,8 +178,12 @@ def predict_range(model: Model, predict: Callable[[Model, float], TrackingError]
 
 
 def _drawn(model: Model, random: np.random.Generator) -> Model:
-    """The model with its fitted parameters drawn from their 95 % intervals, within their bounds."""
-    known = {n: p for n, p in model.parameters.items() if p.interval is not None and math.isfinite(p.interval)}
+    """The model with its fitted parameters drawn from their 95 % intervals, within their bounds.
+
+    What is not known to half of its range is known together with another only (the offset of a chain beside a constant torque, say), and
+    stays where the fit has both.
+    """
+    known = {n: p for n, p in model.parameters.items() if p.interval is not None and p.interval < 0.5 * (p.high - p.low)}
     deviates = random.standard_normal(len(known)) / 1.96
     return model.with_values(
         {n: float(np.clip(p.value + d * (p.interval or 0.0), p.low, p.high)) for (n, p), d in zip(known.items(), deviates, strict=True)}

@@ -273,6 +273,10 @@ def test_the_range_of_a_prediction_follows_the_intervals_of_the_model() -> None:
     assert low.dynamic_m < 1.7e-3
     assert high.dynamic_m > 2.3e-3
     assert min(seen) >= 0.0
+    seen.clear()
+    unknown = replace(item, interval=0.5 * (item.high - item.low))  # alone it says nothing, so it is not drawn alone
+    predict_range(replace(rigid, parameters={**rigid.parameters, "viscous.damping": unknown}), error)
+    assert set(seen) == {2e-3}
 
 
 @pytest.mark.parametrize(("share", "told"), [(0.4, True), (0.8, False)])
