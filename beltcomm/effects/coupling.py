@@ -41,9 +41,9 @@ EFFECT = Effect(
         "end_pulley": "excite near both ends of the travel: the mode of a coupling stays where it is, that of the end pulley moves",
     },
     untried=(
-        "not identifiable from these data as a diagnosis reads them, from the motor's angle to the torque: a light pulley behind a stiff "
-        "coupling (200 to 5000 N m/rad, 1e-5 to 4e-5 kg m²) swings at 380 to 3600 Hz while the motor is held, near and above half of a "
-        "sampling rate of 1 kHz, and the calculated torque grows out of all bounds"
+        "not identifiable from these data as a diagnosis reads them, from the motor's angle to the torque: between the samples the motor "
+        "swings against the pulley (200 to 1000 N m/rad: at 400 Hz and more, beside half a sampling rate of 500 Hz), of stiffness and "
+        "inertia hardly more than J²/K shows, and an end pulley or a dead time imitates it"
     ),
     linear=True,
     source="thesis table A.3; data sheet",
