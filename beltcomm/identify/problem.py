@@ -102,6 +102,11 @@ class Problem:
         self.last: dict[int, tuple[tuple[bytes, float], Parts]] = {}
         self.seen: dict[int, tuple[bytes, Array]] = {}
 
+    def forget(self) -> None:
+        """Give back the memory of what was worked out last."""
+        self.last.clear()
+        self.seen.clear()
+
     @property
     def samples(self) -> int:
         """Number of residuals."""

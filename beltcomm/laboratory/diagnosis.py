@@ -116,6 +116,8 @@ def again(data: Data, fitted: Fitted, iterations: int, substeps: int = SUBSTEPS)
             break
         ahead = calmer
     found = fit(ahead, begun.model, iterations, offsets=begun.offsets)
+    for piece in (*data.fitted, *data.held_out):
+        piece.motion.made_true.clear()  # these records are looked at as they were once more at most
     return (ahead, found) if math.isfinite(found.objective) else (data, fitted)  # behind an observer a light body may fly off
 
 

@@ -80,6 +80,7 @@ def fit_of(
         problem, found = _followed(problem, data, iterations, fixed, enough)
     else:
         found = problem.minimise(problem.start(offsets), iterations, enough=enough)
+    problem.forget()  # most fits are only compared; what they looked at would be kept with each of them
     best = problem.model_at(found.x, "laboratory")
     held_residual = tuple(judged(piece, best) for piece in data.held_out)
     return Fitted(best, problem, found.x, found.residual, found.objective, held_residual, held_objective(data, held_residual))

@@ -68,7 +68,7 @@ class FineMotion:
     time_s: float
     bristle_m: float = BRISTLE_M
     #: What :func:`true_motion` last made of it, by the values of the sensor's errors: most of a fit does not change them.
-    _true: dict[tuple[object, ...], FineMotion] = field(init=False, repr=False, compare=False, default_factory=dict)
+    made_true: dict[tuple[object, ...], FineMotion] = field(init=False, repr=False, compare=False, default_factory=dict)
 
     def coarser(self, substeps: int) -> FineMotion:
         """The same motion with fewer fine steps per sample, of which today's are a multiple; itself where it has no more."""
@@ -221,12 +221,12 @@ def true_motion(model: Model, motion: FineMotion, vector: Array | None = None) -
         return motion
     values = model.vector() if vector is None else vector
     key = (model.effects, *(float(values[i]) for i in board.sensor))
-    if key not in motion._true:
+    if key not in motion.made_true:
         theta, omega = motion.theta.copy(), motion.omega.copy()
         inverse_kernel().angle(theta, omega, board.spread(values), board.on)
-        motion._true.clear()
-        motion._true[key] = replace(motion, theta=theta, omega=omega)
-    return motion._true[key]
+        motion.made_true.clear()
+        motion.made_true[key] = replace(motion, theta=theta, omega=omega)
+    return motion.made_true[key]
 
 
 def fine_load(model: Model, motion: FineMotion, vector: Array | None = None, offset_m: float = 0.0) -> tuple[Array, Array]:

@@ -100,7 +100,7 @@ def test_an_earlier_gap_of_no_width_is_thrown_out_however_much_its_observer_forg
     monkeypatch.setattr(diagnosis, "rise_without", lambda _fitted: {})
     monkeypatch.setattr(diagnosis, "fit", lambda *_, **_options: smaller)
     monkeypatch.setattr(diagnosis, "drop_by", lambda *_: 432.0)
-    data: Any = SimpleNamespace()
+    data: Any = SimpleNamespace(fitted=(), held_out=())
     assert diagnosis.superfluous(data, grown, BASE, "belt_slack") == (smaller if removed else grown, removed)
 
 
@@ -178,7 +178,7 @@ def test_a_model_that_flies_off_on_the_motion_that_it_rebuilds_is_not_taken(
     monkeypatch: pytest.MonkeyPatch, objective: float, kept: str
 ) -> None:
     rebuilt, found = SimpleNamespace(fitted=(SimpleNamespace(counted=np.arange(10)),)), SimpleNamespace(objective=objective)
-    data: Any = SimpleNamespace()
+    data: Any = SimpleNamespace(fitted=(), held_out=())
     fitted: Any = SimpleNamespace(model=BASE, offsets=np.zeros(1), problem=SimpleNamespace(samples=10))
     monkeypatch.setattr(diagnosis, "remade", lambda *_: rebuilt)
     monkeypatch.setattr(diagnosis, "fit", lambda *_, **_options: found)
