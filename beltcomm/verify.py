@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from beltcomm.control import Cascade, CascadeStructure
 from beltcomm.effects.tilt import GRAVITY_M_S2
-from beltcomm.errors import DataError, UsageError
+from beltcomm.errors import DataError, Refused, UsageError
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 from beltcomm.simulate.loop import LoopDrive, close_loop
@@ -169,7 +169,8 @@ def predict_range(model: Model, predict: Callable[[Model, float], TrackingError]
     errors = []
     for _ in range(RANGE_DRAWS):
         drawn, stretch = _drawn(model, random), float(random.uniform(-held, held))
-        with suppress(ZeroDivisionError, UsageError):  # a law that hardly anything is known of may hold nothing at some place
+        # A law that hardly anything is known of may hold nothing at some place, or let the carriage fly off.
+        with suppress(ZeroDivisionError, UsageError, Refused):
             errors.append(predict(drawn, stretch))
     if len(errors) < LEAST_DRAWN * RANGE_DRAWS:
         return None

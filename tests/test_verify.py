@@ -12,7 +12,7 @@ from scipy.signal import butter
 
 from beltcomm.axis_entries import TrajectoryLimits
 from beltcomm.control import Cascade, CascadeStructure, Feedforward, Prefilter
-from beltcomm.errors import DataError
+from beltcomm.errors import DataError, Refused, UsageError
 from beltcomm.model import Model, build_model
 from beltcomm.recording import Recording
 from beltcomm.sidecar import Sidecar
@@ -279,15 +279,18 @@ def test_the_range_of_a_prediction_follows_the_intervals_of_the_model() -> None:
     assert set(seen) == {2e-3}
 
 
-@pytest.mark.parametrize(("share", "told"), [(0.4, True), (0.8, False)])
-def test_draws_that_are_no_machine_leave_the_range_or_end_it(share: float, told: bool) -> None:
+@pytest.mark.parametrize(
+    ("share", "told", "problem"),
+    [(0.4, True, ZeroDivisionError()), (0.8, False, ZeroDivisionError()), (0.4, True, UsageError("-1 N/m")), (0.4, True, Refused("nan m"))],
+)
+def test_draws_that_are_no_machine_leave_the_range_or_end_it(share: float, told: bool, problem: Exception) -> None:
     """A belt law that is hardly known holds nothing at the place of the move for some draws."""
     rigid = build_model("rigid", ("viscous",), {"motor.inertia": 1e-3, "viscous.damping": 2e-3}, base_bodies=("motor",))
     tried = iter(np.arange(RANGE_DRAWS) < share * RANGE_DRAWS)
 
     def error(other: Model, _stretch_m: float) -> TrackingError:
         if next(tried):
-            raise ZeroDivisionError
+            raise problem
         return TrackingError(other["viscous.damping"], 0.0)
 
     assert (predict_range(rigid, error) is not None) == told

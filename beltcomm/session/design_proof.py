@@ -32,6 +32,7 @@ from beltcomm.session.delays import delay
 from beltcomm.session.findings import Findings
 from beltcomm.session.offline import counts_of
 from beltcomm.session.proof import SURE_MARGIN_DEG
+from beltcomm.verify import LEAST_DRAWN
 
 Array = NDArray[np.float64]
 
@@ -257,9 +258,10 @@ def on_draws(grounds: Grounds, cascade: Cascade, period_s: float, seed: int) -> 
     for row, d in zip(values, delays, strict=True):
         with suppress(UsageError):  # a law that hardly anything is known of may leave no stiffness at an end of the travel
             draws.append(_plants(grounds, model.with_values({names[i]: float(row[i]) for i in drawn}), float(d)))
-    if not draws:
+    if len(draws) < LEAST_DRAWN * count:
         raise Refused(
-            f"within its uncertainty the model makes no machine at {' and '.join(f'{x:.2f} m' for x in grounds.positions_m)}: record more "
+            f"{len(draws)} of {count} draws of the model make a machine at {' and '.join(f'{x:.2f} m' for x in grounds.positions_m)}, "
+            f"{LEAST_DRAWN:.0%} are needed to prove a design: record more "
             "(beltcomm diagnose RUN --next), or design without the effect that is known worst (beltcomm remove EFFECT RUN)"
         )
     none = f", of which {count - len(draws)} of {count} draws make no machine and were left out" if len(draws) < count else ""

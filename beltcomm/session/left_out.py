@@ -25,7 +25,7 @@ class LeftOut:
 
     @property
     def exhausted(self) -> bool:
-        """Whether stops have used up what the session goes on after: then open-loop records that it can do without are not begun."""
+        """Whether stops have used up what the session goes on after: then no further open-loop record is begun."""
         return self._stops > MOST_STOPS
 
     def admits(self, step: Step, problem: SafetyStop) -> bool:

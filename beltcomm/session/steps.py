@@ -28,7 +28,7 @@ SLOW_M_S = (0.006, 0.015, 0.04, 0.1)
 TRIANGLES_M = (2e-3, 1e-3, 4e-4, 2e-4)
 #: m, longest triangle: more is a stroke.
 LONGEST_TRIANGLE_M = 2e-2
-#: Hz, highest band that a response may be asked for: half of it has to be sampled.
+#: Hz, highest band that a response may be asked for; a drive that is sampled too slowly for it refuses by itself.
 HIGHEST_HZ = 1000.0
 
 

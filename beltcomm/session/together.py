@@ -48,10 +48,9 @@ def delays_of(fitted: Fitted, named: Sequence[str]) -> list[Together]:
     known = f"{1e6 * value:.0f}" + ("" if width is None else f" ± {1e6 * width:.0f}")
     alone = " and ".join(f"{name} ({1e6 * model[f'{name}.time']:.0f} us)" for name in present)
     text = f"The sum of the delays is known to be {known} us; each alone is not, whatever its interval says: {alone}."
-    lag = max((model[f"{name}.time"] for name in present if name != "dead_time"), default=0.0)
-    if "dead_time" in present and 0.0 < model["dead_time.time"] < SECOND_POLE * lag:
-        other = next(name for name in present if name != "dead_time")
-        text += f" A dead time as short as this may be a second pole of the {other}, and no cause of its own."
+    lag = max((name for name in present if name != "dead_time"), key=lambda name: model[f"{name}.time"])
+    if "dead_time" in present and 0.0 < model["dead_time.time"] < SECOND_POLE * model[f"{lag}.time"]:
+        text += f" A dead time as short as this may be a second pole of the {lag}, and no cause of its own."
     return [Together(tuple(present), "time", value, width, "s", text)]
 
 

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import count
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,9 +16,11 @@ import pytest
 from beltcomm.configfiles import read_yaml, to_yaml, write_text
 from beltcomm.design.design_plant import DesignPlant
 from beltcomm.design.margins import margins
+from beltcomm.errors import Refused, UsageError
 from beltcomm.model import Model, load_model
 from beltcomm.recording import Recording
 from beltcomm.runfolder import RunFolder
+from beltcomm.session import design_proof
 from beltcomm.session.design_proof import SAME_SHARE, Grounds, on_draws
 from beltcomm.session.offline import cascade_of
 from beltcomm.session.proof import doubts
@@ -127,6 +132,33 @@ def test_parameters_known_too_badly_make_loops_unstable(copy_of_complete: Copy, 
     outcome = call("design", run)
     assert outcome.exit_code == 1
     assert "loops drawn from the parameters' uncertainty are unstable: identify the axis better" in outcome.stdout
+
+
+@pytest.mark.parametrize(("every", "proven"), [(3, True), (1, False)])
+def test_draws_that_are_no_machine_are_left_out_and_said(
+    complete: Complete, monkeypatch: pytest.MonkeyPatch, every: int, proven: bool
+) -> None:
+    """A belt law that is hardly known leaves no stiffness at an end of the travel for some draws."""
+    folder, asked, plants = complete.folder, count(), design_proof._plants
+
+    def some(grounds: Grounds, model: Model, delay_s: float) -> Any:
+        number = next(asked)
+        if number and number % every == 0:  # the first is the model itself
+            raise UsageError("the design plant's stiffness_n_m is -1")
+        return plants(grounds, model, delay_s)
+
+    monkeypatch.setattr(design_proof, "_plants", some)
+    model = load_model(folder.file("models", "final"))
+    cascade, delay_s = cascade_of(folder.load("designs", "final"), model, structure_from_dict(folder.load("results", "drive")))
+    grounds = Grounds(model, (-0.01, 0.57), (0.0,), delay_s, None, 0.06, folder.load("results", "fit"), 65536)
+    if proven:
+        spread, source = on_draws(grounds, cascade, 1e-3, 0)
+        left, whole = (int(word) for word in re.findall(r"of which (\d+) of (\d+) draws make no machine", source)[0])
+        assert left == whole // every
+        assert spread.draws == whole - left
+    else:
+        with pytest.raises(Refused, match="50% are needed to prove a design"):
+            on_draws(grounds, cascade, 1e-3, 0)
 
 
 def test_without_a_covariance_the_intervals_count(complete: Complete) -> None:
