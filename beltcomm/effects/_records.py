@@ -15,11 +15,12 @@ AGAIN = "`beltcomm commission --drive DRIVE --run RUN_AFTER` (a run of its own) 
 WIDE_HZ, LONG_S = 250.0, 20.0
 #: Shares of the excitation between friction and the limits at which a carriage hardly leaves its place.
 TINY = (0.01, 0.05)
+#: Shares of the travel.
 MIDDLE, ENDS = 0.5, (0.12, 0.88)
 
 
 def wide(*places: float) -> tuple[Record, ...]:
-    """Loud, long excitations up to ``WIDE_HZ``."""
+    """Loud, long excitations up to ``WIDE_HZ``.   places : shares of the travel."""
     return tuple({"kind": "response", "place": place, "seconds": LONG_S, "up_to_hz": WIDE_HZ} for place in places)
 
 
@@ -29,7 +30,7 @@ def tiny() -> tuple[Record, ...]:
 
 
 def slow(*places: float) -> tuple[Record, ...]:
-    """Strokes below the speed at which grease carries, and far below."""
+    """Strokes below the speed at which grease carries, and far below.   places : shares of the travel."""
     return tuple({"kind": "strokes", "place": place, "speeds_m_s": [0.003, 0.006, 0.015, 0.04]} for place in places)
 
 
