@@ -220,8 +220,8 @@ class Effect:
     trials : how a diagnosis switches it on, from what is known of the axis; None: it is not put on trial (base effects and laws
     that need data of their own).    twins : effects that no motion of this axis can tell from it, or hardly.    separate : the
     experiment that tells the twins apart.    apart : the same by twin, as records and as changes by hand.    alike : what else looks
-    like it to a person, by name, each with the experiment that tells them apart; no diagnosis uses these.    harmonic : a sine and a cosine of the motor angle times the
-    first parameter, added to the load or to the gain of the torque (so that all orders can be searched in one pass).    state : what it
+    like it to a person, by name, each with the experiment that tells them apart; no diagnosis uses these.
+    harmonic : a sine and a cosine of the motor angle times the first parameter, added to the load or to the gain of the torque (so that all orders can be searched in one pass).    state : what it
     remembers beside what its slot and its bodies do.    bound : it only
     says how much any law of its kind could explain; a diagnosis never adds it.    linear : its law is affine in positions and speeds (a
     friction level: constant), the same at every place and time, for any values of its parameters: it is simulated without an integrator.
