@@ -223,8 +223,8 @@ class Effect:
     like it to a person, by name, each with the experiment that tells them apart; no diagnosis uses these.
     harmonic : a sine and a cosine of the motor angle times the first parameter, added to the load or to the gain of the torque
     (so that all orders can be searched in one pass).    state : what it remembers beside what its slot and its bodies do.    bound : it
-    only says how much any law of its kind could explain; a diagnosis never adds it.    linear : its law is affine in positions and speeds (a
-    friction level: constant), the same at every place and time, for any values of its parameters: it is simulated without an integrator.
+    only says how much any law of its kind could explain; a diagnosis never adds it.    linear : its law is affine in positions and speeds
+    (a friction level: constant), the same at every place and time, for any values of its parameters: it is simulated without an integrator.
     least : of its first parameter; up to this it is nothing to be named, because every axis has as much or no sensor shows it.
     completed_by : effects that belong to it and mean nothing without it; put on trial once it is named.
     untried : why a diagnosis cannot put it on trial although a motor may see it, with figures; "" where that has no need of words.
