@@ -7,6 +7,7 @@ It is the likelihood with unknown scale in bad blocks: a disturbed stretch costs
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -241,9 +242,10 @@ class Problem:
             return np.asarray(np.bincount(self.blocks, residual**2) / np.maximum(self.count, 1.0))
 
     def objective(self, residual: Array) -> float:
-        """O of the module."""
+        """O of the module; inf where a body flew off."""
         means = self.block_means(residual)
-        return float(np.sum(self.count * np.where(means < 1.0, means, 1.0 + np.log(np.maximum(means, 1.0)))))
+        total = float(np.sum(self.count * np.where(means < 1.0, means, 1.0 + np.log(np.maximum(means, 1.0)))))
+        return total if math.isfinite(total) else math.inf
 
     def weights(self, residual: Array) -> Array:
         """Square root of φ'(c) of every sample's block, (n,)."""
@@ -258,7 +260,7 @@ class Problem:
         residual = self.residual(x)
         value, damping = self.objective(residual), 1e-3
         asked = [j for j in range(len(x)) if j not in set(held)]
-        for _ in range(iterations):
+        for _ in range(iterations if math.isfinite(value) else 0):
             weights = self.weights(residual)
             jacobian = self.jacobian(x, asked).scaled(weights)
             gradient, information = jacobian.transposed(residual * weights), jacobian.information()
@@ -272,7 +274,7 @@ class Problem:
                 trial = x.copy()
                 trial[move] = np.clip(x[move] - np.linalg.solve(system, gradient[move]), self.low[move], self.high[move])
                 ahead = self.residual(trial)
-                better = self.objective(ahead) if np.all(np.isfinite(ahead)) else np.inf
+                better = self.objective(ahead)
                 gain = value - better
                 if gain > 0.0:
                     break

@@ -197,7 +197,9 @@ def rank(item: Candidate) -> tuple[bool, bool, float]:
 
 
 def candidate(base: Fitted, effect: Effect, promised: float, best: Fitted, starts: int) -> Candidate:
-    """What a model fitted with the effect says for it."""
+    """What a model fitted with the effect says for it; as one that was not refitted where a body flies off in it."""
+    if not math.isfinite(best.objective + best.held_objective):
+        return Candidate(effect, promised, promised, 0.0, 0.0, None, False)
     drop = drop_by(base, best)
     evidence, explained = drop - price(effect, base, starts), explained_share(drop, base)
     held_gain = base.held_objective - best.held_objective

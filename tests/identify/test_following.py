@@ -8,11 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from beltcomm.effects import effect_named
 from beltcomm.identify.following import forgotten
 from beltcomm.identify.problem import Problem
 from beltcomm.identify.residual import Stretch, dressed, evaluate, in_noise, whitened
 from beltcomm.laboratory import fitting
 from beltcomm.laboratory.data import Data, agitated, prepare, remade
+from beltcomm.laboratory.stage import candidate
 from beltcomm.laboratory.start import start_model
 from beltcomm.model import Model, build_model
 from beltcomm.runfolder import RunFolder
@@ -138,3 +140,15 @@ def test_a_fit_ends_with_the_best_model_that_it_saw_behind_its_own_observer(
     assert len(seen) >= 3
     assert found.objective == pytest.approx(min(seen))
     assert found.objective < 0.9 * seen[0]
+
+
+def test_a_body_that_flies_off_is_no_candidate(rattling: tuple[Data, Model]) -> None:
+    """A pulley that swings faster than the steps of time can follow: its fit has no objective, and nothing is ranked by it."""
+    data, model = rattling
+    few = replace(data, fitted=tuple(excited(data)[:1]), held_out=())
+    base = fitting.fit(few, model, 0)
+    light = model.with_effect("end_pulley", {"share": 0.9}).with_values({"end_pulley.mass": 2e-3})
+    lost = fitting.fit(few, light, 3)
+    assert lost.objective == np.inf
+    found = candidate(base, effect_named("end_pulley"), 50.0, lost, 1)
+    assert (found.fitted, found.accepted, found.evidence) == (None, False, 50.0)
