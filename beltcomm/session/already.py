@@ -8,12 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from beltcomm.recording import Recording
-from beltcomm.session.making import EXPERIMENT, RESPONSE_S, quieter
+from beltcomm.session.making import EXPERIMENT, RESPONSE_S, SAME_PLACE_M, quieter
+from beltcomm.session.paths import AROUND_M
 from beltcomm.session.steps import LOUD, Step
 
-#: Share of the travel between places that count as one; of a length or an amplitude that counts as reached.
-SAME_PLACE, REACHED = 0.08, 0.75
-#: Room for an amplitude or a speed that the drive rounds.
+#: Share of a length, an amplitude or an acceleration that counts as reached.
+REACHED = 0.75
+#: s between a first and a last sweep.
+LATER_S = 30.0
+#: Room for an amplitude, a way or a speed that the drive rounds.
 ROUNDED = 1.1
 #: Share of a torque's power that lies within its band; share of the largest speed above which a stroke is under way.
 IN_BAND, UNDER_WAY = 0.9, 0.02
@@ -37,17 +40,40 @@ def shown_already(step: Step, before: Before) -> str:
 def shows(recording: Recording, step: Step, before: Before) -> bool:
     """Whether one record has the step's kind, place, size and length.  A longer one would tell more, so a shorter does not count."""
     sidecar, wanted = recording.sidecar, "frf" if step.kind == "response" else EXPERIMENT[step.kind]
-    if sidecar.experiment != wanted or sidecar.held_out != step.held_out or step.kind == "moves":
-        return False  # of moves nothing but their path says how hard they were
-    low, high = before.window_m
-    at = sidecar.start_position_m
-    if step.here and (at is None or abs(at - (low + step.place * (high - low))) > SAME_PLACE * (high - low)):
+    if sidecar.experiment != wanted or sidecar.held_out != step.held_out or (step.here and not is_there(recording, step, before)):
         return False
     if step.kind == "response":
         return excited_so(recording, step, before)
     if step.kind == "reversals":
         return abs(before.ratio) * float(np.ptp(recording.position)) <= 2.0 * ROUNDED * max(step.amplitudes_m)
-    return has_speeds(recording, step, before)
+    if step.kind == "moves":
+        return moved_so(recording, step, before)
+    return made_later(recording, before) if step.again else has_speeds(recording, step, before)
+
+
+def is_there(recording: Recording, step: Step, before: Before) -> bool:
+    """Whether a record stays around the place of a step: strokes begin beside theirs, a sweep only passes."""
+    (low, high), start_m = before.window_m, recording.sidecar.start_position_m
+    if start_m is None:
+        return False
+    way_m = before.ratio * (recording.position - recording.position[0])
+    at_m = start_m + 0.5 * float(np.min(way_m) + np.max(way_m))
+    return float(np.ptp(way_m)) < 2.0 * ROUNDED * AROUND_M and abs(at_m - (low + step.place * (high - low))) < SAME_PLACE_M
+
+
+def made_later(recording: Recording, before: Before) -> bool:
+    """Whether strokes came ``LATER_S`` after the first ones, as for what warms up."""
+    when = [r.sidecar.session_time_s or 0.0 for r in before.recordings if r.sidecar.experiment == "friction_sweep"]
+    return (recording.sidecar.session_time_s or 0.0) - min(when) > LATER_S
+
+
+def moved_so(recording: Recording, step: Step, before: Before) -> bool:
+    """Whether moves go on as long as the step asks for; of fast ones, whether they are as hard, the run's hardest being all it may do."""
+    if step.seconds:
+        return bool(recording.t_s[-1] - recording.t_s[0] >= REACHED * step.seconds)
+    moves = [r for r in before.recordings if r.sidecar.experiment == EXPERIMENT["moves"] and not r.sidecar.held_out]
+    hardest, own = max(hardest_rad_s2(r) for r in moves), hardest_rad_s2(recording)
+    return own > 0.0 and REACHED <= own / (step.share * hardest) <= 1.0 / REACHED
 
 
 def excited_so(recording: Recording, step: Step, before: Before) -> bool:
@@ -77,6 +103,12 @@ def largest_nm(recording: Recording) -> float:
     note = recording.sidecar.excitation
     known = note.amplitude_nm if note is not None else None
     return known if known is not None else float(np.max(np.abs(recording.torque)))
+
+
+def hardest_rad_s2(recording: Recording) -> float:
+    """Largest acceleration that was asked for, rad/s² at the motor; 0 where no speed was."""
+    speed = recording.reference_velocity
+    return 0.0 if speed is None else float(np.max(np.abs(np.gradient(speed, recording.t_s))))
 
 
 def band_hz(recording: Recording) -> float:

@@ -42,6 +42,7 @@ from beltcomm.session.machine import Machine
 from beltcomm.session.programme import Extent
 from beltcomm.session.proof import SURE_MARGIN_DEG, move_name, proof, thin_margins
 from beltcomm.session.proving import verify_move
+from beltcomm.session.steps import SHORT_S
 from beltcomm.session.strokes import SWEEP_LONGEST_S
 from beltcomm.session.wandering import stands_after
 from beltcomm.sidecar import Sidecar
@@ -86,7 +87,7 @@ def identify_here(machine: Machine, findings: Findings, *, brief: bool = False) 
     findings.calibrating_s = gain_steps.ensure(machine, findings.breakaway.coulomb_nm)
     sameness.repeat_first_excitation(machine, findings.breakaway, masses)
     machine.begin(TITLES[2])
-    short_s = programme.SHORT_S if brief else making.RESPONSE_S
+    short_s = SHORT_S if brief else making.RESPONSE_S
 
     def to_come(model: Model, at_most_nm: float) -> AmplitudeStep:
         return making.short_if_possible(partial(phases.response_to_come, machine, model, at_most_nm), short_s)[1]

@@ -33,7 +33,7 @@ from beltcomm.session.diagnosis_data import diagnosis_data, seen_as, values_of
 from beltcomm.session.kept_cost import cost_of, priced
 from beltcomm.session.kept_fit import fitted_to
 from beltcomm.session.kept_result import answered
-from beltcomm.session.next_plan import NAME, plan_for, recorded_sets
+from beltcomm.session.next_plan import NAME, plan_for
 from beltcomm.session.opened import Opened, explainable, opened, records_of
 from beltcomm.session.response_table import table_lines, table_of
 from beltcomm.session.revisions import (
@@ -179,11 +179,10 @@ def sight(folder: RunFolder, found: Diagnosis, recordings: Sequence[Recording], 
     lines = words.lacking_lines(missing) + words.untried_lines(untried)
     lines += words.sight_lines(sights, folder.path, not_named(model, recordings), planned=following)
     if following:
-        travel = float(folder.axis.travel.max_m or 1.0) - float(folder.axis.travel.min_m or 0.0)
         window = (float(folder.axis.travel.min_m or 0.0), float(folder.axis.travel.max_m or 1.0))
         before = Before(recordings, window, model["transmission.ratio"], total_friction(model))
-        blind, sets = [one for one in sights if not one.seen], recorded_sets(recordings, travel)
-        wanted = plan_for(found.twins, blind, sets, found.named, lambda step: shown_already(step, before))
+        blind = [one for one in sights if not one.seen]
+        wanted = plan_for(found.twins, blind, found.named, lambda step: shown_already(step, before))
         data["next"] = wanted.to_dict()
         folder.save_result(NAME, plain(wanted.to_dict()))
         lines += wanted.lines(folder.path)

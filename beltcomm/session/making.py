@@ -23,7 +23,7 @@ from beltcomm.stopping import total_friction
 from beltcomm.trajectory import Trajectory
 from beltcomm.verify import predict_move
 
-#: s of machine time per frequency response: rest, one run-in period, three to four measured ones; and of a short one.
+#: s of machine time per frequency response: rest, one run-in period, three to four measured ones.
 RESPONSE_S = 7.0
 #: A quiet excitation lies above the friction by this factor, or nothing would move.
 OVER_FRICTION = 1.1

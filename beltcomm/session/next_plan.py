@@ -8,15 +8,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from beltcomm.configfiles import read_yaml
 from beltcomm.effects import EFFECTS, Apart, Effect, effect_named
 from beltcomm.errors import UsageError
 from beltcomm.laboratory.visible import Sight
-from beltcomm.recording import Recording
 from beltcomm.result import plain
-from beltcomm.session.steps import PLACES, QUIET, SLOW_M_S, TRIANGLES_M, Step, checked_step
+from beltcomm.session.steps import PLACES, QUIET, SHORT_S, SLOW_M_S, TRIANGLES_M, Step, checked_step
 
 #: Name of the file in ``results/``.
 NAME = "next"
@@ -40,8 +37,6 @@ BY_NAME: Mapping[str, tuple[str, ...]] = {
     "quadratic_drag": ("sweep", "fast"),
     "backlash": ("places", "quiet", "reversals"),
 }
-#: s between a first and a last sweep; share of the travel that three places span; a quiet record has less than this share of the torque.
-LATER_S, SPREAD, QUIETER = 30.0, 0.5, 0.8
 #: Share of the belt's force that fast moves use.
 FAST_SHARE = 0.9
 SETS = ("sweep", "places", "quiet", "slow", "reversals", "fast", "sweep again")
@@ -86,48 +81,22 @@ class NextPlan:
         return f"beltcomm identify --drive DRIVE --run {run} --plan {self.file(run)}" if self.steps else ""
 
 
-def recorded_sets(recordings: Sequence[Recording], travel_m: float) -> frozenset[str]:
-    """Which sets of records a run has already, so that more of them would show nothing new."""
-    excited = [r for r in recordings if r.sidecar.experiment == "frf"]
-    at = [r.sidecar.start_position_m or 0.0 for r in excited]
-    loud = [float(np.max(np.abs(r.torque))) for r in excited]
-    strokes = [r for r in recordings if r.sidecar.experiment == "friction_sweep"]
-    when = [r.sidecar.session_time_s or 0.0 for r in strokes]
-    found = set()
-    if strokes:
-        found.add("sweep")
-    if strokes and max(when) - min(when) > LATER_S:
-        found.add("sweep again")
-    begun = [r.sidecar.start_position_m or 0.0 for r in strokes]
-    if len(strokes) >= len(PLACES) and max(begun) - min(begun) > SPREAD * travel_m:
-        found.add("slow")
-    if len(excited) >= len(PLACES) and max(at) - min(at) > SPREAD * travel_m:
-        found.add("places")
-    if excited and min(loud) < QUIETER * max(loud):
-        found.add("quiet")
-    if any(r.sidecar.experiment == "reversal" for r in recordings):
-        found.add("reversals")
-    if any(r.sidecar.experiment == "trajectory" and not r.sidecar.held_out for r in recordings):
-        found.add("fast")
-    return frozenset(found)
-
-
 def plan_for(
     twins: Sequence[str],
     blind: Sequence[Sight],
-    recorded: frozenset[str] = frozenset(),
     named: Sequence[str] = (),
     already: Callable[[Step], str] = lambda _step: "",
 ) -> NextPlan:
     """The plan that tells twins apart, or where there are none shows what could not be seen.
 
-    recorded : sets that are there.   named : effects that were found.   already : the record that shows what a step would, "" for none.
+    named : effects that were found.   already : the record that shows what a step would, "" for none.
     """
     if twins:
         return plan_apart(twins, already)
     reasons: dict[str, str] = {}
     by_hand: list[str] = []
     sets = set[str]()
+    judged = {name: new_ones(steps_of(name), already) for name in SETS}
     for effect in (effect_named(name) for name in named):
         only_by_hand = families(effect)
         if only_by_hand:
@@ -136,15 +105,11 @@ def plan_for(
     for sight in blind:
         seen = f"it would be seen from {sight.hardest:.2g} x a typical one on"
         reasons[sight.effect.name] = "these data say nothing of it" if math.isinf(sight.hardest) else seen
-        wanted = set(shown_by(sight.effect)) - recorded
-        sets |= wanted
-        if not wanted:
+        sets.update(shown_by(sight.effect))
+        if not any(judged[name][0] for name in shown_by(sight.effect)):
             by_hand.append(f"{sight.effect.name}: such records are here already; it shows only beyond the limits in axis.yaml")
-    steps: list[Step] = []
-    for name in SETS:
-        if name in sets:
-            steps += steps_of(name)
-    return NextPlan(reasons, tuple(by_hand), tuple(steps))
+    chosen = [judged[name] for name in SETS if name in sets]
+    return NextPlan(reasons, tuple(by_hand), tuple(s for steps, _ in chosen for s in steps), tuple(t for _, out in chosen for t in out))
 
 
 def plan_apart(twins: Sequence[str], already: Callable[[Step], str]) -> NextPlan:
@@ -152,18 +117,20 @@ def plan_apart(twins: Sequence[str], already: Callable[[Step], str]) -> NextPlan
     first, other = twins[0], twins[1]
     between = apart_of(first, other)
     reasons = {name: f"these data cannot tell it from {', '.join(n for n in twins if n != name)}: {between.shows}" for name in twins}
-    steps, left_out = [], []
-    for number, entry in enumerate(between.records, start=1):
-        step = checked_step(entry, f"{first} and {other}, record {number}")
-        found = already(step)
-        if found:
-            left_out.append(f"{step.words()}: {found} shows as much, the same once more would show nothing new")
-        else:
-            steps.append(step)
+    records = enumerate(between.records, start=1)
+    steps, left_out = new_ones([checked_step(entry, f"{first} and {other}, record {number}") for number, entry in records], already)
     by_hand = hands_of({other: between})
-    if not by_hand and not any(not step.held_out for step in steps):
+    if not by_hand and not steps:
         by_hand = [separate for name in twins if (separate := effect_named(name).separate)]
     return NextPlan(reasons, tuple(dict.fromkeys(by_hand)), tuple(steps), tuple(left_out))
+
+
+def new_ones(steps: Sequence[Step], already: Callable[[Step], str]) -> tuple[list[Step], list[str]]:
+    """The steps that a run has not, and of the others which record shows as much.   A held-out one alone would have nothing to judge."""
+    found = {step: already(step) for step in steps}
+    new = [step for step in steps if not found[step]]
+    left_out = [f"{s.words()}: {name} shows as much, the same once more would show nothing new" for s, name in found.items() if name]
+    return ([] if all(step.held_out for step in new) else new), left_out
 
 
 def apart_of(first: str, other: str) -> Apart:
@@ -201,11 +168,11 @@ def shown_by(effect: Effect) -> tuple[str, ...]:
 def steps_of(name: str) -> list[Step]:
     """The records of a set."""
     if name in ("sweep", "sweep again"):
-        return [Step("sweep")]
+        return [Step("sweep", again=name == "sweep again")]
     if name == "places":
         return [Step("response", place) for place in PLACES]
     if name == "quiet":
-        return [Step("response", PLACES[1], QUIET)]
+        return [Step("response", PLACES[1], QUIET, seconds=SHORT_S)]
     if name == "reversals":
         return [Step("reversals", PLACES[1], amplitudes_m=TRIANGLES_M)]
     if name == "fast":

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterator, Sequence
 from typing import Literal, NamedTuple
 
-from beltcomm.session.steps import PLACES, QUIET, TRIANGLES_M, Step
+from beltcomm.session.steps import PLACES, QUIET, SHORT_S, SLOW_M_S, TRIANGLES_M, Step
 
 Extent = Literal["quick", "standard", "thorough"]
 
@@ -17,14 +17,10 @@ class Item(NamedTuple):
     rank: int = 0
 
 
-#: m/s of the slowest strokes: grease lubricates otherwise there.
-SLOW_M_S = (0.01, 0.03, 0.06)
 #: Where and how loud the held-out response is: a place and an amplitude that no fitted record has.
 HELD_PLACE, HELD_SHARE = 0.65, 0.7
 #: Share of an excitation between loud and quiet.
 MIDDLING = 0.5
-#: s: a short response.
-SHORT_S = 5.0
 
 #: m/s of a short sweep, where the travel allows the fastest of them: three speeds tell Coulomb and viscous friction and leave one to judge.
 QUICK_M_S = (0.05, 0.3, 1.5)

@@ -20,10 +20,12 @@ KEYS: Mapping[str, tuple[str, ...]] = {
 }
 #: Where along the travel, as shares of it.
 PLACES = (0.12, 0.5, 0.88)
+#: s: a short response.
+SHORT_S = 5.0
 #: Shares of what the limits allow: as much as possible, and little enough that gaps and elastic friction show.
 LOUD, QUIET = 1.0, 0.1
-#: m/s: strokes below the speed at which grease carries.
-SLOW_M_S = (0.006, 0.015, 0.04, 0.1)
+#: m/s of the slowest strokes: grease lubricates otherwise there.
+SLOW_M_S = (0.01, 0.03, 0.06)
 #: m: triangles around one place, large to small; the smallest are turned round within elastic friction.
 TRIANGLES_M = (2e-3, 1e-3, 4e-4, 2e-4)
 #: m, longest triangle: more is a stroke.

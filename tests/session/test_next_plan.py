@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Collection
+from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -10,17 +13,26 @@ import pytest
 import yaml
 
 from beltcomm.axis import load_axis
+from beltcomm.drive import open_drive
 from beltcomm.effects import EFFECTS, effect_named
 from beltcomm.errors import UsageError
 from beltcomm.laboratory.visible import Sight
 from beltcomm.model import load_plant
 from beltcomm.recording import Recording
 from beltcomm.runfolder import RunFolder
+from beltcomm.session import making, programme
 from beltcomm.session.already import Before, shown_already
+from beltcomm.session.bounds import course_before
 from beltcomm.session.next_plan import apart_of, load_plan, plan_apart, plan_for
+from beltcomm.session.paths import Course, path_of, start_of
+from beltcomm.session.programme import Extent
 from beltcomm.session.proof import doubts
 from beltcomm.session.revisions import new_revision, trusted_model
+from beltcomm.session.steps import PLACES, Step
 from beltcomm.sidecar import ExcitationNote, Sidecar
+
+#: m of the carriage per radian of the motor.
+RATIO = 0.01
 
 
 def blind(name: str, strength: float = 4.0) -> Sight:
@@ -121,17 +133,96 @@ def test_what_was_not_seen_gets_its_records() -> None:
     assert "these data say nothing of it" in plan.reasons["end_pulley"]
 
 
+def kinds_there(*kinds: str) -> Callable[[Step], str]:
+    """A run that has all steps of some kinds."""
+    return lambda step: f"{step.kind}_1" if step.kind in kinds else ""
+
+
 def test_records_that_are_there_are_not_made_again() -> None:
-    plan = plan_for((), [blind("belt_slack"), blind("stribeck")], frozenset({"places", "quiet", "sweep", "fast"}))
+    plan = plan_for((), [blind("belt_slack"), blind("stribeck")], already=kinds_there("response", "sweep", "moves"))
     assert {step.kind for step in plan.steps} == {"strokes"}
     assert any(text.startswith("belt_slack: such records are here already") for text in plan.by_hand)
-    assert plan_for((), [blind("belt_slack")], frozenset({"places", "quiet", "fast"})).steps == ()
+    assert any(text.endswith("response_1 shows as much, the same once more would show nothing new") for text in plan.left_out)
+    assert plan_for((), [blind("belt_slack")], already=kinds_there("response", "moves")).steps == ()
 
 
 def test_reversals_and_fast_moves_are_proposed_where_an_effect_needs_them() -> None:
-    assert [s.kind for s in plan_for((), [blind("presliding")], frozenset({"quiet"})).steps] == ["reversals"]
-    moves = [s for s in plan_for((), [blind("torque_saturation")], frozenset({"places"})).steps if s.kind == "moves"]
+    assert [s.kind for s in plan_for((), [blind("presliding")], already=kinds_there("response")).steps] == ["reversals"]
+    moves = plan_for((), [blind("torque_saturation")], already=kinds_there("response")).steps
     assert [s.held_out for s in moves] == [False, True], "held-out moves judge what the fast ones show"
+    fast_there = plan_for((), [blind("torque_saturation")], already=lambda step: "" if step.held_out else "moves_1")
+    assert fast_there.steps == (), "and would judge nothing new alone"
+
+
+@cache
+def course() -> Course:
+    """Of the usual axis."""
+    with open_drive("virtual:g_a", {"seed": 1}) as drive:
+        return course_before(load_axis("egc-70-600"), drive.capabilities, 10.0)
+
+
+def session(extent: Extent, but: Collection[str] = ()) -> Before:
+    """What a commissioning leaves, the search before it left out.   but : kinds for which there was no time."""
+    clock_s, recordings = 0.0, []
+    steps = [Step("response"), *(item.step for item in programme.BY_EXTENT[extent] if item.step.kind not in but)]
+    for name, step in programme.named(steps):
+        if step.kind == "response":
+            amplitude = making.quieter(1.0, 0.1, step.share)
+            made = excited(step.seconds or making.RESPONSE_S, 4, amplitude, course().place_m(step))
+        else:
+            start_m = start_of(step, course())
+            path = path_of(step, course(), start_m)
+            position, speed = path.position_m / RATIO, path.velocity_m_s / RATIO
+            time = path.sample_period_s * np.arange(len(speed))
+            made = Recording(
+                name, time, 1e-3 * time, position, reference_velocity=speed, sidecar=Sidecar(making.EXPERIMENT[step.kind], start_m)
+            )
+        sidecar = replace(made.sidecar, session_time_s=clock_s, held_out=step.held_out)
+        recordings.append(replace(made, name=name, sidecar=sidecar))
+        clock_s += float(made.t_s[-1]) + 1.0
+    return Before(recordings, course().window_m, RATIO, 0.1)
+
+
+def proposed(before: Before, *effects: str) -> list[tuple[str, float]]:
+    """Kind and place of what is to be recorded."""
+    plan = plan_for((), [blind(name) for name in effects], already=lambda step: shown_already(step, before))
+    return [(step.kind, step.place) for step in plan.steps]
+
+
+BLIND = ("stiffness_position", "belt_slack", "stribeck", "warmup", "presliding", "torque_saturation", "backlash")
+
+
+def test_a_thorough_session_has_every_record() -> None:
+    assert proposed(session("thorough"), *BLIND) == []
+
+
+def test_a_usual_session_is_told_the_longer_and_the_missing_ones() -> None:
+    usual = session("standard")
+    assert proposed(usual, "stiffness_position") == [("response", 0.12), ("response", 0.88)], "the first response is long, the others short"
+    assert proposed(usual, "stribeck") == [("strokes", place) for place in PLACES]
+    assert ("sweep", 0.5) not in proposed(usual, *BLIND)
+    assert ("moves", 0.5) in proposed(session("standard", but=("moves",)), "torque_saturation")
+    assert ("moves", 0.5) not in proposed(usual, "torque_saturation")
+
+
+def test_a_quick_session_is_told_everything_but_the_first_sweep() -> None:
+    wanted = proposed(session("quick"), *BLIND)
+    assert {kind for kind, _ in wanted} == {"response", "strokes", "reversals", "moves", "sweep"}
+    assert wanted[-1][0] == "sweep", "the last one, for what warms up"
+    assert [kind for kind, _ in wanted].count("sweep") == 1
+
+
+def test_fast_moves_are_there_as_hard_as_they_were() -> None:
+    before = session("standard")
+    assert shown_already(Step("moves", share=0.9), before) == "moves_1"
+    assert not shown_already(Step("moves", share=0.45), before), "half the force tells apart what grows with it"
+
+
+def test_strokes_of_one_place_are_none_of_another() -> None:
+    before = session("thorough")
+    found = [shown_already(Step("strokes", place, speeds_m_s=(0.01, 0.03, 0.06)), before) for place in (*PLACES, 0.62)]
+    assert found == ["strokes_1", "strokes_2", "strokes_3", ""], "a sweep only passes"
+    assert not shown_already(Step("strokes", 0.5, speeds_m_s=(0.003, 0.03)), before), "slower tells more"
 
 
 def test_nothing_to_record() -> None:
