@@ -14,8 +14,8 @@ from beltcomm.session.steps import LOUD, Step
 
 #: Share of a length, an amplitude or an acceleration that counts as reached.
 REACHED = 0.75
-#: s between a first and a last sweep.
-LATER_S = 30.0
+#: s between a first and a last sweep; share of the travel that one goes over: a quick one begins where the carriage stands.
+LATER_S, ACROSS = 30.0, 0.3
 #: Room for an amplitude, a way or a speed that the drive rounds.
 ROUNDED = 1.1
 #: Share of a torque's power that lies within its band; share of the largest speed above which a stroke is under way.
@@ -48,6 +48,8 @@ def shows(recording: Recording, step: Step, before: Before) -> bool:
         return abs(before.ratio) * float(np.ptp(recording.position)) <= 2.0 * ROUNDED * max(step.amplitudes_m)
     if step.kind == "moves":
         return moved_so(recording, step, before)
+    if step.kind == "sweep" and not goes_across(recording, before):
+        return False
     return made_later(recording, before) if step.again else has_speeds(recording, step, before)
 
 
@@ -59,6 +61,11 @@ def is_there(recording: Recording, step: Step, before: Before) -> bool:
     way_m = before.ratio * (recording.position - recording.position[0])
     at_m = start_m + 0.5 * float(np.min(way_m) + np.max(way_m))
     return float(np.ptp(way_m)) < 2.0 * ROUNDED * AROUND_M and abs(at_m - (low + step.place * (high - low))) < SAME_PLACE_M
+
+
+def goes_across(recording: Recording, before: Before) -> bool:
+    """Whether strokes are a sweep, and not around one place."""
+    return abs(before.ratio) * float(np.ptp(recording.position)) > ACROSS * (before.window_m[1] - before.window_m[0])
 
 
 def made_later(recording: Recording, before: Before) -> bool:

@@ -222,6 +222,8 @@ def test_strokes_of_one_place_are_none_of_another() -> None:
     before = session("thorough")
     found = [shown_already(Step("strokes", place, speeds_m_s=(0.01, 0.03, 0.06)), before) for place in (*PLACES, 0.62)]
     assert found == ["strokes_1", "strokes_2", "strokes_3", ""], "a sweep only passes"
+    strokes_only = replace(before, recordings=[r for r in before.recordings if r.name.startswith("strokes")])
+    assert not shown_already(Step("sweep"), strokes_only), "nor a sweep"
     assert not shown_already(Step("strokes", 0.5, speeds_m_s=(0.003, 0.03)), before), "slower tells more"
 
 
