@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -37,14 +38,13 @@ from beltcomm.session.delays import assume_delay, delay, measure_delay_and_dampi
 from beltcomm.session.findings import Apply as Apply
 from beltcomm.session.findings import Findings as Findings
 from beltcomm.session.findings import Settings as Settings
-from beltcomm.session.left_out import MOST_STOPS, LeftOut
 from beltcomm.session.machine import Machine
 from beltcomm.session.programme import Extent
 from beltcomm.session.proof import SURE_MARGIN_DEG, move_name, proof, thin_margins
 from beltcomm.session.proving import verify_move
 from beltcomm.session.steps import SHORT_S
 from beltcomm.session.strokes import SWEEP_LONGEST_S
-from beltcomm.session.wandering import stands_after
+from beltcomm.session.wandering import MOST_STOPS, brought_back, exhausted, stands_after
 from beltcomm.sidecar import Sidecar
 
 #: s of machine time kept for the move that verifies, with the way to its start.
@@ -103,19 +103,22 @@ def identify_here(machine: Machine, findings: Findings, *, brief: bool = False) 
 
 
 def first_response(machine: Machine, findings: Findings, excited: raising.Excited, seconds: float) -> None:
-    """The frequency response at the present place; where the carriage wanders too far once more where it then stands, with less torque."""
-    most_nm = excited.at_most_nm
-    for number in range(MOST_STOPS + 1):
+    """The frequency response at the present place; where the carriage wanders too far again where it then stands, with less torque.
+
+    Then no response after it is louder, either.   Raises SafetyStop when stops have used up what the session goes on after.
+    """
+    while True:
         # A carriage that went too far is not held by friction: no sequence is tried that is louder for leaving out the resonance.
-        chosen = partial(phases.response_to_come, machine, excited.model, most_nm, loud=number == 0)
+        chosen = partial(phases.response_to_come, machine, excited.model, excited.at_most_nm, loud=not machine.wanderings)
         choice, step = making.short_if_possible(chosen, seconds)
         try:
             phases.planned_response(machine, "frf_1", excited.model, choice, step)
             return
         except SafetyStop as problem:
-            if number == MOST_STOPS or not stands_after(machine, problem):
+            if not stands_after(machine, problem) or exhausted(machine):
                 raise
             most_nm = QUIETER * step.amplitude_nm
+            excited = findings.excited = replace(excited, step=replace(step, amplitude_nm=most_nm), at_most_nm=most_nm)
             findings.remarks.append(f"frf_1 is made with at most ±{most_nm:.3f} N m, after this: {problem}")
 
 
@@ -218,20 +221,20 @@ def record_steps(machine: Machine, findings: Findings, model: Model, cascade: Ca
         findings.remarks.append(f"not recorded, for {programme.BUDGET_S[extent]:.0f} s of machine time are not enough: {names}{longer}")
     loudest = findings.excited.step.amplitude_nm if findings.excited else machine.axis.torque_limit_nm
     share = 1.0
-    needed, left_out = [item.step for item in items if item.rank == 0], LeftOut(machine, model)
+    needed = [item.step for item in items if item.rank == 0]
     for name, step in programme.named(steps, ("frf_1",)):
-        made = left_out.exhausted and step.kind == "response"
+        made = exhausted(machine) and step.kind == "response"
         if made:
             findings.remarks.append(
-                f"{name} ({step.title(course.place_m(step))}) was left out: the carriage went too far {MOST_STOPS + 1} times before"
+                f"{name} ({step.title(course.place_m(step))}) was left out: the carriage went too far {MOST_STOPS} times before"
             )
         while not made:
             try:
                 making.make(machine, loop, step, name, loudest, share)
             except SafetyStop as problem:  # the model does not quite know how far this machine goes: again, and all that follow, quieter
-                if not left_out.admits(step, problem):
+                if not brought_back(machine, model, step, problem):
                     raise
-                if left_out.exhausted:
+                if exhausted(machine):
                     findings.remarks.append(f"{name} ({step.title(course.place_m(step))}) was left out: {problem}")
                     break
                 share *= QUIETER

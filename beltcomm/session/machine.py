@@ -63,6 +63,7 @@ class Machine:
     deceleration_m_s2 : of a quick stop, lent to the drive with every motion.   braking : what brakes the axis with the loop that is in
     the drive; None as long as only friction can be counted with.   guarding : how the drive took the silence of its host, once seen.
     cascade : what was written last.   closed : model and delay, s, that loops are counted with.
+    wanderings : stops of a carriage that went too far, after which the session went on, see :mod:`beltcomm.session.wandering`.
     planned_s : what the agreed plan takes on the machine at most, s; None before.
     """
 
@@ -83,6 +84,7 @@ class Machine:
         self.closed: tuple[Model, float] | None = None
         self.cascade: Cascade | None = None
         self.machine_seconds = 0.0
+        self.wanderings = 0
         self.planned_s: float | None = None
         self.remarks: list[str] = []
         self._started = drive.clock.now()

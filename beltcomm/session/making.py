@@ -93,9 +93,10 @@ def respond(machine: Machine, model: Model, step: Step, name: str, loudest_nm: f
         machine,
         name,
         model,
-        share * amplitude,
+        amplitude,
+        share=share,
         held_out=step.held_out,
-        loud=step.share >= LOUD and share >= 1.0 and not (step.held_out or step.up_to_hz),
+        loud=step.share >= LOUD and not (machine.wanderings or step.held_out or step.up_to_hz),
         up_to_hz=step.up_to_hz,
     )
     short_if_possible(respond_for, wanted)

@@ -140,17 +140,21 @@ def frequency_response(
     amplitude_nm: float,
     seconds: float,
     *,
+    share: float = 1.0,
     held_out: bool = False,
     loud: bool = True,
     up_to_hz: float = 0.0,
 ) -> tuple[Recording, Excitation, AmplitudeStep]:
     """Excite at the present place with an amplitude that the limits allow there, long enough for a frequency response.
 
-    held_out : only to judge with; another sequence than those that are fitted, and one measured period of it.
+    share : of that amplitude.   held_out : only to judge with; another sequence than those that are fitted, and one measured period of it.
     loud : where friction hardly lets the carriage move, the sequence may leave the resonance out to be louder.
     up_to_hz : power up to there at least, also above the resonance.
     """
-    choice, step = response_to_come(machine, model, amplitude_nm, seconds, held_out=held_out, loud=loud, up_to_hz=up_to_hz)
+    chosen = partial(response_to_come, machine, model, seconds=seconds, held_out=held_out, loud=loud, up_to_hz=up_to_hz)
+    choice, step = chosen(amplitude_nm=amplitude_nm)
+    if share < 1.0:
+        choice, step = chosen(amplitude_nm=share * step.amplitude_nm)
     return planned_response(machine, name, model, choice, step, held_out=held_out)
 
 
