@@ -39,8 +39,12 @@ def shown_already(step: Step, before: Before) -> str:
 
 def shows(recording: Recording, step: Step, before: Before) -> bool:
     """Whether one record has the step's kind, place, size and length.  A longer one would tell more, so a shorter does not count."""
-    sidecar, wanted = recording.sidecar, "frf" if step.kind == "response" else EXPERIMENT[step.kind]
-    if sidecar.experiment != wanted or sidecar.held_out != step.held_out or (step.here and not is_there(recording, step, before)):
+    sidecar = recording.sidecar
+    if (
+        sidecar.experiment != EXPERIMENT[step.kind]
+        or sidecar.held_out != step.held_out
+        or (step.here and not is_there(recording, step, before))
+    ):
         return False
     if step.kind == "response":
         return excited_so(recording, step, before)
@@ -55,12 +59,12 @@ def shows(recording: Recording, step: Step, before: Before) -> bool:
 
 def is_there(recording: Recording, step: Step, before: Before) -> bool:
     """Whether a record stays around the place of a step: strokes begin beside theirs, a sweep only passes."""
-    (low, high), start_m = before.window_m, recording.sidecar.start_position_m
+    start_m = recording.sidecar.start_position_m
     if start_m is None:
         return False
     way_m = before.ratio * (recording.position - recording.position[0])
     at_m = start_m + 0.5 * float(np.min(way_m) + np.max(way_m))
-    return float(np.ptp(way_m)) < 2.0 * ROUNDED * AROUND_M and abs(at_m - (low + step.place * (high - low))) < SAME_PLACE_M
+    return float(np.ptp(way_m)) < 2.0 * ROUNDED * AROUND_M and abs(at_m - step.at_m(before.window_m)) < SAME_PLACE_M
 
 
 def goes_across(recording: Recording, before: Before) -> bool:

@@ -223,28 +223,26 @@ def record_steps(machine: Machine, findings: Findings, model: Model, cascade: Ca
     share = 1.0
     needed = [item.step for item in items if item.rank == 0]
     for name, step in programme.named(steps, ("frf_1",)):
-        made = exhausted(machine) and step.kind == "response"
-        if made:
-            findings.remarks.append(
-                f"{name} ({step.title(course.place_m(step))}) was left out: the carriage went too far {MOST_STOPS} times before"
-            )
-        while not made:
+        left_out = f"{name} ({step.title(course.place_m(step))}) was left out"
+        if step.kind == "response" and exhausted(machine):
+            findings.remarks.append(f"{left_out}: the carriage went too far {MOST_STOPS} times before")
+            continue
+        while True:
             try:
                 making.make(machine, loop, step, name, loudest, share)
             except SafetyStop as problem:  # the model does not quite know how far this machine goes: again, and all that follow, quieter
                 if not brought_back(machine, model, step, problem):
                     raise
-                if exhausted(machine):
-                    findings.remarks.append(f"{name} ({step.title(course.place_m(step))}) was left out: {problem}")
-                    break
-                share *= QUIETER
-                findings.remarks.append(f"{name} is made with {share:.2g} times the torque, after this: {problem}")
-                continue
+                if not exhausted(machine):
+                    share *= QUIETER
+                    findings.remarks.append(f"{name} is made with {share:.2g} times the torque, after this: {problem}")
+                    continue
+                findings.remarks.append(f"{left_out}: {problem}")
             except (DataError, Refused) as problem:  # the result does not rest on this record
                 if step in needed:
                     raise
-                findings.remarks.append(f"{name} ({step.title(course.place_m(step))}) was left out: {problem}")
-            made = True
+                findings.remarks.append(f"{left_out}: {problem}")
+            break
 
 
 def measure_friction(

@@ -37,7 +37,7 @@ SWEEP, STROKE_M_S = "sweep", 5e-3
 #: m: a place already measured nearby is not measured again.
 SAME_PLACE_M = 0.08
 #: Kind of record by kind of step.
-EXPERIMENT = {"strokes": "friction_sweep", "sweep": "friction_sweep", "reversals": "reversal", "moves": "trajectory"}
+EXPERIMENT = {"response": "frf", "strokes": "friction_sweep", "sweep": "friction_sweep", "reversals": "reversal", "moves": "trajectory"}
 assert set(EXPERIMENT.values()) <= set(EXPERIMENTS)
 Answer = TypeVar("Answer")
 
@@ -79,8 +79,7 @@ def make(machine: Machine, loop: Closed, step: Step, name: str, loudest_nm: floa
 
 def respond(machine: Machine, model: Model, step: Step, name: str, loudest_nm: float, share: float) -> None:
     """A frequency response at a place of its own.   share : of its torque; below 1 after a carriage that went too far."""
-    low, high = machine.full_room().window_m
-    phases.move_to(machine, low + step.place * (high - low), model)
+    phases.move_to(machine, step.at_m(machine.full_room().window_m), model)
     if machine.folder.finished(SWEEP) is not None and machine.stroking() == "position":
         held = holding_at(machine.folder.recording(SWEEP), machine.ratio, machine.position_m)
         machine.holding_nm = machine.holding_nm if held is None else held
@@ -191,6 +190,5 @@ def within_belt(machine: Machine, loop: Closed, step: Step, path: Trajectory) ->
 def measured_already(machine: Machine, step: Step) -> bool:
     """Whether the first response stands for that of a step."""
     here = machine.folder.recording("frf_1").sidecar.start_position_m
-    low, high = machine.full_room().window_m
     loud = step.kind == "response" and step.share >= LOUD and not step.held_out
-    return loud and here is not None and abs(low + step.place * (high - low) - here) < SAME_PLACE_M
+    return loud and here is not None and abs(step.at_m(machine.full_room().window_m) - here) < SAME_PLACE_M

@@ -42,8 +42,7 @@ class Course:
 
     def place_m(self, step: Step) -> float:
         """Where a step happens, m."""
-        low, high = self.window_m
-        return low + step.place * (high - low)
+        return step.at_m(self.window_m)
 
 
 def start_of(step: Step, course: Course) -> float:

@@ -60,6 +60,11 @@ class Step:
         """Whether it happens around one place."""
         return "place" in KEYS[self.kind]
 
+    def at_m(self, window_m: tuple[float, float]) -> float:
+        """Where it happens, m.   window_m : of the travel."""
+        low, high = window_m
+        return low + self.place * (high - low)
+
     def words(self) -> str:
         """For people."""
         held = ", held out" if self.held_out else ""

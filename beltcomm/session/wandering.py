@@ -50,6 +50,6 @@ def brought_back(machine: Machine, model: Model, step: Step, problem: SafetyStop
     """
     if step.kind != "response" or not stands_after(machine, problem):
         return False
-    (low, high), (first, last) = machine.full_room().window_m, phases.stroke_ends(machine)
-    phases.move_to(machine, min(max(low + step.place * (high - low), first), last), model, BACK_M_S)
+    first, last = phases.stroke_ends(machine)
+    phases.move_to(machine, min(max(step.at_m(machine.full_room().window_m), first), last), model, BACK_M_S)
     return True
