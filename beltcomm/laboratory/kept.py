@@ -18,9 +18,13 @@ from beltcomm.programs import source_hash
 from beltcomm.recording import Recording
 
 
-def key_of(records: Mapping[str, str], axis: Axis, start: Model) -> str:
-    """Equal only where the same programs would fit the same model to the same records.   records : name -> SHA-256, sidecars too."""
-    text = json.dumps([dict(sorted(records.items())), axis.fingerprint(), start.to_dict(), source_hash()], sort_keys=True)
+def key_of(records: Mapping[str, str], axis: Axis, start: Model | None) -> str:
+    """Equal only where the same programs would fit the same model to the same records.   records : name -> SHA-256, sidecars too.
+
+    start : None where it follows from records and axis.
+    """
+    began = start.to_dict() if start is not None else None
+    text = json.dumps([dict(sorted(records.items())), axis.fingerprint(), began, source_hash()], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()
 
 

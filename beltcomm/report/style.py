@@ -25,6 +25,8 @@ LOWEST, HIGHEST, COLOURS = 1.0, 10.0, "YlOrBr"
 NO_DATA = "#D5DCE4"
 #: Inches: wide enough for two columns of text.
 WIDTH = 10.0
+#: Points per inch of a picture.
+DPI = 130
 #: Ticks of axes of phase.
 DEGREES = (-360.0, -270.0, -180.0, -90.0, 0.0)
 #: Hz, of the ticks of logarithmic axes.
@@ -124,9 +126,18 @@ def save(picture: Figure, path: Path) -> Path:
     """Write a figure as PNG, whole or not at all; the same figure gives the same bytes."""
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(path.name + ".part")
-    picture.savefig(part, format="png", dpi=130, metadata={"Software": "beltcomm"})
+    laid_out(picture).savefig(part, format="png", dpi=DPI, metadata={"Software": "beltcomm"})
     part.replace(path)
     return path
+
+
+def laid_out(picture: Figure) -> Figure:
+    """The figure with its parts in their places; matplotlib would draw it one time more to find them."""
+    if (engine := picture.get_layout_engine()) is not None:
+        picture.set_dpi(DPI)
+        engine.execute(picture)
+        picture.set_layout_engine(None)
+    return picture
 
 
 def plain_numbers() -> Formatter:

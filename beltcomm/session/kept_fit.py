@@ -11,7 +11,8 @@ from beltcomm.errors import BeltcommError
 from beltcomm.laboratory.data import Data
 from beltcomm.laboratory.fitting import Fitted
 from beltcomm.laboratory.kept import kept, key_of, restored
-from beltcomm.model import Model
+from beltcomm.laboratory.start import start_model
+from beltcomm.model import Model, model_from_dict
 from beltcomm.recording import Recording
 from beltcomm.runfolder import RunFolder
 
@@ -19,25 +20,30 @@ from beltcomm.runfolder import RunFolder
 FILE = ("kept", "fit.json")
 
 
-def fitted_to(folder: RunFolder, recordings: Sequence[Recording], start: Model) -> tuple[Data, Fitted]:
-    """:func:`beltcomm.laboratory.diagnosis.fitted_base`, of which a second call with nothing changed costs one evaluation."""
-    path, key = folder.path.joinpath(*FILE), key_of(_hashes(folder), folder.axis, start)
+def fitted_to(folder: RunFolder, recordings: Sequence[Recording], model: Model | None) -> tuple[Model, Data, Fitted]:
+    """The model that the fit began with and :func:`beltcomm.laboratory.diagnosis.fitted_base`; kept, it costs one evaluation.
+
+    model : the run's present one; None begins with what the axis file and the records tell.
+    """
+    path, key = folder.path.joinpath(*FILE), key_of(_hashes(folder), folder.axis, model)
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
         if found["key"] == key:
-            return restored(recordings, found["fit"])
+            start = model_from_dict(found["start"]) if model is None else model
+            return start, *restored(recordings, found["fit"])
     except (OSError, ValueError, KeyError, TypeError, BeltcommError):
         pass  # nothing there, or nothing that can be used: it is made again
     from beltcomm.laboratory.diagnosis import fitted_base  # the report mostly finds its fit, and imports no search
 
+    start = start_model(folder.axis, recordings) if model is None else model
     data, fitted = fitted_base(recordings, folder.axis, start)
     if (fit := kept(data, fitted)) is not None:
         try:
             path.parent.mkdir(exist_ok=True)
-            write_text(path, json.dumps({"key": key, "fit": fit}) + "\n")
+            write_text(path, json.dumps({"key": key, "start": start.to_dict(), "fit": fit}) + "\n")
         except (OSError, BeltcommError):
             pass  # a folder that cannot be written serves its results all the same
-    return data, fitted
+    return start, data, fitted
 
 
 def _hashes(folder: RunFolder) -> dict[str, str]:

@@ -20,7 +20,6 @@ from beltcomm.laboratory.prepared import last_compiled
 from beltcomm.laboratory.scope import lacking, not_named, within_scope
 from beltcomm.laboratory.score import ground_of
 from beltcomm.laboratory.stage import may_add, with_effect
-from beltcomm.laboratory.start import start_model
 from beltcomm.laboratory.visible import visible
 from beltcomm.recording import Recording
 from beltcomm.result import Result, plain
@@ -130,9 +129,8 @@ def diagnosed(folder: RunFolder, run: Path, auto: bool, cost: bool, following: b
     recordings = records.recordings
     model = current_model(folder)
     talk.phase(1, 1, "search for missing effects")
-    start = model if model is not None else start_model(folder.axis, recordings)
-    begun = fitted_to(folder, recordings, start)
-    found = diagnose(recordings, folder.axis, start, begun=begun, progress=lambda fraction: talk.progress(fraction, None))
+    start, seen_so, base = fitted_to(folder, recordings, model)
+    found = diagnose(recordings, folder.axis, start, begun=(seen_so, base), progress=lambda fraction: talk.progress(fraction, None))
     explainable(found.base.ratio, run)
     found, doubts = within_scope(found, recordings)
     crossed = cross_checked(found, recordings, folder.axis)

@@ -11,7 +11,6 @@ from beltcomm.laboratory.cross_checks import SheetDoubt
 from beltcomm.laboratory.data import Data
 from beltcomm.laboratory.fitting import Fitted
 from beltcomm.laboratory.run_checks import Checked, checked
-from beltcomm.laboratory.start import start_model
 from beltcomm.runfolder import RunFolder
 from beltcomm.session.cross_check_words import doubts_of
 from beltcomm.session.kept_fit import fitted_to
@@ -47,9 +46,7 @@ def opened(run: Path, talk: Talk) -> Opened:
     folder = RunFolder.open(run)
     records = records_of(folder)
     talk.phase(1, 1, "fit of the present model")
-    model = current_model(folder)
-    start = model if model is not None else start_model(folder.axis, records.recordings)
-    data, fitted = fitted_to(folder, records.recordings, start)
+    _, data, fitted = fitted_to(folder, records.recordings, current_model(folder))
     return Opened(folder, data, fitted, records)
 
 

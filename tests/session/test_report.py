@@ -115,7 +115,7 @@ def test_a_fit_that_was_kept_is_the_one_that_was_found(
     assert page
     assert model is not None
     assert run.joinpath(*FILE).is_file()
-    data, again = fitted_to(folder, records, model)
+    _, data, again = fitted_to(folder, records, model)
     fresh_data, fresh = fitted_base(records, folder.axis, model)
     assert again.ratio == pytest.approx(fresh.ratio, rel=1e-9)
     assert again.held_ratio == pytest.approx(fresh.held_ratio, rel=1e-9)
