@@ -274,6 +274,8 @@ def verdict_of(base: Fitted, steps: Sequence[Step], twins: tuple[str, ...], left
     after = steps[-1].after if steps else base
     level = after.objective / after.problem.samples
     added = [step.added for step in steps if step.added]
+    if added and after.ratio >= base.ratio:  # O forgives bad places, which may fall while the whole error grows
+        return "none of the known effects explains this"
     if not added:
         return "nothing missing" if level < MISSING and left < STRUCTURED else "none of the known effects explains this"
     if level >= MISSING or left >= STRUCTURED_BESIDE or run_away(after.model, base.model):

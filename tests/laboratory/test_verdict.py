@@ -65,16 +65,25 @@ def test_friction_that_falls_more_slowly_than_any_that_was_measured_is_named(exp
     assert unlikely(BASE.with_effect("stribeck", {"exponent": exponent}), BASE) == why
 
 
-@pytest.mark.parametrize(("level", "verdict"), [(1.0, "explained"), (1.039, "explained"), (1.041, "partly explained")])
+@pytest.mark.parametrize(
+    ("level", "ratio", "verdict"),
+    [
+        (1.0, 1.0, "explained"),
+        (1.039, 1.0, "explained"),
+        (1.041, 1.0, "partly explained"),
+        (1.039, 1.6, "none of the known effects explains this"),
+    ],
+)
 def test_what_is_explained_would_pass_as_a_machine_of_which_nothing_is_missing(
-    monkeypatch: pytest.MonkeyPatch, level: float, verdict: str
+    monkeypatch: pytest.MonkeyPatch, level: float, ratio: float, verdict: str
 ) -> None:
-    after: Any = SimpleNamespace(model=BASE.with_effect("tilt", {}), objective=level * 5000, problem=SimpleNamespace(samples=5000))
-    base: Any = SimpleNamespace(model=BASE)
+    model, problem = BASE.with_effect("tilt", {}), SimpleNamespace(samples=5000)
+    after: Any = SimpleNamespace(model=model, objective=level * 5000, problem=problem, ratio=ratio)
+    base: Any = SimpleNamespace(model=BASE, ratio=1.5)
     monkeypatch.setattr(diagnosis, "with_intervals", lambda _fitted: BASE)
     assert verdict_of(base, [Step(base, (), "tilt", (), after)], (), 0.0) == verdict
     untouched: Any = SimpleNamespace(objective=after.objective, problem=after.problem)
-    assert (verdict_of(untouched, [], (), 0.0) == "nothing missing") is (verdict == "explained")
+    assert (verdict_of(untouched, [], (), 0.0) == "nothing missing") is (level < diagnosis.MISSING)
 
 
 @pytest.mark.parametrize(
