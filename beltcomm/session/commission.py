@@ -32,6 +32,7 @@ from beltcomm.session import (
     scale,
     stops,
     sweeping,
+    swinging,
     verification,
 )
 from beltcomm.session.delays import assume_delay, delay, measure_delay_and_damping
@@ -134,7 +135,11 @@ def first_model(machine: Machine, findings: Findings) -> Model:
         if found.fit.suspect and start is not None:
             found = from_records_alone(found, recordings, machine.axis, counts)
         findings.final = found
-    model = findings.final.fit.model
+        findings.swing = swinging.with_swing(found, recordings, machine.axis, counts) if found.fit.suspect else None
+    model = found.fit.model
+    if findings.swing is not None:
+        model = swinging.as_one(findings.swing)
+        findings.remarks.append(swinging.swing_words(findings.swing))
     claims.note_after(findings.remarks, model, machine.axis, machine.drive.capabilities, machine.position_m)
     measure_delay_and_damping(findings, recordings, model)
     return model
@@ -179,8 +184,11 @@ def first_cascade(machine: Machine, findings: Findings, model: Model, at_m: floa
     """The cautious loop for a place, m, and its smallest phase margin, deg; nothing is written."""
     structure = machine.drive.capabilities.structure
     assume_delay(findings, structure)
-    result = analyse.first_loop(model, structure, at_m, delay(findings), analyse.apparent_damping(findings.thesis))
+    seen = at_m, delay(findings), analyse.apparent_damping(findings.thesis)
+    result = analyse.first_loop(model, structure, *seen)
     margin = min(m.phase_margin_deg for m in result.margins)
+    if findings.swing is not None:
+        margin = min(margin, swinging.proven_margin_deg(findings.swing, result.cascade, structure, *seen))
     return analyse.with_feedforward(result.cascade, model, structure, delay(findings)), margin
 
 

@@ -15,6 +15,7 @@ from beltcomm.identify.final import FinalModel
 from beltcomm.identify.friction import FrictionFit
 from beltcomm.identify.magnitude_fit import MagnitudeFit
 from beltcomm.identify.standstill import Standstill
+from beltcomm.model import Model
 from beltcomm.session import analyse
 from beltcomm.trajectory import Trajectory
 from beltcomm.verify import Demand, Verdict
@@ -57,6 +58,7 @@ class Settings:
 class Findings:
     """What is known so far; every phase adds to it, and an interrupted run keeps what it has.
 
+    swing : the model of the first response with a payload that swings, where only that explains it.
     reservations : in words, why it is no success although the move that was driven met its targets.
     """
 
@@ -67,6 +69,7 @@ class Findings:
     dead_time: DeadTime | None = None
     assumed_delay_s: float = 0.0
     final: FinalModel | None = None
+    swing: Model | None = None
     characteristics: Mapping[str, analyse.Characteristic] = field(default_factory=dict)
     friction: FrictionFit | None = None
     standstill: Standstill | None = None
