@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
@@ -23,9 +24,10 @@ RIG = load_axis("egc-70-600")
 AT_M = 0.25
 
 
-def first_fit(machine: Machine, amplitude_nm: float = 0.2) -> tuple[FinalModel, Recording]:
+def first_fit(machine: Machine) -> tuple[FinalModel, Recording]:
     """What a first response of a machine is fitted with."""
-    record = Recorder().shaken(HiddenPlant(machine, AT_M), amplitude_nm, 5, "frf_1", at_m=AT_M)
+    plant: Any = HiddenPlant(machine, AT_M)
+    record = Recorder().shaken(plant, 0.2, 5, "frf_1", at_m=AT_M)
     return final_model([record], RIG, COUNTS), record
 
 
