@@ -151,7 +151,7 @@ def test_the_third_stop_of_a_session_leaves_its_place_out_with_all_responses_aft
     machine.begin, machine.stroking, machine.axis = (lambda _title: None), (lambda: "position"), SimpleNamespace(torque_limit_nm=1.0)
     machine.folder.finished_names = list
     machine.wanderings = before
-    findings: Any = SimpleNamespace(remarks=[], calibrating_s=0.0, excited=None)
+    findings: Any = SimpleNamespace(remarks=[], calibrating_s=0.0, excited=None, final=None)
     model: Any = None
     commission.record_steps(machine, findings, model, model, "standard")
     assert made.count("frf_2") == tries
