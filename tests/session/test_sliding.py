@@ -8,14 +8,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from beltcomm.axis import load_axis
 from beltcomm.control import Cascade, Feedforward
 from beltcomm.identify.first_estimate import data_sheet_model
 from beltcomm.recording import Recording
-from beltcomm.session import commission, making, sliding
+from beltcomm.session import commission, making, sliding, stops
 from beltcomm.sidecar import Sidecar
 
+Array = NDArray[np.float64]
 MODEL = data_sheet_model(load_axis("egc-70-600"), 0.25, 0.1)
 #: 884001: friction that needs a way posed as three times the viscous friction, and the axis ran 50 mm ahead of fast moves.
 CASCADE = Cascade(0.012, 0.2, 17.9, 2e-3, feedforward=Feedforward(2.6e-4, 0.01256, 0.0229, 0.0, 1.0, 1.5e-3))
@@ -23,9 +25,10 @@ CASCADE = Cascade(0.012, 0.2, 17.9, 2e-3, feedforward=Feedforward(2.6e-4, 0.0125
 
 def swept(viscous: float, coulomb: float, speeds: tuple[float, ...] = (40.0, 65.0, 95.0)) -> Recording:
     """To and fro at constant speeds, rests between, by the torque that friction takes."""
-    omega = np.concatenate([np.concatenate([np.zeros(200), np.full(800, sign * v)]) for v in speeds for sign in (1.0, -1.0)])
-    torque = viscous * omega + coulomb * np.sign(omega) + np.random.default_rng(1).normal(0.0, 5e-3, len(omega))
-    t_s, angle = 1e-3 * np.arange(len(omega)), 1e-3 * np.concatenate([[0.0], np.cumsum(omega)[:-1]])
+    omega: Array = np.concatenate([np.concatenate([np.zeros(200), np.full(800, sign * v)]) for v in speeds for sign in (1.0, -1.0)])
+    torque: Array = viscous * omega + coulomb * np.sign(omega) + np.random.default_rng(1).normal(0.0, 5e-3, len(omega))
+    t_s = 1e-3 * np.arange(len(omega), dtype=np.float64)
+    angle: Array = 1e-3 * np.concatenate([[0.0], np.cumsum(omega)[:-1]])
     return Recording("sweep", t_s, torque, angle, sidecar=Sidecar("friction_sweep", 0.25, closed_loop=True), reference_velocity=omega)
 
 
@@ -49,7 +52,7 @@ def test_only_a_fit_that_leaves_its_records_unexplained_gives_way_and_stops_are_
     monkeypatch: pytest.MonkeyPatch, suspect: bool
 ) -> None:
     counted: list[Cascade] = []
-    monkeypatch.setattr(commission.stops, "count_on_loop", lambda _machine, _family, cascade, _delay: counted.append(cascade))
+    monkeypatch.setattr(stops, "count_on_loop", lambda _machine, _family, cascade, _delay: counted.append(cascade))
     folder = SimpleNamespace(finished=lambda _name: object(), recording=lambda _name: swept(0.00275, 0.095))
     machine: Any = SimpleNamespace(folder=folder, write_cascade=lambda cascade: cascade)
     findings: Any = SimpleNamespace(final=SimpleNamespace(fit=SimpleNamespace(suspect=suspect)))
