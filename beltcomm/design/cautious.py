@@ -37,9 +37,7 @@ def uncertain_plants(plant: DesignPlant, uncertainty: float = 0.3) -> list[Desig
     if not 0.0 < uncertainty < 1.0:
         raise UsageError(f"the uncertainty of the first plant is {uncertainty}; give a share between 0 and 1, such as 0.3")
     if plant.belt_damping_ns_m == 0.0:
-        relative_mass = plant.inertia_kg_m2 * plant.mass_kg / plant.total_inertia_kg_m2
-        damping = max(LEAST_RESONANCE_DAMPING, plant.resonance_damping / 3.0)
-        plant = replace(plant, belt_damping_ns_m=2.0 * damping * math.sqrt(plant.stiffness_n_m * relative_mass))
+        plant = with_resonance_damping(plant, max(LEAST_RESONANCE_DAMPING, plant.resonance_damping / 3.0))
     ends = (1.0 - uncertainty, 1.0 + uncertainty)
     result = []
     for m, c in [(1.0, 1.0), *itertools.product(ends, repeat=2)]:
@@ -47,6 +45,12 @@ def uncertain_plants(plant: DesignPlant, uncertainty: float = 0.3) -> list[Desig
         corner = replace(plant, mass_kg=m * plant.mass_kg, stiffness_n_m=c * plant.stiffness_n_m, name=name)
         result += with_friction_fractions(corner, (0.0, 0.1, 1.0))
     return result
+
+
+def with_resonance_damping(plant: DesignPlant, ratio: float) -> DesignPlant:
+    """The plant with the belt damper that alone gives the resonance this damping ratio."""
+    relative_mass = plant.inertia_kg_m2 * plant.mass_kg / plant.total_inertia_kg_m2
+    return replace(plant, belt_damping_ns_m=2.0 * ratio * math.sqrt(plant.stiffness_n_m * relative_mass))
 
 
 def cautious_cascade(

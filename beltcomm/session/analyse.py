@@ -10,7 +10,13 @@ import numpy as np
 
 from beltcomm.control import Cascade, CascadeStructure, PrefilterKind
 from beltcomm.design.cascade import DesignResult, design_cascade, feasible_cascade
-from beltcomm.design.cautious import cautious_cascade, cautious_specification, uncertain_plants
+from beltcomm.design.cautious import (
+    LEAST_RESONANCE_DAMPING,
+    cautious_cascade,
+    cautious_specification,
+    uncertain_plants,
+    with_resonance_damping,
+)
 from beltcomm.design.design_plant import DesignPlant, with_friction_fractions
 from beltcomm.design.feedforward import FeedforwardKind, SentFeedforward, feedforward_from
 from beltcomm.design.specification import PRODUCT_SPECIFICATION, Infeasible, Specification
@@ -229,6 +235,9 @@ def design(
     if prefilter is not None:
         wanted = replace(wanted, prefilters=(prefilter,))
     plants = design_plants(model, positions_m, masses_kg, dead_time_s, apparent_damping_nm_s_rad)
+    untold = model.get("belt_damping.damping", 1.0) == 0.0
+    if untold:  # a fit at its bound: no loop suppresses a resonance without any damping; counted as by the first loop, which ran the axis
+        plants = [p if p.bodies else with_resonance_damping(p, LEAST_RESONANCE_DAMPING) for p in plants]
     try:
         result = design_cascade(plants, structure, wanted)
     except Infeasible as refusal:
@@ -237,6 +246,9 @@ def design(
             raise
         result = design_cascade(plants, structure, nearest)
         result = replace(result, remarks=(f"the usual margins cannot be had: {refusal}", *result.remarks), relaxed=True)
+    if untold:
+        words = f"the fit tells no damping of the belt: a resonance damped by {100.0 * LEAST_RESONANCE_DAMPING:g} % is counted with"
+        result = replace(result, remarks=(words, *result.remarks))
     return result, with_feedforward(result.cascade, model, structure, dead_time_s, feedforward, apparent_damping_nm_s_rad)
 
 
