@@ -253,18 +253,7 @@ def record_steps(machine: Machine, findings: Findings, model: Model, cascade: Ca
                 findings.remarks.append(f"{left_out}: {problem}")
             break
         if name == making.SWEEP:
-            loop = with_sliding_friction(machine, findings, loop)
-
-
-def with_sliding_friction(machine: Machine, findings: Findings, loop: making.Closed) -> making.Closed:
-    """The loop, in the drive too, with the friction of the sweep sent ahead, where the first fit leaves its records unexplained."""
-    if findings.final is None or not findings.final.fit.suspect or machine.folder.finished(making.SWEEP) is None:
-        return loop
-    cascade = sliding.with_sliding_friction(loop.cascade, loop.model, machine.folder.recording(making.SWEEP))
-    if cascade == loop.cascade:
-        return loop
-    stops.count_on_loop(machine, around(loop.model), machine.write_cascade(cascade), loop.delay_s)
-    return replace(loop, cascade=cascade)
+            loop = sliding.sent_ahead(machine, findings, loop)
 
 
 def measure_friction(

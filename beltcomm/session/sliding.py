@@ -10,9 +10,23 @@ from dataclasses import replace
 
 from beltcomm.control import Cascade
 from beltcomm.errors import DataError
+from beltcomm.identify.amplitude import around
 from beltcomm.model import Model
 from beltcomm.recording import Recording
-from beltcomm.session import analyse
+from beltcomm.session import analyse, making, stops
+from beltcomm.session.findings import Findings
+from beltcomm.session.machine import Machine
+
+
+def sent_ahead(machine: Machine, findings: Findings, loop: making.Closed) -> making.Closed:
+    """The loop, in the drive too, with the friction of the sweep sent ahead, where the first fit leaves its records unexplained."""
+    if findings.final is None or not findings.final.fit.suspect or machine.folder.finished(making.SWEEP) is None:
+        return loop
+    cascade = with_sliding_friction(loop.cascade, loop.model, machine.folder.recording(making.SWEEP))
+    if cascade == loop.cascade:
+        return loop
+    stops.count_on_loop(machine, around(loop.model), machine.write_cascade(cascade), loop.delay_s)
+    return replace(loop, cascade=cascade)
 
 
 def with_sliding_friction(cascade: Cascade, model: Model, sweep: Recording) -> Cascade:

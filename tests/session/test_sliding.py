@@ -14,7 +14,7 @@ from beltcomm.axis import load_axis
 from beltcomm.control import Cascade, Feedforward
 from beltcomm.identify.first_estimate import data_sheet_model
 from beltcomm.recording import Recording
-from beltcomm.session import commission, making, sliding, stops
+from beltcomm.session import making, sliding, stops
 from beltcomm.sidecar import Sidecar
 
 Array = NDArray[np.float64]
@@ -57,6 +57,6 @@ def test_only_a_fit_that_leaves_its_records_unexplained_gives_way_and_stops_are_
     machine: Any = SimpleNamespace(folder=folder, write_cascade=lambda cascade: cascade)
     findings: Any = SimpleNamespace(final=SimpleNamespace(fit=SimpleNamespace(suspect=suspect)))
     loop = making.Closed(MODEL, CASCADE, 1e-3)
-    found = commission.with_sliding_friction(machine, findings, loop)
+    found = sliding.sent_ahead(machine, findings, loop)
     assert counted == ([found.cascade] if suspect else [])
     assert (found != loop) == suspect
