@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from beltcomm.compiled import in_one_thread
 from beltcomm.effects import effect_named
 from beltcomm.identify.bordered import Bordered
-from beltcomm.identify.residual import Stretch, followed, in_noise
+from beltcomm.identify.residual import Stretch, dressed, followed, in_noise
 from beltcomm.model import Model, expected_parameters
 from beltcomm.simulate.inverse import (
     FineMotion,
@@ -81,7 +81,8 @@ class Problem:
     """Unknowns are the free parameters, then one start offset of the carriage per stretch."""
 
     def __init__(self, pieces: Sequence[Stretch], model: Model, free: Sequence[str], block_s: float) -> None:
-        self.pieces, self.model, self.free = list(pieces), model, tuple(free)
+        self._bare = False
+        self._pieces, self.model, self.free = list(pieces), model, tuple(free)
         self.vector = model.vector()
         self.places = [model.index(name) for name in free]
         values = [model.parameters[name] for name in free]
@@ -103,10 +104,21 @@ class Problem:
         self.last: dict[int, tuple[tuple[bytes, float], Parts]] = {}
         self.seen: dict[int, tuple[bytes, Array]] = {}
 
+    @property
+    def pieces(self) -> list[Stretch]:
+        """The stretches, each with the observer of its own where the model needs one."""
+        if self._bare:
+            self._pieces, self._bare = [dressed(piece, self.model) for piece in self._pieces], False
+        return self._pieces
+
     def forget(self) -> None:
-        """Give back the memory of what was worked out last."""
+        """Give back the memory of what was worked out last, and of observers, which must be those of ``model``, until they are needed."""
         self.last.clear()
         self.seen.clear()
+        self._bare = any(piece.follower is not None for piece in self._pieces)
+        self._pieces = [replace(piece, follower=None) for piece in self._pieces]
+        for piece in self._pieces:
+            piece.motion.made_true.clear()
 
     @property
     def samples(self) -> int:

@@ -97,6 +97,7 @@ def drop_by(base: Fitted, grown: Fitted) -> float:
         drop += min(0.0, base_noise(grown))
     elif follows(base.model) != follows(grown.model):
         drop += loudness(base.problem.pieces) - loudness(grown.problem.pieces)
+        grown.problem.forget()
     return drop - (new - old)
 
 

@@ -116,13 +116,13 @@ def remade(data: Data, model: Model, offsets_m: Array, substeps: int = SUBSTEPS)
 
     offsets_m : start offsets of the fitted stretches, m.   substeps : fine steps a sample, where nothing rattles and nothing creeps.
     """
-    left: dict[str, list[tuple[Stretch, Array]]] = {}
-    starts = [*offsets_m, *np.zeros(len(data.held_out))]
-    for piece, offset in zip((*data.fitted, *data.held_out), starts, strict=True):
-        left.setdefault(piece.record, []).append((piece, evaluate(piece, model, model.vector(), float(offset))))
+    pieces = (*data.fitted, *data.held_out)
     if follows(model):  # what an observer leaves says nothing of the rounding; the shares found before stay
-        shares = {piece.record: piece.rounding for piece in (*data.fitted, *data.held_out)}
+        shares = {piece.record: piece.rounding for piece in pieces}
     else:
+        left: dict[str, list[tuple[Stretch, Array]]] = {}
+        for piece, offset in zip(pieces, [*offsets_m, *np.zeros(len(data.held_out))], strict=True):
+            left.setdefault(piece.record, []).append((piece, evaluate(piece, model, model.vector(), float(offset))))
         shares = {name: rounding_shares(parts, model) for name, parts in left.items()}
     ahead = made(data.recordings, model, data.noise_nm, data.step_rad, shares, substeps)
     return agitated(ahead, model) if follows(model) else ahead

@@ -16,26 +16,29 @@ from beltcomm.identify.residual import Stretch
 Array = NDArray[np.float64]
 
 
-def load_means(piece: Stretch, highest: int) -> Iterator[tuple[Array, Array]]:
-    """Triangular means of sin(N θ) and cos(N θ) for N = 1, 2, ..., ``highest``; (n,) each, ends 0."""
+def powers_of(number: int) -> Array:
+    """sin(0 θ) and cos(0 θ) of so many angles, which :func:`load_means` and :func:`gain_means` raise order by order; (2, number)."""
+    return np.stack([np.zeros(number), np.ones(number)])
+
+
+def load_means(piece: Stretch, powers: Array, orders: int) -> Iterator[tuple[Array, Array]]:
+    """Triangular means of sin(N θ) and cos(N θ) for the next so many orders N; (n,) each, ends 0.   powers : (2, fine), of the last one."""
     theta, m = piece.motion.theta, piece.motion.substeps
     sine, cosine = np.sin(theta), np.cos(theta)
-    power_sine, power_cosine = np.zeros_like(theta), np.ones_like(theta)
-    for _ in range(highest):
+    for _ in range(orders):
         means = np.zeros((2, piece.motion.samples))
-        load_kernel(sine, cosine, power_sine, power_cosine, m, means)
+        load_kernel(sine, cosine, powers[0], powers[1], m, means)
         yield means[0], means[1]
 
 
-def gain_means(piece: Stretch, torque: Array, highest: int) -> Iterator[tuple[Array, Array]]:
-    """Triangular means of torque sin(N θ) and torque cos(N θ).   torque : ndarray (n,), N m, held from sample n to n+1."""
+def gain_means(piece: Stretch, powers: Array, orders: int) -> Iterator[tuple[Array, Array]]:
+    """Triangular means of torque sin(N θ) and torque cos(N θ), the torque held from sample n to n+1.   powers : (2, fine - 1)."""
     theta, m = piece.motion.theta, piece.motion.substeps
     middle = 0.5 * (theta[:-1] + theta[1:])
     sine, cosine = np.sin(middle), np.cos(middle)
-    power_sine, power_cosine = np.zeros_like(middle), np.ones_like(middle)
-    for _ in range(highest):
+    for _ in range(orders):
         means = np.zeros((2, piece.motion.samples))
-        gain_kernel(sine, cosine, power_sine, power_cosine, torque, m, means)
+        gain_kernel(sine, cosine, powers[0], powers[1], piece.torque, m, means)
         yield means[0], means[1]
 
 

@@ -20,7 +20,7 @@ from beltcomm.identify.residual import Stretch, dressed, in_noise, whitened
 from beltcomm.laboratory.acceptance import loudness
 from beltcomm.laboratory.data import SUBSTEPS
 from beltcomm.laboratory.fitting import BLOCK_S, Fitted
-from beltcomm.laboratory.harmonics import gain_means, load_means
+from beltcomm.laboratory.harmonics import gain_means, load_means, powers_of
 from beltcomm.laboratory.hints import explained_stretch, stiffness_by_record
 from beltcomm.laboratory.nearby import Nearby
 from beltcomm.model import Model, on_side
@@ -135,16 +135,15 @@ class Scorer:
         wanted = {round(trial.values[key]): trial for trial in trials}
         highest = max(wanted)
         load = effect.harmonic == "load"
-        scans = [load_means(p, highest) if load else gain_means(p, p.torque, highest) for p in self.problem.pieces]
+        powers = [powers_of(len(p.motion.theta) - (not load)) for p in self.problem.pieces]
         for first in range(1, highest + 1, BATCH):
             orders = range(first, min(first + BATCH, highest + 1))
             some = [wanted[order] for order in orders if order in wanted]
             parts = []
-            for i, (piece, scan) in enumerate(zip(self.problem.pieces, scans, strict=True)):
+            for i, piece in enumerate(self.problem.pieces):
                 means = np.empty((piece.motion.samples, len(some), 2))
-                place = 0
-                for order in orders:
-                    sine, cosine = next(scan)
+                place, scan = 0, (load_means if load else gain_means)(piece, powers[i], len(orders))
+                for order, (sine, cosine) in zip(orders, scan, strict=True):
                     if order in wanted:
                         for k, mean in enumerate((sine, cosine)):
                             means[:, place, k] = self.shown(i, mean) if load else mean

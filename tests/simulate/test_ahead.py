@@ -16,7 +16,7 @@ from beltcomm.compiled import when_compiling
 from beltcomm.effects.current_lag import lagged
 from beltcomm.effects.dead_time import delayed
 from beltcomm.effects.measurement_lag import read
-from beltcomm.laboratory.harmonics import gain_kernel, gain_means, load_kernel, load_means
+from beltcomm.laboratory.harmonics import gain_kernel, gain_means, load_kernel, load_means, powers_of
 from beltcomm.laboratory.prepared import last_compiled
 from beltcomm.model import build_model, expected_parameters
 from beltcomm.simulate import ahead
@@ -129,9 +129,9 @@ def test_what_a_search_compiles_last_is_called_with_the_types_of_its_own_calls()
     known = [set(kernel.signatures) for kernel in kernels]
     motion, torque = FineMotion(np.linspace(0.0, 1.0, 9), np.ones(9), 5, 1e-3, 2, 0.0), np.zeros(5)
     torque.flags.writeable = False  # as recorded
-    piece: Any = SimpleNamespace(motion=motion)
-    next(load_means(piece, 1))
-    next(gain_means(piece, torque, 1))
+    piece: Any = SimpleNamespace(motion=motion, torque=torque)
+    next(load_means(piece, powers_of(9), 1))
+    next(gain_means(piece, powers_of(8), 1))
     for lag in ("current_lag", "measurement_lag"):  # a model has one of them
         late = ("dead_time", lag, "torque_ripple", "encoder_eccentricity")
         values = {name: 1.0 if name.endswith("order") else 1e-3 for name in expected_parameters(late, ("motor",))}
