@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from beltcomm.axis import Axis, load_axis
+from beltcomm.axis import Axis
 from beltcomm.control import Cascade
 from beltcomm.design.compensation import compensated
 from beltcomm.design.specification import Specification
@@ -18,12 +18,13 @@ from beltcomm.drive import Drive, able, open_drive
 from beltcomm.errors import BeltcommError, UsageError
 from beltcomm.foreign.convert import Reading
 from beltcomm.foreign.job import check_imports, import_recordings
+from beltcomm.given import Place, place
 from beltcomm.model import load_plant
 from beltcomm.result import Result, plain
 from beltcomm.runfolder import RunFolder
-from beltcomm.session import analyse, calibrate_job, friction_job, offline, outcome, referencing, scale, short_move, words
+from beltcomm.session import analyse, calibrate_job, friction_job, offline, outcome, referencing, words
 from beltcomm.session import commission as sequence
-from beltcomm.session.agreement import Agreement, agree, planned
+from beltcomm.session.agreement import Agreement, planned
 from beltcomm.session.backups import chosen
 from beltcomm.session.bundle import bundle as bundle
 from beltcomm.session.convert import convert as convert
@@ -40,7 +41,7 @@ from beltcomm.session.laboratory import add_to_run, compare_run, diagnose_run, l
 from beltcomm.session.loop_job import identify_in_loop
 from beltcomm.session.machine import Machine
 from beltcomm.session.move_file import trajectory as trajectory
-from beltcomm.session.options import Options, claim, settings_of
+from beltcomm.session.options import Options, axis_of, claim, given, new_folder, settings_of
 from beltcomm.session.orders import wanted as wanted_sweeps
 from beltcomm.session.plan import commission_plan, identify_plan
 from beltcomm.session.reporting import at_the_end
@@ -48,8 +49,8 @@ from beltcomm.session.reporting import report as report
 from beltcomm.session.reporting import trend as trend
 from beltcomm.session.scale import ruler as ruler
 from beltcomm.session.serve import serve as serve
+from beltcomm.session.short_move import move as move
 from beltcomm.session.sign import check_sign
-from beltcomm.session.store import drive_to_dict
 from beltcomm.session.study_job import one_member, study_of
 from beltcomm.session.study_members import Doing
 from beltcomm.session.supervised import supervised
@@ -63,14 +64,14 @@ from beltcomm.talk import Silence, Talk
 compare, diagnose, add, remove, ladder = compare_run, diagnose_run, add_to_run, remove_from_run, ladder_of_run
 
 
-def commission(drive: str, axis: Axis | str, run: Path, *, options: Options | None = None, talk: Talk | None = None) -> Result:
+def commission(drive: str, axis: Axis | Place, run: Place, *, options: Options | None = None, talk: Talk | None = None) -> Result:
     """The whole job: identify, fit, friction, design, verify.   Exit code 1 for a missed target or a model that does not explain the data.
 
     Raises UsageError, Refused (also a user's no), DataError, SafetyStop, DriveError.
     """
-    options, talk, axis = options or Options(), talk or Silence(), _axis(axis)
+    options, talk, axis, run = given(options), talk or Silence(), axis_of(axis), place(run)
     referencing.suitable(axis)
-    agreed = Agreement(options, talk, lambda name, at, given: commission(name, axis, at, options=given), goes_on=False)
+    agreed = Agreement(options, talk, lambda name, at, asked: commission(name, axis, at, options=asked), goes_on=False)
     with able(open_drive(drive, options.for_drive()), "torque") as opened, supervised(opened, drive, run, options, talk) as connected:
         analyse.offered(connected.capabilities.structure, options.prefilter, options.feedforward)
         if options.window_m is not None:
@@ -81,7 +82,7 @@ def commission(drive: str, axis: Axis | str, run: Path, *, options: Options | No
             RunFolder.create(run, axis, resume=True)  # says whether it could go on
         if options.dry_run:
             return planned(plan, connected.capabilities, options, axis)
-        folder = _new_folder(run, axis, connected, options)
+        folder = new_folder(run, axis, connected, options)
         findings = Findings()
         with Machine(connected, axis, folder, talk) as machine:
             settings = settings_of(options)
@@ -104,17 +105,17 @@ def commission(drive: str, axis: Axis | str, run: Path, *, options: Options | No
     return Result(found, text.short(), 0 if findings.succeeded else 1)
 
 
-def identify(drive: str, axis: Axis | str, run: Path, *, options: Options | None = None, talk: Talk | None = None) -> Result:
+def identify(drive: str, axis: Axis | Place, run: Place, *, options: Options | None = None, talk: Talk | None = None) -> Result:
     """Sign check, rising excitation, one open-loop response here, a first model; without a reference inside ``Options.window_m``.
 
     With ``Options.loop`` a closed-loop response into an existing run with a model: :mod:`beltcomm.session.loop_job`.
     """
-    options, talk, axis = options or Options(), talk or Silence(), _axis(axis)
+    options, talk, axis, run = given(options), talk or Silence(), axis_of(axis), place(run)
     referencing.suitable(axis)
     closed = options.in_loop
     with able(open_drive(drive, options.for_drive()), "torque") as opened, supervised(opened, drive, run, options, talk) as connected:
         if closed:
-            again = Agreement(options, talk, lambda name, at, given: identify(name, axis, at, options=given))
+            again = Agreement(options, talk, lambda name, at, asked: identify(name, axis, at, options=asked))
             return identify_in_loop(connected, axis, run, options, again, talk)
         return _identify(connected, drive, axis, run, options, talk)
 
@@ -123,11 +124,11 @@ def _identify(connected: Drive, drive: str, axis: Axis, run: Path, options: Opti
     """What :func:`identify` does on a connected drive.   whole : the whole job was asked for, so that this is not success."""
     if options.dry_run:
         return planned(identify_plan(axis, connected.capabilities, options.window_m), connected.capabilities, options, axis)
-    folder = _new_folder(run, axis, connected, options)
+    folder = new_folder(run, axis, connected, options)
     findings = Findings()
     with Machine(connected, axis, folder, talk) as machine:
         window = referencing.reference(machine, settings_of(options), needed=False)
-        agreed = Agreement(options, talk, lambda name, at, given: identify(name, axis, at, options=given), goes_on=False)
+        agreed = Agreement(options, talk, lambda name, at, asked: identify(name, axis, at, options=asked), goes_on=False)
         agreed(identify_plan(axis, connected.capabilities, window), machine)
         machine.titles, machine.excitation = sequence.TITLES[1:4], options.excitation
         try:
@@ -145,19 +146,19 @@ def _identify(connected: Drive, drive: str, axis: Axis, run: Path, options: Opti
     return Result({**outcome.data(folder, findings), "nonlinearity": plain(split)}, text, int(whole))
 
 
-def follow(drive: str, run: Path, plan: Path, *, options: Options | None = None, talk: Talk | None = None) -> Result:
+def follow(drive: str, run: Place, plan: Place, *, options: Options | None = None, talk: Talk | None = None) -> Result:
     """The records of a plan that ``diagnose`` wrote, into the run that it was written for."""
-    options, talk = options or Options(), talk or Silence()
+    options, talk, run, plan = given(options), talk or Silence(), place(run), place(plan, "plan")
     with able(open_drive(drive, options.for_drive()), "torque") as opened, supervised(opened, drive, run, options, talk) as connected:
-        agreed = Agreement(options, talk, lambda name, at, given: follow(name, at, plan, options=given))
+        agreed = Agreement(options, talk, lambda name, at, asked: follow(name, at, plan, options=asked))
         return follow_plan(connected, run, plan, options, agreed, talk)
 
 
 def friction(
-    drive: str, run: Path, *, options: Options | None = None, pictures: bool = False, command: str = "", talk: Talk | None = None
+    drive: str, run: Place, *, options: Options | None = None, pictures: bool = False, command: str = "", talk: Talk | None = None
 ) -> Result:
     """Constant-speed sweeps with a loop designed from the run's model, in the order of ``options``, and their friction."""
-    options, talk = options or Options(), talk or Silence()
+    options, talk, run = given(options), talk or Silence(), place(run)
     asked = wanted_sweeps(options.order, options.repeat, options.mounted_kg)
     folder = RunFolder.open(run)
     model = offline.saved_model(folder)
@@ -170,7 +171,7 @@ def friction(
         findings = offline.fitted(folder, "lm", Silence(), model)
         with Machine(connected, folder.axis, folder, talk) as machine:
             referencing.reference(machine, settings_of(options))
-            Agreement(options, talk, lambda name, at, given: friction(name, at, options=given))(plan, machine)
+            Agreement(options, talk, lambda name, at, asked: friction(name, at, options=asked))(plan, machine)
             check_sign(machine)
             machine.titles = (sequence.TITLES[4], sequence.TITLES[5])
             sequence.close_first_loop(machine, findings, model, ask=not options.yes)
@@ -179,7 +180,7 @@ def friction(
 
 
 def design(
-    run: Path,
+    run: Place,
     *,
     specification: Specification | None = None,
     pictures: bool = False,
@@ -191,8 +192,8 @@ def design(
 
     pictures : the open loops into ``RUN/pictures``.   Raises Refused with what binds, DataError.
     """
-    options, talk = options or Options(), talk or Silence()
-    basis = basis_of(run)
+    options, talk = given(options), talk or Silence()
+    basis = basis_of(place(run))
     analyse.offered(basis.structure, options.prefilter, options.feedforward)
     settings = replace(settings_of(options), specification=specification)
     found = basis.findings
@@ -204,9 +205,9 @@ def design(
 
 def verify(
     drive: str,
-    run: Path,
+    run: Place,
     *,
-    move: Path | None = None,
+    move: Place | None = None,
     trajectory: str | None = None,
     rungs: bool = False,
     over_belt: bool = False,
@@ -218,7 +219,8 @@ def verify(
     ``options.feedforward`` replaces the design's for this move only.   rungs : the move once for each step of what the model can bring.
     over_belt : on a virtual drive, the belt may carry more than its feed force.
     """
-    options, talk = options or Options(), talk or Silence()
+    options, talk, run = given(options), talk or Silence(), place(run)
+    move = None if move is None else place(move, "move")
     how: dict[str, Any] = {"move": move, "trajectory": trajectory, "rungs": rungs, "over_belt": over_belt}
     with able(open_drive(drive, options.for_drive()), "position") as opened, supervised(opened, drive, run, options, talk) as connected:
         return verify_with(
@@ -226,7 +228,7 @@ def verify(
             drive,
             run,
             options,
-            Agreement(options, talk, lambda name, at, given: verify(name, at, **how, options=given)),
+            Agreement(options, talk, lambda name, at, asked: verify(name, at, **how, options=asked)),
             talk,
             **how,
             planned=(lambda plan, axis: planned(plan, connected.capabilities, options, axis)) if options.dry_run else None,
@@ -234,29 +236,29 @@ def verify(
 
 
 def apply(
-    drive: str, run: Path, *, dcf: Path | None = None, shown: bool = False, options: Options | None = None, talk: Talk | None = None
+    drive: str, run: Place, *, dcf: Place | None = None, shown: bool = False, options: Options | None = None, talk: Talk | None = None
 ) -> Result:
     """Write the run's gains, or the values of a file, to the drive and read them back; with ``apply="save"`` for good.
 
     shown : by a small move before anything is saved; else nothing moves.
     Raises Refused for gains in doubt (model not trusted, no verification passed) without a yes to that or ``force``.
     """
-    options, talk = options or Options(), talk or Silence()
-    folder = RunFolder.open(run)
+    options, talk, run = given(options), talk or Silence(), place(run)
+    dcf, folder = None if dcf is None else place(dcf, "file"), RunFolder.open(run)
     admitted(folder, options, talk, dcf, shown)
-    agreed = Agreement(options, talk, lambda name, at, given: apply(name, at, dcf=dcf, shown=shown, options=given))
+    agreed = Agreement(options, talk, lambda name, at, asked: apply(name, at, dcf=dcf, shown=shown, options=asked))
     with open_drive(drive, options.for_drive()) as opened, supervised(opened, drive, run, options, talk) as connected:
         return apply_to(connected, drive, folder, options, talk, agreed, dcf=dcf, shown=shown)
 
 
-def backups(run: Path) -> Result:
+def backups(run: Place) -> Result:
     """The backups of a run, with dates; no drive is needed."""
-    return backup_list(RunFolder.open(run))
+    return backup_list(RunFolder.open(place(run)))
 
 
-def rollback(drive: str, run: Path, *, backup: str | None = None, options: Options | None = None, talk: Talk | None = None) -> Result:
+def rollback(drive: str, run: Place, *, backup: str | None = None, options: Options | None = None, talk: Talk | None = None) -> Result:
     """Write back what the drive had when the run began, or another backup of the run by name or path.   Nothing moves."""
-    options, talk = options or Options(), talk or Silence()
+    options, talk, run = given(options), talk or Silence(), place(run)
     folder = RunFolder.open(run)
     chosen(folder, backup)  # before anything is connected
     # a rollback is what an unfinished session needs: it is not offered one
@@ -264,51 +266,30 @@ def rollback(drive: str, run: Path, *, backup: str | None = None, options: Optio
         return roll_back(connected, drive, folder, backup, options, talk)
 
 
-def calibrate(drive: str, axis: Axis | str | None, run: Path, *, options: Options | None = None, talk: Talk | None = None) -> Result:
+def calibrate(drive: str, axis: Axis | Place | None, run: Place, *, options: Options | None = None, talk: Talk | None = None) -> Result:
     """What the drive's gains mean, by small steps of its setpoints, into a run: a new one for ``axis``, or an existing one without it."""
-    options, talk = options or Options(), talk or Silence()
-    agreed = Agreement(options, talk, lambda name, at, given: calibrate(name, axis, at, options=given), goes_on=axis is None)
+    options, talk, run = given(options), talk or Silence(), place(run)
+    agreed = Agreement(options, talk, lambda name, at, asked: calibrate(name, axis, at, options=asked), goes_on=axis is None)
     with open_drive(drive, options.for_drive()) as opened, supervised(opened, drive, run, options, talk) as connected:
-        of_axis = RunFolder.open(run).axis if axis is None else _axis(axis)
+        of_axis = RunFolder.open(run).axis if axis is None else axis_of(axis)
         plan = calibrate_job.plan_of(of_axis, connected.capabilities)
         if options.dry_run:
             return planned(plan, connected.capabilities, options, of_axis)
-        folder = RunFolder.open(run) if axis is None else _new_folder(run, of_axis, connected, options)
+        folder = RunFolder.open(run) if axis is None else new_folder(run, of_axis, connected, options)
         return calibrate_job.calibrate_on(connected, drive, folder, settings_of(options), partial(agreed, plan), talk)
-
-
-def move(drive: str, axis: Axis | str, by_m: float, *, options: Options | None = None, talk: Talk | None = None) -> Result:
-    """Move the carriage slowly by a small distance with the gains that are in the drive.   Raises UsageError beyond 100 mm."""
-    options, talk, axis = options or Options(), talk or Silence(), _axis(axis)
-    short_move.admit(axis, by_m)
-    if options.simulate_first:
-        raise UsageError(
-            "a creep without a loop is not played on a twin: only the axis itself shows where it breaks away; leave --simulate-first out"
-        )
-    with open_drive(drive, options.for_drive()) as opened, supervised(opened, drive, None, options, talk) as connected:
-        plan = short_move.plan_of(axis, connected.capabilities, by_m)
-        if options.dry_run:
-            return planned(plan)
-        agree(plan, options, talk, connected, axis)
-        moved, closed = short_move.make(connected, axis, by_m, options.position_m), short_move.by_drive(connected.capabilities)
-    reached = abs(moved - by_m) < max(0.2 * abs(by_m), 2e-3)
-    how = "the drive closed its loop with the gains that are in it" if closed else "no loop was closed"
-    text = [f"The carriage went {1e3 * moved:+.2f} mm, asked were {1e3 * by_m:+.2f} mm; {how}."]
-    text += [scale.ruler_line(drive, axis, moved)] if abs(moved) >= scale.SHORTEST_M else []
-    return Result({"moved_m": moved, "asked_m": by_m}, text, 0 if reached else 1)
 
 
 def simulate(
     plant: str,
-    axis: Axis | str,
-    run: Path,
+    axis: Axis | Place,
+    run: Place,
     *,
     experiment: str = "frf",
     options: Options | None = None,
     talk: Talk | None = None,
 ) -> Result:
     """A virtual experiment on a plant or model file, through the virtual drive, into a new run folder."""
-    options, talk, axis = options or Options(), talk or Silence(), _axis(axis)
+    options, talk, axis, run = given(options), talk or Silence(), axis_of(axis), place(run)
     if experiment not in ("frf", "friction_sweep", "trajectory"):
         raise UsageError(f"there is no experiment {experiment!r}; there are frf, friction_sweep and trajectory")
     model = load_plant(plant).model
@@ -316,7 +297,7 @@ def simulate(
     if options.payload_kg:
         model = model.with_values({"cart.mass": model["cart.mass"] + options.payload_kg})
     with open_drive(f"virtual:{plant}", options.for_drive()) as connected:
-        folder = _new_folder(run, axis, connected, options)
+        folder = new_folder(run, axis, connected, options)
         with Machine(connected, axis, folder, talk) as machine:
             name = run_experiment(machine, model, experiment)
     return Result(
@@ -328,50 +309,9 @@ def simulate(
     )
 
 
-def _axis(axis: Axis | str) -> Axis:
-    return axis if isinstance(axis, Axis) else load_axis(axis)
-
-
-def _new_folder(run: Path, axis: Axis, drive: Drive, options: Options) -> RunFolder:
-    folder = RunFolder.create(run, axis, resume=options.resume)
-    claim(folder, drive.capabilities, options.wall_clock)
-    folder.save_result("drive", drive_to_dict(drive.capabilities))
-    return folder
-
-
-__all__ = [
-    "BeltcommError",
-    "Cascade",
-    "Options",
-    "Reading",
-    "Result",
-    "apply",
-    "backups",
-    "bundle",
-    "calibrate",
-    "check_imports",
-    "commission",
-    "design",
-    "doctor",
-    "export",
-    "fit",
-    "follow",
-    "friction",
-    "identify",
-    "import_recordings",
-    "move",
-    "rollback",
-    "ruler",
-    "simulate",
-    "trajectory",
-    "tune",
-    "verify",
-]
-
-
 def study(
-    file: str | Path,
-    out: Path,
+    file: Place,
+    out: Place,
     *,
     workers: int | None = None,
     scheduler: str | None = None,
@@ -383,9 +323,62 @@ def study(
 
     See :func:`beltcomm.session.study_job.study_of`.   Exit code 1 where some member misses its targets, or has no result.
     """
-    return study_of(file, out, doing=Doing(commission), workers=workers, scheduler=scheduler, limit=limit, report=report, talk=talk)
+    return study_of(
+        str(place(file, "study")),
+        place(out, "folder"),
+        doing=Doing(commission),
+        workers=workers,
+        scheduler=scheduler,
+        limit=limit,
+        report=report,
+        talk=talk,
+    )
 
 
-def study_member(file: str | Path, number: int, *, out: Path | None = None) -> Result:
+def study_member(file: Place, number: int, *, out: Place | None = None) -> Result:
     """One member of a study again.   out : folder for its plant file, and for the run of one that is commissioned."""
-    return one_member(file, number, doing=Doing(commission), out=out)
+    folder = None if out is None else place(out, "folder")
+    return one_member(str(place(file, "study")), number, doing=Doing(commission), out=folder)
+
+
+__all__ = [
+    "BeltcommError",
+    "Cascade",
+    "Options",
+    "Reading",
+    "Result",
+    "add",
+    "apply",
+    "backups",
+    "bundle",
+    "calibrate",
+    "check_imports",
+    "commission",
+    "compare",
+    "convert",
+    "design",
+    "diagnose",
+    "doctor",
+    "export",
+    "fit",
+    "follow",
+    "friction",
+    "friction_compare",
+    "identify",
+    "import_recordings",
+    "ladder",
+    "move",
+    "remove",
+    "report",
+    "rollback",
+    "ruler",
+    "serve",
+    "simulate",
+    "study",
+    "study_member",
+    "thesis",
+    "trajectory",
+    "trend",
+    "tune",
+    "verify",
+]

@@ -20,6 +20,7 @@ from beltcomm.configfiles import did_you_mean
 from beltcomm.control import CascadeStructure
 from beltcomm.errors import Refused, UsageError
 from beltcomm.finding import Finding
+from beltcomm.given import word
 from beltcomm.objects import ObjectValue, ParameterObject
 from beltcomm.recording_columns import MOTOR_COLUMNS
 
@@ -353,17 +354,14 @@ def simulated(name: str) -> bool:
 
 
 def open_drive(name: str, options: Mapping[str, object] | None = None) -> Drive:
-    """Open the drive called ``name`` (``virtual``, ``virtual:g_a``, ``can0``, ``slcan:/dev/ttyACM0``, ``serial:/dev/ttyUSB0``).
-
-    Raises UsageError when no adapter understands the name (those found are listed), and what the adapter raises.
-    """
+    """Open the drive called ``name`` (``virtual:g_a``, ``can0``, ``slcan:PORT`` ...).   Raises as adapter and :func:`adapter_for`."""
     adapter, address = adapter_for(name, find_adapters())
     return adapter.open(address, options or {})
 
 
 def adapter_for(name: str, found: Sequence[FoundAdapter]) -> tuple[Adapter, str]:
     """The adapter that understands the drive called ``name``, and the address it is to open.   Raises UsageError when none does."""
-    scheme, _, address = name.partition(":")
+    scheme, _, address = word(name, "drive").partition(":")
     if not found:
         raise UsageError("no drive adapters are installed; run `pip install -e .` in the beltcomm folder")
     for item in found:
@@ -393,7 +391,7 @@ def serve_drive(name: str, on: str, options: Mapping[str, object] | None = None)
 
     Raises UsageError when no adapter serves a drive of this name, and what the adapter raises.
     """
-    scheme, _, address = name.partition(":")
+    scheme, _, address = word(name, "drive").partition(":")
     for item in find_adapters():
         if item.adapter and item.adapter.serve and scheme in item.adapter.schemes:
             return item.adapter.serve(address, on, options or {})

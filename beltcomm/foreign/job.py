@@ -15,14 +15,15 @@ from beltcomm.foreign import store
 from beltcomm.foreign.convert import Reading, alignment, line_of_table
 from beltcomm.foreign.files import Part, parts_of
 from beltcomm.foreign.guess import Ask, completed
+from beltcomm.given import Place, place, places
 from beltcomm.recording import Sidecar
 from beltcomm.result import Result
 from beltcomm.runfolder import RunFolder
 
 
 def import_recordings(
-    files: Sequence[Path],
-    run: Path,
+    files: Place | Sequence[Place],
+    run: Place,
     reading: Reading,
     *,
     axis: Axis | str | None = None,
@@ -39,7 +40,7 @@ def import_recordings(
     ask : puts guesses that are not sure to a person; None: NeedsAnswers is raised instead.
     Raises UsageError, DataError, NeedsAnswers; nothing is written then.
     """
-    sidecar = sidecar or Sidecar()
+    files, run, sidecar = places(files, "file"), place(run), sidecar or Sidecar()
     if not files:
         raise UsageError("no file is given; name the files with the measurements")
     if len(files) > 1 and name is not None:
@@ -51,7 +52,7 @@ def import_recordings(
     found: list[store.Imported] = []
     left_out: list[str] = []
     for file in files:
-        found += _parts_imported(Path(file), name or store.recording_name(Path(file)), reading, noted, known, ask, left_out)
+        found += _parts_imported(file, name or store.recording_name(file), reading, noted, known, ask, left_out)
     store.check_together(folder, found, known)
     if not dry_run:
         store.write(run, folder, known, found)
@@ -119,8 +120,9 @@ def _what_was_done(sidecar: Sidecar, part: Part, before: Sequence[store.Imported
     )
 
 
-def check_imports(run: Path) -> Result:
+def check_imports(run: Place) -> Result:
     """Repeat every import of a run from its original and compare bit by bit.   Exit code 1 when something differs."""
+    run = place(run)
     outcome = store.repeated(RunFolder.open(run))
     wrong = {name: text for name, text in outcome.items() if text}
     text = [f"{name}: {fault or 'the same, bit by bit'}" for name, fault in outcome.items()]

@@ -10,6 +10,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from beltcomm.errors import UsageError
+from beltcomm.given import Place, place
 from beltcomm.result import Result
 from beltcomm.runfolder import RunFolder
 
@@ -70,8 +71,9 @@ def write_bundle(run: Path, path: Path, *, recordings: bool = False, private: Se
         raise UsageError(f"{path} cannot be written: {error.strerror or error}; make room or choose another place with --out") from error
 
 
-def bundle(run: Path, out: Path, *, recordings: bool = False, private: Sequence[str] = ()) -> Result:
+def bundle(run: Place, out: Place, *, recordings: bool = False, private: Sequence[str] = ()) -> Result:
     """The command: a run in one zip; see :func:`write_bundle`."""
+    run, out = place(run), place(out, "zip")
     names = write_bundle(run, out, recordings=recordings, private=private)
     return Result({"bundle": str(out), "files": names}, [f"{len(names)} files of {run} are in {out}, without paths and user names."])
 

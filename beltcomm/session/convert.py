@@ -7,12 +7,13 @@ from pathlib import Path
 from beltcomm.control import Cascade
 from beltcomm.design.conversion import Cascades, Pid, to_cascades, to_pid
 from beltcomm.errors import DataError, Refused, UsageError
+from beltcomm.given import Place, place
 from beltcomm.result import Result, plain
 from beltcomm.runfolder import RunFolder
 from beltcomm.session.store import cascade_from_dict
 
 
-def convert(run: Path | None = None, *, cascade: Cascade | None = None, pid: Pid | None = None, period_s: float = 0.0) -> Result:
+def convert(run: Place | None = None, *, cascade: Cascade | None = None, pid: Pid | None = None, period_s: float = 0.0) -> Result:
     """The other form of one of the three: the design of a run (at its drive's loop period), a cascade, a PID.
 
     period_s : T of the loops, s; 0 for the continuous form, which is appendix B's when T_R is 0 too.
@@ -20,6 +21,7 @@ def convert(run: Path | None = None, *, cascade: Cascade | None = None, pid: Pid
     """
     if sum(given is not None for given in (run, cascade, pid)) != 1:
         raise UsageError("give what is to be converted: a run folder, or K_P, K_I and K_PP of a cascade, or P, I and D of a PID")
+    run = None if run is None else place(run)
     if run is not None:
         cascade, period_s = _designed(run)
     if cascade is not None:

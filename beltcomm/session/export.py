@@ -14,6 +14,7 @@ from beltcomm.errors import DataError, Refused, UsageError
 from beltcomm.export.dcf import dcf_text
 from beltcomm.export.program import controller_of
 from beltcomm.export.texts import FORMATS, text_of
+from beltcomm.given import Place, place
 from beltcomm.objects import object_values
 from beltcomm.parameters import cascade_to_parameters
 from beltcomm.result import Result
@@ -27,10 +28,10 @@ from beltcomm.talk import Silence, Talk
 
 
 def export(
-    run: Path,
+    run: Place,
     format_: str,
     *,
-    out: Path | None = None,
+    out: Place | None = None,
     torque_limit_nm: float | None = None,
     command: str = "",
     when: str = "",
@@ -44,7 +45,8 @@ def export(
     Raises UsageError (unknown format, torque limit neither known nor given), DataError (no design in the run, or a damaged one), Refused
     (the file exists and ``options.yes`` was not given).
     """
-    options, talk = options or Options(), talk or Silence()
+    run, options, talk = place(run), options or Options(), talk or Silence()
+    out = None if out is None else place(out, "file")
     if format_ not in (*FORMATS, "dcf"):
         raise UsageError(f"there is no format {format_!r}; there are {', '.join(FORMATS)}, dcf")
     folder = RunFolder.open(run)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Literal
 
+from beltcomm.given import Place, place
 from beltcomm.identify.magnitude_fit import Solver
 from beltcomm.result import Result
 from beltcomm.runfolder import RunFolder
@@ -15,7 +15,7 @@ from beltcomm.talk import Silence, Talk
 
 
 def fit(
-    run: Path,
+    run: Place,
     *,
     solver: Solver | None = None,
     model: Literal["two-mass", "three-mass"] = "two-mass",
@@ -29,7 +29,7 @@ def fit(
     model : "three-mass" fits the end pulley too, and saves it as a revision (noted with command, when) where the records hold it.
     """
     del options
-    talk = talk or Silence()
+    run, talk = place(run), talk or Silence()
     if model == "three-mass":
         return fit_three_masses(run, command=command, when=when, talk=talk)
     folder = RunFolder.open(run)

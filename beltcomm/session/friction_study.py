@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 from beltcomm.axis import Axis
 from beltcomm.errors import DataError, UsageError
+from beltcomm.given import Place, places
 from beltcomm.identify.friction import FrictionFit, fit_friction
 from beltcomm.identify.magnitude_fit import MagnitudeFit
 from beltcomm.identify.standstill import Standstill, largest
@@ -64,12 +64,12 @@ def data_of(study: Study) -> dict[str, Any]:
     return {"sweeps": sweeps, "drift": plain(dict(study.drifts)), "standstill": plain(study.standstill)}
 
 
-def friction_compare(runs: Sequence[Path], *, pictures: bool = False, command: str = "", talk: Talk | None = None) -> Result:
+def friction_compare(runs: Place | Sequence[Place], *, pictures: bool = False, command: str = "", talk: Talk | None = None) -> Result:
     """The sweeps of a run once more, or friction against load over the sweeps of several runs of one axis; no machine needed.
 
     Raises UsageError without a run or for runs of different axes, DataError for a run without a sweep or without a load.
     """
-    talk = talk or Silence()
+    runs, talk = places(runs), talk or Silence()
     if not runs:
         raise UsageError("nothing to compare: give one run folder to see its sweeps, two or more with different loads to compare them")
     if len({run.resolve() for run in runs}) < len(runs):

@@ -9,6 +9,7 @@ from typing import Any
 
 from beltcomm.effects import EFFECTS, effect_named
 from beltcomm.errors import UsageError
+from beltcomm.given import Place, place, word
 from beltcomm.laboratory.compare import Comparison, compare, landmarks, worst
 from beltcomm.laboratory.data import Data
 from beltcomm.laboratory.diagnosis import NEXT_ITERATIONS, Diagnosis, again, diagnose, settled
@@ -55,8 +56,9 @@ from beltcomm.talk import Silence, Talk
 FAMILY = {"tilt": "constant_offset", "coulomb_asymmetry": "constant_offset", "current_offset": "constant_offset"}
 
 
-def compare_run(run: Path, *, pictures: bool = True, command: str = "", talk: Talk | None = None) -> Result:
+def compare_run(run: Place, *, pictures: bool = True, command: str = "", talk: Talk | None = None) -> Result:
     """Model against measurement: ratios to the noise per record, and where it fails.   pictures : into ``RUN/pictures``."""
+    run = place(run)
     folder, question = RunFolder.open(run), (pictures, command)
     return answered(folder, "comparison", question, lambda: compared(run, pictures, command, talk or Silence()), drawn=pictures)
 
@@ -101,7 +103,7 @@ def compared(run: Path, pictures: bool, command: str, talk: Talk) -> Result:
 
 
 def diagnose_run(
-    run: Path,
+    run: Place,
     *,
     auto: bool = False,
     cost: bool = True,
@@ -114,7 +116,8 @@ def diagnose_run(
 
     cost : say what it costs, see ``session.cost``.   following : write the plan of what to record next.
     """
-    folder, talk = RunFolder.open(run), talk or Silence()
+    run, talk = place(run), talk or Silence()
+    folder = RunFolder.open(run)
     if auto or following:
         return diagnosed(folder, run, auto, cost, following, command, when, talk)
     result = answered(folder, "diagnosis", (cost,), lambda: diagnosed(folder, run, auto, cost, following, command, when, talk))
@@ -218,7 +221,7 @@ def change_of(new: Sequence[str], removed: Sequence[str] = ()) -> str:
 
 def add_to_run(
     effect: str,
-    run: Path,
+    run: Place,
     *,
     pictures: bool = True,
     cost: bool = True,
@@ -230,7 +233,8 @@ def add_to_run(
 
     pictures : before and after, into ``RUN/pictures``.   cost : of not knowing it, in tracking error.
     """
-    asked, effect = effect, FAMILY.get(effect, effect)
+    run, asked = place(run), word(effect, "effect")
+    effect = FAMILY.get(asked, asked)
     if asked != "tilt":
         effect_named(effect)
     here = opened(run, talk or Silence())
@@ -256,10 +260,10 @@ def add_to_run(
 
 
 def remove_from_run(
-    effect: str, run: Path, *, pictures: bool = True, command: str = "", when: str = "", talk: Talk | None = None
+    effect: str, run: Place, *, pictures: bool = True, command: str = "", when: str = "", talk: Talk | None = None
 ) -> Result:
     """Everything refitted without an effect, saved as a new revision."""
-    effect = FAMILY.get(effect, effect)
+    run, effect = place(run), FAMILY.get(word(effect, "effect"), effect)
     here = opened(run, talk or Silence())
     if effect not in here.fitted.model.effects:
         raise UsageError(f"the model of {run} has no {effect}; it has {', '.join(here.fitted.model.effects)}")
@@ -271,8 +275,9 @@ def remove_from_run(
     return change_result(here, data, after, rung, "", command, pictures)
 
 
-def ladder_of_run(run: Path, *, pictures: bool = True, command: str = "") -> Result:
+def ladder_of_run(run: Place, *, pictures: bool = True, command: str = "") -> Result:
     """All revisions as a staircase.   pictures : it into ``RUN/pictures``."""
+    run = place(run)
     folder = RunFolder.open(run)
     rungs = revisions(folder)
     if not rungs:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from beltcomm.errors import UsageError
+from beltcomm.given import Place, number, place
 from beltcomm.result import Result, plain
 from beltcomm.session.files import may_write
 from beltcomm.session.options import Options
@@ -29,7 +30,7 @@ _UNITS = {"velocity": "m/s", "acceleration": "m/s²", "jerk": "m/s³"}
 
 
 def trajectory(
-    file: Path,
+    file: Place,
     start_m: float,
     end_m: float,
     *,
@@ -55,8 +56,9 @@ def trajectory(
 
     Raises UsageError, Refused (no such motion; the file exists and ``options.yes`` was not given).
     """
-    options, talk = options or Options(), talk or Silence()
+    file, options, talk = place(file, "file"), options or Options(), talk or Silence()
     along = _along(speed_m_s, speed_back_m_s, acceleration_m_s2, deceleration_m_s2, jerk_m_s3, jerk_down_m_s3)
+    start_m, end_m = number(start_m, "start_m", "m"), number(end_m, "end_m", "m")
     start = MotionState(start_m, start_velocity_m_s, start_acceleration_m_s2)
     end = MotionState(end_m, end_velocity_m_s, end_acceleration_m_s2)
     down = end_m < start_m

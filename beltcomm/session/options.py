@@ -3,20 +3,38 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import get_args
 
+from beltcomm.axis import Axis, load_axis
 from beltcomm.control import PrefilterKind
 from beltcomm.design.feedforward import SentFeedforward
-from beltcomm.drive import Capabilities
+from beltcomm.drive import Capabilities, Drive
 from beltcomm.errors import UsageError
 from beltcomm.excitation import ExcitationKind
+from beltcomm.given import Place, choice, number, place, whole, word
 from beltcomm.identify.loop_response import CLOSED_WAYS, Way
 from beltcomm.runfolder import RunFolder
 from beltcomm.session.findings import Apply, Settings
 from beltcomm.session.hardware import Hardware
 from beltcomm.session.orders import Order
 from beltcomm.session.programme import Extent
+from beltcomm.session.store import drive_to_dict
 from beltcomm.talk import Hold
+
+#: What may stand in an option with names, and the unit of one with a number.
+CHOICES = {
+    "apply": get_args(Apply),
+    "excitation": get_args(ExcitationKind),
+    "loop": get_args(Way),
+    "prefilter": get_args(PrefilterKind),
+    "feedforward": get_args(SentFeedforward),
+    "order": get_args(Order),
+}
+NUMBERS = {"position_m": "m", "payload_kg": "kg", "base_speed_m_s": "m/s", "mounted_kg": "kg", "sample_period_s": "s"}
+COUNTS = ("seed", "repeat", "node", "bitrate")
+NAMES = ("profile", "first_motion")
 
 
 @dataclass(frozen=True)
@@ -72,6 +90,33 @@ class Options:
     wall_clock: Callable[[], float] | None = field(default=None, compare=False)
     drive: Mapping[str, object] = field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        """Raise UsageError for a value that no option has: found out now, and not after the axis has moved."""
+        for one in fields(self):
+            value = getattr(self, one.name)
+            if isinstance(one.default, bool):
+                if not isinstance(value, bool):  # the text "no" would count as a yes
+                    raise UsageError(f"{one.name} is {value!r}; give True or False")
+            elif value is None:
+                continue
+            elif one.name in CHOICES:
+                choice(value, one.name, CHOICES[one.name])
+            elif one.name in NUMBERS:
+                number(value, one.name, NUMBERS[one.name])
+            elif one.name in COUNTS:
+                whole(value, one.name)
+            elif one.name in NAMES:
+                word(value, one.name)
+        if not isinstance(self.drive, Mapping):
+            raise UsageError(f"drive is {self.drive!r}; give the adapter's options as a mapping of names to values")
+        if self.window_m is not None:
+            if not isinstance(self.window_m, (tuple, list)) or len(self.window_m) != 2:
+                raise UsageError(f"window_m is {self.window_m!r}; give two numbers in m, how far back and how far forth: (-0.01, 0.01)")
+            for end in self.window_m:
+                number(end, "window_m", "m")
+        if (self.payload_kg or 0.0) < 0.0:
+            raise UsageError(f"the payload is {self.payload_kg:g} kg; give what is to be carried further, 0 or more")
+
     @property
     def extent(self) -> Extent:
         """How much a commissioning records.   Raises UsageError for both at once."""
@@ -110,13 +155,11 @@ class Options:
 
 
 def settings_of(options: Options) -> Settings:
-    """What of them the sequence on the machine needs.   Raises UsageError for a negative payload, or a compliant feedforward."""
+    """What of them the sequence on the machine needs.   Raises UsageError for a compliant feedforward."""
     feedforward = options.feedforward or "nonlinear"
     if feedforward == "compliant":
         raise UsageError("compliant is what the host sends along with a move; choose it in `beltcomm verify --feedforward compliant`")
     payload = options.payload_kg or 0.0
-    if payload < 0.0:
-        raise UsageError(f"the payload is {payload:g} kg; give what is to be carried further, 0 or more")
     return Settings(
         apply=options.apply,
         position_m=options.position_m,
@@ -137,3 +180,23 @@ def claim(folder: RunFolder, capabilities: Capabilities, wall_clock: Callable[[]
     """
     forgets = Hardware.of("", capabilities).forgetful
     folder.claim_drive(capabilities.identity, wall_clock() if wall_clock is not None and not forgets else None)
+
+
+def given(options: Options | None) -> Options:
+    """The options, all safe where there are none.   Raises UsageError for anything else."""
+    if options is None or isinstance(options, Options):
+        return options or Options()
+    raise UsageError(f"options is {options!r}; give beltcomm.api.Options(...)")
+
+
+def axis_of(axis: Axis | Place) -> Axis:
+    """An axis, or the one of a file or a shipped name.   Raises UsageError."""
+    return axis if isinstance(axis, Axis) else load_axis(str(place(axis, "axis")))
+
+
+def new_folder(run: Path, axis: Axis, drive: Drive, options: Options) -> RunFolder:
+    """The folder of a run that begins, or goes on with ``resume``, on this drive.   Raises UsageError."""
+    folder = RunFolder.create(run, axis, resume=options.resume)
+    claim(folder, drive.capabilities, options.wall_clock)
+    folder.save_result("drive", drive_to_dict(drive.capabilities))
+    return folder

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from beltcomm.errors import UsageError
+from beltcomm.given import Place, place
 from beltcomm.result import Result, plain
 
 if TYPE_CHECKING:  # matplotlib takes longer to import than a command without pictures may last
@@ -39,7 +40,7 @@ TOPICS: Mapping[str, Topic] = {
 }
 
 
-def thesis(topic: str | None = None, *, pictures: Path | None = None, command: str = "") -> Result:
+def thesis(topic: str | None = None, *, pictures: Place | None = None, command: str = "") -> Result:
     """All topics, or one of them recomputed.   pictures : folder for its figures, None for none.
 
     Raises UsageError for a word that is no topic.
@@ -53,7 +54,7 @@ def thesis(topic: str | None = None, *, pictures: Path | None = None, command: s
         raise UsageError(f"there is no topic {topic!r}; {hint}")
     module = importlib.import_module(f"beltcomm.comparisons.{topic.replace('-', '_')}")
     study: Any = module.compare()
-    made = drawn(topic, study, pictures, command) if pictures is not None else []
+    made = drawn(topic, study, place(pictures, "folder"), command) if pictures is not None else []
     data = {"topic": topic, **plain(study), "pictures": made}
     return Result(data, [*module.lines(study), *(f"drawn: {path}" for path in made)])
 

@@ -15,6 +15,7 @@ from beltcomm.control import CascadeStructure
 from beltcomm.design.held_knobs import OutOfReach
 from beltcomm.design.margins import margins
 from beltcomm.errors import UsageError
+from beltcomm.given import Place, place
 from beltcomm.result import Result, plain
 from beltcomm.runfolder import RunFolder
 from beltcomm.session import analyse, offline, phases
@@ -158,11 +159,11 @@ class Tuning:
 
 
 def tune(
-    run: Path,
+    run: Place,
     *,
     token: str,
     port: int = 0,
-    move: Path | None = None,
+    move: Place | None = None,
     opened: Callable[[str], object] | None = None,
     options: Options | None = None,
     talk: Talk | None = None,
@@ -174,7 +175,8 @@ def tune(
     """
     from beltcomm.web.server import Page, serve  # no other command needs a web server
 
-    options, talk = options or Options(), talk or Silence()
+    run, options, talk = place(run), options or Options(), talk or Silence()
+    move = None if move is None else place(move, "move")
     talk.say("computing the plants of this run")
     tuning = Tuning(run, payload_kg=options.payload_kg or 0.0, move=move, seed=options.seed or 0)
     with serve(Page("tune"), tuning.answers(), token, port) as served:

@@ -9,15 +9,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from beltcomm.given import Place, place, places
 from beltcomm.result import Result
 from beltcomm.talk import Talk
 
 
-def report(run: Path, *, against: Path | None = None, out: Path | None = None, talk: Talk | None = None) -> Result:
+def report(run: Place, *, against: Place | None = None, out: Place | None = None, talk: Talk | None = None) -> Result:
     """The page on a run and its numbers beside it: :func:`beltcomm.session.reporting.job.report`."""
     from beltcomm.session.reporting.job import report as made
 
-    return made(run, against=against, out=out, talk=talk)
+    page = None if out is None else place(out, "page")
+    return made(place(run), against=None if against is None else place(against), out=page, talk=talk)
 
 
 @dataclass(frozen=True)
@@ -42,8 +44,8 @@ def at_the_end(run: Path) -> Ended:
         return Ended(None, f"Note: there is no report ({type(problem).__name__}: {problem}); beltcomm report {run} makes one")
 
 
-def trend(runs: Sequence[Path], *, limits: Sequence[str] = (), dates: Sequence[str] = (), out: Path | None = None) -> Result:
+def trend(runs: Place | Sequence[Place], *, limits: Sequence[str] = (), dates: Sequence[str] = (), out: Place | None = None) -> Result:
     """One axis over many runs: :func:`beltcomm.session.reporting.trend.trend`."""
     from beltcomm.session.reporting.trend import trend as made
 
-    return made(runs, limits=limits, dates=dates, out=out)
+    return made(places(runs), limits=limits, dates=dates, out=None if out is None else place(out, "page"))

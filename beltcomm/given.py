@@ -1,0 +1,59 @@
+"""What another program gives the public functions: paths, numbers and choices, checked before anything is opened or moved."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from difflib import get_close_matches
+from numbers import Integral, Real
+from os import PathLike
+from pathlib import Path
+
+from beltcomm.errors import UsageError
+
+#: A file or a folder as a program names it.
+Place = str | Path | PathLike[str]
+
+
+def place(value: Place, what: str = "run folder") -> Path:
+    """The path that was given.   what : is meant by it.   Raises UsageError for what is no path."""
+    if isinstance(value, (str, PathLike)) and str(value):
+        return Path(value)
+    raise UsageError(f"the {what} is {value!r}, which is no path; give its path as text or as a pathlib.Path")
+
+
+def places(values: Place | Iterable[Place], what: str = "run folder") -> list[Path]:
+    """Several paths; a single one counts as one and not as its letters.   Raises UsageError."""
+    if isinstance(values, (str, PathLike)):
+        return [place(values, what)]
+    if not isinstance(values, Iterable):
+        raise UsageError(f"a list of paths is wanted, each of a {what}; given was {values!r}")
+    return [place(value, what) for value in values]
+
+
+def number(value: object, what: str, unit: str) -> float:
+    """A finite number.   Raises UsageError: units stand in names here, never in values."""
+    if isinstance(value, bool) or not isinstance(value, Real) or not math.isfinite(value):
+        raise UsageError(f"{what} is {value!r}; give a plain number" + (f" in {unit}, without the unit" if unit else ""))
+    return float(value)
+
+
+def whole(value: object, what: str) -> int:
+    """A whole number.   Raises UsageError."""
+    if isinstance(value, bool) or not isinstance(value, Integral):
+        raise UsageError(f"{what} is {value!r}; give a whole number")
+    return int(value)
+
+
+def word(value: object, what: str) -> str:
+    """A text that is not empty.   Raises UsageError."""
+    if not isinstance(value, str) or not value:
+        raise UsageError(f"the {what} is {value!r}; give its name as text")
+    return value
+
+
+def choice(value: object, what: str, known: Sequence[str]) -> None:
+    """Raise UsageError for a value that is none of those known."""
+    if value not in known:
+        near = get_close_matches(str(value), known, n=1)
+        raise UsageError(f"{what} is {value!r}{f', did you mean {near[0]!r}?' if near else ''}; choose one of {', '.join(known)}")
