@@ -260,11 +260,13 @@ class Axis:
 def load_axis(path_or_name: str | Path) -> Axis:
     """Load ``axis.yaml`` from a path, or a shipped axis by its name.
 
-    Raises UsageError for a file that is not there or not YAML, an unknown key (with the line and the key that was probably
+    Raises UsageError for a file that is not there, empty or not YAML, an unknown key (with the line and the key that was probably
     meant), a value that is no number or cannot be.
     """
     path = find_config("axes", str(path_or_name))
-    return axis_from_dict(read_yaml(path), path)
+    if not (data := read_yaml(path)):
+        raise UsageError(f"{path} is empty: nothing is known of the axis; bring the file back, or write it with `beltcomm init {path}`")
+    return axis_from_dict(data, path)
 
 
 def axis_from_dict(data: Mapping[str, Any], path: Path | None = None) -> Axis:

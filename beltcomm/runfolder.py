@@ -249,8 +249,11 @@ class RunFolder:
         return path
 
     def load(self, kind: str, name: str) -> dict[str, Any]:
-        """The mapping in ``KIND/NAME.yaml``.   Raises DataError when it is missing or unreadable."""
-        return read_yaml(self.file(kind, name), DataError)
+        """The mapping in ``KIND/NAME.yaml``.   Raises DataError when it is missing, unreadable or empty."""
+        path = self.file(kind, name)
+        if not path.stat().st_size:  # nothing here is ever written empty: a full disk or a copy broken off
+            raise DataError(f"{path} is empty; bring it back, or delete it and make it again")
+        return read_yaml(path, DataError)
 
     def load_result(self, name: str) -> dict[str, Any] | None:
         """The mapping in ``results/NAME.yaml``, None when there is none.   Raises DataError when it is unreadable."""

@@ -6,11 +6,11 @@ from dataclasses import replace
 from typing import Any
 
 from beltcomm.laboratory.diagnosis import Diagnosis
-from beltcomm.model import Model, model_from_dict
+from beltcomm.model import Model
 from beltcomm.result import plain
 from beltcomm.runfolder import RunFolder
 from beltcomm.session.cost import cost_lines, cost_or_reason
-from beltcomm.session.revisions import Revision, keep_cost
+from beltcomm.session.revisions import Revision, keep_cost, model_named
 
 
 def cost_of(folder: RunFolder, before: Model, after: Model, name: str) -> tuple[dict[str, Any] | None, list[str]]:
@@ -26,7 +26,7 @@ def priced(folder: RunFolder, found: Diagnosis, made: list[Revision], whole: dic
     if not new:
         return made
     if set(found.named) - set(last.effects):
-        whole, _ = cost_of(folder, found.base.model, model_from_dict(folder.load("models", last.name)), "")
+        whole, _ = cost_of(folder, found.base.model, model_named(folder, last.name), "")
     kept = None if whole is None else {"of": " and ".join(new), **whole}
     keep_cost(folder, last.name, kept)
     return [*made[:-1], replace(last, cost=kept)]

@@ -13,13 +13,13 @@ from beltcomm.foreign.checks import check
 from beltcomm.identify.final import final_model
 from beltcomm.identify.magnitude_fit import Solver
 from beltcomm.identify.standstill import largest
-from beltcomm.model import Model, load_model
+from beltcomm.model import Model
 from beltcomm.recording import Recording, common_side
 from beltcomm.runfolder import RunFolder
 from beltcomm.session import analyse
 from beltcomm.session.delays import measure_delay_and_damping
 from beltcomm.session.findings import Findings
-from beltcomm.session.revisions import trusted_model
+from beltcomm.session.revisions import CURRENT, model_named, trusted_model
 from beltcomm.session.store import cascade_from_dict, delay_from_dict, structure_from_dict
 from beltcomm.session.strokes import slowest_fitted_rad_s
 from beltcomm.talk import Talk
@@ -30,17 +30,13 @@ THESIS_STRUCTURE = CascadeStructure("thesis", 1e-3, ("none", "notch", "butterwor
 
 def saved_model(folder: RunFolder) -> Model:
     """The run's newest model.   Raises DataError."""
-    path = folder.file("models", "final")
-    try:
-        return load_model(path)
-    except UsageError as error:
-        raise DataError(f"the run's model is damaged: {error}; make it again with `beltcomm fit {folder.path}`") from error
+    return model_named(folder, CURRENT)
 
 
 def trusted(folder: RunFolder, revision: str = "") -> tuple[Model, str, str]:
     """The model of a revision, or the newest that held-out records do not contradict; its revision and a sentence on it, "" for neither."""
     if revision and revision in folder.names("models"):
-        return load_model(folder.file("models", revision)), revision, ""
+        return model_named(folder, revision), revision, ""
     current = saved_model(folder)
     model, name, sentence = trusted_model(folder)
     return model or current, name, sentence

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from beltcomm.errors import DataError
-from beltcomm.model import Model, model_from_dict
+from beltcomm.errors import DataError, UsageError
+from beltcomm.model import Model, load_model
 from beltcomm.result import plain
 from beltcomm.runfolder import RunFolder
 
@@ -59,7 +59,17 @@ def current_model(folder: RunFolder) -> Model | None:
     """The model that counts; None when nothing was fitted yet."""
     if CURRENT not in folder.names("models"):
         return None
-    return model_from_dict(folder.load("models", CURRENT))
+    return model_named(folder, CURRENT)
+
+
+def model_named(folder: RunFolder, name: str) -> Model:
+    """A model of the run.   Raises DataError, with its file, when it is missing or damaged."""
+    path = folder.file("models", name)
+    try:
+        return load_model(path)
+    except UsageError as error:
+        remedy = f"make it again with `beltcomm fit {folder.path}`" if name == CURRENT else "bring it back"
+        raise DataError(f"the run's model is damaged: {error}; {remedy}") from error
 
 
 def current_revision(folder: RunFolder) -> Revision | None:
@@ -86,7 +96,7 @@ def trusted_model(folder: RunFolder) -> tuple[Model | None, str, str]:
     sentence = f"the model is {rung.name} ({rung.change}; error {rung.ratio:.2f} times the noise)"
     if rung is not newest:
         sentence += f", because {newest.name} ({newest.change}) is not confirmed"
-    return model_from_dict(folder.load("models", rung.name)), rung.name, sentence
+    return model_named(folder, rung.name), rung.name, sentence
 
 
 def new_revision(

@@ -273,3 +273,27 @@ def test_another_drive_than_that_of_the_run_is_refused(make_bench: MakeBench, co
     refuses(call(verb, *DRIVE, "--run", run), 2, "made on another drive", "CMMP-AS")
     assert bench.parameters() == bench.initial
     assert bench.plant.cart_position_m == 0.0
+
+
+@pytest.mark.parametrize("text", ["", "verdict: {}\n"])
+def test_a_damaged_result_of_a_move_is_named(copy_of_complete: Copy, text: str) -> None:
+    first, second = copy_of_complete(name="one"), copy_of_complete(name="two")
+    (file,) = (second / "results").glob("verify_*.yaml")
+    file.write_text(text, encoding="utf-8")
+    refuses(call("report", second), 3, file.name, "bring it back, or delete it")
+    refuses(call("trend", first, second, "--date", "2026-01-01", "--date", "2026-02-01"), 3, file.name)
+
+
+@pytest.mark.parametrize("verb", ["compare", "design", "report"])
+def test_an_empty_axis_file_of_a_run_is_refused(copy_of_complete: Copy, verb: str) -> None:
+    run = copy_of_complete()
+    (run / "axis.yaml").write_text("", encoding="utf-8")
+    refuses(call(verb, run), 2, "axis.yaml is empty", "beltcomm init")
+
+
+@pytest.mark.parametrize("verb", ["report", "design", "compare"])
+def test_a_truncated_model_is_named(copy_of_complete: Copy, verb: str) -> None:
+    run = copy_of_complete()
+    file = run / "models" / "final.yaml"
+    file.write_text("".join(file.read_text(encoding="utf-8").partition("parameters:")[:1]), encoding="utf-8")
+    refuses(call(verb, run), 3, str(file), "beltcomm fit")

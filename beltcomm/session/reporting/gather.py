@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from beltcomm.errors import BeltcommError
+from beltcomm.errors import BeltcommError, DataError
 from beltcomm.laboratory.compare import Comparison, compare, landmarks
 from beltcomm.model import Model
 from beltcomm.recording import Recording
@@ -73,7 +73,6 @@ def gathered(run: Path, talk: Talk, against: Path | None = None, *, compared: bo
             comparison = against_records
     except BeltcommError as problem:
         remarks.append(f"model and measurement were not compared: {problem}")
-    results = {name: found for name in folder.names("results") if (found := folder.load_result(name)) is not None}
     return Gathered(
         folder,
         laboratory.records.recordings if laboratory is not None else folder.recordings(),
@@ -81,8 +80,22 @@ def gathered(run: Path, talk: Talk, against: Path | None = None, *, compared: bo
         laboratory,
         comparison,
         revisions(folder),
-        results,
+        results_of(folder),
         folder.load("designs", "final") if "final" in folder.names("designs") else {},
         f"beltcomm report {folder.path.resolve().name}" + (f" --against {against.resolve().name}" if against is not None else ""),
         tuple(remarks),
     )
+
+
+def results_of(folder: RunFolder) -> dict[str, dict[str, Any]]:
+    """All results by name, in the order they were written.   Raises DataError for a damaged one, with its file."""
+    found = {name: folder.load("results", name) for name in folder.names("results")}
+    for name, result in found.items():
+        if not name.startswith("verify_"):
+            continue
+        try:
+            _ = result["passed"], [float(result[of][kind]) for of in ("measured", "predicted") for kind in ("dynamic_m", "static_m")]
+        except (KeyError, TypeError, ValueError) as error:
+            file = folder.file("results", name)
+            raise DataError(f"{file} is damaged ({error}); bring it back, or delete it and drive the move again") from error
+    return found

@@ -19,6 +19,7 @@ from beltcomm.report.style import Caption
 from beltcomm.report.trend import DAY_S, Followed, trend_figure
 from beltcomm.result import Result, jsonable, plain
 from beltcomm.runfolder import RunFolder
+from beltcomm.session.reporting.gather import results_of
 from beltcomm.session.reporting.quantities import Quantity, quantities_of
 from beltcomm.session.revisions import current_model
 from beltcomm.session.words import number
@@ -159,9 +160,8 @@ def _given(limits: Sequence[str]) -> dict[str, Limit]:
 
 def _dated(run: Path, date: str | None) -> Dated:
     folder = RunFolder.open(run)
-    results = {name: found for name in folder.names("results") if (found := folder.load_result(name)) is not None}
     t_s, source = _time_of(folder, date)
-    return Dated(folder.path.resolve().name, t_s, source, quantities_of(current_model(folder), results))
+    return Dated(folder.path.resolve().name, t_s, source, quantities_of(current_model(folder), results_of(folder)))
 
 
 def _time_of(folder: RunFolder, date: str | None) -> tuple[float, str]:
