@@ -267,18 +267,18 @@ class Machine:
             zero if torque_nm is None else torque_nm,
         )
 
-    def stops_beyond(self, position_m: Array, speed_m_s: Array) -> str:
-        """In words, where a stop at some moment of a motion would end outside the travel; empty when every stop ends inside."""
+    def stops_beyond(self, position_m: Array, speed_m_s: Array, spare_m: float = 0.0) -> str:
+        """In words, where a stop at some moment of a motion would end outside the travel, or within ``spare_m`` of its ends; else empty."""
         if self.braking is None or self.over_belt:
             return ""
         low, high = self.full_room().window_m
         reached = self.braking.span_m(position_m, speed_m_s, self.drive.capabilities.sample_period_s)
-        if low <= reached[0] and reached[1] <= high:
+        if low + spare_m <= reached[0] and reached[1] <= high - spare_m:
             return ""
-        end = reached[0] if reached[0] < low else reached[1]
+        end = reached[0] if reached[0] < low + spare_m else reached[1]
         return (
             f"a stop with {self.braking.deceleration_m_s2:.3g} m/s², which the belt bears, would end at {end:.4g} m, the travel is "
-            f"{low:g}..{high:g} m"
+            f"{low:g}..{high:g} m" + (f" and {1e3 * spare_m:g} mm at its ends stay free" if spare_m else "")
         )
 
     def _check_stops(self, motion: Motion, foreseen: tuple[Array, Array] | None = None) -> None:

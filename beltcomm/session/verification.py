@@ -31,6 +31,8 @@ RAMP_S = 0.2
 #: is slowed down for that.  A move that somebody asks for is refused beyond ``BELT_BEYOND`` only, where it would be stopped.
 BELT_SWING = 1.05
 BELT_TRIES = 8
+#: m: positioning ends so far beside its goal at most, and the move that was planned from there begins beside it too.
+BESIDE_M = 2e-3
 
 
 @dataclass(frozen=True)
@@ -107,13 +109,15 @@ def move_asked_for(machine: Machine, model: Model, file: Path | None, name: str 
 def admissible(machine: Machine, model: Model, start: float, end: float, limits: TrajectoryLimits) -> tuple[TrajectoryLimits, str]:
     """The limits, or the fastest uniformly slower ones with which the move keeps every limit of the axis, and in words why."""
     period = machine.drive.capabilities.sample_period_s
-    broken = broken_limits(machine, model, plan_trajectory(start, end, limits, period))
+    window = machine.full_room().window_m
+    spare = max(0.0, min(BESIDE_M, 0.5 * (min(start, end) - window[0]), 0.5 * (window[1] - max(start, end))))
+    broken = broken_limits(machine, model, plan_trajectory(start, end, limits, period), spare)
     if not broken:
         return limits, ""
     low, high = 0.0, 1.0
     for _ in range(20):
         middle = 0.5 * (low + high)
-        if broken_limits(machine, model, plan_trajectory(start, end, phases.slower(limits, middle), period)):
+        if broken_limits(machine, model, plan_trajectory(start, end, phases.slower(limits, middle), period), spare):
             high = middle
         else:
             low = middle
@@ -194,8 +198,8 @@ def within_target(machine: Machine, model: Model, cascade: Cascade, delay_s: flo
     return move, f"{text}; too long here, so {way:.2g} mm were driven, at {1e3 * low:.3g} mm/s from the start on"
 
 
-def broken_limits(machine: Machine, model: Model, trajectory: Trajectory) -> list[str]:
-    """Limits of axis, motor and drive that a move would break, each with value and limit."""
+def broken_limits(machine: Machine, model: Model, trajectory: Trajectory, spare_m: float = 0.0) -> list[str]:
+    """Limits of axis, motor and drive that a move would break, each with value and limit.   spare_m : that a stop leaves of the travel."""
     asked, axis, room = demand(trajectory, model), machine.axis.limits, machine.full_room()
     pairs = [
         ("the speed", asked.speed_m_s, phases.SPEED_SHARE * room.speed_m_s, "m/s"),
@@ -208,7 +212,7 @@ def broken_limits(machine: Machine, model: Model, trajectory: Trajectory) -> lis
     ends = float(np.min(trajectory.position_m)), float(np.max(trajectory.position_m))
     if ends[0] < low or ends[1] > high:
         broken.append(f"the move goes from {ends[0]:.4g} m to {ends[1]:.4g} m, the travel is {low:g}..{high:g} m")
-    elif beyond := machine.stops_beyond(trajectory.position_m, trajectory.velocity_m_s):
+    elif beyond := machine.stops_beyond(trajectory.position_m, trajectory.velocity_m_s, spare_m):
         broken.append(beyond)
     return broken
 

@@ -160,6 +160,17 @@ def test_motions_are_slowed_down_until_their_stops_end_inside(make_bench: MakeBe
         assert 0.2 * np.abs(usual.velocity_m_s).max() < np.abs(slow.velocity_m_s).max() < np.abs(usual.velocity_m_s).max()
 
 
+def test_the_standard_move_can_be_driven_from_a_little_beside_its_start(make_bench: MakeBench, tmp_path: Path) -> None:
+    """Positioning never ends exactly where the move was planned to begin: what was promised in the plan is not refused then."""
+    bench, folder = make_bench(), RunFolder.create(tmp_path / "run", load_axis(AXIS))
+    model = true_model(nominal("g_a"))
+    with bench.open(bench.name) as drive, Machine(drive, load_axis(AXIS), folder, Silence()) as machine:
+        machine.brake_with(Braking(1.46, 0.05, 5e-3))
+        path = verification.standard_move(machine, model).at(1.0, drive.capabilities.sample_period_s)
+        for beside_m in (-1e-3, 1e-3):
+            assert not machine.stops_beyond(path.position_m + beside_m, path.velocity_m_s)
+
+
 def test_a_move_is_slowed_down_or_refused_for_a_belt_that_swings(
     make_bench: MakeBench, complete: Complete, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
