@@ -18,11 +18,11 @@ from beltcomm.drive import Drive, able, open_drive
 from beltcomm.errors import BeltcommError, UsageError
 from beltcomm.foreign.convert import Reading
 from beltcomm.foreign.job import check_imports, import_recordings
-from beltcomm.given import Place, place
+from beltcomm.given import Place, number, place
 from beltcomm.model import load_plant
 from beltcomm.result import Result, plain
 from beltcomm.runfolder import RunFolder
-from beltcomm.session import analyse, calibrate_job, friction_job, offline, outcome, referencing, words
+from beltcomm.session import analyse, calibrate_job, friction_job, offline, outcome, referencing, short_move, words
 from beltcomm.session import commission as sequence
 from beltcomm.session.agreement import Agreement, planned
 from beltcomm.session.backups import chosen
@@ -49,7 +49,6 @@ from beltcomm.session.reporting import report as report
 from beltcomm.session.reporting import trend as trend
 from beltcomm.session.scale import ruler as ruler
 from beltcomm.session.serve import serve as serve
-from beltcomm.session.short_move import move as move
 from beltcomm.session.sign import check_sign
 from beltcomm.session.study_job import one_member, study_of
 from beltcomm.session.study_members import Doing
@@ -277,6 +276,18 @@ def calibrate(drive: str, axis: Axis | Place | None, run: Place, *, options: Opt
             return planned(plan, connected.capabilities, options, of_axis)
         folder = RunFolder.open(run) if axis is None else new_folder(run, of_axis, connected, options)
         return calibrate_job.calibrate_on(connected, drive, folder, settings_of(options), partial(agreed, plan), talk)
+
+
+def move(drive: str, axis: Axis | Place, by_m: float, *, options: Options | None = None, talk: Talk | None = None) -> Result:
+    """Move the carriage slowly by a small distance with the gains that are in the drive.   Raises UsageError beyond 100 mm."""
+    options, talk, axis, by_m = given(options), talk or Silence(), axis_of(axis), number(by_m, "by_m", "m")
+    short_move.admit(axis, by_m)
+    if options.simulate_first:
+        raise UsageError(
+            "a creep without a loop is not played on a twin: only the axis itself shows where it breaks away; leave --simulate-first out"
+        )
+    with open_drive(drive, options.for_drive()) as opened, supervised(opened, drive, None, options, talk) as connected:
+        return short_move.moved(connected, drive, axis, by_m, options, talk)
 
 
 def simulate(

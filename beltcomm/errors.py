@@ -4,6 +4,7 @@
 
     BeltcommError
     ├── Refused      1  the target was missed, or the person at the machine said no
+    │   ├── Declined        somebody was asked, and did not say yes
     │   └── ObjectLocked    an object that is never written (index and subindex kept)
     ├── UsageError   2  wrong option, wrong axis file, impossible limits
     ├── DataError    3  a recording or run folder that the method cannot use
@@ -34,6 +35,10 @@ class Refused(BeltcommError):
     """Nothing is broken, but the result asked for is not to be had (infeasible design, user's no, missed target)."""
 
     exit_code = 1
+
+
+class Declined(Refused):
+    """Somebody was asked before anything was done, and did not say yes."""
 
 
 class ObjectLocked(Refused):

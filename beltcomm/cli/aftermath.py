@@ -10,6 +10,8 @@ from beltcomm.errors import DriveError
 
 #: How the last word of a journal begins when somebody could not wait.
 LEFT_AT_ONCE = "left at once"
+#: What an error names that doubts what is known of the axis beforehand.
+AXIS_FILE = "axis.yaml"
 #: How lines of a journal begin that say how the drive was left, and what they mean.
 _STATES = {
     "all parameters restored": "stopped; everything in it is as it was found",
@@ -27,21 +29,44 @@ def journal_of(run: Path | None) -> list[str]:
         return []
 
 
-def aftermath(words: Sequence[str], run: Path, journal: Sequence[str], drive: str, code: int, *, resumes: bool) -> dict[str, str]:
+def aftermath(
+    words: Sequence[str],
+    run: Path,
+    journal: Sequence[str],
+    drive: str,
+    code: int,
+    *,
+    resumes: bool,
+    sentence: str = "",
+    declined: bool = False,
+) -> dict[str, str]:
     """Three labelled sentences.   words : of the command line.   journal : lines that it wrote.   code : its exit code.
 
-    resumes : the verb knows ``--resume``.
+    resumes : the verb knows ``--resume``.   sentence : of the error.   declined : somebody said no, so nothing is to be mended.
     """
     kept = sum(1 for _ in (run / "recordings").glob("*.csv"))
     records = f"{kept} record{'s' if kept != 1 else ''} kept" if kept else "nothing recorded yet"
+    if not kept and declined:
+        records += "; --run takes it again, or delete it"
     told = [state for line in journal for begin, state in _STATES.items() if line.startswith(begin)]
     rollback = f"beltcomm rollback --drive {shlex.quote(drive or 'DRIVE')} --run {shlex.quote(str(run))}"
     state = told[-1].format(rollback=rollback) if told else "nothing was written to it"
     again = again_command(words, None if resumes and not kept else run, resumes=resumes)
-    following = f"{again}   (when what is said above is mended)"
+    following = f"{again}   ({'asks again' if declined else 'when what is said above is mended'})"
+    if resumes and kept and AXIS_FILE in sentence:  # a run goes on with the axis that it was begun with, and no other
+        anew = again_command(_with_axis(words, run), None, resumes=True)
+        following = f"{anew}   (a new run, when {AXIS_FILE} is mended); when it is right and the machine is mended: {again}"
+    if kept and "`beltcomm diagnose" in sentence:
+        following = f"beltcomm diagnose {shlex.quote(str(run))}   (says what these records show); then {following}"
     if code == DriveError.exit_code:
         following = f"beltcomm doctor --drive {shlex.quote(drive or 'DRIVE')}   (finds what is wrong), then {again}"
     return {"folder": f"{run} ({records})", "drive": state, "next": following}
+
+
+def _with_axis(words: Sequence[str], run: Path) -> list[str]:
+    """The command with the axis file that is to be mended: the run's own copy where none was named."""
+    named = any(word == "--axis" or word.startswith("--axis=") for word in words)
+    return [*words] if named else [*words, "--axis", str(run / AXIS_FILE)]
 
 
 def again_command(words: Sequence[str], run: Path | None, *, resumes: bool) -> str:

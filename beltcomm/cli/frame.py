@@ -21,7 +21,7 @@ import click
 from beltcomm import __version__
 from beltcomm.cli.aftermath import LEFT_AT_ONCE, aftermath, again_command, journal_of
 from beltcomm.cli.terminal import echo, failure
-from beltcomm.errors import BeltcommError, UsageError
+from beltcomm.errors import BeltcommError, Declined, UsageError
 
 if TYPE_CHECKING:
     from beltcomm.axis import Axis
@@ -111,7 +111,7 @@ class Frame:
             sys.stdout.flush()
             return outcome if isinstance(outcome, int) else 0
         except BeltcommError as error:
-            return self._failed(str(error), error.exit_code, self._aftermath(error.exit_code))
+            return self._failed(str(error), error.exit_code, self._aftermath(error.exit_code, str(error), isinstance(error, Declined)))
         except click.ClickException as error:
             context = getattr(error, "ctx", None)
             remedy = f" (see {context.command_path} --help)" if context is not None else ""
@@ -202,12 +202,13 @@ class Frame:
             f"; it goes on with: {again_command(self.words, self.run, resumes=True)}" if verb in RESUMABLE else ""
         )
 
-    def _aftermath(self, code: int) -> Mapping[str, str]:
+    def _aftermath(self, code: int, sentence: str = "", declined: bool = False) -> Mapping[str, str]:
         """What a failed verb on a machine leaves behind; nothing where it has no folder yet."""
         verb = self.words[0] if self.words else ""
         if verb not in RECORDING or self.run is None or not self.run.is_dir() or code == UsageError.exit_code:
             return {}
-        return aftermath(self.words, self.run, self._journal(), self.drive, code, resumes=verb in RESUMABLE)
+        resumes = verb in RESUMABLE
+        return aftermath(self.words, self.run, self._journal(), self.drive, code, resumes=resumes, sentence=sentence, declined=declined)
 
     def _failed(self, sentence: str, code: int, left: Mapping[str, str] = MappingProxyType({})) -> int:
         try:

@@ -100,7 +100,7 @@ def option(_ctx: click.Context, _param: click.Parameter, value: str | None) -> H
         click.echo(text, err=True)
 
     if value == "key":
-        if not sys.stdin.isatty():
+        if sys.stdin is None or not sys.stdin.isatty():
             raise UsageError("--hold-to-run needs a terminal whose space bar is held; a script writes to a pipe: --hold-to-run=FD")
         return HeldKey(sys.stdin.fileno(), KEY, say)
     try:

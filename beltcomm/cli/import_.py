@@ -133,7 +133,7 @@ def command(
 
 
 def _can_be_asked() -> bool:
-    return sys.stdin.isatty()
+    return sys.stdin is not None and sys.stdin.isatty()
 
 
 def _ask(guess: Guess) -> str | None:

@@ -301,7 +301,7 @@ def _yes(question: str) -> bool:
 def _answer(question: str, default: str, *, back: bool = False) -> str:
     """One line from stdin; the default for an empty one.   Raises UsageError when stdin is closed, _Back for that word."""
     click.echo(f"{question}{f' (Enter keeps {default})' if default else ''}: ", nl=False, err=True)
-    line = sys.stdin.readline()
+    line = sys.stdin.readline() if sys.stdin is not None else ""
     if not line:
         click.echo("", err=True)
         raise UsageError("nobody answers (stdin is closed); give the values with --set KEY=VALUE, or --yes for none")

@@ -67,7 +67,7 @@ class PlainTalk:
 
     def attended(self) -> bool:
         """Whether stdin is a terminal."""
-        return sys.stdin.isatty()
+        return sys.stdin is not None and sys.stdin.isatty()
 
     def close(self, done: bool = False) -> None:
         """Nothing to put back."""
@@ -116,7 +116,7 @@ class RichTalk:
 
     def attended(self) -> bool:
         """Whether stdin is a terminal."""
-        return sys.stdin.isatty()
+        return sys.stdin is not None and sys.stdin.isatty()
 
     def close(self, done: bool = False) -> None:
         """End the display and give the terminal its cursor back.   done : the phase came to its end.   Idempotent."""
@@ -128,7 +128,7 @@ class RichTalk:
 
 def _ask(text: str, stream: TextIO) -> bool:
     print(f"{fitted(text, stream)} [y/N] ", end="", file=stream, flush=True)
-    answer = sys.stdin.readline()
+    answer = sys.stdin.readline() if sys.stdin is not None else ""  # it was closed before this program began
     if not answer:
         raise UsageError("nobody answers (stdin is closed); use --yes where no one is asked")
     return answer.strip().lower() in {"y", "yes"}

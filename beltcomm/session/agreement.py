@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 from beltcomm.axis import Axis
 from beltcomm.drive import Capabilities, Drive
-from beltcomm.errors import Refused
+from beltcomm.errors import Declined, Refused
 from beltcomm.result import Result, plain
 from beltcomm.session import referencing
 from beltcomm.session.hardware import Hardware
@@ -18,7 +18,7 @@ from beltcomm.session.ratings import fault_of
 from beltcomm.session.rehearsal import Job, rehearse
 from beltcomm.session.store import PLAN
 from beltcomm.session.supervised import Supervised
-from beltcomm.talk import Talk
+from beltcomm.talk import Silence, Talk
 
 #: Before the plan of a resumed run.
 KEPT = "Finished records are kept; what stands below is the most that is driven again, after a check that this is still the machine. "
@@ -68,7 +68,11 @@ def agree(
     if isinstance(drive, Supervised):
         confirm_first_motion(drive.hardware, axis, options, talk)
     if not options.yes and not talk.confirm("May the axis move like this?"):
-        raise Refused("nothing was moved, as you said; --dry-run shows the plan without asking")
+        raise Declined(
+            "nothing was moved: the plan was to be agreed to, and nobody is there who could; give yes=True (--yes), or a talk that asks"
+            if isinstance(talk, Silence)
+            else "nothing was moved, as you said; --dry-run shows the plan without asking"
+        )
     if isinstance(drive, Supervised):
         drive.allow_motion()
     if machine is not None:
@@ -117,7 +121,7 @@ def confirm_first_motion(hardware: Hardware, axis: Axis, options: Options, talk:
             "first creep."
         )
         if not talk.confirm("Is all of this so, and may it move for the first time?"):
-            raise Refused("nothing was moved, as you said")
+            raise Declined("nothing was moved, as you said")
     if hardware.unique:
         hardware.remember(axis=axis.name, moved=False)
 

@@ -82,16 +82,27 @@ class Expectation:
         self._rows.append((row[0], row[1], row[3]))
         speed, travel = abs(self.ratio * row[4]), abs(self.ratio * (row[3] - self._rows[0][2]))
         if speed > self.predicted.watched_m_s:
-            self._stop("speed", f"the speed {speed:.3g} m/s is more than the {self.predicted.watched_m_s:.3g} m/s")
+            self._stop("speed", "speed", speed, self.predicted.watched_m_s, "m/s")
         if travel > self.farthest_m:
-            self._stop("position", f"the way of {1e3 * travel:.3g} mm is more than the {1e3 * self.farthest_m:.3g} mm")
+            self._stop("position", "way", 1e3 * travel, 1e3 * self.farthest_m, "mm")
 
-    def _stop(self, reason: str, what: str) -> None:
+    def _stop(self, reason: str, what: str, value: float, limit: float, unit: str) -> None:
+        seen, most = told_apart(value, limit)
         raise SafetyStop(
-            f"{what} that was to be expected at most; the axis was stopped and the amplitude is not raised further; "
+            f"the {what} of {seen} {unit} is more than the {most} {unit} that were to be expected at most; "
+            "the axis was stopped and the amplitude is not raised further; "
             f"{suspects(self.inertia_kg_m2, measured_inertia(np.array(self._rows)))}",
             reason,
         )
+
+
+def told_apart(value: float, limit: float) -> tuple[str, str]:
+    """Both numbers with three digits, or as many more as it takes to see that they differ."""
+    for digits in range(3, 9):
+        shown = f"{value:.{digits}g}", f"{limit:.{digits}g}"
+        if shown[0] != shown[1]:
+            break
+    return shown
 
 
 def measured_inertia(rows: np.ndarray) -> tuple[float, float] | None:
@@ -128,5 +139,9 @@ def suspects(stated_kg_m2: float, measured: tuple[float, float] | None) -> str:
         f"the motor side shows an inertia of about {value:.2g} ± {2.0 * deviation:.1g} kg m², axis.yaml makes it {stated_kg_m2:.3g} kg m²"
     )
     if max(value / stated_kg_m2, stated_kg_m2 / value) > WRONG_INERTIA:
-        return f"{seen}: check the unit of motor.inertia_kg_m2 (and of coupling and pulley); then {others}"
+        return (
+            f"{seen}: check the unit of motor.inertia_kg_m2 (and of coupling and pulley); then {others}. A gap looks like this too: hold "
+            "the motor and move the carriage by hand; if there is free play, mend clamp, key or coupling first; `beltcomm diagnose RUN` "
+            "looks for it in what was recorded"
+        )
     return f"{seen}, so rather check {others}"

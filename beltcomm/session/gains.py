@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from beltcomm.drive import Drive
-from beltcomm.errors import Refused
+from beltcomm.errors import Declined, Refused
 from beltcomm.objects import ObjectValue, object_values
 from beltcomm.parameters import PREFILTER_KINDS
 from beltcomm.result import table
@@ -161,7 +161,7 @@ def write(
     """Show, ask, back up, write, read back.   Raises Refused for a no, ObjectLocked, ObjectRefused, DriveError."""
     talk.say("The drive's objects, now -> then:", *found.table())
     if found.changes and not yes and not talk.confirm(f"Write these to the drive? {question}"):
-        raise Refused("nothing was written, as you said")
+        raise Declined("nothing was written, as you said")
     taken = backups.take(folder, drive, verb) if found.changes or folder.load_result(backups.FIRST) is None else None
     # a folder that cannot be written stops it here, before the drive
     folder.journal(f"{verb}: writing {len(found.changes)} objects" + (f"; what stands there now is kept in {taken.name}" if taken else ""))

@@ -8,7 +8,7 @@ from typing import Any
 
 from beltcomm.control import Cascade
 from beltcomm.design.margins import Margins
-from beltcomm.errors import Refused
+from beltcomm.errors import Declined, Refused
 from beltcomm.identify.inverse_fit import SUSPECT_MISFIT
 from beltcomm.parameters import cascade_to_parameters
 from beltcomm.runfolder import RunFolder
@@ -108,7 +108,7 @@ def admit(folder: RunFolder, talk: Talk, *, yes: bool, force: bool) -> None:
     if yes:
         raise Refused(f"nothing was written: {found}; verify the design first, or write it all the same with --force")
     if not talk.confirm("Write them all the same?"):
-        raise Refused("nothing was written, as you said")
+        raise Declined("nothing was written, as you said")
 
 
 def next_step(folder: RunFolder, drive: str, passed: bool) -> str:

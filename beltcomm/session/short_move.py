@@ -6,18 +6,16 @@ import numpy as np
 
 from beltcomm.axis import Axis
 from beltcomm.axis_entries import TrajectoryLimits
-from beltcomm.drive import Capabilities, Drive, Motion, open_drive
+from beltcomm.drive import Capabilities, Drive, Motion
 from beltcomm.errors import UsageError
-from beltcomm.given import Place, number
 from beltcomm.result import Result
 from beltcomm.session import gravity, own_strokes, scale
 from beltcomm.session.agreement import agree, planned
 from beltcomm.session.creep import BREAKAWAY_SHARE, CREEP_SPEED_M_S, MARGIN_M, NEAR_M, RAMP_S, move_limits, small_move
 from beltcomm.session.machine import stroking
-from beltcomm.session.options import Options, axis_of, given
+from beltcomm.session.options import Options
 from beltcomm.session.plan import Plan, move_plan
-from beltcomm.session.supervised import supervised
-from beltcomm.talk import Silence, Talk
+from beltcomm.talk import Talk
 from beltcomm.trajectory import at_rest, join, plan_trajectory
 
 #: m: the longest way of ``beltcomm move``.
@@ -75,24 +73,15 @@ def make(drive: Drive, axis: Axis, by_m: float, position_m: float | None) -> flo
     return ratio * (drive.read(["position_rad"])["position_rad"] - here)
 
 
-def move(drive: str, axis: Axis | Place, by_m: float, *, options: Options | None = None, talk: Talk | None = None) -> Result:
-    """Move the carriage slowly by a small distance with the gains that are in the drive.   Raises UsageError beyond 100 mm."""
-    options, talk = given(options), talk or Silence()
-    axis = axis_of(axis)
-    by_m = number(by_m, "by_m", "m")
-    admit(axis, by_m)
-    if options.simulate_first:
-        raise UsageError(
-            "a creep without a loop is not played on a twin: only the axis itself shows where it breaks away; leave --simulate-first out"
-        )
-    with open_drive(drive, options.for_drive()) as opened, supervised(opened, drive, None, options, talk) as connected:
-        plan = plan_of(axis, connected.capabilities, by_m)
-        if options.dry_run:
-            return planned(plan)
-        agree(plan, options, talk, connected, axis)
-        moved, closed = make(connected, axis, by_m, options.position_m), by_drive(connected.capabilities)
-    reached = abs(moved - by_m) < max(0.2 * abs(by_m), 2e-3)
+def moved(drive: Drive, name: str, axis: Axis, by_m: float, options: Options, talk: Talk) -> Result:
+    """The command on a connected drive.   name : of the drive, for what to do next.   Exit code 1 for a move that fell short."""
+    plan = plan_of(axis, drive.capabilities, by_m)
+    if options.dry_run:
+        return planned(plan)
+    agree(plan, options, talk, drive, axis)
+    gone, closed = make(drive, axis, by_m, options.position_m), by_drive(drive.capabilities)
+    reached = abs(gone - by_m) < max(0.2 * abs(by_m), 2e-3)
     how = "the drive closed its loop with the gains that are in it" if closed else "no loop was closed"
-    text = [f"The carriage went {1e3 * moved:+.2f} mm, asked were {1e3 * by_m:+.2f} mm; {how}."]
-    text += [scale.ruler_line(drive, axis, moved)] if abs(moved) >= scale.SHORTEST_M else []
-    return Result({"moved_m": moved, "asked_m": by_m}, text, 0 if reached else 1)
+    text = [f"The carriage went {1e3 * gone:+.2f} mm, asked were {1e3 * by_m:+.2f} mm; {how}."]
+    text += [scale.ruler_line(name, axis, gone)] if abs(gone) >= scale.SHORTEST_M else []
+    return Result({"moved_m": gone, "asked_m": by_m}, text, 0 if reached else 1)

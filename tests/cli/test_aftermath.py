@@ -28,3 +28,30 @@ def test_a_run_without_a_record_is_begun_anew(tmp_path: Path) -> None:
     assert f"--run {tmp_path} --resume" in aftermath(words, tmp_path, [], "can0", 1, resumes=True)["next"]
     words = ["verify", "--drive", "can0", "--run", str(tmp_path)]
     assert f"--run {tmp_path}   (when" in aftermath(words, tmp_path, [], "can0", 1, resumes=False)["next"]
+
+
+def with_record(run: Path) -> Path:
+    (run / "recordings").mkdir(parents=True)
+    (run / "recordings" / "frf_1.csv").touch()
+    return run
+
+
+def test_a_run_whose_axis_file_is_in_doubt_is_begun_anew(tmp_path: Path) -> None:
+    """A run goes on with the axis that it was begun with only: to resume it with a mended file would be refused."""
+    run = with_record(tmp_path / "a run")
+    words = ["commission", "--drive", "virtual", "--axis", "mine.yaml", "--yes", "--run", str(run)]
+    doubt = "by axis.yaml the inertia is 0.000162 kg m²"
+    new = aftermath(words, run, [], "virtual", 1, resumes=True, sentence=doubt)["next"]
+    assert new.startswith("beltcomm commission --drive virtual --axis mine.yaml --yes   (a new run, when axis.yaml is mended)")
+    assert new.endswith(f"when it is right and the machine is mended: beltcomm {' '.join(words[:-1])} '{run}' --resume")
+    unnamed = aftermath(["commission", "--drive", "virtual"], run, [], "virtual", 1, resumes=True, sentence=doubt)["next"]
+    assert unnamed.startswith(f"beltcomm commission --drive virtual --axis '{run}/axis.yaml'   (a new run")
+    gap = aftermath(words, run, [], "virtual", 4, resumes=True, sentence=f"{doubt}; `beltcomm diagnose RUN` looks for it")["next"]
+    assert gap.startswith(f"beltcomm diagnose '{run}'   (says what these records show); then beltcomm commission")
+
+
+def test_after_a_no_nothing_is_to_be_mended(tmp_path: Path) -> None:
+    words = ["commission", "--drive", "virtual", "--run", str(tmp_path)]
+    left = aftermath(words, tmp_path, [], "virtual", 1, resumes=True, declined=True)
+    assert left["next"].endswith("(asks again)")
+    assert left["folder"].endswith("(nothing recorded yet; --run takes it again, or delete it)")

@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
+from beltcomm import api
 from beltcomm.cli.main import cli
+from beltcomm.errors import DataError
 from session.bench import Bench
 
 MakeBench = Callable[..., Bench]
@@ -281,7 +283,8 @@ def test_a_damaged_result_of_a_move_is_named(copy_of_complete: Copy, text: str) 
     (file,) = (second / "results").glob("verify_*.yaml")
     file.write_text(text, encoding="utf-8")
     refuses(call("report", second), 3, file.name, "bring it back, or delete it")
-    refuses(call("trend", first, second, "--date", "2026-01-01", "--date", "2026-02-01"), 3, file.name)
+    with pytest.raises(DataError, match=file.name):
+        api.trend([first, second], dates=["2026-01-01", "2026-02-01"])
 
 
 @pytest.mark.parametrize("verb", ["compare", "design", "report"])

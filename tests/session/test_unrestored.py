@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from beltcomm import api
+from beltcomm.axis import load_axis
 from beltcomm.errors import UsageError
 from beltcomm.objects import ObjectValue
 from beltcomm.session.supervised import supervised
@@ -115,7 +116,7 @@ def test_without_yes_it_is_offered_and_a_no_keeps_what_is_there(connect: Connect
 def test_a_rollback_needs_no_offer_and_pays_the_debt(connect: Connect, tmp_path: Path, state: Path) -> None:
     bench = connect(HardwareBench())
     run = tmp_path / "run"
-    folder = api.RunFolder.create(run, api.load_axis(AXIS))
+    folder = api.RunFolder.create(run, load_axis(AXIS))
     folder.save_result("backup", {"drive": {}, "parameters": bench.parameters()})
     cut_off(bench, run)
     talk = Script()
