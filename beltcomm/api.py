@@ -18,7 +18,7 @@ from beltcomm.drive import Drive, able, open_drive
 from beltcomm.errors import BeltcommError, UsageError
 from beltcomm.foreign.convert import Reading
 from beltcomm.foreign.job import check_imports, import_recordings
-from beltcomm.given import Place, number, place
+from beltcomm.given import Place, number, pasted, place
 from beltcomm.model import load_plant
 from beltcomm.result import Result, plain
 from beltcomm.runfolder import RunFolder
@@ -315,7 +315,9 @@ def simulate(
         {"run": str(run), "recording": name, "plant": plant},
         [
             f"Recorded {name} of plant {plant} in {folder.recordings_folder}.",
-            f"Next: beltcomm fit {run}" if experiment == "frf" else f"A fit needs an excited record too: beltcomm simulate {plant}",
+            f"Next: beltcomm fit {pasted(run)}"
+            if experiment == "frf"
+            else f"A fit needs an excited record too: beltcomm simulate {pasted(plant)}",
         ],
     )
 

@@ -31,6 +31,7 @@ from beltcomm.axis_entries import (
 )
 from beltcomm.configfiles import did_you_mean, find_config, line_of, read_yaml, to_yaml, write_text
 from beltcomm.errors import UsageError
+from beltcomm.given import pasted
 from beltcomm.quantities import unit_of
 
 __all__ = [
@@ -265,7 +266,9 @@ def load_axis(path_or_name: str | Path) -> Axis:
     """
     path = find_config("axes", str(path_or_name))
     if not (data := read_yaml(path)):
-        raise UsageError(f"{path} is empty: nothing is known of the axis; bring the file back, or write it with `beltcomm init {path}`")
+        raise UsageError(
+            f"{path} is empty: nothing is known of the axis; bring the file back, or write it with `beltcomm init {pasted(path)}`"
+        )
     return axis_from_dict(data, path)
 
 

@@ -15,6 +15,7 @@ import numpy as np
 from beltcomm import api
 from beltcomm.effects import effect_named
 from beltcomm.errors import Refused
+from beltcomm.given import pasted
 from beltcomm.model import Model, load_plant
 from beltcomm.result import with_unit
 from beltcomm.simulate.plant import SimulatedPlant
@@ -79,13 +80,13 @@ def demo(run: Path, *, seed: int, talk: Talk | None = None) -> Iterator[Step]:
     drive = f"virtual:{PLANT}"
     api.identify(drive, AXIS, run, options=_options(model, seed), talk=talk)
     yield Step(
-        f"beltcomm identify --drive virtual --run {run}",
+        f"beltcomm identify --drive virtual --run {pasted(run)}",
         "Measure: the axis creeps both ways, then is shaken around where it stands.",
         ["A first model: masses, stiffness of the belt, friction."],
     )
     swept = api.friction(drive, run, options=_options(model, seed), talk=talk)
     yield Step(
-        f"beltcomm friction --drive virtual --run {run}",
+        f"beltcomm friction --drive virtual --run {pasted(run)}",
         "Measure where it travels: strokes over the whole axis, both ways, slow to fast.",
         swept.text[1:4],
     )
@@ -93,7 +94,7 @@ def demo(run: Path, *, seed: int, talk: Talk | None = None) -> Iterator[Step]:
     error = compared.to_json()
     worst = [f"  {place['text']}" for place in error["worst"][:3]]
     yield Step(
-        f"beltcomm compare {run}",
+        f"beltcomm compare {pasted(run)}",
         "Is the model right? 1.00 would mean that nothing is missing.",
         [f"The error is {error['ratio']['overall']:.2f} times the noise. Where:", *worst],
         {"ratio": error["ratio"]},
@@ -101,7 +102,10 @@ def demo(run: Path, *, seed: int, talk: Talk | None = None) -> Iterator[Step]:
     diagnosed = api.diagnose(run, cost=False, talk=talk)
     found = diagnosed.to_json()
     yield Step(
-        f"beltcomm diagnose {run}", "What is missing?", diagnosed.text, {"verdict": found["verdict"], "ranking": found["ranking"][:3]}
+        f"beltcomm diagnose {pasted(run)}",
+        "What is missing?",
+        diagnosed.text,
+        {"verdict": found["verdict"], "ranking": found["ranking"][:3]},
     )
     added = [step["added"] for step in found["steps"] if step["added"]]
     if not added:
@@ -111,13 +115,13 @@ def demo(run: Path, *, seed: int, talk: Talk | None = None) -> Iterator[Step]:
         data = after.to_json()
         before, now = data["before"], data["after"]
         yield Step(
-            f"beltcomm add {effect} {run}",
+            f"beltcomm add {effect} {pasted(run)}",
             "Put it into the model and fit everything again.",
             [f"error over noise {before['ratio']:.2f} -> {now['ratio']:.2f}", *_pictures(data["pictures"], run)],
             {"before": before, "after": now, "pictures": data["pictures"]},
         )
     ladder = api.ladder(run)
-    yield Step(f"beltcomm ladder {run}", "All of it as a staircase down to the noise.", ladder.text)
+    yield Step(f"beltcomm ladder {pasted(run)}", "All of it as a staircase down to the noise.", ladder.text)
     yield Step("", "What was hidden", answer(name, model, added), {"hidden": name, "named": list(added), "right": name in added})
 
 

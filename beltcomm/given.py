@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 from numbers import Integral, Real
@@ -57,3 +58,8 @@ def choice(value: object, what: str, known: Sequence[str]) -> None:
     if value not in known:
         near = get_close_matches(str(value), known, n=1)
         raise UsageError(f"{what} is {value!r}{f', did you mean {near[0]!r}?' if near else ''}; choose one of {', '.join(known)}")
+
+
+def pasted(value: object) -> str:
+    """A path or a drive as a terminal takes it: in quotes where it has blanks and the like."""
+    return shlex.quote(str(value))

@@ -28,6 +28,7 @@ from beltcomm import __version__
 from beltcomm.axis import Axis, load_axis, save_axis
 from beltcomm.configfiles import did_you_mean, read_yaml, to_yaml, write_text
 from beltcomm.errors import DataError, UsageError
+from beltcomm.given import pasted
 from beltcomm.recording import Recording, RecordingWriter, Sidecar, common_side, load_recording, save_recording
 from beltcomm.recording_columns import MOTOR_COLUMNS
 from beltcomm.sidecar import load_sidecar
@@ -103,7 +104,7 @@ class RunFolder:
         if self._axis is None:
             raise DataError(
                 f"{self.path / 'axis.yaml'} is missing; copy the axis file there or write one with "
-                f"`beltcomm init {self.path / 'axis.yaml'}`"
+                f"`beltcomm init {pasted(self.path / 'axis.yaml')}`"
             )
         return self._axis
 

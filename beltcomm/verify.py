@@ -159,7 +159,7 @@ def predict_move(
 
 
 def predict_range(model: Model, predict: Callable[[Model, float], TrackingError]) -> tuple[TrackingError, TrackingError] | None:
-    """Smallest and largest error over ``RANGE_DRAWS`` machines that the model may as well stand for; None where it stands for hardly any.
+    """Smallest and largest error over the model and ``RANGE_DRAWS`` machines it may stand for; None where it stands for hardly any.
 
     Parameters are drawn from their intervals, each by itself, and the belt's stretch at the start from what friction can hold,
     min(F_c, τ_c/i_t)/c either way: the move before leaves it so, and no motor encoder sees it.   predict : of a model and a stretch.
@@ -174,6 +174,8 @@ def predict_range(model: Model, predict: Callable[[Model, float], TrackingError]
             errors.append(predict(drawn, stretch))
     if len(errors) < LEAST_DRAWN * RANGE_DRAWS:
         return None
+    with suppress(ZeroDivisionError, UsageError, Refused):  # what is predicted lies within its own range: draws may all miss it
+        errors.append(predict(model, 0.0))
     dynamic, static = [e.dynamic_m for e in errors], [e.static_m for e in errors]
     return TrackingError(min(dynamic), min(static)), TrackingError(max(dynamic), max(static))
 

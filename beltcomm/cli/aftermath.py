@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from beltcomm.errors import DriveError
+from beltcomm.given import pasted
 
 #: How the last word of a journal begins when somebody could not wait.
 LEFT_AT_ONCE = "left at once"
@@ -49,7 +50,7 @@ def aftermath(
     if not kept and declined:
         records += "; --run takes it again, or delete it"
     told = [state for line in journal for begin, state in _STATES.items() if line.startswith(begin)]
-    rollback = f"beltcomm rollback --drive {shlex.quote(drive or 'DRIVE')} --run {shlex.quote(str(run))}"
+    rollback = f"beltcomm rollback --drive {pasted(drive or 'DRIVE')} --run {pasted(run)}"
     state = told[-1].format(rollback=rollback) if told else "nothing was written to it"
     again = again_command(words, None if resumes and not kept else run, resumes=resumes)
     following = f"{again}   ({'asks again' if declined else 'when what is said above is mended'})"
@@ -57,9 +58,9 @@ def aftermath(
         anew = again_command(_with_axis(words, run), None, resumes=True)
         following = f"{anew}   (a new run, when {AXIS_FILE} is mended); when it is right and the machine is mended: {again}"
     if kept and "`beltcomm diagnose" in sentence:
-        following = f"beltcomm diagnose {shlex.quote(str(run))}   (says what these records show); then {following}"
+        following = f"beltcomm diagnose {pasted(run)}   (says what these records show); then {following}"
     if code == DriveError.exit_code:
-        following = f"beltcomm doctor --drive {shlex.quote(drive or 'DRIVE')}   (finds what is wrong), then {again}"
+        following = f"beltcomm doctor --drive {pasted(drive or 'DRIVE')}   (finds what is wrong), then {again}"
     return {"folder": f"{run} ({records})", "drive": state, "next": following}
 
 

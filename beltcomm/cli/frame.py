@@ -22,6 +22,7 @@ from beltcomm import __version__
 from beltcomm.cli.aftermath import LEFT_AT_ONCE, aftermath, again_command, journal_of
 from beltcomm.cli.terminal import echo, failure
 from beltcomm.errors import BeltcommError, Declined, UsageError
+from beltcomm.given import pasted
 
 if TYPE_CHECKING:
     from beltcomm.axis import Axis
@@ -169,7 +170,7 @@ class Frame:
 
     def line(self) -> str:
         """The command as it was typed."""
-        return " ".join(["beltcomm", *self.words])
+        return shlex.join(["beltcomm", *self.words])
 
     def talk(self) -> Talk:
         """Where progress and questions go: stderr."""
@@ -244,7 +245,7 @@ def typed(lines: Iterable[str]) -> Iterable[str]:
     program = Path(sys.argv[0])
     if program.name != "beltcomm" or shutil.which("beltcomm") is not None or not program.is_file():
         return lines
-    said, there = "Next: beltcomm ", f"Next: {shlex.quote(os.path.relpath(program))} "
+    said, there = "Next: beltcomm ", f"Next: {pasted(os.path.relpath(program))} "
     return [line.replace(said, there) if said in line else line for line in lines]
 
 

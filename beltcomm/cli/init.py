@@ -17,6 +17,7 @@ from beltcomm.cli import completion
 from beltcomm.cli import options as shared
 from beltcomm.cli.frame import Frame
 from beltcomm.errors import Refused, UsageError
+from beltcomm.given import pasted
 from beltcomm.quantities import parse_quantity, unit_of
 
 if TYPE_CHECKING:
@@ -88,9 +89,9 @@ def command(frame: Frame, /, file: Path, template: str | None, entries: tuple[st
     missing = _missing(axis)
     lines = [f"{file} is written: {axis.name or 'an axis without a name'}."]
     lines += [f"Still needed: {entry} for {purpose}." for entry, purpose in missing.items()]
-    after = f"beltcomm doctor --drive DRIVE --axis {file}"
+    after = f"beltcomm doctor --drive DRIVE --axis {pasted(file)}"
     if missing:
-        first = f"beltcomm init {file} --from {file} --set {next(iter(missing))}=VALUE, and so on"
+        first = f"beltcomm init {pasted(file)} --from {pasted(file)} --set {next(iter(missing))}=VALUE, and so on"
         lines.append(f"Next: {first}; commissioning refuses to begin before. Then: {after}")
     else:
         lines.append(f"Next: {after}   (compares it with the drive; moves nothing)")

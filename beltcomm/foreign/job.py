@@ -15,7 +15,7 @@ from beltcomm.foreign import store
 from beltcomm.foreign.convert import Reading, alignment, line_of_table
 from beltcomm.foreign.files import Part, parts_of
 from beltcomm.foreign.guess import Ask, completed
-from beltcomm.given import Place, place, places
+from beltcomm.given import Place, pasted, place, places
 from beltcomm.recording import Sidecar
 from beltcomm.result import Result
 from beltcomm.runfolder import RunFolder
@@ -63,7 +63,7 @@ def import_recordings(
     if sidecar.experiment != "static_map" and any("record" not in item.recording.sidecar.extra["import"]["reading"] for item in found):
         text.append(alignment(reading, found[0].converted.columns))
     if known.has_belt and not dry_run:
-        text.append(f"Next: beltcomm fit {run}")
+        text.append(f"Next: beltcomm fit {pasted(run)}")
     return Result(data, text)
 
 

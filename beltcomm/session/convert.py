@@ -7,7 +7,7 @@ from pathlib import Path
 from beltcomm.control import Cascade
 from beltcomm.design.conversion import Cascades, Pid, to_cascades, to_pid
 from beltcomm.errors import DataError, Refused, UsageError
-from beltcomm.given import Place, place
+from beltcomm.given import Place, pasted, place
 from beltcomm.result import Result, plain
 from beltcomm.runfolder import RunFolder
 from beltcomm.session.store import cascade_from_dict
@@ -40,7 +40,7 @@ def _designed(run: Path) -> tuple[Cascade, float]:
     try:
         return cascade_from_dict(saved), float(saved["structure"]["period_s"])
     except (KeyError, TypeError, ValueError) as error:
-        raise DataError(f"the design in {run} is damaged ({error}); run `beltcomm design {run}` again") from error
+        raise DataError(f"the design in {run} is damaged ({error}); run `beltcomm design {pasted(run)}` again") from error
 
 
 def _from_cascade(cascade: Cascade, period_s: float, run: Path | None) -> Result:

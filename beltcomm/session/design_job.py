@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from beltcomm.control import CascadeStructure
+from beltcomm.given import pasted
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 from beltcomm.result import Result
@@ -90,6 +91,6 @@ def delivered(
         *lines,
         *words.remarks_lines(findings.remarks),
         *(f"This design is in doubt: {why}." for why in (*thin_margins(findings.design.margins), *proof.doubts)),
-        f"Next: beltcomm verify --drive DRIVE --run {folder.path}",
+        f"Next: beltcomm verify --drive DRIVE --run {pasted(folder.path)}",
     ]
     return Result({"run": str(folder.path), **mapping, "pictures": made}, text, 1 if findings.design.relaxed or proof.failed else 0)

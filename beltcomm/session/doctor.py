@@ -11,6 +11,7 @@ from beltcomm.axis import Axis, load_axis
 from beltcomm.drive import Adapter, FoundAdapter, adapter_for, find_adapters
 from beltcomm.errors import BeltcommError, DriveError, UsageError
 from beltcomm.finding import Finding, State
+from beltcomm.given import pasted
 from beltcomm.result import Result, Row, plain
 from beltcomm.session.axis_findings import compared
 from beltcomm.session.options import Options
@@ -96,7 +97,7 @@ def _machine(found: Sequence[FoundAdapter]) -> Iterator[Finding]:
 
 def _here(remedy: str, drive: str) -> str:
     """A remedy with the drive's name in place of the word that stands for it."""
-    return remedy.replace("--drive D ", f"--drive {drive} ")
+    return remedy.replace("--drive D ", f"--drive {pasted(drive)} ")
 
 
 def _counted(findings: Iterable[Finding]) -> dict[State, int]:
@@ -116,13 +117,13 @@ def _next_machine(findings: Sequence[Finding]) -> str:
 def _next_drive(drive: str, file: str, findings: Sequence[Finding]) -> str:
     rates = [finding.values["found_bitrate"] for finding in findings if "found_bitrate" in finding.values]
     if rates:
-        return f"next: `beltcomm doctor --drive {drive} --bitrate {rates[0]}`"
+        return f"next: `beltcomm doctor --drive {pasted(drive)} --bitrate {rates[0]}`"
     if _exit_code(findings):
-        with_axis = f" --axis {file}" if file else ""
-        return f"next: put right what is wrong, then `beltcomm doctor --drive {drive}{with_axis}` again"
+        with_axis = f" --axis {pasted(file)}" if file else ""
+        return f"next: put right what is wrong, then `beltcomm doctor --drive {pasted(drive)}{with_axis}` again"
     if not file:
         return "next: `beltcomm init my-axis.yaml`, then doctor again with --axis my-axis.yaml, which compares the two"
-    return f"next: `beltcomm commission --drive {drive} --axis {file} --dry-run` shows the plan and moves nothing"
+    return f"next: `beltcomm commission --drive {pasted(drive)} --axis {pasted(file)} --dry-run` shows the plan and moves nothing"
 
 
 def _exit_code(findings: Sequence[Finding]) -> int:

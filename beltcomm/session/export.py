@@ -14,7 +14,7 @@ from beltcomm.errors import DataError, Refused, UsageError
 from beltcomm.export.dcf import dcf_text
 from beltcomm.export.program import controller_of
 from beltcomm.export.texts import FORMATS, text_of
-from beltcomm.given import Place, place
+from beltcomm.given import Place, pasted, place
 from beltcomm.objects import object_values
 from beltcomm.parameters import cascade_to_parameters
 from beltcomm.result import Result
@@ -60,7 +60,7 @@ def export(
         "model": model.name,
         "run": folder.path.name,
         "designed": f"for the cascade {structure.name}",
-        "command": command or f"beltcomm export {run} --format {format_}",
+        "command": command or f"beltcomm export {pasted(run)} --format {format_}",
         "made by": f"beltcomm {__version__}",
     }
     notes = [*_apart(cascade, structure, saved), *(f"the design is in doubt: {doubt}" for doubt in doubts(folder))]
@@ -82,7 +82,7 @@ def _dcf(folder: RunFolder, saved: Mapping[str, Any], out: Path | None, when: st
     if unknown := known.get("uncalibrated"):
         raise Refused(
             f"what {', '.join(unknown)} mean in this drive is not known, so no raw value can be given; measure it with "
-            f"`beltcomm calibrate --drive DRIVE --run {folder.path}` first"
+            f"`beltcomm calibrate --drive DRIVE --run {pasted(folder.path)}` first"
         )
     wanted = cascade_to_parameters(cascade_from_dict(saved))
     values = object_values(places, {name: value for name, value in wanted.items() if name in places})

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from beltcomm.given import Place, place
+from beltcomm.given import Place, pasted, place
 from beltcomm.identify.magnitude_fit import Solver
 from beltcomm.result import Result
 from beltcomm.runfolder import RunFolder
@@ -39,5 +39,5 @@ def fit(
     friction = words.friction_lines(findings.friction) if findings.friction else []
     friction += friction_words.standstill_lines(findings.standstill)
     following = "diagnose" if findings.final is None or findings.final.fit.suspect else "design"
-    text = [*outcome.model_text(findings), *friction, *words.remarks_lines(findings.remarks), f"Next: beltcomm {following} {run}"]
+    text = [*outcome.model_text(findings), *friction, *words.remarks_lines(findings.remarks), f"Next: beltcomm {following} {pasted(run)}"]
     return Result(outcome.data(folder, findings), text)

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from beltcomm.drive import Drive
+from beltcomm.given import pasted
 from beltcomm.result import Result, plain
 from beltcomm.runfolder import RunFolder
 from beltcomm.session import offline, referencing
@@ -33,5 +34,5 @@ def follow_plan(drive: Drive, run: Path, file: Path, options: Options, agree: Ca
         agree(shown, machine)
         check_sign(machine)
         made = follow(machine, model, findings, wanted)
-    text = [f"Recorded {', '.join(made)} in {folder.recordings_folder}.", f"Next: beltcomm diagnose {run}"]
+    text = [f"Recorded {', '.join(made)} in {folder.recordings_folder}.", f"Next: beltcomm diagnose {pasted(run)}"]
     return Result({"run": str(run), "recordings": made, "reasons": dict(wanted.reasons)}, text)

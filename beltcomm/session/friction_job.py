@@ -11,6 +11,7 @@ import numpy as np
 from beltcomm.axis import Axis
 from beltcomm.drive import Capabilities
 from beltcomm.errors import DataError, Refused
+from beltcomm.given import pasted
 from beltcomm.identify.magnitude_fit import MagnitudeFit
 from beltcomm.identify.sweeps import SweepNote, note_of
 from beltcomm.model import Model
@@ -194,7 +195,7 @@ def result(
         *friction_words.standstill_lines(found.standstill),
         *pictures.lines(folder, shown, remarks),
         *words.remarks_lines(made.remarks),
-        f"Next: beltcomm fit {folder.path}",
+        f"Next: beltcomm fit {pasted(folder.path)}",
     ]
     data = {
         "run": str(folder.path),

@@ -8,7 +8,7 @@ from typing import Any
 
 from beltcomm.axis import Axis
 from beltcomm.errors import DataError, UsageError
-from beltcomm.given import Place, places
+from beltcomm.given import Place, pasted, places
 from beltcomm.identify.friction import FrictionFit, fit_friction
 from beltcomm.identify.magnitude_fit import MagnitudeFit
 from beltcomm.identify.standstill import Standstill, largest
@@ -133,7 +133,7 @@ def load_of(studies: Sequence[tuple[RunFolder, Study, Model | None]]) -> tuple[s
         if not stated and model is None:
             raise DataError(
                 f"{folder.path} states no payload and has no model: nobody knows its load; write payload_kg into the sidecars of its "
-                f"sweeps, or run `beltcomm fit {folder.path}`"
+                f"sweeps, or run `beltcomm fit {pasted(folder.path)}`"
             )
         load = payload if stated else model["cart.mass"] if model is not None else None
         slowest = slowest_fitted_rad_s(folder.axis.transmission_m_rad)

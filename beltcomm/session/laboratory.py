@@ -9,7 +9,7 @@ from typing import Any
 
 from beltcomm.effects import EFFECTS, effect_named
 from beltcomm.errors import UsageError
-from beltcomm.given import Place, place, word
+from beltcomm.given import Place, pasted, place, word
 from beltcomm.laboratory.compare import Comparison, compare, landmarks, worst
 from beltcomm.laboratory.data import Data
 from beltcomm.laboratory.diagnosis import NEXT_ITERATIONS, Diagnosis, again, diagnose, settled
@@ -163,7 +163,8 @@ def diagnosed(folder: RunFolder, run: Path, auto: bool, cost: bool, following: b
         added = priced(folder, found, added, data.get("cost"))
     data["revisions"] = [as_mapping(r) for r in added]
     return Result(
-        data, [*text, *words.climb_lines(added, found.named, found.after.held_ratio is not None, run), f"Next: beltcomm design {run}"]
+        data,
+        [*text, *words.climb_lines(added, found.named, found.after.held_ratio is not None, run), f"Next: beltcomm design {pasted(run)}"],
     )
 
 
@@ -239,7 +240,7 @@ def add_to_run(
         effect_named(effect)
     here = opened(run, talk or Silence())
     if effect in here.fitted.model.effects:
-        raise UsageError(f"the model of {run} has {effect} already; take it out with `beltcomm remove {effect} {run}`")
+        raise UsageError(f"the model of {run} has {effect} already; take it out with `beltcomm remove {effect} {pasted(run)}`")
     grown = with_effect(here.data, here.fitted, ground_of(here.fitted, here.data.fitted, here.folder.axis), effect_named(effect))
     grown = better(here.folder, here.data, here.fitted, grown, effect)
     data, named = again(here.data, grown, NEXT_ITERATIONS)
@@ -281,7 +282,7 @@ def ladder_of_run(run: Place, *, pictures: bool = True, command: str = "") -> Re
     folder = RunFolder.open(run)
     rungs = revisions(folder)
     if not rungs:
-        raise UsageError(f"{run} has no revisions yet; begin with `beltcomm diagnose {run}` or `beltcomm add EFFECT {run}`")
+        raise UsageError(f"{run} has no revisions yet; begin with `beltcomm diagnose {pasted(run)}` or `beltcomm add EFFECT {pasted(run)}`")
     changed = changed_recordings(folder, rungs[-1])
     made, remarks = drawn.ladder_picture(folder, rungs, command) if pictures else ([], [])
     data = {"run": str(run), "revisions": [as_mapping(r) for r in rungs], "changed_recordings": changed, "pictures": made}

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from beltcomm.effects import Effect, effect_named
 from beltcomm.effects.tilt import GRAVITY_M_S2
+from beltcomm.given import pasted
 from beltcomm.laboratory.compare import Comparison
 from beltcomm.laboratory.diagnosis import KNOWN, Diagnosis, undetermined, unlikely
 from beltcomm.laboratory.fitting import Fitted
@@ -41,7 +42,7 @@ def comparison_lines(comparison: Comparison, places: Sequence[str], model: Model
     lines += table(["record", ">error/noise", ">samples", ""], records)
     lines.append("")
     lines += ["Where it fails most:", *(f"  {place}" for place in places)] if places else ["No place stands out."]
-    return [*lines, f"Next: beltcomm diagnose {run}"]
+    return [*lines, f"Next: beltcomm diagnose {pasted(run)}"]
 
 
 def diagnosis_lines(found: Diagnosis) -> list[str]:
@@ -94,10 +95,10 @@ def after_diagnosis(found: Diagnosis, run: Path, planned: str = "") -> list[str]
     if planned:
         return [f"Next: {planned}"]
     if found.named:
-        return [f"Next: beltcomm add {found.named[0]} {run}"]
+        return [f"Next: {', then '.join(f'beltcomm add {name} {pasted(run)}' for name in found.named)}"]
     if found.verdict != "nothing missing":
-        return [f"Next: beltcomm compare {run} shows where the error sits; look there on the machine."]
-    return [f"Next: beltcomm report {run}   (nothing is missing in the model: everything known of the axis on one page)"]
+        return [f"Next: beltcomm compare {pasted(run)} shows where the error sits; look there on the machine."]
+    return [f"Next: beltcomm report {pasted(run)}   (nothing is missing in the model: everything known of the axis on one page)"]
 
 
 def lacking_lines(missing: Sequence[str]) -> list[str]:
@@ -124,7 +125,9 @@ def sight_lines(sights: Sequence[Sight], run: Path, unnamed: Collection[str] = (
             continue
         size = f" ({with_unit(f'{sight.parameter} {sight.hardest * sight.size:.2g}', sight.unit)})" if sight.unit else ""
         lines.append(f"  {sight.effect.name:24} only from {sight.hardest:.2g} x a typical one on{size}")
-    return lines if planned else [*lines, f"  `beltcomm diagnose {run} --next` writes the plan of the records that would show them."]
+    return (
+        lines if planned else [*lines, f"  `beltcomm diagnose {pasted(run)} --next` writes the plan of the records that would show them."]
+    )
 
 
 def beyond_bounds(sight: Sight) -> bool:
@@ -189,7 +192,7 @@ def change_lines(before: Fitted, model: Model, after: Fitted, rung: Revision, no
         lines.append(
             "Warning: without it records that were not fitted fit worse. It is out all the same, and `design` rests on this model."
         )
-    lines += [f"Saved as {rung.name}.", f"Next: beltcomm compare {run}, or beltcomm ladder {run}"]
+    lines += [f"Saved as {rung.name}.", f"Next: beltcomm compare {pasted(run)}, or beltcomm ladder {pasted(run)}"]
     return lines
 
 
@@ -238,7 +241,7 @@ def climb_lines(made: Sequence[Revision], named: Sequence[str], held_out: bool, 
         lines.append(f"Not added: {' and '.join(left)}. With {left[0]} the error on records that were not fitted did not fall.")
     elif left:
         lines.append(f"Not added: {' and '.join(left)}. No record is held out, so nothing could confirm it; `held_out: true` in a sidecar")
-        lines.append(f"makes one, and `beltcomm add {left[0]} {run}` adds it as it is.")
+        lines.append(f"makes one, and `beltcomm add {left[0]} {pasted(run)}` adds it as it is.")
     return lines
 
 

@@ -9,6 +9,7 @@ from typing import Any
 from beltcomm.axis import Axis
 from beltcomm.drive import Drive
 from beltcomm.errors import UsageError
+from beltcomm.given import pasted
 from beltcomm.recording import Recording
 from beltcomm.result import Result, plain
 from beltcomm.runfolder import RunFolder
@@ -69,7 +70,7 @@ def identify_in_loop(drive: Drive, axis: Axis, run: Path, options: Options, agre
         *(f"Note: {remark}" for remark in _remarks(recording, ways, findings.remarks)),
         *pictures.lines(folder, made, remarks),
         f"{seconds:.0f} s on the machine; the drive has its old gains again. Responses are in {folder.path / 'results'}.",
-        f"Next: beltcomm fit {run}",
+        f"Next: beltcomm fit {pasted(run)}",
     ]
     return Result({"run": str(run), **data}, text)
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from beltcomm.errors import UsageError
-from beltcomm.given import Place, number, place
+from beltcomm.given import Place, number, pasted, place
 from beltcomm.result import Result, plain
 from beltcomm.session.files import may_write
 from beltcomm.session.options import Options
@@ -116,6 +116,6 @@ def _lines(file: Path, motion: SevenPhases, fastest: SevenPhases, bounds: Motion
     if min(start.position_m, end.position_m) - low > 1e-9 or high - max(start.position_m, end.position_m) > 1e-9:
         lines.append(f"Note: it goes beyond its ends, from {low:.6g} to {high:.6g} m")
     resting = np.all(np.array([start.velocity_m_s, start.acceleration_m_s2, end.velocity_m_s, end.acceleration_m_s2]) == 0.0)
-    drive = f"Next: beltcomm verify --drive DRIVE --run RUN --move {file}"
+    drive = f"Next: beltcomm verify --drive DRIVE --run RUN --move {pasted(file)}"
     lines.append(drive if resting else "Note: it does not begin and end at rest, so that `beltcomm verify --move` cannot drive it alone")
     return lines

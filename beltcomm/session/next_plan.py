@@ -11,6 +11,7 @@ from typing import Any
 from beltcomm.configfiles import read_yaml
 from beltcomm.effects import EFFECTS, Apart, Effect, effect_named
 from beltcomm.errors import UsageError
+from beltcomm.given import pasted
 from beltcomm.laboratory.visible import Sight
 from beltcomm.result import plain
 from beltcomm.session.steps import PLACES, QUIET, SHORT_S, SLOW_M_S, TRIANGLES_M, Step, checked_step
@@ -78,7 +79,7 @@ class NextPlan:
 
     def command(self, run: Path) -> str:
         """What makes its records; nothing for a plan without a step."""
-        return f"beltcomm identify --drive DRIVE --run {run} --plan {self.file(run)}" if self.steps else ""
+        return f"beltcomm identify --drive DRIVE --run {pasted(run)} --plan {pasted(self.file(run))}" if self.steps else ""
 
 
 def plan_for(

@@ -7,6 +7,7 @@ from functools import cached_property
 from pathlib import Path
 
 from beltcomm.errors import DataError
+from beltcomm.given import pasted
 from beltcomm.laboratory.cross_checks import SheetDoubt
 from beltcomm.laboratory.data import Data
 from beltcomm.laboratory.fitting import Fitted
@@ -56,5 +57,5 @@ def explainable(ratio: float, run: Path) -> None:
         raise DataError(
             f"the records of {run} cannot be explained by any model of a belt axis (its error would be more than {FARTHEST:.0f} times the "
             "noise): they are of a session that failed, or hold another quantity than they say. Make them again with `beltcomm "
-            f"commission`, or take the wrong ones out of {run / 'recordings'}; `beltcomm bundle {run}` packs all for whoever helps"
+            f"commission`, or take the wrong ones out of {run / 'recordings'}; `beltcomm bundle {pasted(run)}` packs all for whoever helps"
         )

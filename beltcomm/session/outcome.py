@@ -8,6 +8,7 @@ from typing import Any
 
 from beltcomm.configfiles import write_text
 from beltcomm.drive import simulated
+from beltcomm.given import pasted
 from beltcomm.identify.final import FinalModel
 from beltcomm.result import plain
 from beltcomm.runfolder import RunFolder
@@ -109,12 +110,13 @@ def identify_text(folder: RunFolder, findings: Findings, drive: str, place_known
         f"Recordings are in {folder.recordings_folder}.",
     ]
     if place_known:
-        return [*text, f"Next: beltcomm friction --drive {drive} --run {folder.path}"]
+        return [*text, f"Next: beltcomm friction --drive {pasted(drive)} --run {pasted(folder.path)}"]
     return [
         *text,
         "Not possible as long as nobody knows where the carriage stands: other places, the friction sweep, the move that verifies.",
-        f"Next: measure where the carriage stands, or let the drive find its zero: beltcomm commission --drive {drive} --position METRES "
-        f"(or --home); or go on with this run: beltcomm friction --drive {drive} --run {folder.path} --position METRES",
+        f"Next: measure where the carriage stands, or let the drive find its zero: "
+        f"beltcomm commission --drive {pasted(drive)} --position METRES (or --home); or go on with this run: "
+        f"beltcomm friction --drive {pasted(drive)} --run {pasted(folder.path)} --position METRES",
     ]
 
 
@@ -193,18 +195,19 @@ def commission_text(
 
 def _following(folder: RunFolder, findings: Findings, drive: str) -> str:
     """The command after a commissioning."""
+    run = pasted(folder.path)
     if findings.final is None or findings.final.fit.suspect:
-        return f"beltcomm diagnose {folder.path}"
+        return f"beltcomm diagnose {run}"
     if findings.succeeded and simulated(drive) and findings.applied == "restore":
-        return f"beltcomm tune {folder.path}   (other gains on a page; a virtual drive keeps none)"
+        return f"beltcomm tune {run}   (other gains on a page; a virtual drive keeps none)"
     if not findings.succeeded:
         return (
             "what would help stands above: other parts of the drive's controller, a drive that has them, or slower moves "
-            f"(beltcomm verify --drive {drive} --run {folder.path} --move FILE)"
+            f"(beltcomm verify --drive {pasted(drive)} --run {run} --move FILE)"
             if findings.reservations
-            else f"look at the remarks above, then beltcomm design {folder.path} and beltcomm verify --drive {drive} --run {folder.path}"
+            else f"look at the remarks above, then beltcomm design {run} and beltcomm verify --drive {pasted(drive)} --run {run}"
         )
     if findings.applied == "restore":
-        return f"beltcomm apply --drive {drive} --run {folder.path}   (--save keeps them beyond power-off)"
+        return f"beltcomm apply --drive {pasted(drive)} --run {run}   (--save keeps them beyond power-off)"
     undo = " --save" if findings.applied == "save" else ""
-    return f"beltcomm rollback --drive {drive} --run {folder.path}{undo} undoes it" + words.lasting(drive)
+    return f"beltcomm rollback --drive {pasted(drive)} --run {run}{undo} undoes it" + words.lasting(drive)

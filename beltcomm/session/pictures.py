@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from beltcomm.control import Cascade
 from beltcomm.design.cascade import DesignResult
 from beltcomm.design.measured import measured_loop
+from beltcomm.given import pasted
 from beltcomm.identify.friction import FrictionFit
 from beltcomm.identify.standstill import Standstill
 from beltcomm.identify.sweeps import Drift, LoadDependence, Sweep
@@ -76,7 +77,7 @@ def _compared(folder: RunFolder, found: Comparison, command: str) -> Caption:
     from beltcomm.report.style import Caption
 
     shown = f"{folder.path.resolve().name}/recordings, {len(found.records)} records"
-    return Caption(command or f"beltcomm compare {folder.path}", shown)
+    return Caption(command or f"beltcomm compare {pasted(folder.path)}", shown)
 
 
 def change_picture(folder: RunFolder, rung: Revision, before: Comparison, after: Comparison, command: str) -> tuple[list[str], list[str]]:
@@ -102,7 +103,7 @@ def ladder_figures(folder: RunFolder, rungs: Sequence[Revision], command: str) -
     """The same as a figure."""
     from beltcomm.report import staircase, style
 
-    caption = style.Caption(command or f"beltcomm ladder {folder.path}", f"{folder.path.resolve().name}/results/ladder.yaml")
+    caption = style.Caption(command or f"beltcomm ladder {pasted(folder.path)}", f"{folder.path.resolve().name}/results/ladder.yaml")
     steps = [staircase.Rung(r.name, r.change, r.ratio, r.held_out, r.confirmed) for r in rungs]
     return {"ladder": staircase.staircase_figure(steps, caption)}
 
@@ -115,7 +116,7 @@ def responses_picture(folder: RunFolder, table: Table, command: str) -> tuple[li
     def draw() -> dict[str, Figure]:
         from beltcomm.report import responses, style
 
-        caption = style.Caption(command or f"beltcomm compare {folder.path}", f"{folder.path.resolve().name}/recordings")
+        caption = style.Caption(command or f"beltcomm compare {pasted(folder.path)}", f"{folder.path.resolve().name}/recordings")
         shown = [(f"{row.condition.record}, {row.condition.words()}", row.response, row.landmarks) for row in table.rows]
         sentences = [f"by {d.cause}: {d.text}" for d in table.differences]
         return {"responses": responses.responses_figure(shown, sentences, caption)}
@@ -144,7 +145,9 @@ def proof_picture(
         for name, response, late_s in plant_responses([r for r in recordings if r.name in conditions], delay_s):
             loop = measured_loop(response, cascade, period_s, late_s)
             shown.append(drawn.Shown(f"{name}, {conditions[name].words()}", loop))
-        caption = style.Caption(command or f"beltcomm design {folder.path}", f"{folder.path.resolve().name}/recordings, designs/final.yaml")
+        caption = style.Caption(
+            command or f"beltcomm design {pasted(folder.path)}", f"{folder.path.resolve().name}/recordings, designs/final.yaml"
+        )
         sentences = [f"nearest to -1 of all, sensitivity {proof.worst.sensitivity_db:.1f} dB: {proof.worst.text}"]
         return {"design_proof": drawn.proof_figure(design, shown, sentences, caption)}
 
@@ -167,7 +170,7 @@ def friction_pictures(
 
         shown = f"{folder.path.resolve().name}/recordings, {len(sweeps)} sweeps"
         return report.figures(
-            friction, sweeps, drifts, found, style.Caption(command or f"beltcomm friction --compare {folder.path}", shown)
+            friction, sweeps, drifts, found, style.Caption(command or f"beltcomm friction --compare {pasted(folder.path)}", shown)
         )
 
     return _written(folder, draw)
@@ -193,7 +196,9 @@ def ways_picture(folder: RunFolder, name: str, ways: Sequence[Shown], command: s
         from beltcomm.report import style
         from beltcomm.report.ways import Line, ways_figure
 
-        caption = style.Caption(f"{command} --run {folder.path}", f"{folder.path.resolve().name}/results/{name}_*.csv and recordings")
+        caption = style.Caption(
+            f"{command} --run {pasted(folder.path)}", f"{folder.path.resolve().name}/results/{name}_*.csv and recordings"
+        )
         shown = [Line(f"{one.name} ({one.record})", one.response, one.highest_hz, one.way == "open") for one in ways]
         return {name: ways_figure(shown, caption)}
 

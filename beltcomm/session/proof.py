@@ -9,6 +9,7 @@ from typing import Any
 from beltcomm.control import Cascade
 from beltcomm.design.margins import Margins
 from beltcomm.errors import Declined, Refused
+from beltcomm.given import pasted
 from beltcomm.identify.inverse_fit import SUSPECT_MISFIT
 from beltcomm.parameters import cascade_to_parameters
 from beltcomm.runfolder import RunFolder
@@ -114,10 +115,10 @@ def admit(folder: RunFolder, talk: Talk, *, yes: bool, force: bool) -> None:
 def next_step(folder: RunFolder, drive: str, passed: bool) -> str:
     """The command after a verification move: never to write gains that are in doubt."""
     if _suspect(folder):
-        return f"beltcomm diagnose {folder.path}"
+        return f"beltcomm diagnose {pasted(folder.path)}"
     if not passed:
-        return f"beltcomm design {folder.path}"
-    return f"beltcomm {'verify' if doubts(folder) else 'apply'} --drive {drive} --run {folder.path}"
+        return f"beltcomm design {pasted(folder.path)}"
+    return f"beltcomm {'verify' if doubts(folder) else 'apply'} --drive {pasted(drive)} --run {pasted(folder.path)}"
 
 
 def _suspect(folder: RunFolder) -> bool:

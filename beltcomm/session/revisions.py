@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from beltcomm.errors import DataError, UsageError
+from beltcomm.given import pasted
 from beltcomm.model import Model, load_model
 from beltcomm.result import plain
 from beltcomm.runfolder import RunFolder
@@ -68,7 +69,7 @@ def model_named(folder: RunFolder, name: str) -> Model:
     try:
         return load_model(path)
     except UsageError as error:
-        remedy = f"make it again with `beltcomm fit {folder.path}`" if name == CURRENT else "bring it back"
+        remedy = f"make it again with `beltcomm fit {pasted(folder.path)}`" if name == CURRENT else "bring it back"
         raise DataError(f"the run's model is damaged: {error}; {remedy}") from error
 
 

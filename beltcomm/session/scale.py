@@ -14,6 +14,7 @@ import numpy as np
 
 from beltcomm.axis import Axis
 from beltcomm.errors import Refused, UsageError
+from beltcomm.given import pasted
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 from beltcomm.result import Result
@@ -212,5 +213,5 @@ def ruler_line(drive: str, axis: Axis, crept_m: float) -> str:
     turn = 1e3 * math.tau * axis.transmission_m_rad
     return (
         f"That is by the encoder and {turn:.4g} mm per turn of the motor, as axis.yaml says. With a ruler: "
-        f"beltcomm move --drive {drive} --by {1e3 * crept_m:.2f}mm --measured-travel WHAT_YOU_READ (nothing moves)"
+        f"beltcomm move --drive {pasted(drive)} --by {1e3 * crept_m:.2f}mm --measured-travel WHAT_YOU_READ (nothing moves)"
     )

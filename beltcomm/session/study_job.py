@@ -12,6 +12,7 @@ from typing import Any
 
 from beltcomm.configfiles import find_config, to_yaml, write_text
 from beltcomm.errors import DataError, Refused, UsageError
+from beltcomm.given import pasted
 from beltcomm.programs import source_hash
 from beltcomm.result import Result, jsonable, plain
 from beltcomm.session import study_words as words
@@ -122,7 +123,7 @@ def one_member(file: str | Path, number: int, *, doing: Doing, out: Path | None 
     if out is not None and described is not None:
         out.mkdir(parents=True, exist_ok=True)
         write_text(out / "plant.yaml", to_yaml(described))
-        kept.append(f"Its plant is in {out / 'plant.yaml'}: beltcomm commission --drive virtual:{out / 'plant.yaml'} takes it.")
+        kept.append(f"Its plant is in {out / 'plant.yaml'}: beltcomm commission --drive virtual:{pasted(out / 'plant.yaml')} takes it.")
     line = line_of(asked.work, number, asked.key(number), values, out)
     return Result({**line, "plant": described}, [*words.member_lines(line, asked), *kept], line["exit_code"])
 
@@ -136,7 +137,7 @@ def _result(asked: Study, file: str | Path, out: Path, lines: Mapping[int, Line]
     if report:
         from beltcomm.session.reporting.study import study_page  # a worker draws nothing
 
-        write_text(out / PAGE, study_page(asked, summary, ordered, f"beltcomm study {file}"))
+        write_text(out / PAGE, study_page(asked, summary, ordered, f"beltcomm study {pasted(file)}"))
         made.append(PAGE)
     missed = summary.failed or any(line["exit_code"] for line in ordered) or summary.done < summary.planned
     text = [*words.summary_lines(asked, summary, ordered, str(file)), f"Everything is in {out}: {', '.join(made)}."]

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from beltcomm.effects import effect_named
+from beltcomm.given import pasted
 from beltcomm.session.study_file import Study
 from beltcomm.study.population import NOTHING
 from beltcomm.study.summary import MORE_IS_BETTER, Answers, Driver, Share, Spread, Summary
@@ -152,7 +153,7 @@ def summary_lines(asked: Study, summary: Summary, lines: Sequence[Mapping[str, A
     if summary.worst:
         text.append("Worst members:")
         text += [f"  {k}: {why(by_number[k], asked.targets)}; {values_text(asked, by_number[k]['values'])}" for k in summary.worst]
-        text.append(f"Look at one: beltcomm study {file} --member {summary.worst[0]}")
+        text.append(f"Look at one: beltcomm study {pasted(file)} --member {summary.worst[0]}")
     return text
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from beltcomm.errors import DataError
+from beltcomm.given import pasted
 from beltcomm.identify.inverse_fit import InverseFit
 from beltcomm.identify.three_mass import ThreeMass, compare_masses, resonances_hz, sheet_mass_kg
 from beltcomm.identify.three_mass_magnitude import ThreeMassMagnitude, fit_magnitudes
@@ -98,7 +99,7 @@ def fit_three_masses(run: Path, *, command: str = "", when: str = "", talk: Talk
         "",
         *lines,
         f"Saved as {rung.name} ({rung.change}) on {base.name}, the two-mass model.",
-        f"Next: beltcomm design {run}",
+        f"Next: beltcomm design {pasted(run)}",
     ]
     return Result({**data, "revision": rung.name}, lines)
 

@@ -15,7 +15,7 @@ from beltcomm.control import CascadeStructure
 from beltcomm.design.held_knobs import OutOfReach
 from beltcomm.design.margins import margins
 from beltcomm.errors import UsageError
-from beltcomm.given import Place, place
+from beltcomm.given import Place, pasted, place
 from beltcomm.result import Result, plain
 from beltcomm.runfolder import RunFolder
 from beltcomm.session import analyse, offline, phases
@@ -143,7 +143,10 @@ class Tuning:
             "failed": bool(result.exit_code),
             "doubts": list(result.data["proof"]["doubts"]),
             "replaced": f"designs/replaced_{replaced}.yaml",
-            "next": [f"beltcomm verify --drive DRIVE --run {folder.path}", f"beltcomm apply --drive DRIVE --run {folder.path}"],
+            "next": [
+                f"beltcomm verify --drive DRIVE --run {pasted(folder.path)}",
+                f"beltcomm apply --drive DRIVE --run {pasted(folder.path)}",
+            ],
         }
 
     def _preset(self, data: Any) -> dict[str, Any]:

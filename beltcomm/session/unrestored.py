@@ -15,6 +15,7 @@ from typing import IO, Any
 from beltcomm.configfiles import read_yaml, to_yaml
 from beltcomm.drive import Drive
 from beltcomm.errors import BeltcommError, UsageError
+from beltcomm.given import pasted
 from beltcomm.objects import ObjectValue, object_from_dict
 from beltcomm.runfolder import RunFolder
 from beltcomm.session import gains
@@ -117,7 +118,7 @@ def settle(drive: Drive, note: Note, talk: Talk, *, yes: bool, dry_run: bool) ->
         talk.say("They stay as they are (--dry-run).")
         return
     if not yes and not talk.confirm("Roll them back now? Nothing moves."):
-        back = f"; `beltcomm rollback --drive {note.hardware.name} --run {run}` writes them back later" if run else ""
+        back = f"; `beltcomm rollback --drive {pasted(note.hardware.name)} --run {pasted(run)}` writes them back later" if run else ""
         talk.say(f"They stay as they are, and count as this drive's own from now on{back}.")
         _journal(run, "not rolled back after the session was cut off: the user keeps what is in the drive")
         note.remove()

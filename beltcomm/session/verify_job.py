@@ -11,6 +11,7 @@ from beltcomm.control import Cascade
 from beltcomm.design.feedforward import FeedforwardKind
 from beltcomm.drive import Drive, simulated
 from beltcomm.errors import Refused
+from beltcomm.given import pasted
 from beltcomm.result import Result
 from beltcomm.runfolder import RunFolder
 from beltcomm.session import analyse, offline, referencing, stops, verification, words
@@ -158,5 +159,7 @@ def _rungs_result(folder: RunFolder, path: Trajectory, driven: list[tuple[str, V
     if last.measured_cart is None:
         missed = 1e6 * abs(last.measured.dynamic_m - last.predicted.dynamic_m)
         text.append(f"  the prediction knows the model only: at the motor it is {missed:.3g} µm off, expect no less at the carriage")
-    text.append(f"Next: beltcomm verify --drive DRIVE --run {folder.path} --feedforward compliant --move FILE for a move of your own")
+    text.append(
+        f"Next: beltcomm verify --drive DRIVE --run {pasted(folder.path)} --feedforward compliant --move FILE for a move of your own"
+    )
     return Result({"run": str(folder.path), "rungs": data}, text)

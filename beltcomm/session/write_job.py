@@ -12,6 +12,7 @@ import numpy as np
 from beltcomm.drive import Drive
 from beltcomm.errors import BeltcommError, Refused, UsageError
 from beltcomm.foreign.eds import ObjectFile, load_object_file
+from beltcomm.given import pasted
 from beltcomm.objects import ObjectValue
 from beltcomm.parameters import cascade_to_parameters
 from beltcomm.result import Result, plain
@@ -105,7 +106,8 @@ def backup_list(folder: RunFolder) -> Result:
     data = [{"name": one.name, "file": str(one.path), "when": one.when, "before": one.before} for one in found]
     text = ["Backups of this run:", *backups.list_lines(found)]
     return Result(
-        {"run": str(folder.path), "backups": data}, [*text, f"Next: beltcomm rollback --drive DRIVE --run {folder.path} --backup NAME"]
+        {"run": str(folder.path), "backups": data},
+        [*text, f"Next: beltcomm rollback --drive DRIVE --run {pasted(folder.path)} --backup NAME"],
     )
 
 

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from beltcomm.given import Place, place, places
+from beltcomm.given import Place, pasted, place, places
 from beltcomm.result import Result
 from beltcomm.talk import Talk
 
@@ -41,7 +41,7 @@ def at_the_end(run: Path) -> Ended:
         made = report(run).data
         return Ended(str(made["page"]), f"Report: {made['page']}", (made.get("ratio") or {}).get("overall"), made["data_sheet_words"])
     except Exception as problem:  # an axis was commissioned, and its gains may be in the drive
-        return Ended(None, f"Note: there is no report ({type(problem).__name__}: {problem}); beltcomm report {run} makes one")
+        return Ended(None, f"Note: there is no report ({type(problem).__name__}: {problem}); beltcomm report {pasted(run)} makes one")
 
 
 def trend(runs: Place | Sequence[Place], *, limits: Sequence[str] = (), dates: Sequence[str] = (), out: Place | None = None) -> Result:

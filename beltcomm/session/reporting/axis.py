@@ -9,6 +9,7 @@ import numpy as np
 
 from beltcomm.distortion import distortion, line_scatter
 from beltcomm.errors import BeltcommError, DataError
+from beltcomm.given import pasted
 from beltcomm.report import bode, friction, levels, responses
 from beltcomm.report.page import Picture, Section, Table, Words, picture_of
 from beltcomm.report.style import Caption
@@ -74,7 +75,8 @@ def _distortion_words(run: Gathered) -> list[str]:
     lines = nonlinearity_lines(nonlinearities(run.recordings))
     return lines or [
         "This excitation has no silent lines: friction, backlash and the like show as scatter from line to line that every period "
-        f"repeats; odd and even cannot be told apart. beltcomm identify --drive DRIVE --run {run.place} --excitation multisine does that."
+        "repeats; odd and even cannot be told apart. "
+        f"beltcomm identify --drive DRIVE --run {pasted(run.place)} --excitation multisine does that."
     ]
 
 

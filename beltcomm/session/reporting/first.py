@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from beltcomm.given import pasted
 from beltcomm.report.page import Fact, State
 from beltcomm.session.reporting.gather import Gathered
 
@@ -64,17 +65,17 @@ def next_steps(run: Gathered, called: str = "") -> list[str]:
     """Commands in the order in which they help.   called : the run's folder as a terminal takes it; on a page, :attr:`Gathered.place`."""
     name, virtual = called or run.place, run.folder.drive.get("hardware") == "virtual"
     if run.model is None:
-        return [f"beltcomm fit {name}: a model of the records"]
+        return [f"beltcomm fit {pasted(name)}: a model of the records"]
     steps = []
     found = run.comparison
     if found is not None and max(found.ratio, found.held_out or 0.0) > EXPLAINED:
-        steps.append(f"beltcomm diagnose {name}: the model misses something; this says what, and what to check on the machine")
+        steps.append(f"beltcomm diagnose {pasted(name)}: the model misses something; this says what, and what to check on the machine")
     if not run.design:
-        steps.append(f"beltcomm design {name}: gains with margins")
+        steps.append(f"beltcomm design {pasted(name)}: gains with margins")
     elif not run.verifications:
-        steps.append(f"beltcomm verify --drive DRIVE --run {name}: a move that proves the gains")
+        steps.append(f"beltcomm verify --drive DRIVE --run {pasted(name)}: a move that proves the gains")
     elif virtual:
-        steps.append(f"beltcomm tune {name}: the knobs of the design as sliders; a virtual drive keeps no gains")
+        steps.append(f"beltcomm tune {pasted(name)}: the knobs of the design as sliders; a virtual drive keeps no gains")
     elif list(run.verifications.values())[-1]["passed"]:
-        steps.append(f"beltcomm apply --drive DRIVE --run {name}: the gains into the drive (--save keeps them beyond power-off)")
+        steps.append(f"beltcomm apply --drive DRIVE --run {pasted(name)}: the gains into the drive (--save keeps them beyond power-off)")
     return steps

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from beltcomm.errors import BeltcommError
+from beltcomm.given import pasted
 from beltcomm.objects import ParameterObject, name_of, object_values
 from beltcomm.parameters import GAIN_NAMES
 from beltcomm.report.page import Section, Table, Words
@@ -36,7 +37,7 @@ def section(run: Gathered) -> Section:
     """One table: SI before and designed, and the objects of the drive with their raw numbers."""
     designed = run.design.get("parameters")
     if not designed:
-        return Section("gains", "Gains", missing=f"No gains were designed; beltcomm design {run.place} does.")
+        return Section("gains", "Gains", missing=f"No gains were designed; beltcomm design {pasted(run.place)} does.")
     before = (run.results.get("backup") or {}).get("parameters") or {}
     places = _places(run)
     wanted, stood = _raw(places, designed), _raw(places, before)

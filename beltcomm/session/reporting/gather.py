@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from beltcomm.errors import BeltcommError, DataError
+from beltcomm.given import pasted
 from beltcomm.laboratory.compare import Comparison, compare, landmarks
 from beltcomm.model import Model
 from beltcomm.recording import Recording
@@ -82,7 +83,8 @@ def gathered(run: Path, talk: Talk, against: Path | None = None, *, compared: bo
         revisions(folder),
         results_of(folder),
         folder.load("designs", "final") if "final" in folder.names("designs") else {},
-        f"beltcomm report {folder.path.resolve().name}" + (f" --against {against.resolve().name}" if against is not None else ""),
+        f"beltcomm report {pasted(folder.path.resolve().name)}"
+        + (f" --against {pasted(against.resolve().name)}" if against is not None else ""),
         tuple(remarks),
     )
 

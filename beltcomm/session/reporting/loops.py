@@ -8,6 +8,7 @@ from beltcomm.design.cascade import DesignResult
 from beltcomm.design.measured import measured_loop
 from beltcomm.design.specification import Specification
 from beltcomm.errors import BeltcommError
+from beltcomm.given import pasted
 from beltcomm.report import proof
 from beltcomm.report.page import Picture, Section, Table, Words, picture_of
 from beltcomm.report.sensitivity import sensitivity_figure
@@ -24,7 +25,7 @@ TITLE = "Loops and margins"
 def section(run: Gathered) -> Section:
     """Table of margins, Nyquist plots and gains with the measured responses, sensitivity."""
     if not run.design or run.model is None:
-        return Section("loops", TITLE, missing=f"No loop was designed; beltcomm design {run.place} does.")
+        return Section("loops", TITLE, missing=f"No loop was designed; beltcomm design {pasted(run.place)} does.")
     rows = [
         (
             str(m["plant"]),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from beltcomm.given import pasted
 from beltcomm.report.page import Picture, Section, Table, Words
 from beltcomm.session.cost import cost_rows
 from beltcomm.session.reporting.gather import Gathered
@@ -14,7 +15,7 @@ def section(run: Gathered) -> Section:
     """Predicted errors of the standard move by a controller that does not know an effect, and by one that does; one table a revision."""
     added = [rung for rung in run.rungs if rung.change.startswith("+")]
     if not added:
-        return Section("cost", TITLE, missing=f"No effect was added; beltcomm diagnose {run.place} looks for one that is missing.")
+        return Section("cost", TITLE, missing=f"No effect was added; beltcomm diagnose {pasted(run.place)} looks for one that is missing.")
     known = [rung for rung in added if rung.cost is not None]
     parts: list[Words | Table | Picture] = [part for rung in known for part in _priced(rung)]
     if unknown := [f"{rung.name} ({rung.change})" for rung in added if rung.cost is None]:

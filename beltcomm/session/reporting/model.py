@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from beltcomm.given import pasted
 from beltcomm.model import Value
 from beltcomm.report.page import Picture, Section, Table, Words
 from beltcomm.result import with_unit
@@ -21,7 +22,7 @@ NAMES = {**SHOWN, "transmission.ratio": ("way of the carriage per turn of the mo
 def section(run: Gathered) -> Section:
     """Every parameter, its 95 % interval, where it comes from, and what contradicts a data sheet."""
     if run.model is None:
-        return Section("model", "Model", missing=f"There is no model yet; beltcomm fit {run.place} makes one.")
+        return Section("model", "Model", missing=f"There is no model yet; beltcomm fit {pasted(run.place)} makes one.")
     rows = []
     for name, value in run.model.parameters.items():
         words, unit, scale = NAMES.get(name, (name, with_unit("", value.unit).strip(), 1.0))

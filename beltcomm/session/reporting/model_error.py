@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from beltcomm.given import pasted
 from beltcomm.laboratory.compare import worst
 from beltcomm.laboratory.place_words import in_words
 from beltcomm.report.page import Picture, Section, Table, Words, picture_of
@@ -13,7 +14,9 @@ def section(run: Gathered) -> Section:
     """Ratios by record, places in words, maps over frequency, speed, direction, position, amplitude and time."""
     found = run.comparison
     if found is None or run.laboratory is None:
-        return Section("model-error", "Where the model fails", missing=f"Nothing to compare; beltcomm fit {run.place} makes a model.")
+        return Section(
+            "model-error", "Where the model fails", missing=f"Nothing to compare; beltcomm fit {pasted(run.place)} makes a model."
+        )
     places = [in_words(place, run.landmarks) for place in worst(found)] or ["No place stands out."]
     rows = [(r.name, f"{r.ratio:.2f}", f"{r.samples}", "held out" if r.held_out else "fitted") for r in found.records]
     drawn = pictures.error_figures(run.folder, run.laboratory.data, run.laboratory.fitted, found, run.command)

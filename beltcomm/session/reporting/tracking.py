@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from beltcomm.errors import BeltcommError
+from beltcomm.given import pasted
 from beltcomm.recording import Recording
 from beltcomm.report.page import Picture, Section, Table, Words, picture_of
 from beltcomm.report.style import Caption
@@ -27,7 +28,9 @@ def section(run: Gathered) -> Section:
     title = "Tracking"
     moves = [r for r in run.recordings if f"verify_{r.name}" in run.results and r.reference_position is not None]
     if not moves:
-        return Section("tracking", title, missing=f"No move was driven; beltcomm verify --drive DRIVE --run {run.place} drives one.")
+        return Section(
+            "tracking", title, missing=f"No move was driven; beltcomm verify --drive DRIVE --run {pasted(run.place)} drives one."
+        )
     rows = [_row(r.name, run.verifications[r.name]) for r in moves]
     head = ("move", "result", "motor, dynamic µm", "predicted", "range", "motor, static µm", "predicted")
     shown = [moves[0], moves[-1]][-min(SHOWN, len(moves)) :]

@@ -13,6 +13,7 @@ import numpy as np
 
 from beltcomm.configfiles import did_you_mean, read_yaml, write_text
 from beltcomm.errors import DataError, UsageError
+from beltcomm.given import pasted
 from beltcomm.identify.course import FEWEST, Course, course_of
 from beltcomm.report.page import Fact, Page, Section, State, Table, Words, picture_of, render
 from beltcomm.report.style import Caption
@@ -272,7 +273,7 @@ def _date(t_s: float) -> str:
 
 def _page(axis: str, followed: Sequence[Line], dated: Sequence[Dated], paths: Sequence[Path], remarks: Sequence[str]) -> Page:
     names = [one.name for one in dated]
-    caption = Caption(f"beltcomm trend {' '.join(names)}", f"models and results of {len(names)} runs")
+    caption = Caption(f"beltcomm trend {' '.join(map(pasted, names))}", f"models and results of {len(names)} runs")
     reached = [one for one in followed if one.state == "reached"]
     drifting = [one for one in followed if one.state == "drifts"]
     soon = min((one for one in drifting if one.reach_s is not None), key=lambda one: one.reach_s[1] if one.reach_s else 0.0, default=None)
@@ -302,9 +303,11 @@ def _page(axis: str, followed: Sequence[Line], dated: Sequence[Dated], paths: Se
             "bad" if reached else "note" if soon is not None else "",
         ),
     ]
-    steps = [f"beltcomm report {paths[-1]} --against {paths[0]}: what changed, with responses, friction and tracking of both"]
+    steps = [
+        f"beltcomm report {pasted(paths[-1])} --against {pasted(paths[0])}: what changed, with responses, friction and tracking of both"
+    ]
     if reached or drifting:
-        steps.append(f"beltcomm diagnose {paths[-1]}: which effect is missing, and what to check on the machine")
+        steps.append(f"beltcomm diagnose {pasted(paths[-1])}: which effect is missing, and what to check on the machine")
     scaled = [
         Followed(
             one.last.words,
