@@ -295,6 +295,10 @@ def model_from_dict(data: Mapping[str, Any]) -> Model:
             if name not in expected:
                 raise UsageError(f"model {data.get('name')!r} has an unknown parameter {name}; it needs {', '.join(expected)}")
             known = expected[name]
+            if not isinstance(item, Mapping):
+                raise UsageError(f"{name} is {item!r}; give a mapping with its value: {{value: 1.0}}, in {known.unit}")
+            for key in ("value", "low", "high", "interval"):
+                _plain_number(f"{name}.{key}", item.get(key), known.unit)
             interval = item.get("interval")
             parameters[name] = Value(
                 float(item["value"]),
@@ -312,6 +316,14 @@ def model_from_dict(data: Mapping[str, Any]) -> Model:
         raise UsageError(f"not a model file (it has no entry {error.args[0]!r}); it holds name, effects and parameters") from error
     except (AttributeError, TypeError, ValueError) as error:
         raise UsageError(f"not a model file ({error}); it holds name, effects and parameters") from error
+
+
+def _plain_number(key: str, value: object, unit: str) -> None:
+    """Raise UsageError for a value with its unit behind it and the like; a number that is left out is found by who needs it."""
+    try:
+        float(value) if value is not None else 0.0  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        raise UsageError(f"{key} is {value!r}; give a plain number in {unit}, without the unit") from None
 
 
 @dataclass(frozen=True)

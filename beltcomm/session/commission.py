@@ -216,6 +216,9 @@ def record_steps(machine: Machine, findings: Findings, model: Model, cascade: Ca
         for i in programme.BY_EXTENT[extent]
         if not making.measured_already(machine, i.step) and (i.rank == 0 or bounds.has_room(i.step, course))
     ]
+    for item in programme.BY_EXTENT[extent]:
+        if making.measured_already(machine, item.step):
+            machine.talk.say(f"{item.step.title(course.place_m(item.step))}: frf_1 was recorded near there, and stands for it")
     kept = VERIFYING_S
     if machine.stroking() == "velocity":  # which drifts, and does not turn within a millimetre; its last move is a slow one
         items = [item for item in items if item.step.kind != "reversals"]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import takewhile
 from pathlib import Path
 from typing import Any
@@ -121,8 +121,7 @@ def diagnose_run(
     if auto or following:
         return diagnosed(folder, run, auto, cost, following, command, when, talk)
     result = answered(folder, "diagnosis", (cost,), lambda: diagnosed(folder, run, auto, cost, following, command, when, talk))
-    folder.save_result("diagnosis", result.data)
-    return result
+    return with_lines(result, unkept(folder, "diagnosis", result.data))
 
 
 def diagnosed(folder: RunFolder, run: Path, auto: bool, cost: bool, following: bool, command: str, when: str, talk: Talk) -> Result:
@@ -155,7 +154,7 @@ def diagnosed(folder: RunFolder, run: Path, auto: bool, cost: bool, following: b
     seen, lines, planned = sight(folder, found, recordings, following)
     data |= seen
     text += lines
-    folder.save_result("diagnosis", plain(data))
+    text += unkept(folder, "diagnosis", plain(data)) if auto or following else []
     if not auto:
         return Result(data, text + words.after_diagnosis(found, run, planned))
     added = climb(folder, found, model is not None, command, when)
@@ -166,6 +165,20 @@ def diagnosed(folder: RunFolder, run: Path, auto: bool, cost: bool, following: b
         data,
         [*text, *words.climb_lines(added, found.named, found.after.held_ratio is not None, run), f"Next: beltcomm design {pasted(run)}"],
     )
+
+
+def unkept(folder: RunFolder, name: str, found: Mapping[str, Any]) -> list[str]:
+    """Keep a result; in a folder that cannot be written, what was found is shown all the same, with a line that says so."""
+    try:
+        folder.save_result(name, found)
+    except UsageError as problem:
+        return [f"Not kept: {problem}."]
+    return []
+
+
+def with_lines(result: Result, lines: Sequence[str]) -> Result:
+    """The result with further lines before its last, which says what is next."""
+    return Result(result.data, [*result.text[:-1], *lines, *result.text[-1:]], result.exit_code) if lines else result
 
 
 def sight(folder: RunFolder, found: Diagnosis, recordings: Sequence[Recording], following: bool) -> tuple[dict[str, Any], list[str], str]:

@@ -28,6 +28,9 @@ ALONG: Mapping[str, str] = {
 }
 _UNITS = {"velocity": "m/s", "acceleration": "m/s²", "jerk": "m/s³"}
 
+#: A smallest value this much smaller than the largest is zero, with the rounding of a sum.
+ROUNDING = 1e-12
+
 
 def trajectory(
     file: Place,
@@ -107,6 +110,7 @@ def _lines(file: Path, motion: SevenPhases, fastest: SevenPhases, bounds: Motion
     lines.append(f"  fastest possible   {fastest.duration_s:.6g} s{ends}")
     for name, unit in _UNITS.items():
         low, high = getattr(extremes, next(f.name for f in fields(extremes) if f.name.startswith(name)))
+        low, high = (0.0 if abs(value) < ROUNDING * max(abs(low), abs(high)) else value for value in (low, high))
         bound = [getattr(bounds, key) for key in ALONG if key.startswith(name)]
         word = "speed" if name == "velocity" else name
         lines.append(f"  {word:18} {low:.4g} to {high:.4g} {unit}, allowed {min(bound):g} to {max(bound):g}")

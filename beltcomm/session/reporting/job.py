@@ -47,14 +47,21 @@ def report(run: Path, *, against: Path | None = None, out: Path | None = None, t
     where = out or run / NAME
     beside = where.with_suffix(".json")
     # a page may be sent to anybody: it names no folder of the machine that it was made on
-    write_text(where, render(page).replace(f"{run.resolve()}/", ""))
-    data = numbers_of(found, page, before)
-    write_text(beside, json.dumps(jsonable(data), indent=1) + "\n")
+    data, written = numbers_of(found, page, before), [f"Report: {where}, numbers in {beside.name}"]
+    try:
+        write_text(where, render(page).replace(f"{run.resolve()}/", ""))
+        write_text(beside, json.dumps(jsonable(data), indent=1) + "\n")
+    except UsageError as problem:
+        if out is not None:
+            raise
+        written = [f"There is no page: {problem}: give another place by --out."]
     facts = [f"  {fact.name}: {fact.value} ({fact.words})" for fact in page.facts]
     since = [f"Since {before.name}:", *(f"  {line}" for line in page.changes)] if before is not None else []
     steps = (step.partition(": ") for step in first.next_steps(found, str(run)))
     following = [f"Next: {command}   ({why})" for command, _, why in steps]
-    return Result({**data, "page": str(where)}, [page.verdict, *following, *facts, *since, f"Report: {where}, numbers in {beside.name}"])
+    return Result(
+        {**data, "page": str(where)}, [page.verdict, *following, *facts, *since, *written], 0 if written[0].startswith("Report") else 2
+    )
 
 
 def page_of(found: Gathered, before: Gathered | None = None) -> Page:
