@@ -163,8 +163,8 @@ def test_bounds_and_units_left_out_come_from_the_effect() -> None:
         (lambda data: data["parameters"].pop("cart.mass"), r"is missing cart\.mass"),
         (lambda data: data["parameters"].update({"cart.bogus": {"value": 1.0}}), r"unknown parameter cart\.bogus"),
         (lambda data: data["parameters"]["viscous.damping"].update(unit="N s/m"), "must be in 'N m s/rad'"),
-        (lambda data: data["parameters"]["cart.mass"].update(value="heavy"), "not a model file"),
-        (lambda data: data["parameters"].update({"cart.mass": 5.0}), "not a model file"),
+        (lambda data: data["parameters"]["cart.mass"].update(value="heavy"), r"cart\.mass\.value is 'heavy'; give a plain number in kg"),
+        (lambda data: data["parameters"].update({"cart.mass": 5.0}), r"cart\.mass is 5\.0; give a mapping"),
         (lambda data: data.update(bodies=["motor", "wagon"]), "not a model file"),
     ],
 )
@@ -192,3 +192,13 @@ def test_an_unreadable_file_is_named(tmp_path: Path) -> None:
             with pytest.raises(UsageError, match=words) as caught:
                 load(broken)
             assert str(caught.value).count(str(broken)) == 1
+
+
+def test_a_number_with_its_unit_in_a_plant_file_is_named(tmp_path: Path) -> None:
+    data = load_plant("g_a").model.to_dict()
+    data["parameters"]["belt_stiffness.stiffness"]["value"] = "200 kN/m"
+    with pytest.raises(UsageError, match=r"belt_stiffness\.stiffness\.value is '200 kN/m'; give a plain number in N/m"):
+        model_from_dict(data)
+    data["parameters"]["belt_stiffness.stiffness"] = 2e5
+    with pytest.raises(UsageError, match=r"belt_stiffness\.stiffness is 200000\.0; give a mapping"):
+        model_from_dict(data)
