@@ -18,6 +18,7 @@ def diagnosis_data(found: Diagnosis) -> dict[str, Any]:
     first = found.steps[0].candidates if found.steps else ()
     return {
         "verdict": found.verdict,
+        "named": list(found.named),
         "base": {
             "effects": list(found.base.model.effects),
             "ratio": found.base.ratio,

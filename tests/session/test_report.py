@@ -165,3 +165,24 @@ def test_what_is_missing_names_the_command_that_makes_it(copy_of_complete: Calla
     assert any("beltcomm fit bare" in step for step in numbers["next"])
     for command in ("verify", "design", "fit"):
         assert f"beltcomm {command}" in text
+
+
+def test_a_folder_that_cannot_be_written_shows_its_result_all_the_same(
+    copy_of_complete: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And says that it was not kept; only the page itself is what ``report`` was asked for."""
+    from beltcomm.session import laboratory
+    from beltcomm.session.reporting import job
+
+    run = copy_of_complete()
+
+    def full(*_: object) -> None:
+        raise UsageError("the folder cannot be written: read-only")
+
+    monkeypatch.setattr(laboratory.RunFolder, "save_result", full)
+    assert any(line.startswith("Not kept: ") for line in laboratory.unkept(RunFolder.open(run), "diagnosis", {}))
+    monkeypatch.setattr(job, "write_text", full)
+    found = job.report(run)
+    assert found.exit_code == 2
+    assert found.data["page"] is None
+    assert found.text[-1].startswith("There is no page: the folder cannot be written")
