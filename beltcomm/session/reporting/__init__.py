@@ -38,7 +38,10 @@ class Ended:
 def at_the_end(run: Path) -> Ended:
     """Makes the page.   Whatever is wrong with it, the verdict it is about stands."""
     try:
-        made = report(run).data
+        shown = report(run)
+        made = shown.data
+        if made["page"] is None:
+            return Ended(None, f"Note: {shown.text[-1]}", (made.get("ratio") or {}).get("overall"), made["data_sheet_words"])
         return Ended(str(made["page"]), f"Report: {made['page']}", (made.get("ratio") or {}).get("overall"), made["data_sheet_words"])
     except Exception as problem:  # an axis was commissioned, and its gains may be in the drive
         return Ended(None, f"Note: there is no report ({type(problem).__name__}: {problem}); beltcomm report {pasted(run)} makes one")

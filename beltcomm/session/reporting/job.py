@@ -59,9 +59,9 @@ def report(run: Path, *, against: Path | None = None, out: Path | None = None, t
     since = [f"Since {before.name}:", *(f"  {line}" for line in page.changes)] if before is not None else []
     steps = (step.partition(": ") for step in first.next_steps(found, str(run)))
     following = [f"Next: {command}   ({why})" for command, _, why in steps]
-    return Result(
-        {**data, "page": str(where)}, [page.verdict, *following, *facts, *since, *written], 0 if written[0].startswith("Report") else 2
-    )
+    there = written[0].startswith("Report")
+    text = [page.verdict, *following, *facts, *since, *written]
+    return Result({**data, "page": str(where) if there else None}, text, 0 if there else UsageError.exit_code)
 
 
 def page_of(found: Gathered, before: Gathered | None = None) -> Page:
