@@ -101,7 +101,7 @@ def test_the_command_measures_keeps_and_goes_on(make_bench: MakeBench, tmp_path:
     dry = api.calibrate(bench.name, AXIS, run, options=replace(YES, dry_run=True))
     assert "Nothing was moved" in dry.text[-1]
     assert bench.plant.cart_position_m == 0.0
-    with pytest.raises(Refused, match="nothing was moved, as you said"):
+    with pytest.raises(Refused, match="nothing was moved: the plan was to be agreed to"):
         api.calibrate(bench.name, AXIS, run)
     result = api.calibrate(bench.name, AXIS, run, options=YES)
     assert result.data["units"]["kp_nm_s_rad"]["unit"] == pytest.approx(0.37 * UNIT, rel=0.04)
