@@ -12,7 +12,8 @@ from scipy.optimize import minimize, nnls
 from beltcomm.axis import Axis
 from beltcomm.errors import DataError
 from beltcomm.identify.jumps import CERTAIN, Jump, refuse, striking_step
-from beltcomm.identify.residual import Stretch, evaluate, stretches, torque_noise
+from beltcomm.identify.noise_level import torque_noise
+from beltcomm.identify.residual import Stretch, evaluate, stretches
 from beltcomm.model import Model, build_model
 from beltcomm.recording import Recording
 

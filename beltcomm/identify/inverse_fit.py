@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from beltcomm.errors import DataError
-from beltcomm.identify.residual import Stretch, squares_left, stretches, torque_noise, whitened
+from beltcomm.identify.noise_level import torque_noise
+from beltcomm.identify.residual import Stretch, squares_left, stretches, whitened
 from beltcomm.identify.reversals import turns_at_once
 from beltcomm.identify.uncertainty import remark_on, remark_on_rounding, remarks_on_pairs, sandwich
 from beltcomm.model import Model, expected_parameters

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
@@ -244,44 +243,6 @@ def ran_in(motion: FineMotion, ratio: float) -> NDArray[np.bool_]:
     if len(moved):
         done[moved[0] + int(RUN_IN_S / motion.sample_s) :] = True
     return done
-
-
-def torque_noise(recordings: Sequence[Recording], quiet_nm: float = 1e-3) -> float:
-    """Noise of the torque signal, N m rms: what a short filter of the setpoint does not explain; the median over the records.
-
-    Where no record has a setpoint it is the least, over the records, of what fourth differences leave: ``_rough_noise``.
-    """
-    levels = []
-    for recording in recordings:
-        if recording.torque_setpoint is None:
-            continue
-        lags = 4
-        setpoint = recording.torque_setpoint
-        columns = [np.roll(setpoint, k)[lags:] for k in range(lags + 1)]
-        regressor = np.stack([*columns, np.ones(len(setpoint) - lags)], axis=1)
-        rest = recording.torque[lags:] - regressor @ np.linalg.lstsq(regressor, recording.torque[lags:], rcond=None)[0]
-        levels.append(1.4826 * float(np.median(np.abs(rest - np.median(rest)))))
-    if not levels:
-        return max(min(map(_rough_noise, recordings), default=0.0), quiet_nm)
-    return max(float(np.median(levels)), quiet_nm)
-
-
-def _rough_noise(recording: Recording) -> float:
-    """Noise, N m rms, from fourth differences of the torque, which a smooth torque hardly has; a repeated excitation is taken off first.
-
-    White noise of variance s² has fourth differences of variance 70 s².  Too large for an excitation that does not repeat.
-    """
-    torque, note = recording.torque, recording.sidecar.excitation
-    if note is not None and note.period_samples is not None and note.period_starts:
-        begins = [start for start in note.period_starts if start + note.period_samples <= len(torque)]
-        periods = [torque[start : start + note.period_samples] for start in begins]
-        torque = np.concatenate(np.diff(periods, axis=0)) / np.sqrt(2.0) if len(periods) > 1 else torque
-    elif note is not None and note.period_samples is not None and len(torque) >= note.first_sample + 2 * note.period_samples:
-        excited = torque[note.first_sample :]
-        excited = excited[: len(excited) // note.period_samples * note.period_samples]  # without the rest behind
-        torque = (excited[note.period_samples :] - excited[: -note.period_samples]) / np.sqrt(2.0)
-    rough = np.diff(torque, 4)
-    return 1.4826 * float(np.median(np.abs(rough - np.median(rough)))) / math.sqrt(70.0)
 
 
 def dressed(stretch: Stretch, model: Model) -> Stretch:

@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 from beltcomm.errors import BeltcommError, DataError
 from beltcomm.identify.friction import FrictionFit
 from beltcomm.identify.magnitude_fit import MagnitudeFit, fit_magnitude
-from beltcomm.identify.residual import stretches, torque_noise
+from beltcomm.identify.noise_level import torque_noise
+from beltcomm.identify.residual import stretches
 from beltcomm.model import Model, Value
 from beltcomm.recording import Recording
 from beltcomm.response import estimate_response

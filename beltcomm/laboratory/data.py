@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from beltcomm.axis import Axis
 from beltcomm.errors import DataError
 from beltcomm.identify.following import follows
-from beltcomm.identify.residual import Stretch, creeping, dressed, evaluate, stretches, torque_noise, way_of
+from beltcomm.identify.noise_level import torque_noise
+from beltcomm.identify.residual import Stretch, creeping, dressed, evaluate, stretches, way_of
 from beltcomm.identify.whitening import whitener
 from beltcomm.model import Model
 from beltcomm.recording import Recording

@@ -19,7 +19,6 @@ from beltcomm.identify.residual import (
     ran_in,
     resting,
     stretches,
-    torque_noise,
     way_of,
     whitened,
 )
@@ -342,27 +341,3 @@ def test_a_stretch_that_begins_in_motion_is_explained_as_well() -> None:
     middle = int(np.argmax(np.gradient(record.position))) + 50
     _, after = stretches(without_rows(record, slice(middle, middle + 5)), model, STEP_RAD, NOISE_NM, fitted=True)
     assert np.mean(whitened(after, model, model.vector()) ** 2) < 1.5
-
-
-@pytest.mark.parametrize("delay_s", [1.0e-3, 1.4e-3, 2.0e-3])
-def test_torque_noise_is_read_from_setpoint_and_torque(delay_s: float) -> None:
-    recorder = Recorder(seed=15, delay_s=delay_s)
-    plant = draw("g_b", np.random.default_rng(15))
-    opened, closed = recorder.shaken(plant, 0.3, 2), recorder.stroked(plant, (0.1, 0.5), 0.2)
-    for records in ([opened], [closed], [opened, closed]):
-        assert torque_noise(records) == pytest.approx(NOISE_NM, rel=0.1)
-
-
-def test_torque_noise_without_a_setpoint_comes_from_repeated_periods_and_smooth_records() -> None:
-    recorder = Recorder(seed=15)
-    plant = draw("g_b", np.random.default_rng(15))
-    opened, closed = recorder.shaken(plant, 0.3, 2), recorder.stroked(plant, (0.1, 0.5), 0.2)
-    bare = [replace(record, torque_setpoint=None) for record in (opened, closed)]
-    for records in ([bare[0]], [bare[1]], bare):
-        assert torque_noise(records) == pytest.approx(NOISE_NM, rel=0.1)
-
-
-def test_torque_noise_has_a_floor() -> None:
-    plant = draw("g_b", np.random.default_rng(16))
-    quiet = Recorder(noise_nm=0.0).shaken(plant, 0.3, 1)
-    assert torque_noise([quiet], quiet_nm=2e-3) == 2e-3

@@ -1,0 +1,147 @@
+"""How noisy a torque signal is: from its setpoint, from an excitation that repeats, or from what is rough between its jumps."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltcomm.recording import Recording
+
+Array = NDArray[np.float64]
+
+#: Order of the differences that a smooth torque hardly has, and the higher ones that a fast but smooth excitation has less of.
+ORDER, HIGHER = 4, (6, 8)
+#: Share by which a higher order must be lower to count: the estimates of one white noise scatter by some per cent.
+CLEARLY = 1.25
+#: Quantile of |x| of a normal x that a quarter stays below; deviations from which on a step between two rows is a jump; share of the
+#: rows that jumps must touch to be left out, for the median bears a few; rows that must be left.
+QUARTER, JUMP, TOUCHED, FEWEST = 0.3186, 8.0, 0.1, 200
+#: Times the roughness between its jumps that what two periods differ by may have: more, and the torque does not repeat so.
+REPEATING = 2.0
+#: Share of the torque's own deviation above which the roughness of a record that may be excited is the excitation, as far as anybody knows.
+MOSTLY = 0.1
+#: Kinds of records in which the torque may jump from row to row: of a free one nobody said what it is.
+RESTLESS = ("frf", "free")
+
+
+@dataclass(frozen=True)
+class Level:
+    """nm : N m rms.   told : whether it is surely noise, not excitation."""
+
+    nm: float
+    told: bool
+
+
+def torque_noise(recordings: Sequence[Recording], quiet_nm: float = 1e-3) -> float:
+    """Noise of the torque signal, N m rms: what a short filter of the setpoint does not explain; the median over the records.
+
+    Where no record has a setpoint it is the least, over the records, of what periods or differences leave: ``_without_setpoint``.
+    """
+    return max(_level(recordings).nm, quiet_nm)
+
+
+def noise_untold(recordings: Sequence[Recording]) -> str:
+    """Why the torque's noise cannot be told from records over time, with what to do; "" where it can."""
+    to_fit = [r for r in recordings if not (r.sidecar.held_out or r.is_static_map)]
+    if not to_fit or _level(to_fit).told:
+        return ""
+    return (
+        "the noise of the torque cannot be told from these records: the torque jumps, no part of it repeats, and there is no setpoint. "
+        "An error over it says nothing. Import the setpoint too (torque_setpoint_nm), state --excitation and --period-samples of a record "
+        "of two periods, or add a stroke at constant speed"
+    )
+
+
+def _level(recordings: Sequence[Recording]) -> Level:
+    levels = []
+    for recording in recordings:
+        if recording.torque_setpoint is None:
+            continue
+        lags = 4
+        setpoint = recording.torque_setpoint
+        columns = [np.roll(setpoint, k)[lags:] for k in range(lags + 1)]
+        regressor = np.stack([*columns, np.ones(len(setpoint) - lags)], axis=1)
+        rest = recording.torque[lags:] - regressor @ np.linalg.lstsq(regressor, recording.torque[lags:], rcond=None)[0]
+        levels.append(1.4826 * float(np.median(np.abs(rest - np.median(rest)))))
+    if levels:
+        return Level(float(np.median(levels)), True)
+    return min(map(_without_setpoint, recordings), key=lambda level: level.nm, default=Level(0.0, True))
+
+
+def _without_setpoint(recording: Recording) -> Level:
+    """From the difference of repeated periods, where a record holds any, else from what is rough between the torque's jumps."""
+    calm = _between_jumps(recording.torque)
+    repeated = _repeated(recording)
+    if repeated is not None:
+        nm = _rough(np.diff(repeated, ORDER), ORDER)
+        if calm is None or nm <= REPEATING * calm:
+            return Level(nm, True)
+    if calm is None:
+        return Level(_rough(np.diff(recording.torque, ORDER), ORDER), False)
+    restless = recording.sidecar.experiment in RESTLESS
+    return Level(calm, not restless or calm < MOSTLY * float(np.std(recording.torque)))
+
+
+def _repeated(recording: Recording) -> Array | None:
+    """What samples one period apart differ by, over √2; None where too few are."""
+    torque, note = recording.torque, recording.sidecar.excitation
+    if note is None or note.period_samples is None:
+        return None
+    length = note.period_samples
+    if note.period_starts:
+        periods = [torque[start : start + length] for start in note.period_starts if start + length <= len(torque)]
+        return np.concatenate(np.diff(periods, axis=0)) / np.sqrt(2.0) if len(periods) > 1 else None
+    if len(recording.gaps()):
+        return _across_gaps(recording, length, note.first_sample)
+    excited = torque[note.first_sample :]
+    if len(excited) >= 2 * length:
+        excited = excited[: len(excited) // length * length]  # without the rest behind
+    different = (excited[length:] - excited[:-length]) / np.sqrt(2.0)
+    return different if len(different) >= FEWEST else None
+
+
+def _across_gaps(recording: Recording, length: int, first: int) -> Array | None:
+    """The same of a record that lost samples: two belong together by their time, not by their row."""
+    number = np.round((recording.t_s - recording.t_s[0]) / recording.sample_period_s).astype(np.int64)
+    later = np.minimum(np.searchsorted(number, number + length), len(number) - 1)
+    whole = (int(number[-1]) + 1 - first) // length
+    end = first + whole * length if whole >= 2 else number[-1] + 1
+    pairs = (number >= first) & (number[later] == number + length) & (number[later] < end)
+    different = (recording.torque[later] - recording.torque)[pairs] / np.sqrt(2.0)
+    return different if len(different) >= FEWEST else None
+
+
+def _between_jumps(torque: Array) -> float | None:
+    """Roughness of the rows between which the torque does not jump, N m rms; None where too few are left.
+
+    A switched excitation jumps from row to row and is quiet in between; one that is fast but smooth has less of the higher differences.
+    """
+    steps = np.abs(np.diff(torque))
+    if not np.any(steps):
+        return None
+    # of a torque that hardly changes its number from row to row the finest difference counts
+    usual = max(float(np.percentile(steps, 25.0)) / QUARTER, float(steps[steps > 0.0].min()))
+    quiet = steps <= JUMP * usual
+    found = []
+    for order in (ORDER, *HIGHER):
+        rough = np.diff(torque, order)
+        if not len(rough):
+            break
+        sound = np.lib.stride_tricks.sliding_window_view(quiet, order).all(axis=1)
+        if np.mean(sound) < 1.0 - TOUCHED:
+            rough = rough[sound]
+            if len(rough) < FEWEST:
+                break
+        found.append(_rough(rough, order))
+    if not found:
+        return None
+    return min(found) if found[0] > CLEARLY * min(found) else found[0]
+
+
+def _rough(differences: Array, order: int) -> float:
+    """Deviation of the white noise that differences of an order are of: binomial(2 order, order) times its variance is theirs."""
+    return 1.4826 * float(np.median(np.abs(differences - np.median(differences)))) / math.sqrt(math.comb(2 * order, order))

@@ -1,0 +1,100 @@
+"""The noise of a torque is found whatever excites the axis, and where it cannot be, that is said."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from beltcomm.identify.noise_level import noise_untold, torque_noise
+from beltcomm.recording import Recording
+from beltcomm.sidecar import Sidecar
+from identify.records import NOISE_NM, Recorder
+from truth.rigs import draw
+
+
+def shaken(periods: int = 3) -> Recording:
+    """Without a setpoint, as it comes from elsewhere."""
+    record = Recorder(seed=15).shaken(draw("g_b", np.random.default_rng(15)), 0.3, periods)
+    return replace(record, torque_setpoint=None, cart_position_m=None)
+
+
+def some_rows(record: Recording, kept: slice | np.ndarray) -> Recording:
+    return replace(record, t_s=record.t_s[kept], torque=record.torque[kept], position=record.position[kept])
+
+
+@pytest.mark.parametrize("delay_s", [1.0e-3, 1.4e-3, 2.0e-3])
+def test_torque_noise_is_read_from_setpoint_and_torque(delay_s: float) -> None:
+    recorder = Recorder(seed=15, delay_s=delay_s)
+    plant = draw("g_b", np.random.default_rng(15))
+    opened, closed = recorder.shaken(plant, 0.3, 2), recorder.stroked(plant, (0.1, 0.5), 0.2)
+    for records in ([opened], [closed], [opened, closed]):
+        assert torque_noise(records) == pytest.approx(NOISE_NM, rel=0.1)
+
+
+def test_torque_noise_without_a_setpoint_comes_from_repeated_periods_and_smooth_records() -> None:
+    recorder = Recorder(seed=15)
+    plant = draw("g_b", np.random.default_rng(15))
+    opened, closed = recorder.shaken(plant, 0.3, 2), recorder.stroked(plant, (0.1, 0.5), 0.2)
+    bare = [replace(record, torque_setpoint=None) for record in (opened, closed)]
+    for records in ([bare[0]], [bare[1]], bare):
+        assert torque_noise(records) == pytest.approx(NOISE_NM, rel=0.1)
+
+
+def test_torque_noise_has_a_floor() -> None:
+    plant = draw("g_b", np.random.default_rng(16))
+    quiet = Recorder(noise_nm=0.0).shaken(plant, 0.3, 1)
+    assert torque_noise([quiet], quiet_nm=2e-3) == 2e-3
+
+
+@pytest.mark.parametrize("rows", [1300, 1700, 2200, 2800])
+def test_torque_noise_of_less_than_two_periods_is_not_that_of_the_jumps(rows: int) -> None:
+    record = some_rows(shaken(), slice(rows))
+    assert torque_noise([record]) == pytest.approx(NOISE_NM, rel=0.15)
+    assert noise_untold([record]) == ""
+
+
+@pytest.mark.parametrize("experiment", ["free", "frf"])
+def test_torque_noise_of_an_excitation_whose_period_nobody_stated(experiment: str) -> None:
+    record = replace(shaken(), sidecar=Sidecar(experiment))
+    assert torque_noise([record]) == pytest.approx(NOISE_NM, rel=0.15)
+
+
+def test_torque_noise_of_an_excitation_whose_period_is_stated_wrong() -> None:
+    record = shaken()
+    note = record.sidecar.excitation
+    assert note is not None
+    wrong = replace(record, sidecar=replace(record.sidecar, excitation=replace(note, period_samples=900)))
+    assert torque_noise([wrong]) == pytest.approx(NOISE_NM, rel=0.15)
+
+
+@pytest.mark.parametrize("lost", [slice(1500, 1720), slice(2600, 3000)])
+def test_torque_noise_beside_a_gap_comes_from_rows_that_belong_together_in_time(lost: slice) -> None:
+    record = shaken()
+    kept = np.ones(len(record.t_s), dtype=bool)
+    kept[lost] = False
+    assert torque_noise([some_rows(record, kept)]) == pytest.approx(NOISE_NM, rel=0.15)
+
+
+def excited_by(torque: np.ndarray) -> Recording:
+    noise = np.random.default_rng(3).normal(0.0, NOISE_NM, len(torque))
+    times = 1e-3 * np.arange(len(torque))
+    return Recording(name="excited", t_s=times, torque=torque + noise, position=np.sin(5.0 * times), sidecar=Sidecar("frf"))
+
+
+def test_torque_noise_of_a_fast_but_smooth_excitation_that_does_not_repeat() -> None:
+    times = 1e-3 * np.arange(6000)
+    for_ms = np.random.default_rng(4).uniform(0.0, 6.0, 300)
+    multisine = 0.02 * np.sum([np.cos(4.0 * k * times + for_ms[k]) for k in range(300)], axis=0)
+    chirp = 0.2 * np.cos(12.0 * times + 90.0 * times**2)
+    for signal in (multisine, chirp):
+        assert torque_noise([excited_by(signal)]) == pytest.approx(NOISE_NM, rel=0.15)
+
+
+def test_an_excitation_that_changes_with_every_row_hides_the_noise_and_that_is_said() -> None:
+    record = excited_by(np.random.default_rng(5).normal(0.0, 0.2, 6000))
+    assert "cannot be told" in noise_untold([record])
+    assert noise_untold([replace(record, torque_setpoint=np.array(record.torque))]) == ""
+    stroke = Recorder(seed=15).stroked(draw("g_b", np.random.default_rng(15)), (0.1, 0.5), 0.2)
+    assert noise_untold([record, replace(stroke, torque_setpoint=None)]) == ""
