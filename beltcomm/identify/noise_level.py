@@ -24,8 +24,15 @@ QUARTER, JUMP, TOUCHED, FEWEST = 0.3186, 8.0, 0.1, 200
 REPEATING = 2.0
 #: Share of the torque's own deviation above which the roughness of a record that may be excited is the excitation, as far as anybody knows.
 MOSTLY = 0.1
+#: Error over the noise below which the noise is not what it was taken for: healthy machines leave 0.93 and more.
+TOO_LITTLE = 0.8
 #: Kinds of records in which the torque may jump from row to row: of a free one nobody said what it is.
 RESTLESS = ("frf", "free")
+
+_REMEDY = (
+    "Import the setpoint too (torque_setpoint_nm), state --excitation and --period-samples of a record of two periods, or add a stroke at "
+    "constant speed."
+)
 
 
 @dataclass(frozen=True)
@@ -50,10 +57,24 @@ def noise_untold(recordings: Sequence[Recording]) -> str:
     if not to_fit or _level(to_fit).told:
         return ""
     return (
-        "the noise of the torque cannot be told from these records: the torque jumps, no part of it repeats, and there is no setpoint. "
-        "An error over it says nothing. Import the setpoint too (torque_setpoint_nm), state --excitation and --period-samples of a record "
-        "of two periods, or add a stroke at constant speed"
+        "The noise of the torque cannot be told from these records: the torque jumps, no part of it repeats, and there is no setpoint; an "
+        f"error over it says nothing. {_REMEDY}"
     )
+
+
+def too_little(ratio: float) -> str:
+    """Why an error over the noise is none; "" for one that noise can leave."""
+    if ratio >= TOO_LITTLE:
+        return ""
+    return (
+        f"An error of {ratio:.2f} times the noise is less than noise can leave (at least {TOO_LITTLE:g}): what was taken for noise is "
+        f"mostly excitation, and a fault may hide below it. {_REMEDY}"
+    )
+
+
+def noise_doubt(ratio: float, recordings: Sequence[Recording]) -> str:
+    """Why an error over the noise says nothing of a model; "" where it does."""
+    return noise_untold(recordings) or too_little(ratio)
 
 
 def _level(recordings: Sequence[Recording]) -> Level:

@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from beltcomm.effects import EFFECTS
+from beltcomm.identify.noise_level import noise_doubt
 from beltcomm.laboratory.diagnosis import Diagnosis, Step
 from beltcomm.model import Model
 from beltcomm.recording import Recording
@@ -25,7 +26,10 @@ SLOW_M_S, APART_M = 0.08, 0.1
 
 
 def within_scope(found: Diagnosis, recordings: Sequence[Recording]) -> tuple[Diagnosis, list[str]]:
-    """The diagnosis without names that these records cannot bear, and sentences on it."""
+    """The diagnosis without names or a verdict that these records cannot bear, and sentences on it."""
+    doubt = noise_doubt(found.after.ratio, recordings)
+    if doubt and found.verdict != "partly explained":
+        return replace(found, verdict="cannot tell"), [doubt]
     unnamed = not_named(found.base.model, recordings)
     if not unnamed:
         return found, []

@@ -10,6 +10,7 @@ from typing import Any
 from beltcomm.effects import EFFECTS, effect_named
 from beltcomm.errors import UsageError
 from beltcomm.given import Place, pasted, place, word
+from beltcomm.identify.noise_level import noise_doubt
 from beltcomm.laboratory.compare import Comparison, compare, landmarks, worst
 from beltcomm.laboratory.data import Data
 from beltcomm.laboratory.diagnosis import NEXT_ITERATIONS, Diagnosis, again, diagnose, settled
@@ -68,7 +69,7 @@ def compared(run: Path, pictures: bool, command: str, talk: Talk) -> Result:
     here = opened(run, talk)
     comparison = compare(here.data, here.fitted)
     explainable(comparison.ratio, run)
-    chosen = worst(comparison)
+    chosen, doubt = worst(comparison), noise_doubt(comparison.ratio, here.records.recordings)
     named = landmarks(here.fitted.model, drawn.middle_of(here.folder))
     table = table_of(here.records.recordings, here.fitted.model)
     made, remarks = drawn.comparison_pictures(here.folder, here.data, here.fitted, comparison, command) if pictures else ([], [])
@@ -94,10 +95,11 @@ def compared(run: Path, pictures: bool, command: str, talk: Talk) -> Result:
         "responses": table.to_dict(),
         "pictures": made,
         "remarks": list(here.records.remarks),
+        "doubts": [doubt] if doubt else [],
         "data_sheet": [plain(doubt) for doubt in here.sheets],
     }
     text = words.remark_lines(here.records.remarks)
-    text += words.comparison_lines(comparison, [in_words(p, named) for p in chosen], here.fitted.model, run)
+    text += words.comparison_lines(comparison, [in_words(p, named) for p in chosen], here.fitted.model, run, doubt)
     text[-1:-1] = [*table_lines(table), *sheet_lines(here.sheets)]
     return Result(data, text[:-1] + drawn.lines(here.folder, made, remarks) + text[-1:])
 

@@ -30,12 +30,12 @@ def remark_lines(remarks: Sequence[str]) -> list[str]:
     return ["Of the records:", *(f"  {remark}" for remark in remarks), ""] if remarks else []
 
 
-def comparison_lines(comparison: Comparison, places: Sequence[str], model: Model, run: Path) -> list[str]:
-    """``beltcomm compare``."""
+def comparison_lines(comparison: Comparison, places: Sequence[str], model: Model, run: Path, doubt: str = "") -> list[str]:
+    """``beltcomm compare``.   doubt : why the error says nothing."""
     held = "" if comparison.held_out is None else f", on records that were not fitted {comparison.held_out:.2f}"
     lines = [
         f"Model: {', '.join(model.effects)}.",
-        f"The error is {comparison.ratio:.2f} times the noise{held}; 1.00 means that nothing is missing.",
+        f"The error is {comparison.ratio:.2f} times the noise{held}" + (f". {doubt}" if doubt else "; 1.00 means that nothing is missing."),
         "",
     ]
     records = [[r.name, f"{r.ratio:.2f}", f"{r.samples}", "held out" if r.held_out else ""] for r in comparison.records]

@@ -12,6 +12,7 @@ from beltcomm.drive import simulated
 from beltcomm.identify.friction import FrictionFit
 from beltcomm.identify.inverse_fit import InverseFit
 from beltcomm.identify.magnitude_fit import MagnitudeFit
+from beltcomm.identify.noise_level import too_little
 from beltcomm.model import Model
 from beltcomm.session.analyse import Characteristic, Nonlinearity
 from beltcomm.verify import Demand, Verdict
@@ -60,7 +61,11 @@ def model_lines(fit: InverseFit, characteristics: Mapping[str, Characteristic], 
             item2 = characteristics[name]
             lines.append(f"  {words:36} {number(item2.value * factor, item2.interval * factor, unit)}")
     level = math.sqrt(fit.misfit) if error is None else error
-    lines.append(f"  unexplained torque is {level:.2f} x the noise ({1e3 * fit.noise_nm:.1f} mN m); 1.00: nothing is missing")
+    doubt = too_little(level)
+    lines.append(
+        f"  unexplained torque is {level:.2f} x the noise ({1e3 * fit.noise_nm:.1f} mN m){'' if doubt else '; 1.00: nothing is missing'}"
+    )
+    lines += [f"  {doubt}"] if doubt else []
     if level > 1.3:
         lines.append("  the model does not explain everything that was measured: look at the recordings before trusting it")
     return lines + [f"  {_named(remark)}" for remark in fit.remarks]

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from beltcomm.given import pasted
+from beltcomm.identify.noise_level import too_little
 from beltcomm.report.page import Fact, State
 from beltcomm.session.reporting.gather import Gathered
 
@@ -47,8 +48,10 @@ def _model(run: Gathered) -> Fact:
         return Fact("Model error", "not compared", run.remarks[0] if run.remarks else "beltcomm compare says why", "note")
     ratio = found.ratio if found.held_out is None else max(found.ratio, found.held_out)
     held = "" if found.held_out is None else f", {found.held_out:.2f} on records that were not fitted"
-    words = f"{found.ratio:.2f} times the noise on the records that were fitted{held}; 1.00: nothing is missing"
-    return Fact("Model error", f"{ratio:.2f} × noise", words, "good" if ratio <= EXPLAINED else "bad")
+    words = f"{found.ratio:.2f} times the noise on the records that were fitted{held}; "
+    doubt = too_little(found.ratio)
+    good = ratio <= EXPLAINED and not doubt
+    return Fact("Model error", f"{ratio:.2f} × noise", words + (doubt or "1.00: nothing is missing"), "good" if good else "bad")
 
 
 def _margin(run: Gathered) -> Fact:
