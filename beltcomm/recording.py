@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
 
@@ -18,7 +19,7 @@ from beltcomm.axis import Axis
 from beltcomm.configfiles import to_yaml, write_text
 from beltcomm.errors import DataError
 from beltcomm.quantities import unit_of
-from beltcomm.recording_checks import CLIPPED_SHARE, clipped_share, gaps, jitter, reference_unit_fault, velocity_unit_fault
+from beltcomm.recording_checks import CLIPPED_SHARE, clipped_share, gaps, jitter, reference_unit_fault, usual_step, velocity_unit_fault
 from beltcomm.recording_columns import CHANNELS, COMMON, INERTIA_UNIT, KNOWN_COLUMNS, Side, side_of
 from beltcomm.recording_writer import RecordingWriter
 from beltcomm.sidecar import ExcitationNote, Sidecar, load_sidecar
@@ -91,12 +92,12 @@ class Recording:
         """Whether this is position against holding torque, without time."""
         return self.sidecar.experiment == "static_map"
 
-    @property
+    @cached_property
     def sample_period_s(self) -> float:
-        """Median time step, s.   Raises DataError for a static map."""
+        """Time step between samples none of which was lost, s.   Raises DataError for a static map."""
         if self.is_static_map:
             raise self._fault("it is a static map and has no time; use a record with t_s")
-        return float(np.median(np.diff(self.t_s)))
+        return usual_step(self.t_s)
 
     @property
     def torque_unit(self) -> str:

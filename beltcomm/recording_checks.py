@@ -14,6 +14,8 @@ Array = NDArray[np.float64]
 CLIPPED_SHARE = 0.02
 #: Fewer samples in a row at the end of the range are chance.
 CLIPPED_RUN = 3
+#: Share of a step below which time stamps differ by the rounding of their numbers.
+ROUNDING = 1e-5
 #: A torque with no more levels than this is a switched signal (a noise-free PRBS), which rests at its ends by intent.
 SWITCHED_LEVELS = 8
 
@@ -42,11 +44,18 @@ def gaps(t_s: Array) -> NDArray[np.intp]:
     return np.flatnonzero(steps > 1.5 * period)
 
 
-def jitter(t_s: Array, lost: NDArray[np.intp]) -> float:
-    """Largest deviation of a step from the median one, as a share of it.   lost : the gaps, left out."""
+def usual_step(t_s: Array) -> float:
+    """Time step of the clock that took the samples, s: mean of those at which none was lost, for stamps that jitter or are rounded
+    coarsely have another median."""
     steps = np.diff(t_s)
-    kept = np.delete(steps, lost)
-    period = float(np.median(steps))
+    median = float(np.median(steps))
+    kept = np.delete(steps, gaps(t_s))
+    return median if float(np.abs(kept / median - 1.0).max()) < ROUNDING else float(kept.mean())
+
+
+def jitter(t_s: Array, lost: NDArray[np.intp]) -> float:
+    """Largest deviation of a step from the usual one, as a share of it.   lost : the gaps, left out."""
+    kept, period = np.delete(np.diff(t_s), lost), usual_step(t_s)
     return float(np.max(np.abs(kept - period)) / period)
 
 
@@ -98,7 +107,7 @@ def opposite_signs(t_s: Array, torque: Array, position: Array) -> bool:
     triangle, a negative mass or a friction that drives explains most of what the rest leaves, and under none a positive one
     even half as much.
     """
-    even = np.arange(t_s[0], t_s[-1], float(np.median(np.diff(t_s))))
+    even = np.arange(t_s[0], t_s[-1], usual_step(t_s))
     torque, position = np.interp(even, t_s, torque), np.interp(even, t_s, position)
     period = float(even[1] - even[0])
     widths = [max(2, round(window / period)) for window in (0.08, 0.16, 0.32)]
@@ -130,7 +139,7 @@ def rigid_inertia(t_s: Array, torque: Array, position: Array) -> RigidInertia | 
     below the antiresonance of any drive train this is motor and carriage together.  Neighbouring rows of the regression overlap by
     three quarters: the error counts each eighth row.
     """
-    even = np.arange(t_s[0], t_s[-1], float(np.median(np.diff(t_s))))
+    even = np.arange(t_s[0], t_s[-1], usual_step(t_s))
     width = max(2, round(0.08 / float(even[1] - even[0]))) if len(even) > 1 else 0
     if width == 0 or len(even) < 8 * width:
         return None

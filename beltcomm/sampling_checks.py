@@ -119,7 +119,7 @@ class Jitter:
     """largest, rms : deviation of the time steps from even ones, in periods.   period_s : s, the even one.
     follows : slope of the motion's own unevenness over that of the stamps: 1 where the samples were taken when the stamps say, 0 where
     they were even; nan where nobody can tell.   error : its standard deviation.   share : of the motion's unevenness, its square, that
-    comes from the stamps'."""
+    comes from the stamps'.   bend : rms of the position's second differences that stamps alone make, in the position's unit."""
 
     largest: float
     rms: float
@@ -127,6 +127,7 @@ class Jitter:
     follows: float
     error: float
     share: float
+    bend: float
 
     @property
     def real(self) -> bool:
@@ -154,8 +155,8 @@ def stamp_jitter(t_s: Array, position: Array) -> Jitter | None:
     largest = float(np.abs(off).max())
     if largest < ROUNDING:
         return None
-    if not lost.any():
-        period = float(t_s[-1] - t_s[0]) / len(times)
+    gap = times > 1.5 * period  # of any length, with or without jitter
+    period = float(times[~gap].mean()) if gap.any() else float(t_s[-1] - t_s[0]) / len(times)
     steps = np.diff(position)
     speed = 0.5 * (steps[:-2] + steps[2:]) / period
     sound = ~(lost[:-2] | lost[1:-1] | lost[2:])
@@ -164,7 +165,8 @@ def stamp_jitter(t_s: Array, position: Array) -> Jitter | None:
     power = float(cause @ cause)
     rms = float(np.sqrt(np.mean(off**2)))
     if power <= 0.0:
-        return Jitter(largest, rms, period, math.nan, math.inf, 0.0)
+        return Jitter(largest, rms, period, math.nan, math.inf, 0.0, 0.0)
+    bend = float(np.sqrt(np.mean((speed * (times[1:-1] - times[:-2]))[sound] ** 2)))
     follows = float(cause @ seen) / power
     error = math.sqrt(float(np.sum(cause**2 * (seen - follows * cause) ** 2))) / power
-    return Jitter(largest, rms, period, follows, error, max(0.0, follows * float(cause @ seen) / float(seen @ seen)))
+    return Jitter(largest, rms, period, follows, error, max(0.0, follows * float(cause @ seen) / float(seen @ seen)), bend)

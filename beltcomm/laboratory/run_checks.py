@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,11 +15,13 @@ from numpy.typing import NDArray
 from beltcomm.axis import Axis
 from beltcomm.errors import DataError
 from beltcomm.foreign.checks import check
+from beltcomm.identify.noise_level import torque_noise
+from beltcomm.laboratory.gap_checks import before_gaps, check_whole, gap_remarks
 from beltcomm.laboratory.place_checks import names_of, placed, sensor_remarks
 from beltcomm.recording import Recording
 from beltcomm.recording_checks import clipped_share, rigid_inertia, unit_words
-from beltcomm.recording_columns import CHANNELS, COMMON
-from beltcomm.sampling_checks import EVEN, Jitter, Uneven, encoder_grid, stamp_jitter, uneven_rows
+from beltcomm.recording_columns import CHANNELS
+from beltcomm.sampling_checks import EVEN, Jitter, Uneven, encoder_grid, finest, stamp_jitter, uneven_rows
 
 Array = NDArray[np.float64]
 
@@ -32,8 +33,6 @@ SLOWEST_RAD_S = 0.5
 LEAST_MOVING_S = 0.5
 #: Rows amiss in one record from which on it is no single slip of the encoder.
 SEVERAL = 2
-#: s that a record must last up to its first lost sample to be used, and share of all rows that must be left.
-UNBROKEN_S, LEFT = 2.0, 0.25
 #: Share of the position's unevenness that may come from uneven sampling.
 MOST_UNEVEN = 0.5
 #: Relative difference of two records' inertia, beside four standard deviations, that payload mode, saturation and eccentricity do not
@@ -66,12 +65,13 @@ def checked(recordings: Sequence[Recording], axis: Axis, *, foreign: bool) -> Ch
     if not timed:
         raise DataError("all records are static maps, which hold no motion; a model needs records with t_s")
     remarks: list[str] = []
+    check_whole(timed)
     _refuse_short(timed, axis)
-    evened = _sampled(timed, remarks)
+    evened = _sampled(timed, axis, remarks)
     if axis.get("pulley.effective_radius_m") is not None:
-        evened = _before_gaps(evened, remarks)
+        evened = before_gaps(evened, remarks)
     else:
-        remarks += _gap_remarks(evened)
+        remarks += gap_remarks(evened)
     if foreign:
         for record in evened:
             check(record)
@@ -115,7 +115,7 @@ def _moving_s(record: Recording) -> float:
     return float(np.count_nonzero(speed > SLOWEST_RAD_S)) * record.sample_period_s
 
 
-def _sampled(timed: Sequence[Recording], remarks: list[str]) -> list[Recording]:
+def _sampled(timed: Sequence[Recording], axis: Axis, remarks: list[str]) -> list[Recording]:
     """Rows that are missing, repeated or uneven."""
     amiss = [(r, uneven_rows(r.t_s, r.position)) for r in timed]
     twice = sum(len(u.repeated) for _, u in amiss) > sum(len(u.missing) for _, u in amiss)
@@ -129,9 +129,11 @@ def _sampled(timed: Sequence[Recording], remarks: list[str]) -> list[Recording]:
                 "allow: a lost sample without a gap in t_s, or a slip of the encoder"
             )
     stamps = {r.name: stamp_jitter(r.t_s, r.position) for r in timed}
-    uneven_ones = [(r, j) for r in timed if (j := stamps[r.name]) is not None and j.real and j.share > MOST_UNEVEN]
+    uneven_ones = [
+        (r, j) for r in timed if (j := stamps[r.name]) is not None and j.real and (j.share > MOST_UNEVEN or _poses(r, j, axis) > 1.0)
+    ]
     if uneven_ones:
-        raise _jitter_fault(uneven_ones)
+        raise _jitter_fault(uneven_ones, axis)
     false_stamps = [r for r in timed if (j := stamps[r.name]) is not None and j.only_stamps]
     real_stamps = [r for r in timed if (j := stamps[r.name]) is not None and j.real]
     evened = []
@@ -152,7 +154,7 @@ def _sampled(timed: Sequence[Recording], remarks: list[str]) -> list[Recording]:
         largest = max(float(j.largest) for r in real_stamps if (j := stamps[r.name]) is not None)
         remarks.append(
             f"{names_of(real_stamps)}: the samples were taken unevenly, by up to {100.0 * largest:.2g} % of the period; the motion is slow "
-            "enough that this is less than the position's own noise"
+            "enough that this is less than the noise of torque and encoder"
         )
     remarks += _clip_remarks(evened)
     return evened
@@ -214,66 +216,29 @@ def _refuse_repeated(amiss: Sequence[tuple[Recording, Uneven]]) -> None:
     )
 
 
-def _jitter_fault(found: Sequence[tuple[Recording, Jitter]]) -> DataError:
+def _poses(record: Recording, jitter: Jitter, axis: Axis) -> float:
+    """Torque that uneven samples pose as, over the noise of torque and rounding as the motor's equation has them; 0 where nobody knows."""
+    inertia = axis.motor_side_inertia_kg_m2 if record.side == "motor" and axis.get("motor.inertia_kg_m2") is not None else None
+    if inertia is None:
+        found = rigid_inertia(record.t_s, record.torque, record.position)
+        inertia = 0.0 if found is None else abs(found.inertia)
+    per_bend = inertia / jitter.period_s**2
+    # the torque of two rows acts on one bend of the angle, the rounding of three angles makes one
+    noise = math.hypot(math.sqrt(0.5) * torque_noise([record], 0.0), per_bend * math.sqrt(6.0 / 12.0) * finest(record.position))
+    return per_bend * jitter.bend / noise if noise > 0.0 else 0.0
+
+
+def _jitter_fault(found: Sequence[tuple[Recording, Jitter]], axis: Axis) -> DataError:
     worst, jitter = max(found, key=lambda one: one[1].rms)
+    poses = _poses(worst, jitter, axis)
+    rough = f"{100.0 * jitter.share:.0f} % of the position's roughness (allowed: {100.0 * MOST_UNEVEN:.0f} %)"
+    loud = f"{poses:.2g} times the noise of torque and encoder (allowed: 1)"
     return DataError(
         f"{names_of(r for r, _ in found)}: the samples were taken unevenly: in {worst.name} the steps of t_s deviate by up to "
         f"{100.0 * jitter.largest:.2g} % from {1e3 * jitter.period_s:.4g} ms, the motion follows them, and this makes "
-        f"{100.0 * jitter.share:.0f} % of the position's roughness (allowed: {100.0 * MOST_UNEVEN:.0f} %): it would pose as torque. "
+        f"{rough if jitter.share > MOST_UNEVEN else loud}: it would pose as torque. "
         "Let the drive sample by its own clock (trace, SYNC) and record again"
     )
-
-
-def _gap_words(with_gaps: Sequence[Recording], timed: Sequence[Recording]) -> str:
-    count, rows = sum(len(r.gaps()) for r in with_gaps), sum(len(r.t_s) for r in timed)
-    longest = max(float(np.diff(r.t_s)[r.gaps()].max()) for r in with_gaps)
-    return (
-        f"samples were lost at {count} places of {names_of(with_gaps)} ({100.0 * count / rows:.2g} % of the rows, the longest gap is "
-        f"{1e3 * longest:.3g} ms)"
-    )
-
-
-def _gap_remarks(timed: Sequence[Recording]) -> list[str]:
-    with_gaps = [r for r in timed if len(r.gaps())]
-    return [f"{_gap_words(with_gaps, timed)}: the pieces between them are judged on their own"] if with_gaps else []
-
-
-def _before_gaps(timed: Sequence[Recording], remarks: list[str]) -> list[Recording]:
-    """Records up to their first lost sample: behind it nobody knows how the carriage swings on the belt.
-
-    Those that lose one within the first seconds are left out.   Raises DataError when too little is left.
-    """
-    with_gaps = [r for r in timed if len(r.gaps())]
-    if not with_gaps:
-        return list(timed)
-    kept = [r if not len(r.gaps()) else _first_rows(r, int(r.gaps()[0]) + 1) for r in timed]
-    used = [r for r in kept if r is not None]
-    rows, left = sum(len(r.t_s) for r in timed), sum(len(r.t_s) for r in used)
-    if left < LEFT * rows or all(r.sidecar.held_out for r in used):
-        raise DataError(
-            f"{_gap_words(with_gaps, timed)}: only {100.0 * left / rows:.0f} % of the rows stand before the first lost one of a record, in "
-            f"pieces of at least {UNBROKEN_S:g} s (needed: {100.0 * LEFT:.0f} %). Behind a gap nobody knows how the "
-            "carriage swings; record "
-            "again with less on the bus, or at a lower rate that it can carry"
-        )
-    out = [r for r in with_gaps if r.name not in {other.name for other in used}]
-    remarks.append(
-        f"{_gap_words(with_gaps, timed)}: behind a gap nobody knows how the carriage swings on the belt, so each record counts up to its "
-        f"first one{f', and {names_of(out)} not at all' if out else ''}; {100.0 * left / rows:.0f} % of the rows are used"
-    )
-    return used
-
-
-def _first_rows(record: Recording, rows: int) -> Recording | None:
-    """The record's first rows; None where they are too few or show nothing."""
-    if rows * record.sample_period_s < UNBROKEN_S:
-        return None
-    names = ("t_s", "torque", "position", "torque_setpoint", "velocity", "reference_position", "reference_velocity", *COMMON)
-    cut: dict[str, Any] = {name: values[:rows] for name in names if (values := getattr(record, name)) is not None}
-    try:
-        return replace(record, notes=(), **cut)
-    except DataError:  # nothing moves there
-        return None
 
 
 def _refuse_two_axes(timed: Sequence[Recording], axis: Axis) -> None:

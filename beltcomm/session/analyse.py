@@ -23,7 +23,7 @@ from beltcomm.design.specification import PRODUCT_SPECIFICATION, Infeasible, Spe
 from beltcomm.design.structure import late_s, loop_model
 from beltcomm.distortion import distortion
 from beltcomm.effects.tilt import GRAVITY_M_S2
-from beltcomm.errors import DamagedRecord, DataError, Refused
+from beltcomm.errors import DataError, Refused
 from beltcomm.identify.dead_time import DeadTime, dead_time_between
 from beltcomm.identify.friction import FrictionFit, Plateau, fit_friction
 from beltcomm.identify.inverse_fit import InverseFit
@@ -102,23 +102,6 @@ def nonlinearities(recordings: Sequence[Recording]) -> dict[str, Nonlinearity]:
             split.odd.rms(low, high) / linear, split.even.rms(low, high) / linear, noise / linear, low, high
         )
     return found
-
-
-def check_whole(recordings: Sequence[Recording]) -> None:
-    """Raise DamagedRecord, naming it, for an excited record that ends before its first measured period does."""
-    for recording in recordings:
-        note = recording.sidecar.excitation
-        if note is None or not note.period_samples:
-            continue
-        # by time: rows that a bus lost leave gaps, they do not make a record short
-        rows = round((recording.t_s[-1] - recording.t_s[0]) / recording.sample_period_s) + 1
-        wanted = (note.first_sample or 0) + note.period_samples
-        if rows < wanted:
-            raise DamagedRecord(
-                f"recording {recording.name} ends after {rows} samples, its sidecar promises at least {wanted}: the file is cut off; bring "
-                "the whole file back, or delete it with its sidecar and record it again with --resume",
-                recording.name,
-            )
 
 
 def thesis_fit(response: FrequencyResponse, model: Model, solver: Solver = "lm") -> MagnitudeFit:

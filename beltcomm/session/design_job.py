@@ -13,12 +13,13 @@ from beltcomm.model import Model
 from beltcomm.recording import Recording
 from beltcomm.result import Result
 from beltcomm.runfolder import RunFolder
-from beltcomm.session import analyse, offline, outcome, referencing, words
+from beltcomm.session import offline, outcome, referencing, words
 from beltcomm.session import pictures as drawn
 from beltcomm.session.delays import measure_delay_and_damping
 from beltcomm.session.design_proof import grounds_of, prove
 from beltcomm.session.design_proof_words import proof_lines
 from beltcomm.session.findings import Findings
+from beltcomm.session.opened import records_of
 from beltcomm.session.proof import doubts, thin_margins
 
 
@@ -40,8 +41,9 @@ def basis_of(run: Path) -> Basis:
     folder = RunFolder.open(run)
     model, revision, which = offline.trusted(folder)
     findings = Findings()
-    recordings = folder.recordings()
-    analyse.check_whole(recordings)
+    records = records_of(folder)
+    recordings = records.recordings
+    findings.remarks += records.remarks
     measure_delay_and_damping(findings, [r for r in recordings if r.sidecar.experiment == "frf"], model)
     return Basis(folder, model, revision, which, findings, offline.structure_of(folder, findings), recordings)
 

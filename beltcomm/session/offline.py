@@ -9,10 +9,10 @@ from beltcomm.axis import Axis
 from beltcomm.control import Cascade, CascadeStructure
 from beltcomm.design.feedforward import FeedforwardKind
 from beltcomm.errors import DataError, UsageError
-from beltcomm.foreign.checks import check
 from beltcomm.identify.final import final_model
 from beltcomm.identify.magnitude_fit import Solver
 from beltcomm.identify.standstill import largest
+from beltcomm.laboratory.run_checks import Checked, checked
 from beltcomm.model import Model
 from beltcomm.recording import Recording, common_side
 from beltcomm.runfolder import RunFolder
@@ -92,7 +92,9 @@ def counts_of(folder: RunFolder) -> int:
 def fitted(folder: RunFolder, solver: Solver, talk: Talk, model: Model | None = None) -> Findings:
     """Final fit, log-magnitude fits, dead time and friction from what the run folder holds."""
     findings = Findings()
-    recordings = fit_for_belt_model(folder)
+    records = fit_for_belt_model(folder)
+    recordings = records.recordings
+    findings.remarks += records.remarks
     if model is None:
         findings.final = final_model(recordings, folder.axis, counts_of(folder), progress=lambda f: talk.progress(f, None))
         model = findings.final.fit.model
@@ -108,9 +110,9 @@ def fitted(folder: RunFolder, solver: Solver, talk: Talk, model: Model | None = 
     return findings
 
 
-def fit_for_belt_model(folder: RunFolder) -> list[Recording]:
-    """The records over time.   Raises UsageError for an axis without a belt, DataError for records without torque, cut off, or foreign ones
-    with a wrong sign or unit."""
+def fit_for_belt_model(folder: RunFolder) -> Checked:
+    """The records over time, checked as for ``compare``.   Raises UsageError for an axis without a belt, DataError for records without
+    torque or unfit for a model."""
     recordings = [item for item in folder.recordings() if not item.is_static_map]
     if not folder.axis.has_belt:
         raise UsageError(
@@ -125,11 +127,7 @@ def fit_for_belt_model(folder: RunFolder) -> list[Recording]:
             f"the records of {folder.path} hold force and carriage position; the fit of a belt axis needs torque_nm (or current_a) "
             "and position_rad at the motor, for the belt lies between motor and carriage"
         )
-    if not folder.drive:  # an adapter has its signs and units right; whoever writes files by hand may not
-        for recording in recordings:
-            check(recording)
-    analyse.check_whole(recordings)
-    return recordings
+    return checked(recordings, folder.axis, foreign=not folder.drive)
 
 
 def middle_m(axis: Axis) -> float:

@@ -41,7 +41,7 @@ def fit_three_masses(run: Path, *, command: str = "", when: str = "", talk: Talk
     talk = talk or Silence()
     folder = RunFolder.open(run)
     talk.phase(1, 1, "two masses against three")
-    recordings = offline.fit_for_belt_model(folder)
+    recordings = offline.fit_for_belt_model(folder).recordings
     responses = analyse.responses([r for r in recordings if not r.sidecar.held_out])
     counts = offline.counts_of(folder)
     found = compare_masses(recordings, folder.axis, counts, responses, progress=lambda f: talk.progress(f, None))
