@@ -16,6 +16,8 @@ CLIPPED_SHARE = 0.02
 CLIPPED_RUN = 3
 #: Share of a step below which time stamps differ by the rounding of their numbers.
 ROUNDING = 1e-5
+#: Deviations of a step from the median one that are no jitter.
+SPREADS = 6.0
 #: A torque with no more levels than this is a switched signal (a noise-free PRBS), which rests at its ends by intent.
 SWITCHED_LEVELS = 8
 
@@ -44,12 +46,20 @@ def gaps(t_s: Array) -> NDArray[np.intp]:
     return np.flatnonzero(steps > 1.5 * period)
 
 
+def long_steps(t_s: Array) -> NDArray[np.intp]:
+    """Indices of the samples after which samples were lost, however the stamps jitter: steps that jitter alone does not make."""
+    steps = np.diff(t_s)
+    period = float(np.median(steps))
+    spread = 1.4826 * float(np.median(np.abs(steps - period)))
+    return np.flatnonzero(steps > max(1.5 * period, period + SPREADS * spread))
+
+
 def usual_step(t_s: Array) -> float:
     """Time step of the clock that took the samples, s: mean of those at which none was lost, for stamps that jitter or are rounded
     coarsely have another median."""
     steps = np.diff(t_s)
     median = float(np.median(steps))
-    kept = np.delete(steps, gaps(t_s))
+    kept = np.delete(steps, long_steps(t_s))
     return median if float(np.abs(kept / median - 1.0).max()) < ROUNDING else float(kept.mean())
 
 

@@ -140,23 +140,24 @@ class Jitter:
         return 1.0 - self.follows > SIGMAS * self.error and abs(self.follows) < abs(1.0 - self.follows)
 
 
-def stamp_jitter(t_s: Array, position: Array) -> Jitter | None:
+def stamp_jitter(t_s: Array, position: Array, long_steps: NDArray[np.intp]) -> Jitter | None:
     """How time stamps jitter, and whether the motion followed them; None for even ones.
 
         x[n+1] - x[n] - its neighbours' mean = follows · speed · (the same of t)
 
     Lost samples, whole periods long, are no jitter.   t_s : (n,), s.   position : (n,), any unit.
+    long_steps : samples after which some were lost.
     """
     times = np.diff(t_s)
     period = float(np.median(times))
     whole = np.round(times / period)
     lost = (whole >= 2.0) & (np.abs(times / period - whole) < EVEN)
+    lost[long_steps] = True  # with jitter a gap is no whole number of periods
     off = np.where(lost, 0.0, times / period - 1.0)
     largest = float(np.abs(off).max())
     if largest < ROUNDING:
         return None
-    gap = times > 1.5 * period  # of any length, with or without jitter
-    period = float(times[~gap].mean()) if gap.any() else float(t_s[-1] - t_s[0]) / len(times)
+    period = float(np.delete(times, long_steps).mean()) if len(long_steps) else float(t_s[-1] - t_s[0]) / len(times)
     steps = np.diff(position)
     speed = 0.5 * (steps[:-2] + steps[2:]) / period
     sound = ~(lost[:-2] | lost[1:-1] | lost[2:])

@@ -72,10 +72,15 @@ def _period_note(recording: Recording) -> list[str]:
     note = recording.sidecar.excitation
     if note is None or note.period_samples is None:
         return []
+    if len(recording.gaps()):
+        return ["rows are missing, so whether the torque repeats as --period-samples says was not looked at"]
     excited = recording.torque[note.first_sample :]
     periods = len(excited) / note.period_samples
     if periods < 2.0:
-        return [f"the record holds {periods:.2g} periods of {note.period_samples} samples; two are needed to tell noise from response"]
+        return [
+            f"the record holds {max(periods, 0.0):.2g} periods of {note.period_samples} samples; two are needed to tell noise from "
+            f"response; at {1.0 / recording.sample_period_s:.4g} rows per second, check --period-samples and --first-sample"
+        ]
     excited = excited[: int(periods) * note.period_samples]
     likeness = float(np.corrcoef(excited[: -note.period_samples], excited[note.period_samples :])[0, 1])
     if likeness >= _REPEATS:

@@ -63,8 +63,21 @@ def import_recordings(
     if sidecar.experiment != "static_map" and any("record" not in item.recording.sidecar.extra["import"]["reading"] for item in found):
         text.append(alignment(reading, found[0].converted.columns))
     if known.has_belt and not dry_run:
-        text.append(f"Next: beltcomm fit {pasted(run)}")
+        text.append(_next(run, folder, found))
     return Result(data, text)
+
+
+def _next(run: Path, folder: RunFolder | None, found: Sequence[store.Imported]) -> str:
+    """The command that follows: a fit begins with an excited record."""
+    there = [item.recording for item in found] + ([] if folder is None else folder.recordings())
+    if any(record.sidecar.experiment == "frf" for record in there):
+        return f"Next: beltcomm fit {pasted(run)}"
+    if any(record.sidecar.experiment == "free" for record in there):
+        return (
+            "Next: if this was an excitation, import it into a new run and say so (--experiment frf --excitation prbs --period-samples N "
+            f"--first-sample N), for a fit begins with one; else beltcomm compare {pasted(run)}"
+        )
+    return f"Next: beltcomm compare {pasted(run)}   (beltcomm fit needs an excited record, --experiment frf)"
 
 
 def _parts_imported(

@@ -53,6 +53,8 @@ MOST_MOVED = 4.0
 RUBBING = ("coulomb.", "cart_friction.", "viscous")
 #: What the intervals allow for: the encoder's rounding is white noise only roughly, its step counts as if it were this much larger.
 ROUNDING_DOUBT = 2.0**0.5
+#: Share of what rounding moves an unknown by, squared, below which its variance is none.
+LEAST_SCATTER = 1e-12
 
 
 @dataclass(frozen=True)
@@ -175,7 +177,8 @@ def _with_reversals(
     told = np.array([not name.startswith(RUBBING) for name in problem.free])
     counted = np.flatnonzero(np.any(jacobian != 0.0, axis=0))
     deviation = np.zeros(len(found))
-    deviation[counted] = np.sqrt(np.diag(np.linalg.pinv(jacobian[:, counted].T @ jacobian[:, counted])))
+    variance = np.diag(np.linalg.pinv(jacobian[:, counted].T @ jacobian[:, counted]))
+    deviation[counted] = np.sqrt(np.maximum(variance, 0.0))  # of data that tell nothing rounding makes it negative
     before = problem.full(solution)[problem.places] / more.scale[:own]
     moved = np.abs(found[:own] - before) > MOST_MOVED * deviation[:own]
     return None if np.any(moved & told & (deviation[:own] > 0.0)) else (pieces, more, found, objective)
@@ -350,10 +353,10 @@ def _report(problem: _Problem, x: Array, objective: float, groups: NDArray[np.in
     covariance = np.zeros((len(x), len(x)))
     covariance[np.ix_(counted, counted)] = scatter + np.outer(moved, moved) / quantile**2
     covariance = covariance[:own, :own] * np.outer(problem.scale[:own], problem.scale[:own])
-    deviation = np.sqrt(np.diag(covariance))
+    deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     wanted, widened = np.array(x), np.ones(len(x))
     wanted[counted] += newton
-    widened[counted] = np.sqrt(1.0 + (moved / quantile) ** 2 / np.diag(scatter))
+    widened[counted] = np.sqrt(1.0 + (moved / quantile) ** 2 / np.maximum(np.diag(scatter), LEAST_SCATTER * (moved / quantile) ** 2))
     model = problem.model_at(x)
     parameters = dict(model.parameters)
     for i, name in enumerate(problem.free):

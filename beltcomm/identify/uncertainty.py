@@ -21,6 +21,8 @@ BADLY_APART = 0.95
 BEYOND = 3.0
 #: An interval that the noise of the encoder widens by more than this factor is named.
 ROUNDING_WIDENS = 1.5
+#: From this factor on it is no interval any more.
+UNKNOWN = 100.0
 
 
 def sandwich(jacobian: Array, weighted: Array, groups: NDArray[np.int64], unknowns: int) -> tuple[Array, int]:
@@ -94,6 +96,12 @@ def remarks_on_pairs(names: Sequence[str], items: Sequence[Value], correlation: 
 
 def remark_on_rounding(names: Sequence[str], shares: Array) -> str:
     """Which intervals rest on the noise of the encoder, in words; shares : (k,), interval with it over interval without it."""
+    if not np.all(shares < UNKNOWN):
+        unknown = [name for name, share in zip(names, shares, strict=True) if not share < UNKNOWN]
+        return (
+            f"{', '.join(unknown)}: not identifiable from this data, their numbers are chance: the encoder's rounding decides them, or "
+            "columns that do not belong together row by row. Look at the recordings, or record an excitation with `beltcomm identify`"
+        )
     worst = [name for name, share in zip(names, shares, strict=True) if share > ROUNDING_WIDENS]
     if not worst:
         return ""

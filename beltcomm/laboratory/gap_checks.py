@@ -58,6 +58,7 @@ def _lost(record: Recording) -> int:
 
 
 def gap_remarks(timed: Sequence[Recording]) -> list[str]:
+    """What is said of lost samples where each piece counts."""
     with_gaps = [r for r in timed if len(r.gaps())]
     return [f"{_gap_words(with_gaps, timed)}: the pieces between them are judged on their own"] if with_gaps else []
 

@@ -19,7 +19,7 @@ from beltcomm.identify.noise_level import torque_noise
 from beltcomm.laboratory.gap_checks import before_gaps, check_whole, gap_remarks
 from beltcomm.laboratory.place_checks import names_of, placed, sensor_remarks
 from beltcomm.recording import Recording
-from beltcomm.recording_checks import clipped_share, rigid_inertia, unit_words
+from beltcomm.recording_checks import clipped_share, long_steps, rigid_inertia, unit_words
 from beltcomm.recording_columns import CHANNELS
 from beltcomm.sampling_checks import EVEN, Jitter, Uneven, encoder_grid, finest, stamp_jitter, uneven_rows
 
@@ -65,8 +65,8 @@ def checked(recordings: Sequence[Recording], axis: Axis, *, foreign: bool) -> Ch
     if not timed:
         raise DataError("all records are static maps, which hold no motion; a model needs records with t_s")
     remarks: list[str] = []
-    check_whole(timed)
     _refuse_short(timed, axis)
+    check_whole(timed)
     evened = _sampled(timed, axis, remarks)
     if axis.get("pulley.effective_radius_m") is not None:
         evened = before_gaps(evened, remarks)
@@ -128,7 +128,7 @@ def _sampled(timed: Sequence[Recording], axis: Axis, remarks: list[str]) -> list
                 f"{record.name}: near t = {record.t_s[row]:.4g} s the position makes one step that its motion before and after does not "
                 "allow: a lost sample without a gap in t_s, or a slip of the encoder"
             )
-    stamps = {r.name: stamp_jitter(r.t_s, r.position) for r in timed}
+    stamps = {r.name: stamp_jitter(r.t_s, r.position, long_steps(r.t_s)) for r in timed}
     uneven_ones = [
         (r, j) for r in timed if (j := stamps[r.name]) is not None and j.real and (j.share > MOST_UNEVEN or _poses(r, j, axis) > 1.0)
     ]
@@ -143,7 +143,7 @@ def _sampled(timed: Sequence[Recording], axis: Axis, remarks: list[str]) -> list
         # one clock stamps all records: where one shows that the samples were even, those that cannot tell are taken to be, too
         if found is not None and (found.only_stamps or (false_stamps and not real_stamps)):
             worst = max(worst, found.largest)
-            record = replace(record, t_s=record.t_s[0] + found.period_s * _whole(record.t_s, found.period_s), notes=())
+            record = replace(record, t_s=record.t_s[0] + found.period_s * _whole(record, found.period_s), notes=())
         evened.append(record)
     if worst > 1e-3:
         remarks.append(
@@ -173,13 +173,16 @@ def _clip_remarks(timed: Sequence[Recording]) -> list[str]:
     ]
 
 
-def _whole(t_s: Array, period_s: float) -> Array:
-    """Number of each sample on an even clock: lost ones, whole periods long, stay lost."""
-    steps = np.diff(t_s) / period_s
+def _whole(record: Recording, period_s: float) -> Array:
+    """Number of each sample on an even clock: lost ones stay lost."""
+    steps = np.diff(record.t_s) / period_s
     whole = np.abs(steps - np.round(steps)) < EVEN
     largest = float(np.abs(steps - 1.0)[~whole].max(initial=0.0))  # jitter alone makes steps of that size
-    lost = whole & (np.round(steps) > 1.5 + largest)
-    return np.concatenate(([0.0], np.cumsum(np.where(lost, np.round(steps), 1.0))))
+    counts = np.where(whole & (np.round(steps) > 1.5 + largest), np.round(steps), 1.0)
+    for gap in long_steps(record.t_s):  # a stamp that came late makes a long step and a short one beside it, and nothing is lost
+        around = steps[max(gap - 1, 0) : gap + 2]
+        counts[gap] = max(1.0, round(float(around.sum())) - len(around) + 1.0)
+    return np.concatenate(([0.0], np.cumsum(counts)))
 
 
 def _refuse_missing(amiss: Sequence[tuple[Recording, Uneven]]) -> None:

@@ -21,6 +21,7 @@ from beltcomm.trajectory import Trajectory
 from beltcomm.verify import Demand, Verdict
 
 if TYPE_CHECKING:  # what moves a machine takes long to import
+    from beltcomm.laboratory.cross_checks import SheetDoubt
     from beltcomm.session import holding
     from beltcomm.session.creep import Breakaway
     from beltcomm.session.programme import Extent
@@ -71,6 +72,7 @@ class Findings:
     final: FinalModel | None = None
     swing: Model | None = None
     characteristics: Mapping[str, analyse.Characteristic] = field(default_factory=dict)
+    sheets: tuple[SheetDoubt, ...] = ()
     friction: FrictionFit | None = None
     standstill: Standstill | None = None
     design: DesignResult | None = None

@@ -6,12 +6,19 @@ from typing import Literal
 
 from beltcomm.given import Place, pasted, place
 from beltcomm.identify.magnitude_fit import Solver
-from beltcomm.result import Result
+from beltcomm.result import Result, plain
 from beltcomm.runfolder import RunFolder
 from beltcomm.session import friction_words, offline, outcome, words
+from beltcomm.session.cross_check_words import sheet_lines
 from beltcomm.session.options import Options
 from beltcomm.session.third_mass import fit_three_masses
 from beltcomm.talk import Silence, Talk
+
+#: How a fit ends that leaves many times the noise.
+SUSPECT = (
+    "The model does not explain what was measured: it is kept to look at, and nothing should be designed with it. Add the effect that "
+    "`beltcomm diagnose` names, or mend the records."
+)
 
 
 def fit(
@@ -24,7 +31,7 @@ def fit(
     options: Options | None = None,
     talk: Talk | None = None,
 ) -> Result:
-    """The model from all recordings of a run; no machine needed.   Raises DataError.
+    """The model from all recordings of a run; no machine needed.   Exit code 1 for one that does not explain them.   Raises DataError.
 
     model : "three-mass" fits the end pulley too, and saves it as a revision (noted with command, when) where the records hold it.
     """
@@ -38,6 +45,16 @@ def fit(
     outcome.save(folder, findings)
     friction = words.friction_lines(findings.friction) if findings.friction else []
     friction += friction_words.standstill_lines(findings.standstill)
-    following = "diagnose" if findings.final is None or findings.final.fit.suspect else "design"
-    text = [*outcome.model_text(findings), *friction, *words.remarks_lines(findings.remarks), f"Next: beltcomm {following} {pasted(run)}"]
-    return Result(outcome.data(folder, findings), text)
+    suspect = findings.final is None or findings.final.fit.suspect
+    following = "diagnose" if suspect else "design"
+    doubt = [SUSPECT] if suspect else []
+    sheets = sheet_lines(findings.sheets)
+    text = [
+        *outcome.model_text(findings),
+        *sheets,
+        *friction,
+        *words.remarks_lines(findings.remarks),
+        *doubt,
+        f"Next: beltcomm {following} {pasted(run)}",
+    ]
+    return Result({**outcome.data(folder, findings), "data_sheet": plain(findings.sheets)}, text, 1 if suspect else 0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -12,6 +13,7 @@ from beltcomm.errors import DataError, UsageError
 from beltcomm.identify.final import final_model
 from beltcomm.identify.magnitude_fit import Solver
 from beltcomm.identify.standstill import largest
+from beltcomm.laboratory.cross_checks import sheet_doubts
 from beltcomm.laboratory.run_checks import Checked, checked
 from beltcomm.model import Model
 from beltcomm.recording import Recording, common_side
@@ -99,6 +101,7 @@ def fitted(folder: RunFolder, solver: Solver, talk: Talk, model: Model | None = 
         findings.final = final_model(recordings, folder.axis, counts_of(folder), progress=lambda f: talk.progress(f, None))
         model = findings.final.fit.model
         findings.characteristics = analyse.characteristics(findings.final.fit, middle_m(folder.axis))
+        findings.sheets = sheet_doubts(model, math.sqrt(findings.final.fit.misfit), folder.axis, recordings)
     measure_delay_and_damping(findings, [r for r in recordings if r.sidecar.experiment == "frf"], model, solver)
     try:
         findings.friction = analyse.friction_of(

@@ -23,6 +23,8 @@ SAME_GAIN = 1e-3
 SURE_MARGIN_DEG = 30.0
 #: m: ends of a path that differ by less are the same.
 SAME_PLACE_M = 1e-4
+#: Of a design whose model leaves too much.
+SUSPECT = "the model does not explain what was measured"
 
 
 def thin_margins(margins: Sequence[Margins]) -> list[str]:
@@ -80,8 +82,8 @@ def move_name(folder: RunFolder, wanted: Mapping[str, Any]) -> str:
 def doubts(folder: RunFolder) -> list[str]:
     """Why the gains of ``designs/final.yaml`` should not be written to a drive yet, in words; empty when nothing speaks against it."""
     found = []
-    if _suspect(folder):
-        found.append("the model does not explain what was measured")
+    if suspect(folder):
+        found.append(SUSPECT)
     designed = folder.load("designs", "final")
     gains = designed.get("parameters")
     found += _thin(min((float(one["phase_margin_deg"]) for one in designed.get("margins") or ()), default=math.inf))
@@ -114,17 +116,25 @@ def admit(folder: RunFolder, talk: Talk, *, yes: bool, force: bool) -> None:
 
 def next_step(folder: RunFolder, drive: str, passed: bool) -> str:
     """The command after a verification move: never to write gains that are in doubt."""
-    if _suspect(folder):
+    if suspect(folder):
         return f"beltcomm diagnose {pasted(folder.path)}"
     if not passed:
         return f"beltcomm design {pasted(folder.path)}"
     return f"beltcomm {'verify' if doubts(folder) else 'apply'} --drive {pasted(drive)} --run {pasted(folder.path)}"
 
 
-def _suspect(folder: RunFolder) -> bool:
+def suspect(folder: RunFolder) -> bool:
     """Whether the design's model leaves too much unexplained: its own revision's word where it has one, else the fit's."""
     revision = folder.load("designs", "final").get("revision") if "final" in folder.names("designs") else None
     for rung in revisions(folder):
         if rung.name == revision:
             return rung.confirmed is False or rung.ratio**2 > SUSPECT_MISFIT
     return bool((folder.load_result("fit") or {}).get("suspect"))
+
+
+def error_of(folder: RunFolder, revision: str) -> float:
+    """Error over noise of a revision, or of the fit; infinite where nobody noted it."""
+    for rung in revisions(folder):
+        if rung.name == revision:
+            return rung.ratio
+    return math.sqrt(float((folder.load_result("fit") or {}).get("misfit", math.inf)))

@@ -136,7 +136,7 @@ def test_stamps_that_jitter_beside_even_samples_are_set_even(run: tuple[list[Rec
 def test_a_single_gap_costs_what_stands_behind_it(run: tuple[list[Recording], Axis]) -> None:
     records, axis = run
     found = checked(changed(records, "frf_p1_a2", lambda r: picked(r, np.delete(np.arange(len(r.t_s)), 3000), False)), axis, foreign=True)
-    assert "03_frf_p1_a2 (0.0017 % of the rows" in found.remarks[0]
+    assert "at 1 place of 03_frf_p1_a2 (about 1, 0.0017 % of the rows" in found.remarks[0]
     assert [len(r.t_s) for r in found.recordings if "frf_p1_a2" in r.name] == [3000]
 
 
