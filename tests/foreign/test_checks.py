@@ -92,3 +92,12 @@ def test_records_of_two_axes_do_not_go_together() -> None:
     with pytest.raises(DataError, match=r"or state motor\.torque_constant_nm_a"):
         common_side([motor, ampere])
     assert [item.inertia_unit for item in (motor, load, ampere)] == ["kg m²", "kg", "A s²/rad"]
+
+
+def test_a_gap_is_no_reason_to_doubt_the_period() -> None:
+    kept = np.delete(np.arange(len(T)), np.arange(1000, 1203))
+    note = ExcitationNote("prbs", None, 500, 0)
+    cut = recording(t_s=T[kept], torque=TORQUE[kept], position=ANGLE[kept], sidecar=Sidecar("frf", excitation=note))
+    (said,) = [line for line in check(cut) if "repeat" in line]
+    assert "rows are missing" in said
+    assert "check --period-samples" not in said

@@ -103,6 +103,8 @@ def test_a_healthy_run_has_nothing_odd(run: tuple[list[Recording], Axis]) -> Non
         ("", lost(0.01, restamped=False), r"samples were lost at \d+ places .* Behind a gap nobody knows how the carriage swings"),
         ("sweep", doubled(0.01), "rows were written twice although t_s goes on"),
         ("sweep_slow", lambda r: uneven(r, 0.1), r"taken unevenly: in 06_sweep_slow .* up to 9\.6 % from 1 ms"),
+        ("frf_p1_a1", lambda r: uneven(r, 0.1), r"taken unevenly: in 03_frf|taken unevenly: in .* times the noise of torque and encoder"),
+        ("frf_p1_a1", lambda r: picked(r, np.arange(2500), False), "frf_p1_a1 ends after 2500 samples, .* the file is cut off"),
         ("frf_p1_a1", lambda r: replace(r, torque=-r.torque, torque_setpoint=None), "the sign of torque_nm or of position_rad is turned"),
         ("slow_p1", lambda r: replace(r, torque=-r.torque, torque_setpoint=None), "positive torque_nm drives to negative position_rad"),
         ("reversal", lambda r: replace(r, position=np.degrees(r.position)), "the angle has degrees instead of rad"),
@@ -131,6 +133,17 @@ def test_stamps_that_jitter_beside_even_samples_are_set_even(run: tuple[list[Rec
     assert "the samples were taken evenly: the stamps were set even" in remark
     for record, even in zip(records, found.recordings, strict=True):
         np.testing.assert_allclose(even.t_s, record.t_s, atol=1e-9)
+
+
+def test_jitter_beside_lost_rows_is_set_even_and_the_rows_stay_lost(run: tuple[list[Recording], Axis]) -> None:
+    records, axis = run
+    jittering = changed(records, "frf_p1_a2", lambda r: replace(r, t_s=r.t_s + wandering(r, 0.3), notes=()))
+    kept = np.delete(np.arange(len(jittering[2].t_s)), np.r_[3000:3400])
+    found = checked(changed(jittering, "frf_p1_a2", lambda r: picked(r, kept, False)), axis, foreign=True)
+    assert any("about 400, " in remark for remark in found.remarks)
+    record = next(r for r in found.recordings if "frf_p1_a2" in r.name)
+    np.testing.assert_allclose(record.t_s, 1e-3 * np.arange(3000), atol=1e-3)
+    assert record.sample_period_s == pytest.approx(1e-3, rel=1e-4)
 
 
 def test_a_single_gap_costs_what_stands_behind_it(run: tuple[list[Recording], Axis]) -> None:
@@ -257,6 +270,17 @@ def test_strokes_alone_bear_no_name_of_the_belt_or_of_a_delay(run: tuple[list[Re
         "no record is held out",
     ]
     assert lacking(records, axis.transmission_m_rad) == []
+
+
+def test_an_error_far_below_the_noise_is_no_verdict(run: tuple[list[Recording], Axis]) -> None:
+    records, axis = run
+    data, base = fitted_base(records[1:3], axis, start_model(axis, records[1:3]))
+    quiet = replace(base, residual=0.1 * base.residual)
+    for verdict in ("nothing missing", "explained", "none of the known effects explains this"):
+        kept, (sentence,) = within_scope(Diagnosis(quiet, data, (), verdict, (), Scorer(base)), records)
+        assert kept.verdict == "cannot tell"
+        assert "less than noise can leave" in sentence
+        assert "--period-samples" in sentence
 
 
 def test_the_command_ends_with_a_sentence_and_its_code(folder: Path, tmp_path: Path) -> None:
