@@ -10,6 +10,7 @@ from beltcomm.axis import Axis
 from beltcomm.control import Cascade, CascadeStructure
 from beltcomm.design.feedforward import FeedforwardKind
 from beltcomm.errors import DataError, UsageError
+from beltcomm.foreign.checks import check
 from beltcomm.identify.final import final_model
 from beltcomm.identify.magnitude_fit import Solver
 from beltcomm.identify.standstill import largest
@@ -130,7 +131,10 @@ def fit_for_belt_model(folder: RunFolder) -> Checked:
             f"the records of {folder.path} hold force and carriage position; the fit of a belt axis needs torque_nm (or current_a) "
             "and position_rad at the motor, for the belt lies between motor and carriage"
         )
-    return checked(recordings, folder.axis, foreign=not folder.drive)
+    if not folder.drive:  # a sign or a unit before what is held out: an adapter has them right, whoever writes files by hand may not
+        for recording in recordings:
+            check(recording)
+    return checked(recordings, folder.axis, foreign=False)
 
 
 def middle_m(axis: Axis) -> float:
