@@ -309,7 +309,12 @@ def apparent_damping(fits: Mapping[str, MagnitudeFit]) -> float:
 
 
 def characteristic_hz(model: Model, position_m: float) -> tuple[float, float]:
-    """Antiresonance and first resonance of a model with the carriage at a place, Hz, from its undamped modes."""
+    """Antiresonance and first resonance of a model with the carriage at a place, Hz, from its undamped modes.
+
+    Raises DataError for a model with a belt so soft that it has none.
+    """
     free = [m.freq_hz for m in modes(model, operating_point(model, position_m, 1.0)) if m.freq_hz > 0.5]
     held = [m.freq_hz for m in modes(model, operating_point(model, position_m, 1.0), held=("motor",)) if m.freq_hz > 0.5]
+    if not held or not free:
+        raise DataError("the model has no resonance: its carriage does not swing on the belt; look at it (beltcomm compare RUN)")
     return min(held), min(free)
