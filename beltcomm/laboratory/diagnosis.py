@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Final, Literal
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from beltcomm.laboratory.structure import structure
 from beltcomm.model import Model, effect_parameters
 from beltcomm.recording import Recording
 
+NONE_EXPLAINS: Final = "none of the known effects explains this"
 Verdict = Literal["nothing missing", "explained", "partly explained", "none of the known effects explains this", "cannot tell"]
 
 #: Iterations of the first fit from start values, and of one that goes on from a neighbouring model.
@@ -275,9 +276,9 @@ def verdict_of(base: Fitted, steps: Sequence[Step], twins: tuple[str, ...], left
     level = after.objective / after.problem.samples
     added = [step.added for step in steps if step.added]
     if added and after.ratio >= base.ratio:  # O forgives bad places, which may fall while the whole error grows
-        return "none of the known effects explains this"
+        return NONE_EXPLAINS
     if not added:
-        return "nothing missing" if level < MISSING and left < STRUCTURED else "none of the known effects explains this"
+        return "nothing missing" if level < MISSING and left < STRUCTURED else NONE_EXPLAINS
     if level >= MISSING or left >= STRUCTURED_BESIDE or run_away(after.model, base.model):
         return "partly explained"
     if undetermined(with_intervals(after), base.model) or unlikely(after.model, base.model):

@@ -13,7 +13,7 @@ import numpy as np
 
 from beltcomm.effects import EFFECTS
 from beltcomm.identify.noise_level import noise_doubt
-from beltcomm.laboratory.diagnosis import Diagnosis, Step
+from beltcomm.laboratory.diagnosis import NONE_EXPLAINS, Diagnosis, Step
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 
@@ -41,7 +41,7 @@ def within_scope(found: Diagnosis, recordings: Sequence[Recording]) -> tuple[Dia
                 "it is not named. Record an excitation (frf) and ask again."
             )
             return replace(found, steps=kept, verdict="cannot tell", twins=()), [sentence]
-    if found.verdict == "none of the known effects explains this" and found.after.ratio < UNDECIDED:
+    if found.verdict == NONE_EXPLAINS and found.after.ratio < UNDECIDED:
         sentence = (
             f"An error of {found.after.ratio:.2f} times the noise may be the noise itself: it is known to some "
             f"{100.0 * (UNDECIDED - 1.0):.0f} % "

@@ -35,8 +35,8 @@ def measure_delay_and_damping(findings: Findings, recordings: Sequence[Recording
             findings.remarks.append(f"{name}: no log-magnitude fit ({problem})")
     if not recordings:
         return
+    _, resonance = analyse.characteristic_hz(model, recordings[0].sidecar.start_position_m or 0.0)
     try:
-        _, resonance = analyse.characteristic_hz(model, recordings[0].sidecar.start_position_m or 0.0)
         findings.dead_time = analyse.dead_time_of(recordings, resonance)
     except DataError as problem:
         findings.remarks.append(str(problem))

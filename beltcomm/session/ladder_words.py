@@ -10,7 +10,7 @@ from beltcomm.effects import Effect, effect_named
 from beltcomm.effects.tilt import GRAVITY_M_S2
 from beltcomm.given import pasted
 from beltcomm.laboratory.compare import Comparison
-from beltcomm.laboratory.diagnosis import KNOWN, Diagnosis, undetermined, unlikely
+from beltcomm.laboratory.diagnosis import KNOWN, NONE_EXPLAINS, Diagnosis, undetermined, unlikely
 from beltcomm.laboratory.fitting import Fitted
 from beltcomm.laboratory.intervals import with_intervals
 from beltcomm.laboratory.start import BELT_BASE, RIGID_BASE
@@ -77,6 +77,9 @@ def diagnosis_lines(found: Diagnosis) -> list[str]:
     lines += ["", f"Verdict: {found.verdict}."]
     if found.named:
         lines.append(f"With {', '.join(found.named)} the error is {found.after.ratio:.2f} times the noise{held_words(found.after)}.")
+        before, after = found.base.held_ratio, found.after.held_ratio
+        if before is not None and after is not None and after >= before:
+            lines.append(f"Not confirmed: on records that were not fitted the error was {before:.2f} without it.")
     if open_ := undetermined(model, found.base.model):
         lines.append(
             f"But these data say nothing certain of {' and '.join(open_)}: every number of it is open by more than {100 * KNOWN:.0f} %, so "
@@ -94,7 +97,7 @@ def after_diagnosis(found: Diagnosis, run: Path, planned: str = "") -> list[str]
     """What to do next.   planned : the command that makes the records that were planned."""
     if planned:
         return [f"Next: {planned}"]
-    if found.named:
+    if found.named and found.verdict != NONE_EXPLAINS:
         return [f"Next: {', then '.join(f'beltcomm add {name} {pasted(run)}' for name in found.named)}"]
     if found.verdict != "nothing missing":
         return [f"Next: beltcomm compare {pasted(run)} shows where the error sits; look there on the machine."]

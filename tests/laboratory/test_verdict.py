@@ -16,7 +16,7 @@ from beltcomm.laboratory.acceptance import fitted_to_nothing
 from beltcomm.laboratory.diagnosis import KNOWN, Step, run_away, undetermined, unlikely, verdict_of
 from beltcomm.laboratory.structure import excess
 from beltcomm.model import build_model
-from beltcomm.session import laboratory
+from beltcomm.session import laboratory, ladder_words
 from beltcomm.session.ladder_words import climb_lines
 from beltcomm.session.revisions import Revision
 
@@ -201,3 +201,23 @@ def test_noise_has_no_structure_and_a_small_constant_has() -> None:
     assert abs(excess(noise, number)) < 5.0
     assert excess(noise + 0.2 * (number % 2), number) > 25.0
     assert excess(noise, np.arange(len(noise))) == 0.0, "bins of one value say nothing"
+
+
+@pytest.mark.parametrize(
+    ("verdict", "held", "said", "following"),
+    [
+        ("explained", (1.5, 1.0), False, "beltcomm add cogging RUN, then beltcomm add tilt RUN"),
+        ("partly explained", (1.49, 1.57), True, "beltcomm add cogging RUN, then beltcomm add tilt RUN"),
+        ("partly explained", (None, None), False, "beltcomm add cogging RUN, then beltcomm add tilt RUN"),
+        (diagnosis.NONE_EXPLAINS, (1.49, 1.57), True, "beltcomm compare RUN shows"),
+    ],
+)
+def test_what_the_held_out_records_do_not_confirm_is_said(
+    monkeypatch: pytest.MonkeyPatch, verdict: Any, held: Any, said: bool, following: str
+) -> None:
+    monkeypatch.setattr(ladder_words, "with_intervals", lambda _fitted: BASE)
+    monkeypatch.setattr(ladder_words, "effect_lines", lambda *_: [])
+    base, after = (SimpleNamespace(model=BASE, ratio=2.0, held_ratio=ratio, held_residual=()) for ratio in held)
+    found: Any = SimpleNamespace(base=base, after=after, steps=(), named=["cogging", "tilt"], twins=(), verdict=verdict)
+    assert ("Not confirmed: on records that were not fitted the error was 1.49" in "\n".join(ladder_words.diagnosis_lines(found))) is said
+    assert following in ladder_words.after_diagnosis(found, Path("RUN"))[0]

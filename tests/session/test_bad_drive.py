@@ -13,7 +13,7 @@ import pytest
 from beltcomm import api
 from beltcomm.axis import Axis, load_axis
 from beltcomm.drive import open_drive
-from beltcomm.errors import BeltcommError, BusError, DriveError, DriveFault, Refused, SafetyStop, UsageError
+from beltcomm.errors import BeltcommError, BusError, Declined, DriveError, DriveFault, Refused, SafetyStop, UsageError
 from beltcomm.runfolder import RunFolder
 from beltcomm.virtual.faults import Faults
 from session.bench import Bench, Listener
@@ -238,7 +238,7 @@ def test_a_position_that_is_outside_the_travel(make_bench: MakeBench, tmp_path: 
 
 def test_no_is_an_answer(make_bench: MakeBench, tmp_path: Path) -> None:
     bench, talk = make_bench(), Listener(answer=False)
-    words = fails(Refused, bench, tmp_path / "run", options=api.Options(seed=1), talk=talk)
+    words = fails(Declined, bench, tmp_path / "run", options=api.Options(seed=1), talk=talk)
     assert "nothing was moved, as you said" in words
     assert len(talk.asked) == 1
     assert bench.plant.cart_position_m == 0.0

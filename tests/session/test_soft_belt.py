@@ -1,4 +1,4 @@
-"""A model with a belt so soft that nothing swings, as a fit to a fault may end, has no resonance: said, and no command stops over it."""
+"""A model with a belt so soft that nothing swings, as a fit to a fault may end, has no resonance: and that is said."""
 
 from __future__ import annotations
 
