@@ -152,7 +152,7 @@ def test_what_cannot_be_is_refused_with_the_reason(make_bench: MakeBench, copy_o
     for options, said in (
         ({"base_speed_m_s": 0.1}, "needs a closed loop"),
         ({"loop": "direct", "base_speed_m_s": -0.1}, "positive"),
-        ({"loop": "sideways"}, "no way 'sideways'"),
+        ({"loop": "sideways"}, "loop is 'sideways'; choose one of open"),
         ({"loop": "direct", "resume": True}, "--resume"),
     ):
         with pytest.raises(UsageError, match=said):
