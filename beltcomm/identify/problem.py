@@ -115,7 +115,7 @@ class Problem:
         """Give back the memory of what was worked out last, and of observers, which must be those of ``model``, until they are needed."""
         self.last.clear()
         self.seen.clear()
-        self._bare = any(piece.follower is not None for piece in self._pieces)
+        self._bare |= any(piece.follower is not None for piece in self._pieces)
         self._pieces = [replace(piece, follower=None) for piece in self._pieces]
         for piece in self._pieces:
             piece.motion.made_true.clear()

@@ -142,6 +142,18 @@ def test_a_fit_ends_with_the_best_model_that_it_saw_behind_its_own_observer(
     assert found.objective < 0.9 * seen[0]
 
 
+def test_what_a_problem_forgot_is_worked_out_anew(rattling: tuple[Data, Model]) -> None:
+    data, model = rattling
+    few = replace(data, fitted=tuple(excited(data)[:1]), held_out=())
+    problem = fitting.problem_of(few, model)
+    x = 1.01 * problem.start()
+    before = problem.residual(x)
+    problem.forget()
+    problem.forget()
+    assert problem.pieces[0].follower is not None
+    np.testing.assert_array_equal(problem.residual(x), before)
+
+
 def test_a_body_that_flies_off_is_no_candidate(rattling: tuple[Data, Model]) -> None:
     """A pulley that swings faster than the steps of time can follow: its fit has no objective, and nothing is ranked by it."""
     data, model = rattling
