@@ -131,8 +131,9 @@ def diagnose(
     begun: tuple[Data, Fitted] | None = None,
     most: int = MOST_EFFECTS,
     progress: Callable[[float], None] = lambda _fraction: None,
+    trying: Callable[[Candidate], None] = lambda _candidate: None,
 ) -> Diagnosis:
-    """The whole search from a start model.   begun : its :func:`fitted_base`, where known.
+    """The whole search from a start model.   begun : its :func:`fitted_base`, where known.   trying : hears of each effect on trial.
 
     Raises DataError when the records cannot be used.
     """
@@ -162,6 +163,7 @@ def diagnose(
             if not shaped.new or current.objective < MISSING * current.problem.samples:
                 break
             continue
+        trying(best)
         seen.append(data)
         data, grown = again(data, best.fitted, NEXT_ITERATIONS)
         kept, removed = superfluous(data, grown, base.model, best.effect.name)

@@ -134,7 +134,14 @@ def diagnosed(folder: RunFolder, run: Path, auto: bool, cost: bool, following: b
     model = current_model(folder)
     talk.phase(1, 1, "search for missing effects")
     start, seen_so, base = fitted_to(folder, recordings, model)
-    found = diagnose(recordings, folder.axis, start, begun=(seen_so, base), progress=lambda fraction: talk.progress(fraction, None))
+    found = diagnose(
+        recordings,
+        folder.axis,
+        start,
+        begun=(seen_so, base),
+        progress=lambda fraction: talk.progress(fraction, None),
+        trying=lambda candidate: talk.say(words.trial_line(candidate)),
+    )
     explainable(found.base.ratio, run)
     found, doubts = within_scope(found, recordings)
     crossed = cross_checked(found, recordings, folder.axis)

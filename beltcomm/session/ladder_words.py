@@ -13,6 +13,7 @@ from beltcomm.laboratory.compare import Comparison
 from beltcomm.laboratory.diagnosis import KNOWN, NONE_EXPLAINS, Diagnosis, undetermined, unlikely
 from beltcomm.laboratory.fitting import Fitted
 from beltcomm.laboratory.intervals import with_intervals
+from beltcomm.laboratory.stage import Candidate
 from beltcomm.laboratory.start import BELT_BASE, RIGID_BASE
 from beltcomm.laboratory.visible import Sight
 from beltcomm.model import Model, effect_parameters
@@ -43,6 +44,12 @@ def comparison_lines(comparison: Comparison, places: Sequence[str], model: Model
     lines.append("")
     lines += ["Where it fails most:", *(f"  {place}" for place in places)] if places else ["No place stands out."]
     return [*lines, f"Next: beltcomm diagnose {pasted(run)}"]
+
+
+def trial_line(candidate: Candidate) -> str:
+    """What is said while a diagnosis goes on."""
+    share = 100.0 * min(1.0, candidate.explained)
+    return f"{candidate.effect.name} on trial: it explains {share:.0f} %; all is fitted with it, then looked at for more"
 
 
 def diagnosis_lines(found: Diagnosis) -> list[str]:

@@ -27,7 +27,10 @@ def diagnosed(name: str, place: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     assert result.exception is None, result.exception
     assert not (place / name / "models").exists(), "diagnose changes nothing"
     assert not (place / name / "pictures").exists()
-    return json.loads(result.stdout), yaml.safe_load((DRAWS / f"{name}.answer.yaml").read_text(encoding="utf-8"))
+    found = json.loads(result.stdout)
+    tried = [f"{step['added']} on trial: it explains" for step in found["steps"] if step["added"]]
+    assert all(words in result.stderr for words in tried), "a search that takes long is told of"
+    return found, yaml.safe_load((DRAWS / f"{name}.answer.yaml").read_text(encoding="utf-8"))
 
 
 def test_a_healthy_machine_reads_one_and_nothing_is_named(tmp_path: Path) -> None:
