@@ -20,12 +20,15 @@ CLEARLY = 1.25
 #: Quantile of |x| of a normal x that a quarter stays below; deviations from which on a step between two rows is a jump; share of the
 #: rows that jumps must touch to be left out, for the median bears a few; rows that must be left.
 QUARTER, JUMP, TOUCHED, FEWEST = 0.3186, 8.0, 0.1, 200
-#: Times the roughness between its jumps that what two periods differ by may have: more, and the torque does not repeat so.
+#: Times what is rough otherwise that what two periods differ by may have: more, and the torque does not repeat so.
 REPEATING = 2.0
 #: Share of the torque's own deviation above which the roughness of a record that may be excited is the excitation, as far as anybody knows.
 MOSTLY = 0.1
 #: Error over the noise below which the noise is not what it was taken for: healthy machines leave 0.93 and more.
 TOO_LITTLE = 0.8
+#: Rows of a part whose power spectrum is taken, bands that it is divided into, and bands that must agree to be white noise: behind its
+#: band a multisine leaves nothing else, however fast it is.
+PART, BANDS, AGREEING = 512, 16, 3
 #: Kinds of records in which the torque may jump from row to row: of a free one nobody said what it is.
 RESTLESS = ("frf", "free")
 
@@ -94,17 +97,17 @@ def _level(recordings: Sequence[Recording]) -> Level:
 
 
 def _without_setpoint(recording: Recording) -> Level:
-    """From the difference of repeated periods, where a record holds any, else from what is rough between the torque's jumps."""
-    calm = _between_jumps(recording.torque)
+    """From the difference of repeated periods, where a record holds any, else from what is rough between jumps or behind the excitation."""
+    rough = [nm for nm in (_between_jumps(recording.torque), _floor(recording)) if nm is not None]
     repeated = _repeated(recording)
     if repeated is not None:
         nm = _rough(np.diff(repeated, ORDER), ORDER)
-        if calm is None or nm <= REPEATING * calm:
+        if not rough or nm <= REPEATING * min(rough):
             return Level(nm, True)
-    if calm is None:
+    if not rough:
         return Level(_rough(np.diff(recording.torque, ORDER), ORDER), False)
     restless = recording.sidecar.experiment in RESTLESS
-    return Level(calm, not restless or calm < MOSTLY * float(np.std(recording.torque)))
+    return Level(min(rough), not restless or min(rough) < MOSTLY * float(np.std(recording.torque)))
 
 
 def _repeated(recording: Recording) -> Array | None:
@@ -161,6 +164,23 @@ def _between_jumps(torque: Array) -> float | None:
     if not found:
         return None
     return min(found) if found[0] > CLEARLY * min(found) else found[0]
+
+
+def _floor(recording: Recording) -> float | None:
+    """White noise behind the band of an excitation, N m rms: what the quietest bands of the spectrum agree on; None where they do not.
+
+    The window's side lobes (-92 dB) keep what is excited out of bands that are not; the median over parts, what happens once.
+    """
+    if recording.sidecar.experiment not in RESTLESS or len(recording.torque) < 4 * PART or len(recording.gaps()):
+        return None
+    from scipy.signal import welch  # takes longer to import than a page of a report to draw
+
+    rate_hz = 1.0 / recording.sample_period_s
+    _, power = welch(recording.torque, rate_hz, "blackmanharris", PART, detrend="linear", average="median")
+    lines = power[len(power) % BANDS :].reshape(BANDS, -1)
+    bands = np.sort(np.sqrt(np.mean(lines, axis=1) * rate_hz / 2.0))
+    agree = bands[bands < CLEARLY * bands[0]]
+    return float(np.mean(agree)) if len(agree) >= AGREEING else None
 
 
 def _rough(differences: Array, order: int) -> float:

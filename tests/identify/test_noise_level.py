@@ -6,10 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from beltcomm.identify.noise_level import noise_untold, torque_noise
 from beltcomm.recording import Recording
-from beltcomm.sidecar import Sidecar
+from beltcomm.sidecar import ExcitationNote, Sidecar
 from identify.records import NOISE_NM, Recorder
 from truth.rigs import draw
 
@@ -98,3 +99,26 @@ def test_an_excitation_that_changes_with_every_row_hides_the_noise_and_that_is_s
     assert noise_untold([replace(record, torque_setpoint=np.array(record.torque))]) == ""
     stroke = Recorder(seed=15).stroked(draw("g_b", np.random.default_rng(15)), (0.1, 0.5), 0.2)
     assert noise_untold([record, replace(stroke, torque_setpoint=None)]) == ""
+
+
+@pytest.mark.parametrize("amplitude_nm", [0.75, 2.5])
+def test_torque_noise_of_one_period_of_a_multisine_that_is_fast_and_fades(amplitude_nm: float) -> None:
+    """Odd lines up to half the highest frequency, one measured period behind a run-in, a fade that does not repeat."""
+    period, rng = 2048, np.random.default_rng(6)
+    lines = np.arange(1, period // 4, 2)
+    times, phases = np.arange(4796), rng.uniform(0.0, 2.0 * np.pi, len(lines))
+    torque = np.sum([np.cos(2.0 * np.pi * k * times / period + phase) for k, phase in zip(lines, phases, strict=True)], axis=0)
+    torque *= np.clip(np.minimum(times / 250.0, (4796 - times) / 400.0), 0.0, 1.0) * amplitude_nm / np.abs(torque).max()
+    record = excited_by(torque)
+    note = ExcitationNote(kind="multisine", amplitude_nm=amplitude_nm, period_samples=period, first_sample=2299)
+    for sidecar in (Sidecar("frf", excitation=note), Sidecar("free"), Sidecar("frf")):
+        assert torque_noise([replace(record, sidecar=sidecar)]) == pytest.approx(NOISE_NM, rel=0.1)
+        assert noise_untold([replace(record, sidecar=sidecar)]) == ""
+
+
+def test_an_excitation_that_falls_with_frequency_is_no_plateau_of_noise() -> None:
+    """A noise through a lag of the first order has no band that is not excited; less than a tenth of it is nobody's noise."""
+    driven = np.random.default_rng(7).normal(0.0, 0.2, 6000)
+    record = excited_by(lfilter([0.1], [1.0, -0.9], driven))
+    assert torque_noise([record]) > 1.5 * NOISE_NM
+    assert "cannot be told" in noise_untold([record])
