@@ -176,7 +176,7 @@ def _floor(recording: Recording) -> float | None:
     from scipy.signal import welch  # takes longer to import than a page of a report to draw
 
     rate_hz = 1.0 / recording.sample_period_s
-    _, power = welch(recording.torque, rate_hz, "blackmanharris", PART, detrend="linear", average="median")
+    _, power = welch(recording.torque, rate_hz, "blackmanharris", PART, average="median")
     lines = power[len(power) % BANDS :].reshape(BANDS, -1)
     bands = np.sort(np.sqrt(np.mean(lines, axis=1) * rate_hz / 2.0))
     agree = bands[bands < CLEARLY * bands[0]]
