@@ -17,7 +17,7 @@ from scipy.special import stdtrit
 
 from beltcomm.errors import DataError
 from beltcomm.identify.noise_level import torque_noise
-from beltcomm.identify.residual import Stretch, squares_left, stretches, whitened
+from beltcomm.identify.residual import Stretch, squares_left, stretches, whitened, whitened_beside
 from beltcomm.identify.reversals import turns_at_once
 from beltcomm.identify.uncertainty import remark_on, remark_on_rounding, remarks_on_pairs, sandwich
 from beltcomm.model import Model, expected_parameters
@@ -214,6 +214,8 @@ class _Problem:
         self.high = np.concatenate([np.array([v.high for v in values]) / own, np.ones(len(pieces))])
         self.blocks = _labels(pieces, BLOCK_S)
         self.ends = np.cumsum([0, *(int(piece.keep.sum()) for piece in pieces)])
+        # What was worked out last of each piece: the search asks for it again.
+        self.last: dict[int, tuple[tuple[bytes, float], Array]] = {}
 
     def start(self) -> Array:
         x = np.zeros(len(self.scale))
@@ -231,26 +233,33 @@ class _Problem:
         values = np.clip((x * self.scale)[: len(self.free)], low, high)
         return self.model.with_values(dict(zip(self.free, values.tolist(), strict=True)), "final fit")
 
+    def offset(self, i: int, x: Array) -> float:
+        return self.pieces[i].offset_m * float(x[len(self.free) + i])
+
     def one(self, i: int, x: Array) -> Array:
-        return whitened(self.pieces[i], self.model, self.full(x), self.pieces[i].offset_m * float(x[len(self.free) + i]))
+        key = (x[: len(self.free)].tobytes(), self.offset(i, x))
+        if self.last.get(i, (None,))[0] != key:
+            self.last[i] = (key, whitened(self.pieces[i], self.model, self.full(x), key[1]))
+        return self.last[i][1]
 
     def residual(self, x: Array) -> Array:
         return np.concatenate([self.one(i, x) for i in range(len(self.pieces))])
 
     def jacobian(self, x: Array, *, central: bool = False) -> Array:
-        """One-sided differences while searching, central ones for the covariance."""
-        columns = np.zeros((self.ends[-1], len(x)))
-        here = [self.one(i, x) for i in range(len(self.pieces))] if not central else []
+        """One-sided differences while searching, central ones for the covariance; the unknowns of a piece side by side."""
+        columns, own = np.zeros((self.ends[-1], len(x))), len(self.free)
+        ahead, behind = np.tile(x, (len(x), 1)), np.tile(x, (len(x), 1))
         for j in range(len(x)):
             step = 1e-3 * max(abs(x[j]), 0.1)
-            ahead, behind = x.copy(), x.copy()
-            ahead[j] = x[j] + step if x[j] + step <= self.high[j] else x[j] - step
-            behind[j] = max(x[j] - step, self.low[j]) if central and ahead[j] > x[j] else x[j]
-            piece = j - len(self.free)
-            touched = range(len(self.pieces)) if piece < 0 else (piece,)
-            for i in touched:
-                difference = self.one(i, ahead) - (self.one(i, behind) if central else here[i])
-                columns[self.ends[i] : self.ends[i + 1], j] = difference / (ahead[j] - behind[j])
+            ahead[j, j] = x[j] + step if x[j] + step <= self.high[j] else x[j] - step
+            behind[j, j] = max(x[j] - step, self.low[j]) if central and ahead[j, j] > x[j] else x[j]
+        steps = np.diag(ahead) - np.diag(behind)
+        for i, piece in enumerate(self.pieces):
+            touching = [*range(own), own + i]
+            places = [*ahead[touching], *(behind[touching] if central else ())]
+            found = whitened_beside(piece, self.model, [self.full(at) for at in places], [self.offset(i, at) for at in places])
+            here = found[:, len(touching) :] if central else self.one(i, x)[:, None]
+            columns[self.ends[i] : self.ends[i + 1], touching] = (found[:, : len(touching)] - here) / steps[touching]
         return columns
 
     def with_coarser_encoder(self, factor: float) -> _Problem:

@@ -60,6 +60,13 @@ class Way:
     paths: tuple[NoisePath, ...]
     level: NDArray[np.int64]
 
+    def same(self, other: Way) -> bool:
+        """Whether both are the same in every number."""
+        if len(self.paths) != len(other.paths) or not np.array_equal(self.level, other.level):
+            return False
+        pairs = itertools.product(zip(self.paths, other.paths, strict=True), ("F", "G", "H", "D", "begins"))
+        return all(np.array_equal(getattr(a, name), getattr(b, name)) for (a, b), name in pairs)
+
 
 def way(model: Model, places_m: Array, sample_s: float, left: Array | None = None) -> Way:
     """The paths at the places of the carriage, (n,), m: one in the middle of the way, several where the belt's stiffness changes on it

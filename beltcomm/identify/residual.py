@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
@@ -27,7 +28,7 @@ from beltcomm.identify.whitening import Whitener, whiten
 from beltcomm.linear import matrices, operating_point
 from beltcomm.model import Model
 from beltcomm.recording import Recording
-from beltcomm.simulate.inverse import FineMotion, acting_cells, begins_in_motion, coarse, fine_load, reconstruct, torque_residual
+from beltcomm.simulate.inverse import FineMotion, acting_cells, begins_in_motion, coarse, fine_load, reconstruct, torque_residuals
 from beltcomm.simulate.mean import ABSURD_NM
 
 Array = NDArray[np.float64]
@@ -257,8 +258,16 @@ def evaluate(stretch: Stretch, model: Model, vector: Array, offset_m: float = 0.
     """Residual e[n], N m at the motor shaft, (n,): all samples, also those not kept.   offset_m : see ``fine_load``."""
     if stretch.follower is not None:
         return stretch.follower.innovations(model, stretch.motion, stretch.torque, vector)[1]
-    left = torque_residual(model, stretch.motion, stretch.torque, vector, offset_m)
-    return left if stretch.turns is None else left + vector[model.index(LEVEL)] * stretch.turns
+    return evaluated(stretch, model, [vector], [offset_m])[0]
+
+
+def evaluated(stretch: Stretch, model: Model, vectors: Sequence[Array], offsets_m: Sequence[float]) -> list[Array]:
+    """The same of a stretch without an observer for several vectors of parameters side by side, (n,) each."""
+    left = torque_residuals(model, stretch.motion, stretch.torque, vectors, offsets_m)
+    if stretch.turns is None:
+        return left
+    level = model.index(LEVEL)
+    return [e + p[level] * stretch.turns for e, p in zip(left, vectors, strict=True)]
 
 
 def whitened(stretch: Stretch, model: Model, vector: Array, offset_m: float = 0.0) -> Array:
@@ -266,6 +275,29 @@ def whitened(stretch: Stretch, model: Model, vector: Array, offset_m: float = 0.
     if stretch.follower is not None:
         return followed(stretch, model, vector)
     return in_noise(stretch, model, vector, evaluate(stretch, model, vector, offset_m))
+
+
+def whitened_beside(stretch: Stretch, model: Model, vectors: Sequence[Array], offsets_m: Sequence[float]) -> Array:
+    """The same of a stretch without observer and whitener for several vectors side by side, (values, k): each in its own noise.
+
+    What does not touch the noise, as a start offset or the level of friction, is whitened together.
+    """
+    left = evaluated(stretch, model, vectors, offsets_m)
+    ways = {p.tobytes(): (way_of(stretch, model.with_vector(p)), list[int]()) for p in vectors}
+    for column, p in enumerate(vectors):
+        ways[p.tobytes()][1].append(column)
+    alike: list[tuple[Way, list[int]]] = []
+    for course, columns in ways.values():
+        same = next((old for known, old in alike if known.same(course)), None)
+        if same is None:
+            alike.append((course, columns))
+        else:
+            same += columns
+    out = np.empty((np.count_nonzero(stretch.keep), len(vectors)))
+    for course, columns in alike:
+        together = np.stack([left[c] for c in columns], axis=1)
+        out[:, columns] = whiten(together, stretch.keep, course, stretch.step_rad, stretch.noise_nm)
+    return out
 
 
 def squares_left(piece: Stretch, model: Model, vector: Array) -> Array:

@@ -25,7 +25,6 @@ from beltcomm.laboratory.hints import explained_stretch, stiffness_by_record
 from beltcomm.laboratory.nearby import Nearby
 from beltcomm.model import Model, on_side
 from beltcomm.simulate.inverse import (
-    BEFORE_THE_LOAD,
     FineMotion,
     acting_torque,
     as_read,
@@ -34,6 +33,7 @@ from beltcomm.simulate.inverse import (
     reading_lags,
     true_motion,
 )
+from beltcomm.simulate.switchboard import BEFORE_THE_LOAD
 from beltcomm.simulate.writer import acts_on_motor
 
 Array = NDArray[np.float64]

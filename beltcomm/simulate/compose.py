@@ -150,7 +150,7 @@ def kernel_source(base_bodies: tuple[str, ...], effects: tuple[str, ...]) -> str
 
 @dataclass(frozen=True)
 class Inverse:
-    """The masked functions over the whole catalogue; ``p``, ``on`` as :class:`beltcomm.simulate.inverse.Switchboard` gives them.
+    """The masked functions over the whole catalogue; ``p``, ``on`` as :class:`beltcomm.simulate.switchboard.Switchboard` gives them.
 
     load(theta, omega, p, on, t, h, bristle, offset, load, cart, watch): load torque at the motor shaft, N m, of everything but the effects
         that act on the motor alone, for a given motor motion; cart position, m.  ``bristle`` : m, in which motor friction turns round.

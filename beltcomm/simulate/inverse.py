@@ -19,21 +19,20 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
-from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from beltcomm.effects import EFFECTS, Effect, effect_named
-from beltcomm.model import Model, expected_parameters
+from beltcomm.effects import EFFECTS
+from beltcomm.model import Model
 from beltcomm.simulate.compose import inverse_kernel
 from beltcomm.simulate.mean import triangular_mean
 from beltcomm.simulate.observer import NOTHING, Watch
-from beltcomm.simulate.plain_belt import PLAIN, knows, plain_belt, values_of
+from beltcomm.simulate.plain_belt import plain_belt, values_of
 from beltcomm.simulate.plain_gap import plain_gap
-from beltcomm.simulate.writer import LOOK_AHEAD, MOVING_RAD_S, acts_on_motor, catalogue_parameters
+from beltcomm.simulate.switchboard import switchboard
+from beltcomm.simulate.writer import LOOK_AHEAD, MOVING_RAD_S
 
 Array = NDArray[np.float64]
 #: Laws with their values.
@@ -46,9 +45,6 @@ BRISTLE_M = 2e-8
 #: Cells per sample in which a torque that comes late is worked out: a step within a cell counts as spread over it, which shifts it in time
 #: by up to T/(8 cells²), 8 us of 1 ms with four cells and 0.1 us with these.
 DELAY_CELLS = 32
-#: Slots of what changes angle or torque and no load.
-BEFORE_THE_LOAD = ("sensor", "torque_path", "torque_delay", "torque_reading")
-_CATALOGUE_SIZE = len(catalogue_parameters())
 
 
 @dataclass(frozen=True)
@@ -126,76 +122,6 @@ def first_speed(motion: FineMotion) -> float:
     first, middle, last = (float(motion.theta[i]) for i in (0, half, 2 * half))
     speed = (4.0 * middle - last - 3.0 * first) * motion.substeps / (2.0 * half * motion.sample_s)
     return speed if abs(speed) >= MOVING_RAD_S else 0.0
-
-
-@dataclass(frozen=True)
-class Switchboard:
-    """Where the parameters of a model stand in the vector of the masked kernel, and which effects are on.
-
-    places : (k,), place of each entry of ``Model.vector()``.    on : (effects of the catalogue,) bool.   motor, belt : the same for
-    those that act on the motor alone, and for the others: the load is the sum of both.
-    delays : effects between reported and acting torque, with their places in the model's vector.     readings : the same for those
-    between the torque and its reading.     bent : whether the torque path is touched by an effect.   sensor : places in the model's vector
-    of the errors of the angle.
-    bare : whether nothing but ``PLAIN``, plain : whether nothing but what ``plain_belt`` knows is beyond the motor.   gap : places in the
-    model's vector of what ``plain_gap`` asks for, -1 for what is off; () where it does not know all of it.
-    """
-
-    places: NDArray[np.intp]
-    on: NDArray[np.bool_]
-    motor: NDArray[np.bool_]
-    belt: NDArray[np.bool_]
-    delays: tuple[tuple[Callable[..., Array], tuple[int, ...]], ...]
-    readings: tuple[tuple[Callable[..., Array], tuple[int, ...]], ...]
-    bent: bool
-    sensor: tuple[int, ...]
-    bare: bool
-    plain: bool
-    gap: tuple[int, ...]
-
-    def spread(self, vector: Array) -> Array:
-        """The vector of the masked kernel."""
-        p = np.zeros(_CATALOGUE_SIZE)
-        p[self.places] = vector
-        return p
-
-
-@lru_cache(maxsize=256)
-def switchboard(base_bodies: tuple[str, ...], effects: tuple[str, ...]) -> Switchboard:
-    """The switchboard of one combination of effects."""
-    catalogue = catalogue_parameters()
-    own = list(expected_parameters(effects, base_bodies))
-    chosen = [effect_named(name) for name in effects]
-    laws: dict[str, list[tuple[Callable[..., Array], tuple[int, ...]]]] = {e.slot: [] for e in chosen}
-    for e in chosen:
-        laws[e.slot].append((cast("Callable[..., Array]", e.law), tuple(own.index(name) for name in e.full_names())))
-    return Switchboard(
-        np.array([catalogue[name] for name in own], dtype=np.intp),
-        np.array([effect.name in effects for effect in EFFECTS]),
-        np.array([effect.name in effects and acts_on_motor(effect) for effect in EFFECTS]),
-        np.array([effect.name in effects and not acts_on_motor(effect) for effect in EFFECTS]),
-        tuple(laws.get("torque_delay", ())),
-        tuple(laws.get("torque_reading", ())),
-        any(e.slot == "torque_path" for e in chosen),
-        tuple(own.index(name) for e in chosen if e.slot == "sensor" for name in e.full_names()),
-        base_bodies == ("motor", "cart") and _beyond(chosen) <= set(PLAIN),
-        base_bodies == ("motor", "cart") and knows(_beyond(chosen)),
-        _gap_places(base_bodies, chosen, own),
-    )
-
-
-def _beyond(chosen: Sequence[Effect]) -> set[str]:
-    """Names of the effects beyond the motor."""
-    return {e.name for e in chosen if not acts_on_motor(e) and e.slot not in BEFORE_THE_LOAD}
-
-
-def _gap_places(base_bodies: tuple[str, ...], chosen: Sequence[Effect], own: Sequence[str]) -> tuple[int, ...]:
-    beyond = _beyond(chosen)
-    if base_bodies != ("motor", "cart") or not {"belt_stiffness", "backlash"} <= beyond or not beyond <= {*PLAIN, "backlash"}:
-        return ()
-    names = [name for effect in (*PLAIN, "backlash") for name in effect_named(effect).full_names()]
-    names.insert(2, "cart.mass")
-    return tuple(own.index(name) if name in own else -1 for name in names)
 
 
 class _Scratch(threading.local):
@@ -387,12 +313,27 @@ def load_torque(model: Model, motion: FineMotion, vector: Array | None = None, o
 
 def torque_residual(model: Model, motion: FineMotion, torque: Array, vector: Array | None = None, offset_m: float = 0.0) -> Array:
     """e[n] of the module's equation, N m at the motor shaft; (n,), ends 0.   torque : ndarray (n,), N m, as reported."""
-    p = model.vector() if vector is None else vector
-    motion = true_motion(model, motion, p)
-    if switchboard(model.base_bodies, model.effects).plain:
-        needed = motor_load(model, motion, p) + belt_load(model, motion, p, offset_m)
-    else:
-        needed, _ = load_torque(model, motion, p, offset_m)
-    needed[1:-1] += p[model.index("motor.inertia")] * np.diff(motion.theta[:: motion.substeps], 2) / motion.sample_s**2
-    acting = acting_torque(model, motion, torque, p)
-    return as_read(needed, float(acting[1]), motion.sample_s, reading_lags(model, p)) - acting
+    return torque_residuals(model, motion, torque, [model.vector() if vector is None else vector], [offset_m])[0]
+
+
+def torque_residuals(model: Model, motion: FineMotion, torque: Array, vectors: Sequence[Array], offsets_m: Sequence[float]) -> list[Array]:
+    """The same for several vectors of parameters and offsets, (n,) each: plain belts run side by side."""
+    board, ratio = switchboard(model.base_bodies, model.effects), model.index("transmission.ratio")
+    beside = board.plain and not board.sensor and all(p[ratio] == vectors[0][ratio] for p in vectors)
+    loads = belt_loads(model, motion, vectors, offsets_m).T if beside else [None] * len(vectors)
+    left, rubbing = [], dict[tuple[float, ...], Array]()
+    for p, offset, load in zip(vectors, offsets_m, loads, strict=True):
+        true = true_motion(model, motion, p)
+        if load is not None:  # most of them do not touch the motor's own friction
+            key = tuple(p[place] for place in board.rubs)
+            if key not in rubbing:
+                rubbing[key] = motor_load(model, true, p)
+            needed = rubbing[key] + load
+        elif board.plain:
+            needed = motor_load(model, true, p) + belt_load(model, true, p, offset)
+        else:
+            needed, _ = load_torque(model, true, p, offset)
+        needed[1:-1] += p[model.index("motor.inertia")] * np.diff(true.theta[:: true.substeps], 2) / true.sample_s**2
+        acting = acting_torque(model, true, torque, p)
+        left.append(as_read(needed, float(acting[1]), true.sample_s, reading_lags(model, p)) - acting)
+    return left

@@ -21,10 +21,10 @@ from beltcomm.simulate.inverse import (
     followed,
     followed_beside,
     motor_load,
-    switchboard,
     triangular_mean,
 )
 from beltcomm.simulate.observer import filtered
+from beltcomm.simulate.switchboard import switchboard
 
 Array = NDArray[np.float64]
 
