@@ -118,14 +118,33 @@ def plan_trajectory(
     solution = ruckig.Trajectory(1)
     try:
         outcome = ruckig.Ruckig(1, sample_period_s).calculate(problem, solution)
-    except ruckig.RuckigError as error:
+    except (ruckig.RuckigError, ValueError) as error:  # the latter for outcomes that its Python side has no name for
         raise UsageError(f"no motion from {start_m:g} m to {end_m:g} m keeps its limits: {error}") from error
     if outcome is not ruckig.Result.Working:
         raise UsageError(f"no motion from {start_m:g} m to {end_m:g} m keeps its limits ({outcome.name}); widen the limits")
     t_s = _grid(round(solution.duration / sample_period_s) + 1, sample_period_s)
-    sampled = np.array([solution.at_time(min(t, solution.duration)) for t in t_s])[:, :, 0]
-    sampled[-1] = states[1]
-    return Trajectory(t_s, sampled[:, 0], sampled[:, 1], sampled[:, 2])
+    position, velocity, acceleration = _sampled(solution, t_s)
+    for column, value in zip((position, velocity, acceleration), states[1], strict=True):
+        column[-1] = value
+    return Trajectory(t_s, position, velocity, acceleration)
+
+
+def _sampled(solution: ruckig.Trajectory, t_s: Array) -> tuple[Array, Array, Array]:
+    """Position, velocity and acceleration at all instants: the phases of constant jerk, of which ruckig itself gives one instant a call.
+
+    In front of the seven stand two in which a start that would not keep the limits is braked; of no length elsewhere.
+    """
+    phases = solution.profiles[0][0]
+    lengths, j, a, v, p = ([*getattr(phases.brake, name), *getattr(phases, name)] for name in "tjavp")
+    ends = np.cumsum(lengths)
+    at = np.minimum(np.searchsorted(ends, t_s, side="right"), len(ends) - 1)
+    t = np.minimum(t_s, solution.duration) - np.concatenate(([0.0], ends))[at]
+    jerk, acceleration, velocity, position = (np.array(column)[at] for column in (j, a, v, p))
+    return (
+        position + t * (velocity + t * (acceleration / 2.0 + t * jerk / 6.0)),
+        velocity + t * (acceleration + t * jerk / 2.0),
+        acceleration + t * jerk,
+    )
 
 
 def stroke(start_m: float, end_m: float, speed_m_s: float, limits: TrajectoryLimits, sample_period_s: float) -> Trajectory:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import ruckig
 from scipy.optimize import brentq
 
 from beltcomm.axis import TrajectoryLimits, load_axis
@@ -162,3 +163,20 @@ def test_unusable_moves_are_refused(tmp_path: Path, t_s: list[float], position: 
     path = write_move(tmp_path / "move.csv", np.array(t_s, dtype=float), np.array(position, dtype=float))
     with pytest.raises(failure, match=words):
         load_move(path, PERIOD_S, load_axis("egc-70-600"))
+
+
+@pytest.mark.parametrize(("velocity", "acceleration"), [(0.0, 0.0), (0.3, -2.0), (0.495, 4.9)])
+def test_the_samples_are_those_of_the_library(velocity: float, acceleration: float) -> None:
+    """Also where a start that is not able to keep the limits is braked first: the last one reaches 0.5 m/s at full acceleration."""
+    limits = TrajectoryLimits(speed_m_s=0.5, acceleration_m_s2=5.0, jerk_m_s3=100.0)
+    problem = ruckig.InputParameter(1)
+    problem.current_position, problem.current_velocity, problem.current_acceleration = [0.1], [velocity], [acceleration]
+    problem.target_position, problem.max_velocity, problem.max_acceleration, problem.max_jerk = [0.45], [0.5], [5.0], [100.0]
+    problem.duration_discretization = ruckig.DurationDiscretization.Discrete
+    solution = ruckig.Trajectory(1)
+    ruckig.Ruckig(1, PERIOD_S).calculate(problem, solution)
+    move = plan_trajectory(0.1, 0.45, limits, PERIOD_S, start_velocity_m_s=velocity, start_acceleration_m_s2=acceleration)
+    expected = np.array([solution.at_time(t) for t in move.t_s[:-1]])[:, :, 0]
+    assert (solution.profiles[0][0].brake.duration > 0.0) == (velocity > 0.4)
+    for column, wanted in zip((move.position_m, move.velocity_m_s, move.acceleration_m_s2), expected.T, strict=True):
+        assert column[:-1] == pytest.approx(wanted, abs=1e-12)
