@@ -16,11 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.control import Cascade, CascadeStructure, Feedforward, Prefilter
+from beltcomm.design.allowed import AllowedGains, allowed_gains
 from beltcomm.design.cascade import DesignResult, binding_conditions, meets, on_step, quantised_pi, with_reserve
 from beltcomm.design.knobs import Knobs
 from beltcomm.design.loops import LoopShape, SampledPlants, loop_shape, open_velocity_loop, position_path
 from beltcomm.design.margins import margins_on, resonance_or_peak
-from beltcomm.design.search import AllowedGains, allowed_gains, highest_position_gain, integral_time_bounds, unit_loop
+from beltcomm.design.search import highest_position_gain, integral_time_bounds, unit_loop
 from beltcomm.design.specification import Specification
 from beltcomm.errors import Refused
 

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.control import CascadeStructure
+from beltcomm.design.allowed import allowed_gains
 from beltcomm.design.loops import LoopShape, position_path
 from beltcomm.design.margins import resonance_or_peak
 from beltcomm.design.specification import Specification
@@ -78,99 +79,6 @@ def highest_position_gain(path: ComplexArray, shape: LoopShape, specification: S
     """
     allowed = allowed_gains(path, shape, specification.position_phase_margin_deg, specification)
     return allowed.highest(limit) if allowed is not None else 0.0
-
-
-@dataclass(frozen=True)
-class AllowedGains:
-    """Gains below ``top`` and in none of the intervals; lows, highs : ndarray (m,), sorted, disjoint."""
-
-    top: float
-    lows: Array
-    highs: Array
-
-    def of(self, gains: Array) -> Array:
-        """Those of ``gains`` that are allowed."""
-        place = np.searchsorted(self.lows, gains) - 1
-        inside = (place >= 0) & (gains < np.append(self.highs, 0.0)[place])
-        return gains[(gains < self.top) & ~inside]
-
-    def highest(self, limit: float) -> float:
-        """Largest allowed gain up to ``limit``."""
-        gain = min(self.top, limit)
-        place = int(np.searchsorted(self.lows, gain)) - 1
-        return float(self.lows[place]) if place >= 0 and gain < self.highs[place] else gain
-
-
-def allowed_gains(unit: ComplexArray, shape: LoopShape, phase_margin_deg: float, specification: Specification) -> AllowedGains | None:
-    """Gains K for which every loop K × unit, ndarray (p, n), meets its margins; None when there are none.
-
-    A crossover may lie where the unwrapped phase holds the margin, below the antiresonance; from the last such frequency on
-    the gain stays below 1, so that no phase that wraps beyond is taken for a margin.
-    """
-    level = np.abs(unit)
-    below_antiresonance = shape.omega_rad_s < shape.antiresonance_rad_s
-    # The phase is needed up to the first point above every plant's antiresonance; angles are what costs here.
-    n = min(int(np.max(np.sum(below_antiresonance, axis=1))) + 1, unit.shape[1])
-    phase = np.unwrap(np.angle(unit[:, :n]), axis=1)
-    # A loop that starts a little below −180 deg is a lag of more than that, not a lead.
-    phase -= 2.0 * math.pi * (phase[:, :1] > 0.5 * math.pi)
-    limit = math.radians(phase_margin_deg) - math.pi
-    holds = (phase > limit) & below_antiresonance[:, :n]
-    if not holds.any(axis=1).all():
-        return None
-    boundary = _level_at(level[:, :n], phase, limit)
-
-    # From the last frequency that holds: the gain there, at the turn just beyond, and everywhere above.
-    last = np.minimum(n - 1 - np.argmax(holds[:, ::-1], axis=1), n - 2)
-    above = np.arange(unit.shape[1]) > last[:, None]
-    turn = np.take_along_axis(boundary, last[:, None], axis=1)[:, 0]
-    top = 1.0 / float(np.max(np.maximum(turn, np.max(np.where(above, level, 0.0), axis=1))))
-
-    # Below it, the gain must not be 1 where the margin fails: from point to point, or to the turn between them.
-    falls, rises = holds[:, :-1] & ~holds[:, 1:], ~holds[:, :-1] & holds[:, 1:]
-    fails = ~above[:, 1:n] & ~(holds[:, :-1] & holds[:, 1:])
-    first = np.where(falls, boundary, level[:, : n - 1])[fails]
-    second = np.where(rises, boundary, level[:, 1:n])[fails]
-    phase_part = (1.0 / np.maximum(first, second), 1.0 / np.minimum(first, second))
-
-    left = (unit.real[:, :-1] < 0.0) & ((unit.imag[:, :-1] > 0.0) != (unit.imag[:, 1:] > 0.0))
-    crossing = np.maximum(level[:, :-1], level[:, 1:])[left]
-    gain_part = (10.0 ** (-specification.gain_margin_db / 20.0) / crossing, 1.0 / crossing)
-
-    sensitivity_part = _sensitivity_intervals(unit, level, 10.0 ** (-specification.sensitivity_db / 20.0))
-    lows, highs = (np.concatenate(parts) for parts in zip(phase_part, gain_part, sensitivity_part, strict=True))
-    return AllowedGains(top, *_merged(lows, highs))
-
-
-def _level_at(level: Array, phase: Array, limit: float) -> Array:
-    """Gain where the phase passes ``limit`` between each point and the next, ndarray (p, n − 1); elsewhere unused numbers.
-
-    Without this interpolation the grid would cost up to a degree of margin.
-    """
-    change = np.diff(phase, axis=1)
-    share = np.clip((limit - phase[:, :-1]) / np.where(np.abs(change) < 1e-12, 1e-12, change), 0.0, 1.0)
-    return np.asarray(level[:, :-1] * (level[:, 1:] / level[:, :-1]) ** share)
-
-
-def _sensitivity_intervals(unit: ComplexArray, level: Array, bound: float) -> tuple[Array, Array]:
-    """K between which |1 + K unit| < bound, for the frequencies where such K exist; two ndarray (m,).
-
-    |unit|² K² + 2 Re(unit) K + 1 − bound² = 0.
-    """
-    near = (unit.real < 0.0) & (np.abs(unit.imag) < bound * level)
-    real, square = unit.real[near], level[near] ** 2
-    root = np.sqrt(real * real - square * (1.0 - bound * bound))
-    return (-real - root) / square, (-real + root) / square
-
-
-def _merged(lows: Array, highs: Array) -> tuple[Array, Array]:
-    """The union of the intervals as sorted, disjoint ones."""
-    if not len(lows):
-        return lows, highs
-    order = np.argsort(lows)
-    lows, reach = lows[order], np.maximum.accumulate(highs[order])
-    starts = np.append(True, lows[1:] > reach[:-1])
-    return lows[starts], reach[np.append(starts[1:], True)]
 
 
 def _best_on(
