@@ -90,6 +90,12 @@ def demo(run: Path, *, seed: int, talk: Talk | None = None) -> Iterator[Step]:
         "Measure where it travels: strokes over the whole axis, both ways, slow to fast.",
         swept.text[1:4],
     )
+    api.friction(drive, run, options=_options(model, seed), talk=talk)
+    yield Step(
+        f"beltcomm friction --drive virtual --run {pasted(run)}",
+        "Once more, as a witness: this record is held out, nothing is fitted to it.",
+        ["A second sweep, which can contradict what is found in the others."],
+    )
     compared = api.compare(run, pictures=False, talk=talk)
     error = compared.to_json()
     worst = [f"  {place['text']}" for place in error["worst"][:3]]
@@ -111,13 +117,14 @@ def demo(run: Path, *, seed: int, talk: Talk | None = None) -> Iterator[Step]:
     if not added:
         raise Refused(f"the search of this demonstration ended with '{found['verdict']}'; hidden was {name}. Try another --seed")
     for effect in added:
-        after = api.add(effect, run, cost=False, talk=talk)
-        data = after.to_json()
+        data = api.add(effect, run, cost=False, talk=talk).to_json()
         before, now = data["before"], data["after"]
+        ratios = f"error over noise {before['ratio']:.2f} -> {now['ratio']:.2f}"
+        witness = f"of the record held out {before['held_out']:.2f} -> {now['held_out']:.2f}"
         yield Step(
             f"beltcomm add {effect} {pasted(run)}",
             "Put it into the model and fit everything again.",
-            [f"error over noise {before['ratio']:.2f} -> {now['ratio']:.2f}", *_pictures(data["pictures"], run)],
+            [f"{ratios}, {witness}", *_pictures(data["pictures"], run)],
             {"before": before, "after": now, "pictures": data["pictures"]},
         )
     ladder = api.ladder(run)

@@ -260,11 +260,16 @@ def record_steps(machine: Machine, findings: Findings, model: Model, cascade: Ca
 
 
 def measure_friction(
-    machine: Machine, model: Model, name: str = "sweep", speeds_m_s: Sequence[float] = (), longest_s: float = SWEEP_LONGEST_S
+    machine: Machine,
+    model: Model,
+    name: str = "sweep",
+    speeds_m_s: Sequence[float] = (),
+    longest_s: float = SWEEP_LONGEST_S,
+    held_out: bool = False,
 ) -> Recording:
     """The constant-speed sweep alone, three of its speeds twice.   speeds_m_s : instead of the usual seven, each once.
 
-    longest_s : s, that a plateau counts at most.
+    longest_s : s, that a plateau counts at most.   held_out : it judges, nothing is fitted to it.
     """
     machine.begin(TITLES[5])
     if machine.folder.finished(name) is None and not sweeping.room_to_sweep(machine, model, speeds_m_s):
@@ -275,6 +280,7 @@ def measure_friction(
         start_position_m=machine.position_m,
         session_time_s=machine.session_time_s,
         closed_loop=True,
+        held_out=held_out,
         extra=own_strokes.note(machine),
     )
     return machine.record(name, machine.follow(strokes.trajectory, machine.stroking()), phases.loose_room(machine), sidecar)

@@ -116,7 +116,7 @@ def record(machine: Machine, model: Model, asked: Wanted) -> Made:
     if asked.plain:
         number = 1 + sum(name.startswith("sweep") for name in machine.folder.finished_names())
         name = "sweep" if number == 1 else f"sweep_{number}"
-        measure_friction(machine, model, name)
+        measure_friction(machine, model, name, held_out=number > 1 and _judges(machine.folder))
         return Made((name,))
     machine.begin(machine.titles[-1])
     measurement = 1 + max([note_of(s, n).measurement for n, s in _sidecars(machine.folder).items()], default=0)
@@ -162,20 +162,24 @@ def _possible(machine: Machine, model: Model, order: str, asked: Wanted) -> tupl
 
 
 def _recorded(machine: Machine, path: Trajectory, note: SweepNote, asked: Wanted) -> str:
-    """One record; its name.   The first sweep of a run is fitted, the others judge: a model needs one, and a fit of hours nobody."""
+    """One record; its name."""
     name = f"{RECORDS}{1 + sum(name.startswith(RECORDS) for name in machine.folder.finished_names())}"
-    fitted = any(s.experiment == "friction_sweep" and not s.held_out for s in _sidecars(machine.folder).values())
     sidecar = Sidecar(
         experiment="friction_sweep",
         start_position_m=machine.position_m,
         session_time_s=machine.session_time_s,
         closed_loop=True,
-        held_out=fitted,
+        held_out=_judges(machine.folder),
         payload_kg=asked.mounted_kg,
         extra=note.to_dict(),
     )
     machine.record(name, machine.follow(path, machine.stroking()), phases.loose_room(machine), sidecar)
     return name
+
+
+def _judges(folder: RunFolder) -> bool:
+    """Whether the next sweep is held out: the first of a run is fitted, for a model needs one, and the others contradict or confirm it."""
+    return any(s.experiment == "friction_sweep" and not s.held_out for s in _sidecars(folder).values())
 
 
 def result(

@@ -22,6 +22,8 @@ def test_a_fault_is_found_and_the_error_falls_to_the_noise(tmp_path: Path) -> No
     changes = [step for step in told["steps"] if "after" in step]
     assert changes[0]["before"]["ratio"] > 2.0
     assert changes[-1]["after"]["ratio"] < 1.2
+    assert changes[-1]["before"]["held_out"] > 2.0
+    assert changes[-1]["after"]["held_out"] < 1.2
     pictures = [name for step in changes for name in step["pictures"]]
     assert pictures
     assert all((tmp_path / "R" / name).is_file() for name in pictures)

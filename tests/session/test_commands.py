@@ -166,6 +166,10 @@ def test_friction_sweeps_with_a_loop_from_the_model(make_bench: MakeBench, copy_
     assert RunFolder.open(run).finished("sweep") is not None
     assert bench.parameters() == bench.initial
     assert bench.stands_disabled()
+    make_bench(start_m=0.4)
+    json_of(call("friction", *DRIVE, "--yes", "--run", run, "--json"))
+    held_out = [RunFolder.open(run).recording(name).sidecar.held_out for name in ("sweep", "sweep_2")]
+    assert held_out == [False, True]  # the first one is fitted, the second one judges
 
 
 def test_identify_goes_on_by_a_plan(make_bench: MakeBench, copy_of_complete: Copy, tmp_path: Path) -> None:
