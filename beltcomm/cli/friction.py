@@ -35,7 +35,8 @@ def command(
 ) -> int:
     """Drive strokes at constant speed both ways and fit Coulomb and viscous friction; the machine moves.
 
-    The first sweep of a run is fitted; further ones are held out and judge its model.  The loop is designed from the run's model.  With --compare nothing moves: RUNS are set side by side.
+    The first sweep of a run is fitted; further ones are held out and judge its model.  The loop is designed from that
+    model.  With --compare nothing moves: RUNS are set side by side.
     """
     frame: Frame = ctx.obj
     if compare:
