@@ -25,6 +25,7 @@ from beltcomm.identify.noise_path import Way, way
 from beltcomm.identify.reversals import LEVEL, passed, turns_at_once
 from beltcomm.identify.slack import stiffness_left
 from beltcomm.identify.whitening import Whitener, whiten
+from beltcomm.identify.within import change_of
 from beltcomm.linear import matrices, operating_point
 from beltcomm.model import Model
 from beltcomm.recording import Recording
@@ -131,6 +132,7 @@ def stretches(
     sample = recording.sample_period_s
     cuts = [0, *(int(i) + 1 for i in recording.gaps()), len(recording.t_s)]
     start = recording.sidecar.start_position_m
+    change = change_of(recording)  # of records without gaps
     pieces = []
     for first, last in itertools.pairwise(cuts):
         if last - first < 50:
@@ -143,7 +145,14 @@ def stretches(
         time = (recording.sidecar.session_time_s or 0.0) + recording.t_s[first] - recording.t_s[0]
         inertia = model["motor.inertia"]
         motion = reconstruct(
-            position, torque, sample, inertia, start_rad=place, substeps=substeps if fitted else COARSE_SUBSTEPS, time_s=time
+            position,
+            torque,
+            sample,
+            inertia,
+            start_rad=place,
+            substeps=substeps if fitted else COARSE_SUBSTEPS,
+            time_s=time,
+            change=change,
         )
         if fitted:
             motion = rebuilt(motion, model, position, torque, place)
@@ -187,8 +196,8 @@ def rebuilt(
         return motion
     acting = acting_cells(model, motion, torque)
     push = coarse(acting, len(acting) // (len(motion.theta) - 1)) - lacking
-    inertia, since = model["motor.inertia"], motion.time_s
-    return reconstruct(position, push, motion.sample_s, inertia, start_rad=start_rad, substeps=motion.substeps, time_s=since, load=load)
+    found = reconstruct(position, push, motion.sample_s, model["motor.inertia"], start_rad=start_rad, substeps=motion.substeps, load=load)
+    return replace(found, time_s=motion.time_s, change=motion.change)
 
 
 def start_offset(model: Model, motion: FineMotion) -> float:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.errors import DriveError, Refused
+from beltcomm.identify.within import taps
 from beltcomm.recording import Recording
 
 Array = NDArray[np.float64]
@@ -28,8 +29,9 @@ LARGE, FEWEST_SWITCHES = 0.9, 8
 
 @dataclass(frozen=True)
 class Delivered:
-    """share : of the torque asked for, least squares at the best lag.   correlation : there, with sign.   lag : samples.
+    """share : of the torque asked for, least squares at the best lag, or at two of them where it acts from between two samples on.
 
+    correlation : there, with sign.   lag : samples.
     largest_asked_nm, largest_nm : mean torque where the setpoint is largest.   step_share : largest part of a switch that one sample
     brings, NaN where nothing switches.   slope_nm_s : the rate that this is.   lost : share of samples.
     """
@@ -91,6 +93,8 @@ def delivered(recording: Recording) -> Delivered | None:
     _, lag = max((abs(_related(asked, torque, lag)[0]), -lag) for lag in range(MOST_LAG + 1))
     lag = -lag
     correlation, share = _related(asked, torque, lag)
+    if (split := taps(asked, torque)) is not None:  # it acts from between two samples on: each shows a part of a switch
+        share = split[1]
     before, after = asked[: len(asked) - lag] - np.mean(asked), torque[lag:] - np.mean(torque)
     large = np.abs(before) >= LARGE * np.max(np.abs(before))
     level = float(np.mean(np.abs(before[large])))
