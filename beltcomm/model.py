@@ -376,9 +376,9 @@ def _nameplate(drive: Mapping[str, Any]) -> Mapping[str, float]:
     return motor
 
 
-def load_model(path: Path) -> Model:
+def load_model(path: Path | str) -> Model:
     """Load a model or plant file.  Raises UsageError that names the file."""
-    return _model_in(path, read_yaml(path))
+    return _model_in(Path(path), read_yaml(Path(path)))
 
 
 def _model_in(path: Path, data: Mapping[str, Any]) -> Model:

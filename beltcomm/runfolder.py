@@ -73,11 +73,12 @@ class RunFolder:
         return run
 
     @classmethod
-    def open(cls, path: Path) -> RunFolder:
+    def open(cls, path: Path | str) -> RunFolder:
         """An existing folder, the tool's own or one made by hand.
 
         Raises DataError when there is no folder or it holds neither axis nor recordings, UsageError for a wrong ``axis.yaml``.
         """
+        path = Path(path)
         if not path.is_dir():
             what = "is a file, not a folder" if path.exists() else f"does not exist{_like(path)}"
             raise DataError(f"the run folder {path} {what}; give the folder that holds axis.yaml and recordings/")

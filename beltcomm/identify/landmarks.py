@@ -51,6 +51,8 @@ def find_landmarks(response: FrequencyResponse, antiresonance_hz: float, resonan
 
     antiresonance_hz, resonance_hz : expected, Hz.   Raises DataError when too few lines lie around them.     Source: (2.42), 3.5.
     """
+    if not antiresonance_hz < resonance_hz:
+        raise DataError(f"the model's antiresonance, {antiresonance_hz:.3g} Hz, is not below its resonance, {resonance_hz:.3g} Hz")
     band = (response.freq_hz >= BELOW * antiresonance_hz) & (response.freq_hz <= ABOVE * resonance_hz)
     band &= (response.noise <= LARGEST_NOISE * np.abs(response.h)) & (np.abs(response.h) > 0.0)
     count = int(np.sum(band))

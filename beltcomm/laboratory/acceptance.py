@@ -36,6 +36,8 @@ EVIDENCE = 120.0
 EXPLAINED, HELD_OUT_LOSS = 0.10, 0.1
 #: Share that is enough where the held-out records confirm it: there each sample gains at least this share of what a fitted one does.
 CONFIRMED_EXPLAINED, CONFIRMED_GAIN = 0.05, 0.5
+#: Share of what lies above the noise on held-out records below which they speak for an effect, whatever a bad place of the others does.
+HELD_FALLS = 0.5
 #: Distance from a bound, relative to it, that is none.
 CLOSE = 1e-6
 STIFFNESS = "belt_stiffness.stiffness"
@@ -57,6 +59,19 @@ def enough(evidence: float, explained: float, drop: float, held_gain: float, bas
     held = sum(len(r) for r in base.held_residual)
     confirmed = held > 0 and held_gain / held > CONFIRMED_GAIN * drop / base.problem.samples
     return explained > (CONFIRMED_EXPLAINED if confirmed else EXPLAINED)
+
+
+def left_as_a_whole(before: Fitted, after: Fitted) -> float:
+    """Share of the squares above the noise that is left, of the fitted records; of those held out where less than half is left there.
+
+    O forgives bad places, which may fall while the error as a whole stays or grows.
+    """
+    held = _left(before.held_ratio, after.held_ratio) if before.held_ratio is not None and after.held_ratio is not None else 1.0
+    return held if held < HELD_FALLS else _left(before.ratio, after.ratio)
+
+
+def _left(before: float, after: float) -> float:
+    return (after**2 - 1.0) / (before**2 - 1.0) if before > 1.0 and after > 1.0 else float(after >= before)
 
 
 def impossible(model: Model) -> list[str]:

@@ -25,6 +25,7 @@ from beltcomm.laboratory.acceptance import (
     fitted_to_nothing,
     grown_out_of_bounds,
     impossible,
+    left_as_a_whole,
     refuted,
 )
 from beltcomm.laboratory.data import Data
@@ -216,7 +217,8 @@ def candidate(base: Fitted, effect: Effect, promised: float, best: Fitted, start
     evidence, explained = drop - price(effect, base, starts), explained_share(drop, base)
     held_gain = base.held_objective - best.held_objective
     hollow = bool(impossible(best.model)) or grown_out_of_bounds(best.model, effect) or fitted_to_nothing(best.model, effect)
-    accepted = enough(evidence, explained, drop, held_gain, base) and not hollow
+    # What makes the error as a whole larger goes from one bad model to the next.
+    accepted = enough(evidence, explained, drop, held_gain, base) and not hollow and left_as_a_whole(base, best) < 1.0
     return Candidate(effect, promised, evidence, explained, held_gain, best, accepted, hollow)
 
 

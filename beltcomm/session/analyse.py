@@ -134,6 +134,12 @@ def friction_of(recordings: Sequence[Recording], slowest_rad_s: float = 0.0, ine
             continue
         plateaus += plateaus_of(recording, inertia_kg_m2)
     if not plateaus:
+        dumb = [r.name for r in recordings if r.sidecar.experiment == "friction_sweep"]
+        if dumb:
+            raise DataError(
+                f"{', '.join(dumb)}: sweeps without the speed that was asked for (reference_velocity_rad_s), which says where it is "
+                "constant; friction comes from the fit over all records"
+            )
         raise DataError("no recording of a constant-speed sweep (experiment: friction_sweep); record one with `beltcomm friction`")
     return fit_friction(plateaus, slowest_rad_s=slowest_rad_s)
 

@@ -304,7 +304,9 @@ def ladder_of_run(run: Place, *, pictures: bool = True, command: str = "") -> Re
     folder = RunFolder.open(run)
     rungs = revisions(folder)
     if not rungs:
-        raise UsageError(f"{run} has no revisions yet; begin with `beltcomm diagnose {pasted(run)}` or `beltcomm add EFFECT {pasted(run)}`")
+        raise UsageError(
+            f"{run} has no revisions yet: nothing was added to its model; `beltcomm diagnose {pasted(run)}` says what is missing"
+        )
     changed = changed_recordings(folder, rungs[-1])
     made, remarks = drawn.ladder_picture(folder, rungs, command) if pictures else ([], [])
     data = {"run": str(run), "revisions": [as_mapping(r) for r in rungs], "changed_recordings": changed, "pictures": made}

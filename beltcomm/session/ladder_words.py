@@ -10,10 +10,10 @@ from beltcomm.effects import Effect, effect_named
 from beltcomm.effects.tilt import GRAVITY_M_S2
 from beltcomm.given import pasted
 from beltcomm.laboratory.compare import Comparison
-from beltcomm.laboratory.diagnosis import KNOWN, NONE_EXPLAINS, Diagnosis, undetermined, unlikely
+from beltcomm.laboratory.diagnosis import KNOWN, NONE_EXPLAINS, Diagnosis, structures, undetermined, unlikely
 from beltcomm.laboratory.fitting import Fitted
 from beltcomm.laboratory.intervals import with_intervals
-from beltcomm.laboratory.stage import Candidate
+from beltcomm.laboratory.stage import MISSING, Candidate
 from beltcomm.laboratory.start import BELT_BASE, RIGID_BASE
 from beltcomm.laboratory.visible import Sight
 from beltcomm.model import Model, effect_parameters
@@ -92,6 +92,9 @@ def diagnosis_lines(found: Diagnosis) -> list[str]:
             f"But these data say nothing certain of {' and '.join(open_)}: every number of it is open by more than {100 * KNOWN:.0f} %, so "
             "it may stand for a cause that the catalogue does not hold."
         )
+    if found.verdict == NONE_EXPLAINS and found.after.objective < MISSING * found.after.problem.samples:
+        left = structures(found.data, found.after)
+        lines.append(f"As a whole what is left is no more than the noise, but it goes with {max(left, key=lambda name: left[name])}.")
     if odd := unlikely(model, found.base.model):
         lines.append(f"But it takes {' and '.join(odd)}: that stands for another cause, which the catalogue does not hold.")
     if found.twins:
@@ -104,8 +107,10 @@ def after_diagnosis(found: Diagnosis, run: Path, planned: str = "") -> list[str]
     """What to do next.   planned : the command that makes the records that were planned."""
     if planned:
         return [f"Next: {planned}"]
-    if found.named and found.verdict != NONE_EXPLAINS:
-        return [f"Next: {', then '.join(f'beltcomm add {name} {pasted(run)}' for name in found.named)}"]
+    open_ = undetermined(with_intervals(found.after), found.base.model) if found.named else []
+    certain = [name for name in found.named if name not in open_]
+    if certain and found.verdict != NONE_EXPLAINS:
+        return [f"Next: {', then '.join(f'beltcomm add {name} {pasted(run)}' for name in certain)}"]
     if found.verdict != "nothing missing":
         return [f"Next: beltcomm compare {pasted(run)} shows where the error sits; look there on the machine."]
     return [f"Next: beltcomm report {pasted(run)}   (nothing is missing in the model: everything known of the axis on one page)"]

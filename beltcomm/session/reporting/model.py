@@ -62,7 +62,7 @@ def _sheet(run: Gathered, name: str) -> tuple[float, float] | None:
     A stiffness for the places in the middle of those that were recorded, as :func:`beltcomm.laboratory.cross_checks.sheet_doubts` has it.
     """
     axis = run.folder.axis
-    if name == "motor.inertia":
+    if name == "motor.inertia" and axis.motor_side_inertia_kg_m2 > 0.0:
         return axis.motor_side_inertia_kg_m2, axis.motor_side_inertia_kg_m2
     if name == "transmission.ratio":
         return axis.transmission_m_rad, axis.transmission_m_rad
