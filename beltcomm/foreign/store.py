@@ -121,6 +121,13 @@ def check_together(folder: RunFolder | None, found: Sequence[Imported], axis: Ax
     existing = folder.recordings() if folder is not None and folder.finished_names() else []
     scaled = [recording_from_columns(item.recording.name, item.recording.columns(), item.recording.sidecar, axis) for item in found]
     common_side([*existing, *scaled])
+    for number, new in enumerate(scaled):
+        for old in (*existing, *scaled[:number]):
+            if np.array_equal(old.torque, new.torque) and np.array_equal(old.position, new.position):
+                raise DataError(
+                    f"{new.name} is the same measurement as {old.name}, row for row: a record that is there twice confirms itself. To hold "
+                    f"{old.name} out set held_out: true in its sidecar"
+                )
 
 
 def write(run: Path, folder: RunFolder | None, axis: Axis, found: Sequence[Imported]) -> RunFolder:

@@ -6,6 +6,8 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from beltcomm.axis import Axis
 from beltcomm.control import Cascade, CascadeStructure
 from beltcomm.design.feedforward import FeedforwardKind
@@ -15,6 +17,7 @@ from beltcomm.identify.final import final_model
 from beltcomm.identify.magnitude_fit import Solver
 from beltcomm.identify.standstill import largest
 from beltcomm.laboratory.cross_checks import sheet_doubts
+from beltcomm.laboratory.data import smallest_step
 from beltcomm.laboratory.run_checks import Checked, checked
 from beltcomm.model import Model
 from beltcomm.recording import Recording, common_side
@@ -57,6 +60,11 @@ def place_known(recordings: Sequence[Recording]) -> bool:
     return any(r.sidecar.start_position_m is not None for r in recordings if r.sidecar.experiment == "frf")
 
 
+#: Share of the encoder's counts below which an angle was recorded coarser; distance from a whole step that is none, and share of the steps
+#: that must be whole: of a fast motion few angles are neighbours.
+COARSER, NEARLY_WHOLE, MOSTLY = 0.8, 0.05, 0.98
+
+
 def structure_of(folder: RunFolder, findings: Findings) -> CascadeStructure:
     """The cascade of the drive that the run knows; the thesis's own, with a remark, when it knows none."""
     known = folder.load_result("drive")
@@ -92,6 +100,16 @@ def counts_of(folder: RunFolder) -> int:
     return int(counts or 0)
 
 
+def coarser(recordings: Sequence[Recording], counts: int) -> int:
+    """Steps per turn that all angles are whole multiples of, where they are clearly fewer than the encoder's counts; else 0."""
+    step = min(smallest_step(r.position) for r in recordings)
+    if not 0.0 < step < math.inf or 2.0 * math.pi / step > COARSER * counts:
+        return 0
+    gaps = np.concatenate([np.diff(np.unique(r.position)) for r in recordings]) / step
+    whole = np.abs(gaps - np.round(gaps)) < NEARLY_WHOLE
+    return round(counts / max(1, round(counts * step / (2.0 * math.pi)))) if float(np.mean(whole)) > MOSTLY else 0
+
+
 def fitted(folder: RunFolder, solver: Solver, talk: Talk, model: Model | None = None) -> Findings:
     """Final fit, log-magnitude fits, dead time and friction from what the run folder holds."""
     findings = Findings()
@@ -99,7 +117,14 @@ def fitted(folder: RunFolder, solver: Solver, talk: Talk, model: Model | None = 
     recordings = records.recordings
     findings.remarks += records.remarks
     if model is None:
-        findings.final = final_model(recordings, folder.axis, counts_of(folder), progress=lambda f: talk.progress(f, None))
+        counts = counts_of(folder)
+        if shown := coarser(recordings, counts):
+            findings.remarks.append(
+                f"the angles of these records go in steps of 1/{shown} turn, those of an encoder with {counts} counts would be finer: the "
+                "counts are wrong (motor.encoder_counts_per_rev), or the angle was recorded coarser; taken as it was recorded"
+            )
+            counts = shown
+        findings.final = final_model(recordings, folder.axis, counts, progress=lambda f: talk.progress(f, None))
         model = findings.final.fit.model
         findings.characteristics = analyse.characteristics(findings.final.fit, middle_m(folder.axis))
         findings.sheets = sheet_doubts(model, math.sqrt(findings.final.fit.misfit), folder.axis, recordings)
