@@ -14,13 +14,13 @@ from beltcomm.compiled import in_one_thread
 from beltcomm.effects import EFFECTS, effect_named
 from beltcomm.identify.following import follows
 from beltcomm.identify.problem import OFFSET_M
-from beltcomm.laboratory.acceptance import EVIDENCE, drop_by, fitted_to_nothing, left_as_a_whole
+from beltcomm.laboratory.acceptance import EVIDENCE, drop_by, fitted_to_nothing, impossible, left_as_a_whole, refuted
 from beltcomm.laboratory.compare import compare
 from beltcomm.laboratory.data import SUBSTEPS, Data, agitated, prepare, remade
-from beltcomm.laboratory.fitting import AT_A_TIME, Fitted, fit
+from beltcomm.laboratory.fitting import AT_A_TIME, Fitted, fit, out_of_valley
 from beltcomm.laboratory.forms import additions, formed, without
 from beltcomm.laboratory.intervals import with_intervals
-from beltcomm.laboratory.score import Scorer, ground_of
+from beltcomm.laboratory.score import FAR_OFF, Scorer, ground_of
 from beltcomm.laboratory.stage import MISSING, Candidate, candidate, held_at, merged, search, strayed
 from beltcomm.laboratory.structure import structure
 from beltcomm.model import Model, effect_parameters
@@ -164,6 +164,11 @@ def diagnose(
         # Further orders of a ripple that is there already are no new cause.
         causes = sum(bool(step.added) and not further(step.added) for step in steps)
         if best is None or not best.accepted or best.fitted is None or (causes >= most and not further(best.effect.name)):
+            better = beyond(data, current) if causes else None
+            if better is not None:
+                data, current = again(data, better, NEXT_ITERATIONS)
+                steps[-1] = replace(steps[-1], after=current)
+                continue
             shaped = formed(data, current, base.model)
             seen.append(data)
             steps.append(Step(current, tuple(candidates), "", shaped.removed, shaped.fitted, shaped.new))
@@ -195,6 +200,18 @@ def diagnose(
         current = last
     progress(1.0)
     return Diagnosis(base, data, tuple(steps), verdict_of(base, steps, twins, remaining_structure(data, current)), twins, at_base)
+
+
+def beyond(data: Data, fitted: Fitted) -> Fitted | None:
+    """The model in a better valley where the error is far above the noise; None where it is not, or where none is found.
+
+    Asked when nothing more explains what is left beside an added effect, so that it costs no time where a search ends well.
+    """
+    if follows(fitted.model) or fitted.objective <= FAR_OFF * fitted.problem.samples:
+        return None
+    found = out_of_valley(data, fitted, NEXT_ITERATIONS)
+    drop, held_gain = drop_by(fitted, found), fitted.held_objective - found.held_objective
+    return found if drop > EVIDENCE and not refuted(drop, held_gain) and not impossible(found.model) else None
 
 
 def standing(candidates: Sequence[Candidate]) -> list[Candidate]:

@@ -23,6 +23,8 @@ APART_M, SIDEWAYS = 0.25 * OFFSET_M, 4
 OUTLIER = 5.0
 #: s; blocks with one weight: longer than the resonance rings, short enough to keep what is wrong apart from what is right.
 BLOCK_S = 0.2
+#: The same where one weight is to hold for a whole stretch: longer than any, s.
+STRETCH_S = 1e6
 #: Gain of O that is not worth another iteration, nats.
 ENOUGH = 0.1
 #: Where an observer follows the carriage: iterations after which it is made anew, and the gain that is worth more of them, nats.
@@ -106,9 +108,20 @@ def _followed(problem: Problem, data: Data, iterations: int, fixed: Sequence[str
         problem = problem_of(data, problem.model_at(found.x, "laboratory"), fixed)
 
 
-def problem_of(data: Data, model: Model, fixed: Sequence[str] = ()) -> Problem:
-    """The free parameters of a model as unknowns."""
-    return Problem([dressed(piece, model) for piece in data.fitted], model, free_parameters(model, ("transmission.ratio", *fixed)), BLOCK_S)
+def out_of_valley(data: Data, fitted: Fitted, iterations: int) -> Fitted:
+    """The same model fitted from where each stretch has one weight.
+
+    Far from the truth nearly every block is bad, and a bad one costs its logarithm: each has valleys of its own, and the fit stays where
+    some blocks are suited well, however long it goes on.  A machine with an end pulley ended so at 8 times the noise.
+    """
+    wide = problem_of(data, fitted.model, block_s=STRETCH_S)
+    found = wide.minimise(wide.start(fitted.offsets), iterations, enough=ENOUGH)
+    return fit(data, wide.model_at(found.x, "laboratory"), iterations, offsets=wide.offsets(found.x))
+
+
+def problem_of(data: Data, model: Model, fixed: Sequence[str] = (), block_s: float = BLOCK_S) -> Problem:
+    """The free parameters of a model as unknowns.   block_s : s, stretches of time with one weight."""
+    return Problem([dressed(piece, model) for piece in data.fitted], model, free_parameters(model, ("transmission.ratio", *fixed)), block_s)
 
 
 def judged(piece: Stretch, model: Model) -> Array:

@@ -5,15 +5,16 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
 from beltcomm.effects import effect_named
 from beltcomm.laboratory import diagnosis
-from beltcomm.laboratory.acceptance import fitted_to_nothing
+from beltcomm.laboratory.acceptance import fitted_to_nothing, left_as_a_whole
 from beltcomm.laboratory.diagnosis import KNOWN, Step, run_away, undetermined, unlikely, verdict_of
+from beltcomm.laboratory.fitting import Fitted
 from beltcomm.laboratory.structure import excess
 from beltcomm.model import build_model
 from beltcomm.session import laboratory, ladder_words
@@ -72,17 +73,18 @@ def test_friction_that_falls_more_slowly_than_any_that_was_measured_is_named(exp
         (1.039, 1.0, "explained"),
         (1.041, 1.0, "partly explained"),
         (1.039, 1.6, "none of the known effects explains this"),
+        (1.3, 1.47, "none of the known effects explains this"),
     ],
 )
 def test_what_is_explained_would_pass_as_a_machine_of_which_nothing_is_missing(
     monkeypatch: pytest.MonkeyPatch, level: float, ratio: float, verdict: str
 ) -> None:
     model, problem = BASE.with_effect("tilt", {}), SimpleNamespace(samples=5000)
-    after: Any = SimpleNamespace(model=model, objective=level * 5000, problem=problem, ratio=ratio)
-    base: Any = SimpleNamespace(model=BASE, ratio=1.5)
+    after: Any = SimpleNamespace(model=model, objective=level * 5000, problem=problem, ratio=ratio, held_ratio=None)
+    base: Any = SimpleNamespace(model=BASE, ratio=1.5, held_ratio=None)
     monkeypatch.setattr(diagnosis, "with_intervals", lambda _fitted: BASE)
     assert verdict_of(base, [Step(base, (), "tilt", (), after)], (), 0.0) == verdict
-    untouched: Any = SimpleNamespace(objective=after.objective, problem=after.problem)
+    untouched: Any = SimpleNamespace(objective=after.objective, problem=after.problem)  # of it nothing else is asked
     assert (verdict_of(untouched, [], (), 0.0) == "nothing missing") is (level < diagnosis.MISSING)
 
 
@@ -221,3 +223,19 @@ def test_what_the_held_out_records_do_not_confirm_is_said(
     found: Any = SimpleNamespace(base=base, after=after, steps=(), named=["cogging", "tilt"], twins=(), verdict=verdict)
     assert ("Not confirmed: on records that were not fitted the error was 1.49" in "\n".join(ladder_words.diagnosis_lines(found))) is said
     assert following in ladder_words.after_diagnosis(found, Path("RUN"))[0]
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "share"),
+    [
+        ((2.0, None), (1.0, None), 0.0),
+        ((2.0, None), (2.1, None), 1.14),
+        ((2.0, 2.0), (2.1, 1.2), 0.147),  # less than half is left where nothing was fitted: a bad place of the others is none
+        ((32.0, 8.5), (31.7, 7.3), 0.98),
+        ((1.0, 1.0), (1.0, 1.0), 1.0),
+        ((1.0, 1.0), (0.99, 1.0), 0.0),
+    ],
+)
+def test_how_much_is_left_as_a_whole(before: tuple[float, float | None], after: tuple[float, float | None], share: float) -> None:
+    one, two = (cast(Fitted, SimpleNamespace(ratio=ratio, held_ratio=held)) for ratio, held in (before, after))
+    assert left_as_a_whole(one, two) == pytest.approx(share, abs=0.01)
