@@ -85,7 +85,8 @@ def test_the_search_goes_on_from_the_better_valley(monkeypatch: pytest.MonkeyPat
         return None if "better" in fitted.name else model("better")
 
     def model(name: str) -> Any:
-        return SimpleNamespace(name=name, model=SimpleNamespace(effects=()), objective=0.0, problem=SimpleNamespace(samples=1))
+        size = {"objective": 0.0, "problem": SimpleNamespace(samples=1), "ratio": 2.0, "held_ratio": None}
+        return SimpleNamespace(name=name, model=SimpleNamespace(effects=()), **size)
 
     named = SimpleNamespace(effect=SimpleNamespace(name="end_pulley", twins=()), accepted=True, stands=True, fitted=model("valley"))
     found = [[named], [], []]

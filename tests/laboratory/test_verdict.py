@@ -15,6 +15,7 @@ from beltcomm.laboratory import diagnosis
 from beltcomm.laboratory.acceptance import fitted_to_nothing, left_as_a_whole
 from beltcomm.laboratory.diagnosis import KNOWN, Step, run_away, undetermined, unlikely, verdict_of
 from beltcomm.laboratory.fitting import Fitted
+from beltcomm.laboratory.stage import Candidate
 from beltcomm.laboratory.structure import excess
 from beltcomm.model import build_model
 from beltcomm.session import laboratory, ladder_words
@@ -188,9 +189,9 @@ def test_twins_are_told_whichever_comes_first_and_whoever_stands_between(ranked:
 def test_a_model_that_flies_off_on_the_motion_that_it_rebuilds_is_not_taken(
     monkeypatch: pytest.MonkeyPatch, objective: float, kept: str
 ) -> None:
-    rebuilt, found = SimpleNamespace(fitted=(SimpleNamespace(counted=np.arange(10)),)), SimpleNamespace(objective=objective)
+    rebuilt, found = SimpleNamespace(fitted=(SimpleNamespace(counted=np.arange(10)),)), SimpleNamespace(objective=objective, ratio=1.0)
     data: Any = SimpleNamespace(fitted=(), held_out=())
-    fitted: Any = SimpleNamespace(model=BASE, offsets=np.zeros(1), problem=SimpleNamespace(samples=10))
+    fitted: Any = SimpleNamespace(model=BASE, offsets=np.zeros(1), problem=SimpleNamespace(samples=10), ratio=1.0)
     monkeypatch.setattr(diagnosis, "remade", lambda *_: rebuilt)
     monkeypatch.setattr(diagnosis, "fit", lambda *_, **_options: found)
     assert diagnosis.again(data, fitted, 3) == {"before": (data, fitted), "after": (rebuilt, found)}[kept]
@@ -219,7 +220,8 @@ def test_what_the_held_out_records_do_not_confirm_is_said(
 ) -> None:
     monkeypatch.setattr(ladder_words, "with_intervals", lambda _fitted: BASE)
     monkeypatch.setattr(ladder_words, "effect_lines", lambda *_: [])
-    base, after = (SimpleNamespace(model=BASE, ratio=2.0, held_ratio=ratio, held_residual=()) for ratio in held)
+    quiet = {"objective": 100.0, "problem": SimpleNamespace(samples=10)}
+    base, after = (SimpleNamespace(model=BASE, ratio=2.0, held_ratio=ratio, held_residual=(), **quiet) for ratio in held)
     found: Any = SimpleNamespace(base=base, after=after, steps=(), named=["cogging", "tilt"], twins=(), verdict=verdict)
     assert ("Not confirmed: on records that were not fitted the error was 1.49" in "\n".join(ladder_words.diagnosis_lines(found))) is said
     assert following in ladder_words.after_diagnosis(found, Path("RUN"))[0]
@@ -239,3 +241,32 @@ def test_what_the_held_out_records_do_not_confirm_is_said(
 def test_how_much_is_left_as_a_whole(before: tuple[float, float | None], after: tuple[float, float | None], share: float) -> None:
     one, two = (cast(Fitted, SimpleNamespace(ratio=ratio, held_ratio=held)) for ratio, held in (before, after))
     assert left_as_a_whole(one, two) == pytest.approx(share, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("grown", "held", "added"),
+    [(1.5, 1.2, "measurement_lag"), (2.01, 2.0, "measurement_lag"), (2.1, 2.0, ""), (2.1, 1.1, "measurement_lag")],
+)
+def test_an_effect_with_which_the_error_as_a_whole_grows_is_not_taken(
+    monkeypatch: pytest.MonkeyPatch, grown: float, held: float, added: str
+) -> None:
+    """But where the held-out records say that it is there; and a per cent is the noise, which is calibrated anew."""
+
+    def fitted(ratio: float, held_ratio: float) -> Any:
+        size = {"objective": 10.0, "problem": SimpleNamespace(samples=10)}
+        return SimpleNamespace(model=SimpleNamespace(effects=()), ratio=ratio, held_ratio=held_ratio, **size)
+
+    candidate = Candidate(effect_named("measurement_lag"), 0.0, 500.0, 0.5, 1.0, fitted(1.9, 1.9), accepted=True)
+    found = [[candidate], []]
+    monkeypatch.setattr(diagnosis, "search", lambda *_, **_options: found.pop(0))
+    monkeypatch.setattr(diagnosis, "again", lambda data, *_: (data, fitted(grown, held)))
+    monkeypatch.setattr(diagnosis, "settled", lambda data, last: (data, last))
+    monkeypatch.setattr(diagnosis, "superfluous", lambda _data, last, *_: (last, ()))
+    monkeypatch.setattr(diagnosis, "formed", lambda _data, last, _base: SimpleNamespace(fitted=last, new=(), removed=()))
+    for name in ("Scorer", "ground_of", "strayed", "remaining_structure", "verdict_of", "beyond"):
+        monkeypatch.setattr(diagnosis, name, lambda *_: None)
+    begun: Any = SimpleNamespace(fitted=(), held_out=()), fitted(2.0, 2.0)
+    nothing: Any = SimpleNamespace()
+    after = diagnosis.diagnose([], nothing, nothing, begun=begun)
+    assert after.steps[0].added == ("measurement_lag" if added else "")
+    assert after.after.ratio == (grown if added else 2.0)
