@@ -61,5 +61,6 @@ def choice(value: object, what: str, known: Sequence[str]) -> None:
 
 
 def pasted(value: object) -> str:
-    """A path or a drive as a terminal takes it: in quotes where it has blanks and the like."""
-    return shlex.quote(str(value))
+    """A path or a drive as a terminal takes it: in quotes where it has blanks and the like, and never like an option."""
+    text = str(value)
+    return shlex.quote(f"./{text}" if text.startswith("-") else text)

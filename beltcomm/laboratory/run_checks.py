@@ -249,8 +249,14 @@ def _refuse_two_axes(timed: Sequence[Recording], axis: Axis) -> None:
     told = [(r, found) for r in timed if (found := rigid_inertia(r.t_s, r.torque, r.position)) is not None]
     sure = [(r, found) for r, found in told if found.inertia > 0.0 and found.error < VAGUE * found.inertia]
     # A record that hardly slides tells its own friction too low: that of the surest record counts as well.
-    level = min(sure, key=lambda one: one[1].error / one[1].inertia)[1].friction if sure else 0.0
-    own = [(r, found.inertia, found.error) for r, found in sure if found.accelerating > DYNAMIC * max(found.friction, level)]
+    # And where cogging holds a slow motion up, the torque that it takes poses as that of an inertia many times too large: how much a record
+    # accelerates counts with the inertia of the surest.
+    best = min((found for _, found in sure), key=lambda found: found.error / found.inertia, default=None)
+    own = [
+        (r, found.inertia, found.error)
+        for r, found in sure
+        if best is not None and found.accelerating * min(1.0, best.inertia / found.inertia) > DYNAMIC * max(found.friction, best.friction)
+    ]
     _refuse_negative([r for r, found in told if found.inertia < -NEGATIVE * found.error and own])
     _refuse_light(own, axis)
     payloads = {r.sidecar.payload_kg for r, _, _ in own}

@@ -107,7 +107,10 @@ def coarser(recordings: Sequence[Recording], counts: int) -> int:
         return 0
     gaps = np.concatenate([np.diff(np.unique(r.position)) for r in recordings]) / step
     whole = np.abs(gaps - np.round(gaps)) < NEARLY_WHOLE
-    return round(counts / max(1, round(counts * step / (2.0 * math.pi)))) if float(np.mean(whole)) > MOSTLY else 0
+    if float(np.mean(whole)) <= MOSTLY:
+        return 0
+    times = counts * step / (2.0 * math.pi)  # a file rounds its angles: a whole number of the encoder's own steps is likelier
+    return round(counts / (round(times) if abs(times - round(times)) < 0.01 * times else times))
 
 
 def fitted(folder: RunFolder, solver: Solver, talk: Talk, model: Model | None = None) -> Findings:

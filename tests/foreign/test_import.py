@@ -93,6 +93,15 @@ def test_further_files_join_a_run_of_the_same_axis_only(log: Path, tmp_path: Pat
     assert read_yaml(run / "recordings" / "b.yaml")["import"]["original"] == "originals/log 1-2.csv"
 
 
+def test_the_same_measurement_is_taken_once(log: Path, tmp_path: Path) -> None:
+    run, again = tmp_path / "run", write(tmp_path / "again.csv", text())
+    assert call(log, "--run", run, "--axis", "egc-70-600", *MAPPED).exit_code == 0
+    before = files_of(run)
+    refused(call(again, "--run", run, *MAPPED, "--held-out"), 3, "again is the same measurement as log_1", "held_out: true")
+    assert files_of(run) == before
+    refused(call(log, again, "--run", tmp_path / "other", "--axis", "egc-70-600", *MAPPED), 3, "again is the same measurement as log_1")
+
+
 def test_a_fault_in_one_of_several_files_leaves_nothing_behind(log: Path, tmp_path: Path) -> None:
     run, bad = tmp_path / "run", write(tmp_path / "bad.csv", text("time,Id,enc"))
     refused(call(log, bad, "--run", run, *MAPPED), 2, "bad.csv has no column 'Iq', did you mean Id?")

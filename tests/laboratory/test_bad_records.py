@@ -193,6 +193,25 @@ def test_a_record_that_hardly_slides_says_nothing_of_the_inertia(
         run_checks._refuse_two_axes(records, axis)
 
 
+@pytest.mark.parametrize(("accelerating", "told_apart"), [(0.9, False), (30.0, True)])
+def test_cogging_of_a_slow_motion_poses_as_no_inertia(
+    run: tuple[list[Recording], Axis], monkeypatch: pytest.MonkeyPatch, accelerating: float, told_apart: bool
+) -> None:
+    """Twenty times the inertia: nothing from a record that hardly accelerates with that of the others, another axis from one that does."""
+    records, axis = run
+    slow = records[3].position
+
+    def as_one_mass(t_s: NDArray[np.float64], torque: NDArray[np.float64], position: NDArray[np.float64]) -> RigidInertia:
+        return RigidInertia(3.4e-2, 2e-3, accelerating, 0.1) if position is slow else RigidInertia(1.67e-3, 5e-6, 0.5, 0.1)
+
+    monkeypatch.setattr(run_checks, "rigid_inertia", as_one_mass)
+    if told_apart:
+        with pytest.raises(DataError, match="not of one axis, or not with one payload"):
+            run_checks._refuse_two_axes(records, axis)
+    else:
+        run_checks._refuse_two_axes(records, axis)
+
+
 def moved(record: Recording, way_m: float | None) -> Recording:
     start = record.sidecar.start_position_m
     assert start is not None
