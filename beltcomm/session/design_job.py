@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from beltcomm.control import CascadeStructure
+from beltcomm.errors import UsageError
 from beltcomm.given import pasted
 from beltcomm.laboratory.cross_checks import sheet_doubts
 from beltcomm.model import Model
@@ -41,6 +42,11 @@ class Basis:
 def basis_of(run: Path) -> Basis:
     """The trusted model of a run, its drive, delay and damping.   Raises DataError."""
     folder = RunFolder.open(run)
+    if not folder.axis.has_belt:
+        raise UsageError(
+            f"{folder.axis} has neither belt nor pulley; the controller is designed for a motor that drives a carriage by a belt. What the "
+            f"laboratory knows of this axis: `beltcomm report {pasted(run)}`"
+        )
     model, revision, which = offline.trusted(folder)
     findings = Findings()
     records = records_of(folder)

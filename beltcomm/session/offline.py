@@ -13,6 +13,7 @@ from beltcomm.control import Cascade, CascadeStructure
 from beltcomm.design.feedforward import FeedforwardKind
 from beltcomm.errors import DataError, UsageError
 from beltcomm.foreign.checks import check
+from beltcomm.given import pasted
 from beltcomm.identify.final import final_model
 from beltcomm.identify.magnitude_fit import Solver
 from beltcomm.identify.standstill import largest
@@ -149,7 +150,8 @@ def fit_for_belt_model(folder: RunFolder) -> Checked:
     if not folder.axis.has_belt:
         raise UsageError(
             f"{folder.axis} has neither belt nor pulley; the fit's model is a motor that drives a carriage by a belt. "
-            "If there is a belt, state pulley.effective_radius_m and motor.inertia_kg_m2"
+            f"The laboratory takes one rigid mass: `beltcomm diagnose {pasted(folder.path)}`. If there is a belt, state "
+            "pulley.effective_radius_m and motor.inertia_kg_m2"
         )
     side = common_side(recordings)
     if side == "ampere":

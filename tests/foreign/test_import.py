@@ -222,3 +222,17 @@ def test_the_api_does_the_same(log: Path, tmp_path: Path) -> None:
     result = api.import_recordings([log], tmp_path / "run", reading, axis="egc-70-600")
     assert result.to_json()["recordings"][0]["name"] == "log_1"
     assert api.check_imports(tmp_path / "run").exit_code == 0
+
+
+def test_an_axis_without_a_belt_has_a_report_and_no_design(log: Path, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    assert call(log, "--run", run, *MAPPED).exit_code == 0
+    for words, code, said in (
+        (("report", run), 0, "Report:"),
+        (("design", run), 2, "neither belt nor pulley"),
+        (("fit", run), 2, "diagnose"),
+    ):
+        outcome = CliRunner().invoke(cli, [*map(str, words)])
+        assert outcome.exit_code == code, outcome.output
+        assert said in outcome.output
+        assert "Traceback" not in outcome.output

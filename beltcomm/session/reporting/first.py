@@ -67,6 +67,8 @@ def _margin(run: Gathered) -> Fact:
 def next_steps(run: Gathered, called: str = "") -> list[str]:
     """Commands in the order in which they help.   called : the run's folder as a terminal takes it; on a page, :attr:`Gathered.place`."""
     name, virtual = called or run.place, run.folder.drive.get("hardware") == "virtual"
+    if not run.folder.axis.has_belt:  # the controller is designed for a carriage on a belt
+        return [f"beltcomm diagnose {pasted(name)}: what the model misses"]
     if run.model is None:
         return [f"beltcomm fit {pasted(name)}: a model of the records"]
     steps = []
