@@ -160,10 +160,11 @@ def diagnose(
             held = held_at(data, current, start)
             beside = ground_of(held, data.fitted, axis)
             candidates = merged(candidates, search(data, Scorer(held), beside, swallowed_above=math.inf, against=current))
-        best = next(iter(standing(candidates)), None)
         # Further orders of a ripple that is there already are no new cause.
         causes = sum(bool(step.added) and not further(step.added) for step in steps)
-        if best is None or not best.accepted or best.fitted is None or (causes >= most and not further(best.effect.name)):
+        taken = on_trial(data, current, candidates, trying, causes < most)
+        candidates = taken.candidates
+        if taken.best is None or taken.grown is None:
             better = beyond(data, current) if causes else None
             if better is not None:
                 data, current = again(data, better, NEXT_ITERATIONS)
@@ -176,16 +177,10 @@ def diagnose(
             if not shaped.new or current.objective < MISSING * current.problem.samples:
                 break
             continue
-        trying(best)
         seen.append(data)
-        ahead, grown = again(data, best.fitted, NEXT_ITERATIONS)
-        if grown.ratio > GROWN * current.ratio and left_as_a_whole(current, grown) >= 1.0:
-            # It explains only what it does to the noise, as a lag of the reading beside a dead time does.
-            steps.append(Step(current, tuple(replace(c, accepted=c.accepted and c is not best) for c in candidates), "", (), current))
-            break
-        data = ahead
-        kept, removed = superfluous(data, grown, base.model, best.effect.name)
-        steps.append(Step(current, tuple(candidates), best.effect.name, removed, kept))
+        data, name = taken.data, taken.best.effect.name
+        kept, removed = superfluous(data, taken.grown, base.model, name)
+        steps.append(Step(current, tuple(candidates), name, removed, kept))
         direct = shorter(seen, steps) if removed else None
         if direct is not None:
             first, step = direct
@@ -200,6 +195,34 @@ def diagnose(
         current = last
     progress(1.0)
     return Diagnosis(base, data, tuple(steps), verdict_of(base, steps, twins, remaining_structure(data, current)), twins, at_base)
+
+
+@dataclass(frozen=True)
+class Taken:
+    """candidates : with what the fits said of them.   best : the one taken, None for none.   data, grown : with it, all fitted again."""
+
+    candidates: list[Candidate]
+    best: Candidate | None
+    data: Data
+    grown: Fitted | None = None
+
+
+def on_trial(data: Data, current: Fitted, candidates: list[Candidate], trying: Callable[[Candidate], None], causes_left: bool) -> Taken:
+    """The best candidate with everything fitted again; the next one where the error as a whole grows, and none where that is not accepted.
+
+    Such a one explains only what it does to the noise, as a lag of the reading beside a dead time does.
+
+    causes_left : whether one more cause may be named; else only further orders of one.
+    """
+    while True:
+        best = next(iter(standing(candidates)), None)
+        if best is None or not best.accepted or best.fitted is None or not (causes_left or further(best.effect.name)):
+            return Taken(candidates, None, data)
+        trying(best)
+        ahead, grown = again(data, best.fitted, NEXT_ITERATIONS)
+        if grown.ratio <= GROWN * current.ratio or left_as_a_whole(current, grown) < 1.0:
+            return Taken(candidates, best, ahead, grown)
+        candidates = [replace(c, accepted=False, grows=True) if c is best else c for c in candidates]
 
 
 def beyond(data: Data, fitted: Fitted) -> Fitted | None:

@@ -56,7 +56,7 @@ class Candidate:
 
     evidence, explained : see the module.   promised : drop by the score test.   fitted : with the effect, None where it was not
     refitted.   held_gain : drop of O on the held-out records.   hollow : it explains much, but only as no axis can be.
-    accepted : by the rule of this module.
+    accepted : by the rule of this module.   grows : it makes the error as a whole larger, from one bad model to the next.
     """
 
     effect: Effect
@@ -67,11 +67,12 @@ class Candidate:
     fitted: Fitted | None
     accepted: bool
     hollow: bool = False
+    grows: bool = False
 
     @property
     def stands(self) -> bool:
-        """Whether neither the held-out records nor its own values speak against it."""
-        return self.fitted is None or not (self.hollow or refuted(self.evidence, self.held_gain))
+        """Whether neither the held-out records, nor the error as a whole, nor its own values speak against it."""
+        return self.fitted is None or not (self.hollow or self.grows or refuted(self.evidence, self.held_gain))
 
 
 def search(
@@ -217,9 +218,9 @@ def candidate(base: Fitted, effect: Effect, promised: float, best: Fitted, start
     evidence, explained = drop - price(effect, base, starts), explained_share(drop, base)
     held_gain = base.held_objective - best.held_objective
     hollow = bool(impossible(best.model)) or grown_out_of_bounds(best.model, effect) or fitted_to_nothing(best.model, effect)
-    # What makes the error as a whole larger goes from one bad model to the next.
-    accepted = enough(evidence, explained, drop, held_gain, base) and not hollow and left_as_a_whole(base, best) < 1.0
-    return Candidate(effect, promised, evidence, explained, held_gain, best, accepted, hollow)
+    grows = left_as_a_whole(base, best) >= 1.0
+    accepted = enough(evidence, explained, drop, held_gain, base) and not (hollow or grows)
+    return Candidate(effect, promised, evidence, explained, held_gain, best, accepted, hollow, grows)
 
 
 def grown(data: Data, base: Fitted, way: Scored) -> Fitted:

@@ -13,7 +13,9 @@ from typing import Any
 from beltcomm.axis import Axis
 from beltcomm.axis_entries import TrajectoryLimits
 from beltcomm.control import CascadeStructure
+from beltcomm.design.cascade import DesignResult
 from beltcomm.design.compensation import compensated, compensation
+from beltcomm.design.margins import margins
 from beltcomm.errors import BeltcommError, Refused
 from beltcomm.model import Model
 from beltcomm.runfolder import RunFolder
@@ -32,6 +34,8 @@ ROOM_SHARE, COUNTS = 0.06, 65536
 PREFILTERS = ("butterworth", "notch", "none")
 #: Differences below these are nothing: a few encoder steps, and what gains differ by for other reasons.
 MATTERS_M, MATTERS_SHARE = 5e-6, 0.10
+#: Degrees by which a phase margin may be smaller before it is said.
+THIN_DEG = 5.0
 
 
 @dataclass(frozen=True)
@@ -39,6 +43,7 @@ class Cost:
     """Errors of the move on a machine with the effect.   unaware, aware : at the motor, by controller; *_cart : at the carriage.
 
     *_range : smallest and largest at the motor over the intervals of the model, ``verify.predict_range``; None where it has none.
+    unaware_margins : what the controller that does not know the effect lacks on a machine with it, in words; "" for nothing.
     """
 
     move: str
@@ -48,6 +53,7 @@ class Cost:
     aware_cart: TrackingError
     unaware_range: tuple[TrackingError, TrackingError] | None = None
     aware_range: tuple[TrackingError, TrackingError] | None = None
+    unaware_margins: str = ""
 
     @property
     def nothing(self) -> bool:
@@ -74,7 +80,27 @@ def cost_of(folder: RunFolder, before: Model, after: Model) -> Cost:
     aware = _errors(axis, after, after, structure, findings, rested)
     top = float(abs(move.velocity_m_s).max())
     words = f"{move.position_m[0]:.2f} to {move.position_m[-1]:.2f} m at up to {top:.2g} m/s"
-    return Cost(words, unaware[0], aware[0], unaware[1], aware[1], unaware[2], aware[2])
+    return Cost(words, unaware[0], aware[0], unaware[1], aware[1], unaware[2], aware[2], _lacking(axis, unaware[3], after, findings))
+
+
+def _lacking(axis: Axis, designed: DesignResult, machine: Model, findings: Findings) -> str:
+    """What a controller lacks on another machine than it was made for, in words; "" for nothing."""
+    damping = analyse.apparent_damping(findings.thesis)
+    plants = analyse.design_plants(machine, _ends(axis), [machine["cart.mass"]], delay(findings), damping)
+    found = margins(designed.cascade, plants, designed.structure.period_s)
+    if not all(one.stable and one.velocity_stable for one in found):
+        return "it is not stable there"
+    thin = min(found, key=lambda one: one.phase_margin_deg)
+    asked = designed.specification.phase_margin_deg
+    return (
+        f"its phase margin is {thin.phase_margin_deg:.0f}° there, {asked:.0f}° are asked for"
+        if thin.phase_margin_deg < asked - THIN_DEG
+        else ""
+    )
+
+
+def _ends(axis: Axis) -> tuple[float, float]:
+    return float(axis.travel.min_m or 0.0), float(axis.travel.max_m or 0.0)
 
 
 def cost_or_reason(folder: RunFolder, before: Model, after: Model) -> tuple[Cost | None, str]:
@@ -92,13 +118,16 @@ def cost_lines(cost: Cost | None, reason: str, name: str) -> list[str]:
     if cost.nothing:
         either = _um(cost.aware.dynamic_m)
         return [f"{name} costs nothing that matters in the move from {cost.move}: {either} at the motor with it and without."]
-    return [
+    lines = [
         f"What {name} costs, predicted for the move from {cost.move}, controller without it → with it:",
         f"  at the motor    dynamic {_um(cost.unaware.dynamic_m)} → {_um(cost.aware.dynamic_m)}, "
         f"static {_um(cost.unaware.static_m)} → {_um(cost.aware.static_m)}",
         f"  at the carriage dynamic {_um(cost.unaware_cart.dynamic_m)} → {_um(cost.aware_cart.dynamic_m)}, "
         f"static {_um(cost.unaware_cart.static_m)} → {_um(cost.aware_cart.static_m)}",
     ]
+    if cost.unaware_margins:
+        lines.append(f"  but the controller without it does not hold on such a machine: {cost.unaware_margins}; knowing it costs gain")
+    return lines
 
 
 def offline_move(axis: Axis, model: Model, period_s: float) -> Trajectory:
@@ -140,12 +169,12 @@ def cost_rows(cost: Mapping[str, Any]) -> list[tuple[str, ...]]:
 
 def _errors(
     axis: Axis, known: Model, machine: Model, structure: CascadeStructure, findings: Findings, rested: Trajectory
-) -> tuple[TrackingError, TrackingError, tuple[TrackingError, TrackingError] | None]:
-    """Errors at motor and carriage with a controller made for one model on a machine that is another; the motor's over its intervals."""
-    _, cascade = analyse.design(
+) -> tuple[TrackingError, TrackingError, tuple[TrackingError, TrackingError] | None, DesignResult]:
+    """Errors at motor and carriage with a controller made for one model on a machine that is another; over its intervals; it."""
+    designed, cascade = analyse.design(
         known,
         structure,
-        positions_m=(float(axis.travel.min_m or 0.0), float(axis.travel.max_m or 0.0)),
+        positions_m=_ends(axis),
         masses_kg=[known["cart.mass"]],
         dead_time_s=delay(findings),
         apparent_damping_nm_s_rad=analyse.apparent_damping(findings.thesis),
@@ -160,7 +189,7 @@ def _errors(
 
     told = any(value.interval is not None for value in machine.parameters.values())
     spread = predict_range(machine, lambda on, stretch_m: errors(on, stretch_m)[0]) if told else None
-    return *errors(machine, 0.0), spread
+    return *errors(machine, 0.0), spread, designed
 
 
 def _um(value_m: float) -> str:
