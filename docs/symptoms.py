@@ -78,6 +78,13 @@ def all_at_motor() -> Model:
     return model.with_values({"coulomb.level": model["coulomb.level"] + RATIO * rig()["cart_friction.level"]})
 
 
+def rubbing(name: str, amount: float) -> Model:
+    """The rig with an amount of friction at a place or at low speed, all of it at the motor or all of it at the carriage."""
+    owner = name.removesuffix("_cart")
+    model = having(owner, all_at_motor(), amount=0.0, **({"place": 0.25} if owner == "friction_position" else {}))
+    return model.with_values({f"{owner}.amount": amount}) if name == owner else having(name, model, amount=amount)
+
+
 #: By effect; effects that share law and parameters with another share its picture.
 SYMPTOMS: Mapping[str, Callable[[], Symptom]] = {
     "belt_stiffness": lambda: response(rig().with_values({"belt_stiffness.stiffness": 1e8, "belt_damping.damping": 2000.0}), rig()),
@@ -119,6 +126,7 @@ SYMPTOMS: Mapping[str, Callable[[], Symptom]] = {
     "coulomb_end_pulley": lambda: sweep(calm_sections(), having("coulomb_end_pulley", calm_sections(), level=3.0)),
     "coulomb_load": lambda: sweep(shaft_rig("elastic_shaft"), shaft_rig("elastic_shaft", "coulomb_load")),
     "stribeck": lambda: sweep(calm(), having("stribeck", calm(), amount=0.04, speed_scale=2.5), 200),
+    "stribeck_cart": lambda: response_by_swing(rubbing("stribeck", amount=0.25), rubbing("stribeck_cart", amount=0.25 / RATIO)),
     "friction_dip": lambda: sweep(
         calm().with_values({"coulomb.level": 0.0875}),
         having("friction_dip", calm().with_values({"coulomb.level": 0.0475}), amount=0.04, speed_scale=2.5),
@@ -145,6 +153,9 @@ SYMPTOMS: Mapping[str, Callable[[], Symptom]] = {
     "holding_brake": lambda: strokes(calm(), having("holding_brake", calm(), sine=0.015, cosine=0.01)),
     "load_friction": lambda: move(calm(), having("load_friction", calm(), share=0.12)),
     "friction_position": lambda: strokes(calm(), having("friction_position", calm(), amount=0.04, place=0.27, width=0.03)),
+    "friction_position_cart": lambda: response_by_swing(
+        rubbing("friction_position", amount=0.1), rubbing("friction_position_cart", amount=0.1 / RATIO)
+    ),
     "presliding": lambda: reversals(calm(), having("presliding", calm(), length=4e-5)),
     "presliding_cart": lambda: reversals(
         calm().with_values({"coulomb.level": 0.02, "cart_friction.level": 8.0}),

@@ -29,7 +29,7 @@ OF_PLACE = {"tilt", "constant_offset", "cable_chain", "tooth_ripple", "travel_ri
     e.name for e in EFFECTS if e.name.startswith("cogging")
 }
 #: Levels that may stand below those of others; the sum of a body's levels is never below nothing, which the simulation shows.
-BELOW_OTHERS = {"friction_position", "friction_freeform"}
+BELOW_OTHERS = {"friction_position", "friction_position_cart", "friction_freeform"}
 #: Springs whose stiffness follows the carriage: the thesis's (2.25), (2.26) leave out the force c'(x) stretch²/2 on it, see below.
 BY_PLACE = {"belt_spans", "belt_sections", "stiffness_position"}
 BY_SLOT = {slot: [e for e in EFFECTS if e.slot == slot] for slot in {e.slot for e in EFFECTS}}
@@ -215,6 +215,7 @@ STANDS_ON = {
     "presliding": ("coulomb",), "presliding_cart": ("cart_friction",), "viscous_asymmetry": ("viscous",), "warmup": ("viscous",),
     "coulomb_end_pulley": ("end_pulley",), "viscous_end_pulley": ("end_pulley",),
     "coulomb_load": ("elastic_shaft",), "viscous_load": ("elastic_shaft",), "belt_damping": (), "elastic_shaft": (),
+    "stribeck_cart": ("stribeck",), "friction_position_cart": ("friction_position",),
 }  # fmt: skip
 WITHOUT_BELT = {"elastic_shaft", "coulomb_load", "viscous_load"}
 STEPS, SEEDS = 1500, (1, 2, 3)

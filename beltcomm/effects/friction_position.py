@@ -1,4 +1,4 @@
-"""A place on the rail where the carriage runs tight."""
+"""A place on the rail where the carriage runs tight: as friction of the motor, and what of it acts on the carriage behind the belt."""
 
 from __future__ import annotations
 
@@ -11,7 +11,10 @@ _SPACING_M, _WIDTHS_M = 0.04, (0.045,)
 
 
 def level(speed: float, position: float, t: float, amount: float, place: float, width: float, flatness: float) -> float:
-    """Additional level of friction:  amount exp(-|(position - place)/width|^flatness), N m at the motor.   position, place, width : m."""
+    """Additional level of friction:  amount exp(-|(position - place)/width|^flatness), N m at the motor or N at the carriage.
+
+    position, place, width : m.
+    """
     return amount * math.exp(-math.pow(abs((position - place) / width), flatness))
 
 
@@ -33,7 +36,7 @@ def trials(ground: Ground) -> list[Trial]:
     ]
 
 
-EFFECT = Effect(
+MOTOR = Effect(
     name="friction_position",
     slot="friction_level",
     title="tight spot on the rail",
@@ -47,6 +50,7 @@ EFFECT = Effect(
     slope=slope,
     body="motor",
     trials=trials,
+    completed_by=("friction_position_cart",),
     seen="torque of slow strokes rises at one place, in both directions",
     causes="bent rail, dirt, tight carriage",
     check="rail around the place: wipe it, look at its straightness and at the joints",
@@ -57,3 +61,20 @@ EFFECT = Effect(
     },
     source="data sheet",
 )
+CART = Effect(
+    name="friction_position_cart",
+    slot="friction_level",
+    title="tight spot, what of it acts on the carriage",
+    parameters=(Parameter("amount", "N", "cart", 3.0, -400.0, 400.0, "friction of the carriage at the spot above that elsewhere"),),
+    law=level,
+    slope=slope,
+    body="cart",
+    uses=tuple(f"friction_position.{p.name}" for p in MOTOR.parameters[1:]),
+    seen="beside the tight spot excitations find the carriage free, at it they find it held",
+    causes=MOTOR.causes,
+    check=MOTOR.check,
+    remedy=MOTOR.remedy,
+    alike={"friction_position": "excite at the spot: friction of the carriage fills the notch of the antiresonance, the motor's does not"},
+    source="data sheet",
+)
+EFFECTS = (MOTOR, CART)

@@ -1,4 +1,4 @@
-"""Friction that falls as the motor gets faster: boundary lubrication at low speed."""
+"""Friction that falls as the axis gets faster: boundary lubrication at low speed, of the motor and of the carriage behind the belt."""
 
 from __future__ import annotations
 
@@ -27,6 +27,16 @@ def slope(speed: float, position: float, t: float, amount: float, speed_scale: f
     return -share * level(speed, position, t, amount, speed_scale, exponent)
 
 
+def level_at_carriage(speed: float, position: float, t: float, amount: float, speed_scale: float, exponent: float, ratio: float) -> float:
+    """The same at the carriage, N.   speed : m/s.   speed_scale : rad/s of the motor.   ratio : m/rad."""
+    return amount * math.exp(-math.pow(abs(speed / (ratio * speed_scale)), exponent))
+
+
+def slope_at_carriage(speed: float, position: float, t: float, amount: float, speed_scale: float, exponent: float, ratio: float) -> float:
+    """d level/d speed, N s/m."""
+    return slope(speed / ratio, position, t, amount, speed_scale, exponent) / ratio
+
+
 def trials(ground: Ground) -> list[Trial]:
     """Half the Coulomb friction more at standstill, at three speed scales."""
     return [Trial({"amount": 0.4 * ground.coulomb, "speed_scale": v / ground.ratio}) for v in (0.012, 0.03, 0.07)]
@@ -37,7 +47,7 @@ def unlikely(values: Mapping[str, float]) -> str:
     return "friction that falls with the logarithm of the speed" if values["exponent"] < LEAST + MET else ""
 
 
-EFFECT = Effect(
+MOTOR = Effect(
     name="stribeck",
     slot="friction_level",
     title="Stribeck friction",
@@ -51,6 +61,7 @@ EFFECT = Effect(
     slope=slope,
     body="motor",
     trials=trials,
+    completed_by=("stribeck_cart",),
     unlikely=unlikely,
     seen="slow strokes need more torque than the friction of faster ones says; stick-slip at creeping speed",
     causes="boundary lubrication, new seals, carriage preload",
@@ -64,3 +75,20 @@ EFFECT = Effect(
     },
     source="(2.21)",
 )
+CART = Effect(
+    name="stribeck_cart",
+    slot="friction_level",
+    title="Stribeck friction, what of it acts on the carriage",
+    parameters=(Parameter("amount", "N", "cart", 3.0, 0.0, 400.0, "friction of the carriage at standstill above that in motion"),),
+    law=level_at_carriage,
+    slope=slope_at_carriage,
+    body="cart",
+    uses=("stribeck.speed_scale", "stribeck.exponent", "transmission.ratio"),
+    seen="slow strokes need more torque, and small excitations find the carriage held more than large ones do",
+    causes="guide and its seals, preload of the carriage",
+    check="grease and seals of the guide, preload of the carriage; push it by hand with the belt slack",
+    remedy="grease of the right viscosity, run in new seals, less preload of the carriage",
+    alike={"stribeck": "take the belt off and turn the motor slowly: what is left of it is the motor's"},
+    source="(2.21)",
+)
+EFFECTS = (MOTOR, CART)

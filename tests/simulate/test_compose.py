@@ -21,7 +21,8 @@ from beltcomm.statics import smooth_forces
 FULL = ("belt_sections", "coupling", "belt_damping", "viscous", "viscous_cart", "viscous_end_pulley",
         "coulomb", "cart_friction", "presliding_cart", "coulomb_end_pulley", "tilt")  # fmt: skip
 HIDDEN = ("belt_stiffness", "stiffness_position", "end_pulley", "payload_mode", "belt_damping", "backlash", "belt_slack", "viscous",
-          "warmup", "quadratic_drag", "coulomb", "stribeck", "friction_position", "presliding", "constant_offset", "cable_chain", "cogging",
+          "warmup", "quadratic_drag", "coulomb", "stribeck", "stribeck_cart", "friction_position", "friction_position_cart", "presliding",
+          "constant_offset", "cable_chain", "cogging",
           *(f"cogging_{n}" for n in range(2, COUNT + 1)), "tooth_ripple", "torque_ripple", "torque_saturation", "dead_time", "current_lag",
           "pulley_eccentricity", "pulley_eccentricity_2", "encoder_eccentricity", "encoder_eccentricity_2")  # fmt: skip
 SPANS = ("belt_spans", "belt_damping", "viscous_cart")
@@ -66,6 +67,20 @@ def test_levels_stand_at_their_bodies() -> None:
     assert dict(zip(kernel.bodies, got.tolist(), strict=True)) == {
         "motor": 0.1, "cart": 4.0, "end_pulley": 2.0, "driving_pulley": 0.0,
     }  # fmt: skip
+
+
+def test_a_law_at_the_carriage_is_that_of_the_motor() -> None:
+    """In newtons at the belt: place, width and speed are those of the motor's part."""
+    names = ("belt_stiffness", "stribeck", "stribeck_cart", "friction_position", "friction_position_cart")
+    values = {"stribeck.amount": 0.1, "stribeck_cart.amount": 8.0, "stribeck.exponent": 1.5, "friction_position.amount": 0.05,
+              "friction_position_cart.amount": 4.0, "friction_position.place": 0.3, "friction_position.width": 0.04}  # fmt: skip
+    model, got = build_model("m", names, values), np.empty(2)
+    ratio = model["transmission.ratio"]
+    for place, speed in ((0.3, 0.0), (0.32, 2.0), (0.5, 1.0), (0.1, 50.0)):
+        at, moving = np.array([place / ratio, place]), np.array([speed, speed * ratio])
+        kernel_for(model).levels(at, moving, model.vector(), 0.0, got)
+        low, near = np.exp(-((speed / model["stribeck.speed_scale"]) ** 1.5)), np.exp(-(((place - 0.3) / 0.04) ** 2))
+        np.testing.assert_allclose(got, [0.1 * low + 0.05 * near, 8.0 * low + 4.0 * near], rtol=1e-9, atol=1e-12)
 
 
 def test_the_order_of_effects_does_not_matter() -> None:

@@ -22,12 +22,18 @@ GROUND = Ground(7e-5, 4.0, 2e5, 25.0, 0.1, RATIO, 0.2, 0.7, 35.6, 26, 2.0, 150.0
 SHAFT = {"load.inertia": 6e-5, "elastic_shaft.stiffness": 8.0, "elastic_shaft.damping": 2e-3}
 ON_RIGID = {"elastic_shaft": (), "coulomb_load": ("elastic_shaft",), "viscous_load": ("elastic_shaft",), "travel_ripple": ()}
 #: What an effect needs beside the base; what is no effect.
-STANDS_ON, KNOWN = {"presliding_cart": ("cart_friction",)}, ("motor", "cart", "transmission")
-TRIED = [effect for effect in EFFECTS if effect.trials is not None and not effect.name.rpartition("_")[2].isdigit()]
+STANDS_ON = {
+    "presliding_cart": ("cart_friction",), "stribeck_cart": ("stribeck",), "friction_position_cart": ("friction_position",),
+}  # fmt: skip
+BESIDE = {"cart_friction.level": 3.0, "stribeck.amount": 0.0, "friction_position.amount": 0.0, "friction_position.place": 0.4}
+KNOWN = ("motor", "cart", "transmission")
+#: What is tried only after another effect was named, at a size that shows.
+AFTERWARDS = {"stribeck_cart": {"amount": 4.0}, "friction_position_cart": {"amount": 4.0}}
+TRIED = [e for e in EFFECTS if (e.trials is not None or e.name in AFTERWARDS) and not e.name.rpartition("_")[2].isdigit()]
 
 
 #: Effects of friction show at creeping speed, at the place where the record is made.
-SLOW = {"stribeck", "friction_position", "presliding", "presliding_cart", "friction_dip"}
+SLOW = {"stribeck", "friction_position", "presliding", "presliding_cart", "friction_dip", *AFTERWARDS}
 #: A resting carriage must not be pulled at the start: the inverse would have to be told how far the belt is stretched.
 SHIFTED = {"cable_chain": {"rate": 8.0, "offset": -8.0 * 0.4}, "friction_position": {"amount": 0.04, "place": 0.4, "width": 0.05}}
 
@@ -43,7 +49,7 @@ def torque_of(samples: int, slow: bool) -> np.ndarray:
 def base_for(effect: Effect) -> Model:
     if effect.name not in ON_RIGID:
         effects = (*(name for name in BASE if name != effect.name), *STANDS_ON.get(effect.name, ()))
-        values = {name: value for name, value in {**VALUES, "cart_friction.level": 3.0}.items() if name.split(".")[0] in (*effects, *KNOWN)}
+        values = {name: value for name, value in {**VALUES, **BESIDE}.items() if name.split(".")[0] in (*effects, *KNOWN)}
         return build_model("base", effects, values)
     effects = ("viscous", "coulomb", *ON_RIGID[effect.name])
     values = {name: value for name, value in {**VALUES, **SHAFT}.items() if name.split(".")[0] in (*effects, "motor", "transmission")}
@@ -52,7 +58,8 @@ def base_for(effect: Effect) -> Model:
 
 
 def with_trial(base: Model, effect: Effect) -> Model:
-    assert effect.trials is not None
+    if effect.trials is None:
+        return base.with_effect(effect.name, AFTERWARDS[effect.name])
     side = "load" if effect.name == "travel_ripple" else "motor"
     trials = effect.trials(replace(GROUND, belt=effect.name not in ON_RIGID, side=side))
     return base.with_effect(effect.name, SHIFTED.get(effect.name, trials[len(trials) // 2].values))
