@@ -18,7 +18,7 @@ from beltcomm.laboratory.acceptance import EVIDENCE, drop_by, fitted_to_nothing,
 from beltcomm.laboratory.compare import compare
 from beltcomm.laboratory.data import SUBSTEPS, Data, agitated, prepare, remade
 from beltcomm.laboratory.fitting import AT_A_TIME, Fitted, fit, out_of_valley
-from beltcomm.laboratory.forms import additions, formed, without
+from beltcomm.laboratory.forms import additions, formed, placed, without
 from beltcomm.laboratory.intervals import with_intervals
 from beltcomm.laboratory.score import FAR_OFF, Scorer, ground_of
 from beltcomm.laboratory.stage import MISSING, Candidate, candidate, held_at, merged, search, strayed
@@ -62,8 +62,8 @@ TWIN_GAP, TWIN_SHARE = 50.0, 0.002
 @dataclass(frozen=True)
 class Step:
     """One stage.   before : the model it began with.   candidates : ranked.   added : the effect taken on trial, "" for none.
-    removed : effects that became superfluous.   after : the model it ended with.   forms : where nothing was added, see ``forms``.
-    detour : effects that were taken on trial first and became superfluous beside the one that was added."""
+    removed : effects that became superfluous.   after : the model it ended with.   forms : see ``forms``; beside an effect that was
+    added what of it acts on the carriage.   detour : effects that were taken on trial first and became superfluous beside that one."""
 
     before: Fitted
     candidates: tuple[Candidate, ...]
@@ -180,7 +180,10 @@ def diagnose(
         seen.append(data)
         data, name = taken.data, taken.best.effect.name
         kept, removed = superfluous(data, taken.grown, base.model, name)
-        steps.append(Step(current, tuple(candidates), name, removed, kept))
+        on_body = placed(data, kept, taken.best.effect)
+        if on_body.new:
+            data, kept = again(data, on_body.fitted, NEXT_ITERATIONS)
+        steps.append(Step(current, tuple(candidates), name, removed, kept, on_body.new))
         direct = shorter(seen, steps) if removed else None
         if direct is not None:
             first, step = direct
@@ -280,14 +283,15 @@ def shorter(seen: Sequence[Data], steps: Sequence[Step]) -> tuple[int, Step] | N
     """
     last = steps[-1]
     for number, step in enumerate(steps[:-1]):
-        if not step.added or set(last.after.model.effects) != {*step.before.model.effects, last.added}:
+        if not step.added or set(last.after.model.effects) != {*step.before.model.effects, last.added, *last.forms}:
             continue
         straight = fit(seen[number], last.after.model, FIRST_ITERATIONS, offsets=last.after.offsets)
         found = candidate(step.before, effect_named(last.added), 0.0, straight, len(steps) - number)
         candidates = merged(step.candidates, [found])
         if standing(candidates)[0] is found and found.accepted:
             detour = tuple(name for name in last.removed if name not in step.before.model.effects)
-            forms = tuple(name for other in steps[number:] for name in other.forms if name in last.after.model.parameters)
+            left = {*last.after.model.parameters, *last.after.model.effects}
+            forms = tuple(name for other in steps[number:] for name in other.forms if name in left)
             return number, Step(step.before, tuple(candidates), last.added, (), last.after, forms, detour)
     return None
 

@@ -11,11 +11,10 @@ with the held-out records not against it.  An effect that was added for what a f
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import reduce
 
-from beltcomm.effects import Effect
+from beltcomm.effects import Effect, effect_named
 from beltcomm.errors import UsageError
 from beltcomm.identify.following import follows
 from beltcomm.laboratory.acceptance import EVIDENCE as TO_BE_NAMED  # of an effect; that of a form is below
@@ -59,12 +58,27 @@ def formed(data: Data, fitted: Fitted, base: Model) -> Formed:
                 new += names
                 removed.append(effect.name)
     for effect in additions(fitted.model, base):
-        for names, model in variants(fitted.model, effect):
-            trial = fit(data, model, ITERATIONS, offsets=fitted.offsets)
-            if pays(fitted, trial):
-                fitted = trial
-                new += names
+        for one in ("", *effect.completed_by):
+            if found := variant(fitted.model, effect, one):
+                trial = fit(data, found[1], ITERATIONS, offsets=fitted.offsets)
+                if pays(fitted, trial):
+                    fitted = trial
+                    new += found[0]
     return Formed(fitted, tuple(new), tuple(removed))
+
+
+def placed(data: Data, fitted: Fitted, effect: Effect) -> Formed:
+    """The model with what of a law acts on the carriage, asked as soon as the law is named at the motor.
+
+    On the wrong body it would mislead the search.  It takes the evidence of an effect; with less it is asked again when all is found.
+    """
+    new: list[str] = []
+    for one in effect.completed_by if not follows(fitted.model) else ():
+        found = variant(fitted.model, effect, one) if effect_named(one).slot == effect.slot else None
+        if found and pays(fitted, trial := fit(data, found[1], ITERATIONS, offsets=fitted.offsets), TO_BE_NAMED):
+            fitted = trial
+            new += found[0]
+    return Formed(fitted, tuple(new))
 
 
 def additions(model: Model, base: Model) -> list[Effect]:
@@ -88,19 +102,23 @@ def held(model: Model, effect: Effect) -> list[str]:
     return [name for name in forms if model.parameters[name].low == model.parameters[name].high]
 
 
-def variants(model: Model, effect: Effect) -> Iterator[tuple[list[str], Model]]:
-    """Models with the forms of an effect's law free, or with an effect that completes it; with the names of what is new."""
-    if names := held(model, effect):
-        yield names, model.with_forms(effect.name)
-    for name in effect.completed_by:
-        if name not in model.effects:
-            yield [name], model.with_effect(name)
+def variant(model: Model, effect: Effect, one: str) -> tuple[list[str], Model] | None:
+    """The names of what is new, and the model with it: the forms of an effect's law free for "", or an effect that completes it.
+
+    None where there is nothing new, or no body for it.
+    """
+    if not one:
+        return (names, model.with_forms(effect.name)) if (names := held(model, effect)) else None
+    try:
+        return None if one in model.effects else ([one], model.with_effect(one))
+    except UsageError:
+        return None
 
 
-def pays(before: Fitted, after: Fitted) -> bool:
+def pays(before: Fitted, after: Fitted, evidence: float = EVIDENCE) -> bool:
     """Whether a form explains so much more than what it costs, and as an axis can be."""
     price = (len(after.problem.free) - len(before.problem.free)) * math.log(before.problem.samples)
-    return drop_by(before, after) - price > EVIDENCE and not spoiled(before, after)
+    return drop_by(before, after) - price > evidence and not spoiled(before, after)
 
 
 def spoiled(before: Fitted, after: Fitted) -> bool:

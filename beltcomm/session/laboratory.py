@@ -15,7 +15,7 @@ from beltcomm.laboratory.compare import Comparison, compare, landmarks, worst
 from beltcomm.laboratory.data import Data
 from beltcomm.laboratory.diagnosis import NEXT_ITERATIONS, Diagnosis, again, diagnose, settled
 from beltcomm.laboratory.fitting import Fitted, fit
-from beltcomm.laboratory.forms import formed
+from beltcomm.laboratory.forms import formed, placed
 from beltcomm.laboratory.intervals import with_intervals
 from beltcomm.laboratory.place_words import in_words
 from beltcomm.laboratory.prepared import last_compiled
@@ -266,11 +266,12 @@ def add_to_run(
     grown = with_effect(here.data, here.fitted, ground_of(here.fitted, here.data.fitted, here.folder.axis), effect_named(effect))
     grown = better(here.folder, here.data, here.fitted, grown, effect)
     data, named = again(here.data, grown, NEXT_ITERATIONS)
-    shaped = formed(data, named, here.fitted.model)
+    on_body = placed(data, named, effect_named(effect))
+    shaped = formed(data, on_body.fitted, here.fitted.model)
     data, after = settled(data, shaped.fitted)
     if current_revision(here.folder) is None:
         base_revision(here.folder, here.fitted, command, when)
-    rung = revision_of(here.folder, after, here.fitted, change_of((effect, *shaped.new)), command, when)
+    rung = revision_of(here.folder, after, here.fitted, change_of((effect, *on_body.new, *shaped.new)), command, when)
     note = (
         f"{asked}, friction by direction and an offset of the current look alike on this axis: added as {effect}" if asked != effect else ""
     )

@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from beltcomm.effects import effect_named
 from beltcomm.identify.problem import free_parameters
 from beltcomm.laboratory import forms
 from beltcomm.model import Model, build_model
@@ -81,6 +82,47 @@ def test_what_belongs_to_an_effect_is_tried_with_it(monkeypatch: pytest.MonkeyPa
     found = axis.formed("end_pulley")
     assert found.new == ("viscous_end_pulley",)
     assert [e.name for e in forms.additions(found.fitted.model, BASE)] == ["end_pulley"]
+
+
+@pytest.mark.parametrize(("gain", "wanted"), [(500.0, ("friction_position_cart",)), (12.0, ())])
+def test_it_is_asked_on_which_body_a_tight_spot_acts(monkeypatch: pytest.MonkeyPatch, gain: float, wanted: tuple[str, ...]) -> None:
+    axis = Axis(monkeypatch, lambda effects, free: 1000.0 - gain * ("friction_position_cart" in effects))
+    found = axis.formed("friction_position")
+    assert (found.new, found.removed) == (wanted, ())
+    assert [e.name for e in forms.additions(found.fitted.model, BASE)] == ["friction_position"]
+
+
+def test_what_completes_an_effect_comes_beside_its_form(monkeypatch: pytest.MonkeyPatch) -> None:
+    flatness = "friction_position.flatness"
+    axis = Axis(monkeypatch, lambda effects, free: 1000.0 - 400.0 * ("friction_position_cart" in effects) - 100.0 * (flatness in free))
+    found = axis.formed("friction_position")
+    assert found.new == (flatness, "friction_position_cart")
+    assert {"friction_position_cart.amount", flatness} <= set(found.fitted.problem.free)
+
+
+def test_without_a_carriage_behind_a_belt_friction_acts_on_the_motor(monkeypatch: pytest.MonkeyPatch) -> None:
+    axis = Axis(monkeypatch, lambda effects, free: 1000.0 - 500.0 * ("stribeck_cart" in effects))
+    model = build_model("axis", ("viscous", "coulomb"), {}, base_bodies=("motor",))
+    assert forms.formed(None, axis.fitted(model.with_effect("stribeck")), model).new == ()  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("name", "beside", "gain", "wanted"),
+    [
+        ("stribeck", (), 500.0, ("stribeck_cart",)),
+        ("stribeck", (), 100.0, ()),  # is asked again at the end
+        ("stribeck", ("backlash",), 500.0, ()),  # an observer forgives it
+        ("end_pulley", (), 500.0, ()),  # its bearing is another law, which misleads nobody
+    ],
+)
+def test_the_body_is_asked_for_as_soon_as_friction_is_named(
+    monkeypatch: pytest.MonkeyPatch, name: str, beside: tuple[str, ...], gain: float, wanted: tuple[str, ...]
+) -> None:
+    axis = Axis(monkeypatch, lambda effects, free: 1000.0 - gain * bool({"stribeck_cart", "viscous_end_pulley"} & effects))
+    model = BASE.with_effect(name)
+    for other in beside:
+        model = model.with_effect(other)
+    assert forms.placed(None, axis.fitted(model), effect_named(name)).new == wanted  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
