@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from beltcomm.errors import DataError
+from beltcomm.identify.bounded_step import bounded_step
 from beltcomm.identify.noise_level import torque_noise
 from beltcomm.identify.residual import Stretch, squares_left, stretches, whitened, whitened_beside
 from beltcomm.identify.reversals import turns_at_once
@@ -300,7 +301,7 @@ class _Problem:
             gain = 0.0
             while gain <= 0.0:
                 damped = information + damping * np.diag(np.diag(information))
-                step = _bounded_step(damped, gradient, move, self.low - x, self.high - x)
+                step = bounded_step(damped, gradient, move, self.low - x, self.high - x)
                 trial = np.clip(x + step, self.low, self.high)
                 expected = -float(2.0 * gradient @ step + step @ information @ step)
                 if expected < enough:
@@ -316,20 +317,6 @@ class _Problem:
             if gain < enough:
                 break
         return x, value
-
-
-def _bounded_step(information: Array, gradient: Array, move: NDArray[np.bool_], low: Array, high: Array) -> Array:
-    """Newton step of the unknowns that may move; those that would leave their bounds stop there, and the rest make up for it."""
-    step, move = np.zeros(len(gradient)), move.copy()
-    while np.any(move):
-        pull = gradient[move] + information[np.ix_(move, ~move)] @ step[~move]
-        step[move] = -np.linalg.solve(information[np.ix_(move, move)], pull)
-        outside = move & ((step < low) | (step > high))
-        if not np.any(outside):
-            break
-        step[outside] = np.clip(step, low, high)[outside]
-        move &= ~outside
-    return step
 
 
 def _labels(pieces: Sequence[Stretch], seconds: float) -> NDArray[np.int64]:

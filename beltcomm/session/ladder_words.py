@@ -110,7 +110,10 @@ def after_diagnosis(found: Diagnosis, run: Path, planned: str = "") -> list[str]
     if planned:
         return [f"Next: {planned}"]
     open_ = undetermined(with_intervals(found.after), found.base.model) if found.named else []
-    certain = [name for name in found.named if name not in open_]
+    parts = {name: effect_named(name).completed_by for name in found.named}
+    along = {part for of_one in parts.values() for part in of_one}  # `add` tries them by itself
+    sure = {name for name in found.named if name not in open_}
+    certain = [name for name in found.named if name not in along and sure & {name, *parts[name]}]
     if certain and found.verdict != NONE_EXPLAINS:
         return [f"Next: {', then '.join(f'beltcomm add {name} {pasted(run)}' for name in certain)}"]
     if found.verdict != "nothing missing":
@@ -155,16 +158,17 @@ def beyond_bounds(sight: Sight) -> bool:
 
 def effect_lines(effect: Effect, model: Model) -> list[str]:
     """What an effect is, its numbers, causes and what to check."""
-    lines = [f"{effect.name}: {effect.title}."]
+    lines, elsewhere = [f"{effect.name}: {effect.title}."], body_lines(effect, model)
     for name, parameter in effect_parameters(effect).items():
         item = model.parameters[name]
         if parameter.form and item.low == item.high:
             continue  # the usual form, which nothing spoke against
         width = "" if item.interval is None else f" ± {item.interval:.2g}"
-        bound = item.interval is None and not parameter.form and not item.low < item.value < item.high
+        bound = item.interval is None and not parameter.form and not elsewhere and not item.low < item.value < item.high
         doubt = ", at the bound of what is possible: hardly the cause" if bound else ""
         usual = f" (its form; usual is {parameter.start:g})" if parameter.form else ""
         lines.append(f"  {with_unit(f'{name} = {item.value:.4g}{width}', item.unit)}{doubt}{usual}")
+    lines += elsewhere
     if effect.causes:
         lines.append(f"  Usual causes: {effect.causes}.")
     lines.append(f"  Check: {effect.check}.")
@@ -174,6 +178,14 @@ def effect_lines(effect: Effect, model: Model) -> list[str]:
         )
     lines += family_lines(effect, model)
     return lines
+
+
+def body_lines(effect: Effect, model: Model) -> list[str]:
+    """That an effect acts on the carriage, where the part of it that does is in the model, and what is left of it at the motor."""
+    behind = [name for name in effect.completed_by if name in model.effects and effect_named(name).body == "cart"]
+    own = model.parameters[effect.full_names()[0]] if behind else None
+    left = own is not None and own.interval is not None and own.interval < abs(own.value)
+    return [f"  It acts on the carriage{' and at the motor' if left else ', nothing of it is seen at the motor'}: {n}." for n in behind]
 
 
 def family_lines(effect: Effect, model: Model) -> list[str]:
@@ -200,7 +212,8 @@ def change_lines(before: Fitted, model: Model, after: Fitted, rung: Revision, no
     if before.held_ratio is not None and after.held_ratio is not None:
         lines.append(f"  on records that were not fitted {before.held_ratio:.2f} → {after.held_ratio:.2f}")
     if rung.change.startswith("+"):
-        lines += effect_lines(effect_named(rung.change[1:].split()[0]), model)
+        for name in (word[1:] for word in rung.change.split() if word.startswith("+")):
+            lines += effect_lines(effect_named(name), model)
         if rung.confirmed is False:
             lines.append("Warning: not confirmed. The error on records that were not fitted did not fall; this may not be the cause.")
         elif rung.confirmed is None:

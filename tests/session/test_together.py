@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -51,6 +52,19 @@ def test_a_constant_torque_is_told_with_its_tilt_and_what_is_done_by_hand() -> N
         assert word in text
     assert {entry["cause"] for entry in by_hand_of("constant_offset")} == {"tilt", "coulomb_asymmetry", "current_offset"}
     assert by_hand_of("stribeck") == []
+
+
+@pytest.mark.parametrize(
+    ("left", "interval", "said"), [(0.0, None, "nothing of it is seen at"), (0.01, 0.09, "nothing of it is seen at"), (0.2, 0.01, "and at")]
+)
+def test_on_which_body_a_tight_spot_acts_is_said(left: float, interval: float | None, said: str) -> None:
+    model = fitted({"friction_position.amount": left, "friction_position_cart.amount": 14.0}).model
+    own = replace(model.parameters["friction_position.amount"], interval=interval)
+    model = replace(model, parameters={**model.parameters, "friction_position.amount": own})
+    text = "\n".join(effect_lines(effect_named("friction_position"), model))
+    assert "It acts on the carriage" in text
+    assert f"{said} the motor: friction_position_cart." in text
+    assert not any("acts on" in line for line in effect_lines(effect_named("stribeck"), fitted({"stribeck.amount": 0.1}).model))
 
 
 def test_what_is_not_looked_for_is_said_with_the_reason() -> None:
