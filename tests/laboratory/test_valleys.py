@@ -96,6 +96,7 @@ def test_the_search_goes_on_from_the_better_valley(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(diagnosis, "settled", lambda data, fitted: (data, fitted))
     monkeypatch.setattr(diagnosis, "superfluous", lambda _data, fitted, *_: (fitted, ()))
     monkeypatch.setattr(diagnosis, "formed", lambda _data, fitted, _base: SimpleNamespace(fitted=fitted, new=(), removed=()))
+    monkeypatch.setattr(diagnosis, "placed", lambda *_: SimpleNamespace(new=()))
     for name in ("Scorer", "ground_of", "strayed", "remaining_structure", "verdict_of"):
         monkeypatch.setattr(diagnosis, name, lambda *_: None)
     begun: Any = SimpleNamespace(fitted=(), held_out=()), model("base")

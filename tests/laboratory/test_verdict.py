@@ -263,6 +263,7 @@ def test_an_effect_with_which_the_error_as_a_whole_grows_is_not_taken(
     monkeypatch.setattr(diagnosis, "settled", lambda data, last: (data, last))
     monkeypatch.setattr(diagnosis, "superfluous", lambda _data, last, *_: (last, ()))
     monkeypatch.setattr(diagnosis, "formed", lambda _data, last, _base: SimpleNamespace(fitted=last, new=(), removed=()))
+    monkeypatch.setattr(diagnosis, "placed", lambda *_: SimpleNamespace(new=()))
     for name in ("Scorer", "ground_of", "strayed", "remaining_structure", "verdict_of", "beyond"):
         monkeypatch.setattr(diagnosis, name, lambda *_: None)
     begun: Any = SimpleNamespace(fitted=(), held_out=()), fitted(2.0, 2.0)
