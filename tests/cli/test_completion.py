@@ -46,7 +46,7 @@ def offered(*words: str) -> list[str]:
         (["commission", "--axis", "runs/first/a"], ["runs/first/axis.yaml"]),
         (["commission", "--profile", "cmmp"], ["cmmp-as"]),
         (["simulate", "s_"], ["s_a", "s_b", "s_c"]),
-        (["effects", "strib"], ["stribeck"]),
+        (["effects", "strib"], ["stribeck", "stribeck_cart"]),
         (["ladder", ""], ["runs/first"]),
         (["design", "runs/f"], ["runs/first"]),
         (["verify", "--run", "ru"], ["runs/first"]),
