@@ -110,7 +110,8 @@ def open_or_plan(run: Path, axis: Axis | None) -> tuple[RunFolder | None, Axis]:
 
 
 def check_together(folder: RunFolder | None, found: Sequence[Imported], axis: Axis) -> None:
-    """Raise DataError for a name that is taken or two axes in one run, UsageError for two files of one name or one that is none."""
+    """Raise DataError for a name that is taken, two axes in one run or the same rows twice, UsageError for two files of one name or one
+    that is none."""
     names = [item.recording.name for item in found]
     for name in names:
         checked_name(name)
