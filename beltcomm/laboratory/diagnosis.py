@@ -141,7 +141,8 @@ def diagnose(
     progress: Callable[[float], None] = lambda _fraction: None,
     trying: Callable[[Candidate], None] = lambda _candidate: None,
 ) -> Diagnosis:
-    """The whole search from a start model.   begun : its :func:`fitted_base`, where known.   trying : hears of each effect on trial.
+    """The whole search from a start model.   begun : its :func:`fitted_base`, where known.   trying : hears of each effect on trial, and
+    again, as one by which the error grows, where it is refused.
 
     Raises DataError when the records cannot be used.
     """
@@ -225,7 +226,9 @@ def on_trial(data: Data, current: Fitted, candidates: list[Candidate], trying: C
         ahead, grown = again(data, best.fitted, NEXT_ITERATIONS)
         if grown.ratio <= GROWN * current.ratio or left_as_a_whole(current, grown) < 1.0:
             return Taken(candidates, best, ahead, grown)
-        candidates = [replace(c, accepted=False, grows=True) if c is best else c for c in candidates]
+        refused = replace(best, accepted=False, grows=True)
+        trying(refused)
+        candidates = [refused if c is best else c for c in candidates]
 
 
 def beyond(data: Data, fitted: Fitted) -> Fitted | None:

@@ -13,7 +13,7 @@ from beltcomm.given import Place, pasted, place, word
 from beltcomm.identify.noise_level import noise_doubt
 from beltcomm.laboratory.compare import Comparison, compare, landmarks, worst
 from beltcomm.laboratory.data import Data
-from beltcomm.laboratory.diagnosis import NEXT_ITERATIONS, Diagnosis, again, diagnose, settled
+from beltcomm.laboratory.diagnosis import NEXT_ITERATIONS, Diagnosis, Step, again, diagnose, settled
 from beltcomm.laboratory.fitting import Fitted, fit
 from beltcomm.laboratory.forms import formed, placed
 from beltcomm.laboratory.intervals import with_intervals
@@ -45,10 +45,11 @@ from beltcomm.session.revisions import (
     current_revision,
     keep_cost,
     new_revision,
+    not_contradicted,
     revisions,
 )
 from beltcomm.session.together import together
-from beltcomm.session.told_before import better
+from beltcomm.session.told_before import better, named_beside
 from beltcomm.simulate import ahead
 from beltcomm.stopping import total_friction
 from beltcomm.talk import Silence, Talk
@@ -215,22 +216,24 @@ def sight(folder: RunFolder, found: Diagnosis, recordings: Sequence[Recording], 
 
 
 def climb(folder: RunFolder, found: Diagnosis, known: bool, command: str, when: str) -> list[Revision]:
-    """Save every confirmed step of a diagnosis as a revision; the first one that is not, or cannot be, ends it."""
+    """Save every confirmed step of a diagnosis as a revision, one that is not together with the next ones if all of them are.
+
+    What comes after the last that is confirmed is not added.
+    """
     made = []
     if not (known and current_revision(folder)):
         made.append(base_revision(folder, found.base, command, when))
-    before = found.base
+    before, parts = found.base, list[Step]()
     for number, step in enumerate(found.steps):
         if not step.added:
             continue
         # Forms belong to what was named before them, as with ``add``.
-        whole = [step, *takewhile(lambda other: not other.added, found.steps[number + 1 :])]
-        after = whole[-1].after
-        if not confirmed(before, after):
-            break
-        change = change_of((step.added, *(f for s in whole for f in s.forms)), [name for s in whole for name in s.removed])
-        made.append(revision_of(folder, after, before, change, command, when))
-        before = after
+        parts += [step, *takewhile(lambda other: not other.added, found.steps[number + 1 :])]
+        after = parts[-1].after
+        if confirmed(before, after):
+            change = change_of([name for s in parts for name in (s.added, *s.forms) if name], [name for s in parts for name in s.removed])
+            made.append(revision_of(folder, after, before, change, command, when))
+            before, parts = after, []
     return made
 
 
@@ -328,14 +331,22 @@ def base_revision(folder: RunFolder, fitted: Fitted, command: str, when: str) ->
 
 
 def revision_of(folder: RunFolder, after: Fitted, before: Fitted, change: str, command: str, when: str) -> Revision:
-    """A rung for a refitted model."""
+    """A rung for a refitted model.
+
+    What stands on a rung that is not confirmed must be better than the last one that is, too.
+    """
+    fell = None if change.startswith("-") else confirmed(before, after)  # who takes one out has decided
+    parent = current_revision(folder)
+    if fell and parent is not None and after.held_ratio is not None:
+        trusted = not_contradicted(parent, revisions(folder))
+        fell = trusted.held_out is None or after.held_ratio < trusted.held_out
     return new_revision(
         folder,
         with_intervals(after),
         change,
         ratio=after.ratio,
         held_out=after.held_ratio,
-        confirmed=None if change.startswith("-") else confirmed(before, after),  # who takes one out has decided
+        confirmed=fell,
         command=command,
         when=when,
     )
@@ -360,7 +371,9 @@ def change_result(here: Opened, grown: Data, after: Fitted, rung: Revision, note
         "pictures": made,
         "remarks": list(here.records.remarks),
     }
-    text = words.remark_lines(here.records.remarks) + words.change_lines(here.fitted, model, after, rung, note, run)
+    text = words.remark_lines(here.records.remarks) + words.change_lines(
+        here.fitted, model, after, rung, note, run, named_beside(here.folder, model)
+    )
     return Result(data, text[:-1] + drawn.lines(here.folder, made, remarks) + text[-1:])
 
 

@@ -48,6 +48,8 @@ def comparison_lines(comparison: Comparison, places: Sequence[str], model: Model
 
 def trial_line(candidate: Candidate) -> str:
     """What is said while a diagnosis goes on."""
+    if candidate.grows:
+        return f"{candidate.effect.name} taken back: with all fitted again the error as a whole grows; the next best is asked"
     share = 100.0 * min(1.0, candidate.explained)
     return f"{candidate.effect.name} on trial: it explains {share:.0f} %; all is fitted with it, then looked at for more"
 
@@ -205,8 +207,10 @@ def family_lines(effect: Effect, model: Model) -> list[str]:
     return [*lines, f"    Compare with what the catalogue says: {', '.join(f'beltcomm effects {n}' for n in ('tilt', effect.name))}."]
 
 
-def change_lines(before: Fitted, model: Model, after: Fitted, rung: Revision, note: str, run: Path) -> list[str]:
-    """``beltcomm add`` and ``beltcomm remove``."""
+def change_lines(
+    before: Fitted, model: Model, after: Fitted, rung: Revision, note: str, run: Path, beside: Sequence[str] = ()
+) -> list[str]:
+    """``beltcomm add`` and ``beltcomm remove``.   beside : effects that the last diagnosis names and the model does not have yet."""
     lines = [note] if note else []
     lines.append(f"{rung.change}: error {before.ratio:.2f} → {after.ratio:.2f} times the noise")
     if before.held_ratio is not None and after.held_ratio is not None:
@@ -216,6 +220,7 @@ def change_lines(before: Fitted, model: Model, after: Fitted, rung: Revision, no
             lines += effect_lines(effect_named(name), model)
         if rung.confirmed is False:
             lines.append("Warning: not confirmed. The error on records that were not fitted did not fall; this may not be the cause.")
+            lines += [f"The diagnosis names {name} beside it: `beltcomm add {name} {pasted(run)}`, then judge both." for name in beside[:1]]
         elif rung.confirmed is None:
             lines.append("Not confirmed: no record is held out, so nothing could contradict it.")
     elif before.held_ratio is not None and after.held_ratio is not None and after.held_ratio > before.held_ratio:

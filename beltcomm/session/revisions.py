@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -83,6 +83,14 @@ def current_revision(folder: RunFolder) -> Revision | None:
     return None
 
 
+def not_contradicted(rung: Revision, every: Sequence[Revision]) -> Revision:
+    """The rung, or the last before it that held-out records did not contradict."""
+    rungs = {r.name: r for r in every}
+    while rung.confirmed is False and rung.parent in rungs:
+        rung = rungs[rung.parent]
+    return rung
+
+
 def trusted_model(folder: RunFolder) -> tuple[Model | None, str, str]:
     """The model a design may rest on: the current one, or the last before it that held-out records did not contradict.
 
@@ -91,9 +99,7 @@ def trusted_model(folder: RunFolder) -> tuple[Model | None, str, str]:
     rung = current_revision(folder)
     if rung is None:
         return current_model(folder), "", ""
-    newest, rungs = rung, {r.name: r for r in revisions(folder)}
-    while rung.confirmed is False and rung.parent in rungs:
-        rung = rungs[rung.parent]
+    newest, rung = rung, not_contradicted(rung, revisions(folder))
     sentence = f"the model is {rung.name} ({rung.change}; error {rung.ratio:.2f} times the noise)"
     if rung is not newest:
         sentence += f", because {newest.name} ({newest.change}) is not confirmed"

@@ -29,6 +29,16 @@ def told_before(folder: RunFolder, model: Model, effect: str) -> Model | None:
         return None  # a start value that cannot be read is none
 
 
+def named_beside(folder: RunFolder, model: Model) -> list[str]:
+    """Effects that the last diagnosis names and a model does not have, without those that `add` tries by itself."""
+    try:
+        named = [effect_named(str(name)) for name in (folder.load_result("diagnosis") or {})["named"]]
+    except (BeltcommError, KeyError, TypeError):
+        return []
+    along = {part for effect in named for part in effect.completed_by}
+    return [e.name for e in named if e.name not in model.effects and e.name not in along]
+
+
 def better(folder: RunFolder, data: Data, base: Fitted, grown: Fitted, effect: str) -> Fitted:
     """The model grown from a base, or the same begun at what the diagnosis found where that leaves less: it may have come another way."""
     if grown.objective < MISSING * grown.problem.samples:

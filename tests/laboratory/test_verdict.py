@@ -167,6 +167,20 @@ def test_only_what_held_out_records_confirm_is_added_by_itself(
     assert all(part in text for part in said), text
 
 
+def test_two_effects_that_only_both_together_are_confirmed_become_one_revision(monkeypatch: pytest.MonkeyPatch) -> None:
+    base, once, twice = (
+        SimpleNamespace(held_ratio=ratio, held_objective=objective) for ratio, objective in ((3.0, 9.0), (3.1, 9.5), (1.0, 2.0))
+    )
+    monkeypatch.setattr(laboratory, "current_revision", lambda _folder: "there")
+    monkeypatch.setattr(laboratory, "revision_of", lambda _folder, after, before, change, *_: (before, after, change))
+    step: Any = Step
+    steps = [step(base, (), "end_pulley", (), once), step(once, (), "warmup", (), twice), step(twice, (), "", (), twice)]
+    folder: Any = SimpleNamespace()
+    found: Any = SimpleNamespace(base=base, steps=steps)
+    made: Any = laboratory.climb(folder, found, True, "", "")
+    assert made == [(base, twice, "+end_pulley +warmup")]
+
+
 @pytest.mark.parametrize(
     ("ranked", "twins"),
     [

@@ -14,11 +14,12 @@ from beltcomm.model import load_plant
 from beltcomm.report.page import Table
 from beltcomm.result import plain
 from beltcomm.runfolder import RunFolder
-from beltcomm.session import kept_cost
+from beltcomm.session import kept_cost, laboratory
 from beltcomm.session.cost import Cost
 from beltcomm.session.ladder_words import ladder_lines
 from beltcomm.session.reporting import missing
 from beltcomm.session.revisions import Revision, as_mapping, keep_cost, new_revision, revisions
+from beltcomm.session.told_before import named_beside
 from beltcomm.verify import TrackingError
 
 MOVE = "0.00 to 0.50 m at up to 1.5 m/s"
@@ -101,3 +102,25 @@ def test_a_climb_keeps_the_cost_of_what_it_added(
     assert [rung.cost for rung in made] == [None, {"of": "backlash", "move": "anew" if computed else "whole"}]
     assert revisions(folder) == made
     assert [after.effects[-1] for _, after in asked] == ["backlash"] * computed
+
+
+@pytest.mark.parametrize(("held", "confirmed"), [(1.9, True), (2.1, False)])
+def test_what_stands_on_a_rung_that_is_not_confirmed_is_held_against_the_one_below(tmp_path: Path, held: float, confirmed: bool) -> None:
+    folder, model = RunFolder.create(tmp_path / "run", load_axis("egc-70-600")), load_plant("g_a").model
+    new_revision(folder, model, "base", ratio=2.0, held_out=2.0, confirmed=None, command="", when="")
+    new_revision(folder, model, "+cogging", ratio=1.5, held_out=3.0, confirmed=False, command="", when="")
+    before: Any = SimpleNamespace(held_ratio=3.0, held_objective=9.0)
+    after: Any = SimpleNamespace(model=model, ratio=1.0, held_ratio=held, held_objective=2.0)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(laboratory, "with_intervals", lambda fitted: fitted.model)
+        assert laboratory.revision_of(folder, after, before, "+warmup", "", "").confirmed is confirmed
+
+
+@pytest.mark.parametrize(
+    ("kept", "beside"),
+    [({"named": ["cogging", "stribeck", "stribeck_cart"]}, ["stribeck"]), ({}, []), ({"named": 3}, []), ({"named": ["unheard"]}, [])],
+)
+def test_effects_that_a_diagnosis_names_beside_one_that_was_added(tmp_path: Path, kept: dict[str, Any], beside: list[str]) -> None:
+    folder, model = RunFolder.create(tmp_path / "run", load_axis("egc-70-600")), load_plant("g_a").model
+    folder.save_result("diagnosis", kept)
+    assert named_beside(folder, model.with_effect("cogging")) == beside
