@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hmac
 import json
+import logging
 import re
 import socket
 from collections.abc import Callable, Iterator, Mapping
@@ -104,6 +105,7 @@ def serve(page: Page, answers: Answers, token: str, port: int = 0) -> Iterator[S
         raise UsageError(
             f"port {port} of {HOST} cannot be used: {problem.strerror or problem}; leave --port out to take a free one"
         ) from None
+    logging.getLogger("waitress.queue").setLevel(logging.ERROR)  # a question that waits a moment for a thread is no news
     connected: dict[int, Any] = {}
 
     def disconnect() -> None:
