@@ -18,7 +18,22 @@ from pathlib import Path
 
 from beltcomm.runfolder import RunFolder
 from benchmarks.speeds.measure import Figure, growth, spread
+from truth.hidden import draw
+from truth.hidden.folder import write_records
+from truth.hidden.session import run_session
 
+#: Seed and what is hidden in the machines on which a search is looked at, each at strength 0.7: what the motor sees at once, what needs
+#: an observer, two behind one, and one that the catalogue does not hold.
+HIDDEN = (
+    (892000, ()),
+    (892005, ("stribeck",)),
+    (892001, ("end_pulley",)),
+    (892002, ("backlash",)),
+    (892006, ("backlash", "encoder_eccentricity")),
+    (892003, ("payload_impact",)),
+)
+#: s and MB that one stage of a search may take.
+STAGE_S, PEAK_MB = 10.0, 500.0
 #: How often every record stands in the set.
 LENGTHS = (1, 2, 4, 8)
 
@@ -123,6 +138,23 @@ def lengths(run: Path, folder: Path) -> Iterator[Figure]:
         yield Figure("analysis", f"{verb}, time ~ data^p from {LENGTHS[-2]} to {LENGTHS[-1]} times", last, "p", 1.2, False)
 
 
+def searches(folder: Path) -> Iterator[Figure]:
+    """``diagnose`` on machines with a hidden effect, after ``compare``: seconds a stage, and memory."""
+    for seed, effects in HIDDEN:
+        name = " and ".join(effects) or "healthy"
+        machine = draw(seed, effects, 0.7, "sheet")
+        place = folder / f"hidden_{seed}"
+        write_records(machine, run_session(machine, "thorough"), place)
+        cost(["compare", str(place), "--no-pictures"], folder)
+        found = cost(["diagnose", str(place), "--no-cost"], folder)
+        kept = RunFolder.open(place).load_result("diagnosis") or {"steps": [], "verdict": f"exit code {found.code}", "named": []}
+        stages = max(1, len(kept["steps"]))
+        note = f"{stages} stages, {kept['verdict']}: {', '.join(kept['named']) or 'nothing'}"
+        yield Figure("analysis", f"diagnose, {name}, whole command", found.cpu_s, "s", note=note)
+        yield Figure("analysis", f"diagnose, {name}, a stage", found.cpu_s / stages, "s", STAGE_S, False)
+        yield Figure("analysis", f"diagnose, {name}, largest memory", found.peak_mb, "MB", PEAK_MB, False)
+
+
 def run(rounds: int, run: Path | None) -> Iterator[Figure]:
     """All figures of the topic."""
     with tempfile.TemporaryDirectory() as scratch:
@@ -133,4 +165,5 @@ def run(rounds: int, run: Path | None) -> Iterator[Figure]:
             yield from told("commission --thorough", [made])
         yield Figure("analysis", "seconds recorded in the set", recorded_s(run), "s")
         yield from everyday(run, folder, min(rounds, 3))
+        yield from searches(folder)
         yield from lengths(run, folder)
