@@ -25,6 +25,14 @@ from beltcomm.session.revisions import Revision
 #: Characters of the longest bar of a staircase.
 BAR = 24
 
+#: What is left over and goes with something, in words.
+LEFT_WORDS = {
+    "speed": "goes with the speed",
+    "position": "goes with the position",
+    "time": "changes in the course of the session",
+    "record": "differs from record to record",
+}
+
 
 def remark_lines(remarks: Sequence[str]) -> list[str]:
     """What is odd about the records, before anything else."""
@@ -98,7 +106,9 @@ def diagnosis_lines(found: Diagnosis) -> list[str]:
         )
     if found.verdict == NONE_EXPLAINS and found.after.objective < MISSING * found.after.problem.samples:
         left = structures(found.data, found.after)
-        lines.append(f"As a whole what is left is no more than the noise, but it goes with {max(left, key=lambda name: left[name])}.")
+        lines.append(
+            f"As a whole what is left is no more than the noise, but its mean {LEFT_WORDS[max(left, key=lambda name: left[name])]}."
+        )
     if odd := unlikely(model, found.base.model):
         lines.append(f"But it takes {' and '.join(odd)}: that stands for another cause, which the catalogue does not hold.")
     if found.twins:

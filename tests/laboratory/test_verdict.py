@@ -16,7 +16,7 @@ from beltcomm.laboratory.acceptance import fitted_to_nothing, left_as_a_whole
 from beltcomm.laboratory.diagnosis import KNOWN, Step, run_away, undetermined, unlikely, verdict_of
 from beltcomm.laboratory.fitting import Fitted
 from beltcomm.laboratory.stage import Candidate
-from beltcomm.laboratory.structure import excess
+from beltcomm.laboratory.structure import excess, partitions
 from beltcomm.model import build_model
 from beltcomm.session import laboratory, ladder_words
 from beltcomm.session.ladder_words import climb_lines
@@ -285,3 +285,9 @@ def test_an_effect_with_which_the_error_as_a_whole_grows_is_not_taken(
     after = diagnosis.diagnose([], nothing, nothing, begun=begun)
     assert after.steps[0].added == ("measurement_lag" if added else "")
     assert after.after.ratio == (grown if added else 2.0)
+
+
+def test_whatever_the_rest_goes_with_has_words() -> None:
+    row = np.zeros(2)
+    samples: Any = SimpleNamespace(speed=row, position=row, time=row, record=row)
+    assert set(partitions(samples)) == set(ladder_words.LEFT_WORDS)
