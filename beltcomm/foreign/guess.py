@@ -98,7 +98,8 @@ def guesses_for(table: Table, sources: Mapping[str, Source], axis: Axis, *, time
     channels = CHANNELS[side]
     if timed and "t_s" not in sources:
         found.append(_time(table, meanings))
-    wanted = {"torque": {"motor": "torque", "ampere": "current", "load": "force"}[side], "position": "position"}
+    drives = "current" if _share_of_rated(meanings) else {"motor": "torque", "ampere": "current", "load": "force"}[side]
+    wanted = {"torque": drives, "position": "position"}
     for signal, quantity in wanted.items():
         if channels[signal] not in sources:
             found.append(_signal(table, channels[signal], [m for m in meanings if m.quantity == quantity], axis, ratio))
@@ -133,7 +134,14 @@ def _side(meanings: Sequence[Meaning], sources: Mapping[str, Source]) -> Literal
         return "motor"
     if "force" in actual and "current" not in actual:
         return "load"
-    return "ampere" if "current" in actual else "motor"
+    return "ampere" if "current" in actual and not _share_of_rated(meanings) else "motor"
+
+
+def _share_of_rated(meanings: Sequence[Meaning]) -> bool:
+    """Whether the current stands in per cent of a rated one, and no torque beside it: no ampere, but the same share of the rated torque."""
+    actual = [m for m in meanings if m.role != "setpoint"]
+    current = [m for m in actual if m.quantity == "current"]
+    return bool(current) and all(m.special.startswith("per") for m in current) and not any(m.quantity == "torque" for m in actual)
 
 
 def _time(table: Table, meanings: Sequence[Meaning]) -> Guess:
@@ -219,7 +227,8 @@ def _scaled(table: Table, column: str, meaning: Meaning, axis: Axis, ratio: floa
         return (f"{column}={_quoted(name)}*rev/{counts}",), "likely", why
     if meaning.special.startswith("per") and own == "nm":
         rated, share = axis.motor.rated_torque_nm, 100 if meaning.special == "per cent" else 1000
-        why = f"it is in {meaning.special} of a rated torque, {'that of the axis file' if rated else '1.0 N m is only an example'}"
+        of = "torque" if meaning.quantity == "torque" else "current, taken as the same share of the rated torque"
+        why = f"it is in {meaning.special} of a rated {of}, {'that of the axis file' if rated else '1.0 N m is only an example'}"
         return (f"{column}={_quoted(name)}*{rated or 1.0:g}/{share}",), "likely", why
     return _without_unit(table, column, meaning, axis, own)
 

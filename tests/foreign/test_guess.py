@@ -91,6 +91,7 @@ def test_a_complete_mapping_is_left_alone() -> None:
     [
         (("t", "torque", "pos [°]"), "torque_nm", "unsure", "its unit is not stated; its largest value is"),
         (("t", "torque [%]", "pos [°]"), "torque_nm", "likely", "per cent of a rated torque, that of the axis file"),
+        (("t", "I_act [%]", "pos [°]"), "torque_nm", "likely", "per cent of a rated current, taken as the same share of the rated torque"),
         (("t", "torque [Nm]", "pos"), "position_rad", "unsure", "in whole numbers"),
         (("t", "torque [Nm]", "pos [inc]"), "position_rad", "likely", "in counts, 65536 per revolution by the axis file"),
         (("t", "torque [Nm]", "pos [mm]"), "position_rad", "likely", "the motor's angle is that over the 0.01242 m/rad"),
