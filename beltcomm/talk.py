@@ -25,7 +25,7 @@ class Talk(Protocol):
     """The other end of a conversation: a terminal, a log, a test.  Never carries results."""
 
     def phase(self, index: int, count: int, title: str) -> None:
-        """Phase ``index`` (from 1) of ``count`` begins."""
+        """Phase ``index`` (from 1) of ``count`` begins; 0 where nobody knows how many there will be."""
         ...
 
     def progress(self, fraction: float, seconds_left: float | None) -> None:

@@ -26,6 +26,11 @@ def terminal_talk(verbose: int = 0) -> PlainTalk | RichTalk:
     return RichTalk(sys.stderr) if draws(sys.stderr) else PlainTalk(sys.stderr)
 
 
+def place_of(index: int, count: int) -> str:
+    """Of a phase: ``2/5``, or ``2`` where nobody knows of how many."""
+    return f"{index}/{count}" if count else str(index)
+
+
 class PlainTalk:
     """Lines without colour or movement, for logs and pipes.   clock : s, of the wall."""
 
@@ -36,10 +41,10 @@ class PlainTalk:
         self._pace = Pace(clock)
 
     def phase(self, index: int, count: int, title: str) -> None:
-        """``[2/5] title``."""
+        """``[2/5] title``, ``[2] title`` where nobody knows of how many."""
         self._reported, self._place = 0.0, None
         self._pace.begin()
-        self.say(f"[{index}/{count}] {title}")
+        self.say(f"[{place_of(index, count)}] {title}")
 
     def progress(self, fraction: float, seconds_left: float | None) -> None:
         """A line at each quarter of a calculation."""
@@ -91,7 +96,7 @@ class RichTalk:
         from beltcomm.cli.display import Display
 
         self.close(done=True)
-        self._shown = Display(f"{index}/{count}", title, Pace(self._clock), self._clock)
+        self._shown = Display(place_of(index, count), title, Pace(self._clock), self._clock)
         self._live = Live(self._shown, console=self._console, transient=True, refresh_per_second=8, redirect_stdout=False)
         self._live.start()
 

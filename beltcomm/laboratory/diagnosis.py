@@ -138,12 +138,13 @@ def diagnose(
     *,
     begun: tuple[Data, Fitted] | None = None,
     most: int = MOST_EFFECTS,
-    progress: Callable[[float], None] = lambda _fraction: None,
+    progress: Callable[[int, float], None] = lambda _stage, _fraction: None,
     trying: Callable[[Candidate], None] = lambda _candidate: None,
 ) -> Diagnosis:
-    """The whole search from a start model.   begun : its :func:`fitted_base`, where known.   trying : hears of each effect on trial, and
-    again, as one by which the error grows, where it is refused.
+    """The whole search from a start model.   begun : its :func:`fitted_base`, where known.
 
+    progress : hears the number of the stage, from 1, and how much of it is done; nobody knows how many there will be.
+    trying : hears of each effect on trial, and again, as one by which the error grows, where it is refused.
     Raises DataError when the records cannot be used.
     """
     data, base = begun or fitted_base(recordings, axis, start)
@@ -197,7 +198,6 @@ def diagnose(
         data, last = settled(data, current)
         steps = [replace(step, after=last) if step.after is current else step for step in steps]
         current = last
-    progress(1.0)
     return Diagnosis(base, data, tuple(steps), verdict_of(base, steps, twins, remaining_structure(data, current)), twins, at_base)
 
 
@@ -248,9 +248,9 @@ def standing(candidates: Sequence[Candidate]) -> list[Candidate]:
     return [c for c in candidates if c.stands]
 
 
-def in_stage(progress: Callable[[float], None], number: int) -> Callable[[float], None]:
-    """Progress within one stage, 0 to 1, as progress of a search whose number of stages nobody knows: 1 - 1/(1 + stages)."""
-    return lambda fraction: progress(1.0 - 1.0 / (1.0 + number + fraction))
+def in_stage(progress: Callable[[int, float], None], number: int) -> Callable[[float], None]:
+    """Progress of a search as that of its stage: the trial that follows takes about as long."""
+    return lambda fraction: progress(number + 1, 0.5 * fraction)
 
 
 def further(name: str) -> bool:

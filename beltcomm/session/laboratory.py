@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import takewhile
 from pathlib import Path
 from typing import Any
@@ -133,14 +133,14 @@ def diagnosed(folder: RunFolder, run: Path, auto: bool, cost: bool, following: b
     records = records_of(folder)
     recordings = records.recordings
     model = current_model(folder)
-    talk.phase(1, 1, "search for missing effects")
+    talk.phase(1, 0, "search for missing effects")
     start, seen_so, base = fitted_to(folder, recordings, model)
     found = diagnose(
         recordings,
         folder.axis,
         start,
         begun=(seen_so, base),
-        progress=lambda fraction: talk.progress(fraction, None),
+        progress=staged(talk),
         trying=lambda candidate: talk.say(words.trial_line(candidate)),
     )
     explainable(found.base.ratio, run)
@@ -175,6 +175,20 @@ def diagnosed(folder: RunFolder, run: Path, auto: bool, cost: bool, following: b
         data,
         [*text, *words.climb_lines(added, found.named, found.after.held_ratio is not None, run), f"Next: beltcomm design {pasted(run)}"],
     )
+
+
+def staged(talk: Talk) -> Callable[[int, float], None]:
+    """Progress of a search, each stage after the first a phase of its own."""
+    last = 1
+
+    def progress(stage: int, fraction: float) -> None:
+        nonlocal last
+        if stage > last:
+            last = stage
+            talk.phase(stage, 0, "search for what is still missing")
+        talk.progress(fraction, None)
+
+    return progress
 
 
 def unkept(folder: RunFolder, name: str, found: Mapping[str, Any]) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -10,6 +11,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
+from beltcomm.cli.talk import PlainTalk
 from beltcomm.effects import effect_named
 from beltcomm.laboratory import diagnosis
 from beltcomm.laboratory.acceptance import fitted_to_nothing, left_as_a_whole
@@ -291,3 +293,20 @@ def test_whatever_the_rest_goes_with_has_words() -> None:
     row = np.zeros(2)
     samples: Any = SimpleNamespace(speed=row, position=row, time=row, record=row)
     assert set(partitions(samples)) == set(ladder_words.LEFT_WORDS)
+
+
+def test_each_stage_of_a_search_is_a_phase_of_its_own_and_no_number_of_them_is_promised() -> None:
+    text = io.StringIO()
+    times = iter(range(0, 100, 4))
+    talk = PlainTalk(text, clock=lambda: float(next(times)))
+    talk.phase(1, 0, "search for missing effects")
+    heard = laboratory.staged(talk)
+    for stage, fraction in ((1, 0.25), (1, 0.5), (2, 0.25)):
+        heard(stage, fraction)
+    assert text.getvalue().splitlines() == [
+        "[1] search for missing effects",
+        "      25 %, about 12 s left",
+        "      50 %, about 8 s left",
+        "[2] search for what is still missing",
+        "      25 %, about 12 s left",
+    ]
