@@ -112,19 +112,19 @@ def _followed(problem: Problem, data: Data, iterations: int, fixed: Sequence[str
 
 
 def out_of_valley(data: Data, fitted: Fitted, iterations: int) -> Fitted:
-    """The same model fitted from where each stretch has one weight, and from there with a lighter motor as well; the best.
+    """The same model fitted from the best end of a fit in which each stretch has one weight, also begun with a lighter motor.
 
     Far from the truth nearly every block is bad, and a bad one costs its logarithm: each has valleys of its own, and the fit stays where
     some blocks are suited well, however long it goes on.  A machine with an end pulley ended so at 8 times the noise.
     """
-    found = []
+    ends = []
     for share in LIGHTER:
         inertia = fitted.model.parameters[INERTIA]
         begun = fitted.model.with_values({INERTIA: max(share * inertia.value, inertia.low)}, "trial")
         wide = problem_of(data, begun, block_s=STRETCH_S)
-        at = wide.minimise(wide.start(fitted.offsets), iterations, enough=ENOUGH)
-        found.append(fit(data, wide.model_at(at.x, "laboratory"), iterations, offsets=wide.offsets(at.x)))
-    return min(found, key=lambda one: one.objective)
+        ends.append((wide, wide.minimise(wide.start(fitted.offsets), iterations, enough=ENOUGH)))
+    wide, at = min(ends, key=lambda end: end[1].objective)
+    return fit(data, wide.model_at(at.x, "laboratory"), iterations, offsets=wide.offsets(at.x))
 
 
 def problem_of(data: Data, model: Model, fixed: Sequence[str] = (), block_s: float = BLOCK_S) -> Problem:
