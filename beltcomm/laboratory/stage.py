@@ -18,6 +18,7 @@ from beltcomm.effects import EFFECTS, Effect, Ground
 from beltcomm.errors import UsageError
 from beltcomm.identify.following import follows
 from beltcomm.laboratory.acceptance import (
+    EVIDENCE,
     STIFFNESS,
     drop_by,
     enough,
@@ -73,6 +74,19 @@ class Candidate:
     def stands(self) -> bool:
         """Whether neither the held-out records, nor the error as a whole, nor its own values speak against it."""
         return self.fitted is None or not (self.hollow or self.grows or refuted(self.evidence, self.held_gain))
+
+    @property
+    def against(self) -> str:
+        """Why it may not be named, in words; "" where it may, or was not fitted."""
+        if self.accepted or self.fitted is None:
+            return ""
+        if self.hollow:
+            return "only as no axis can be"
+        if self.grows:
+            return "the error as a whole grows"
+        if refuted(self.evidence, self.held_gain):
+            return "records held out speak against it"
+        return f"evidence below {EVIDENCE:.0f}" if self.evidence <= EVIDENCE else "explains too little"
 
 
 def search(

@@ -57,6 +57,7 @@ def ranked(candidate: Candidate) -> dict[str, Any]:
         "explained": max(0.0, candidate.explained),
         "held_out_gain": candidate.held_gain if candidate.fitted is not None and candidate.fitted.held_residual else None,
         "accepted": candidate.accepted,
+        "against": candidate.against,
         "refitted": candidate.fitted is not None,
         "twin_of": list(candidate.effect.twins),
     }

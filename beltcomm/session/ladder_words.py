@@ -77,9 +77,7 @@ def diagnosis_lines(found: Diagnosis) -> list[str]:
                 f"{c.evidence:.0f}",
                 f"{100.0 * max(0.0, c.explained):.0f}%",
                 f"{c.held_gain:.0f}" if found.base.held_residual else "none",
-                ""
-                if c.accepted
-                else "not accepted" + (", only as no axis can be" if c.hollow else ", the error as a whole grows" if c.grows else ""),
+                f"not accepted, {c.against}" if c.against else "",
             ]
             for c in shown
         ]

@@ -310,3 +310,21 @@ def test_each_stage_of_a_search_is_a_phase_of_its_own_and_no_number_of_them_is_p
         "[2] search for what is still missing",
         "      25 %, about 12 s left",
     ]
+
+
+@pytest.mark.parametrize(
+    ("evidence", "held_gain", "more", "against"),
+    [
+        (500.0, 50.0, {"accepted": True}, ""),
+        (500.0, 50.0, {"fitted": None}, ""),
+        (500.0, 50.0, {"hollow": True}, "only as no axis can be"),
+        (500.0, 50.0, {"grows": True}, "the error as a whole grows"),
+        (500.0, -80.0, {}, "records held out speak against it"),
+        (119.0, 50.0, {}, "evidence below 120"),
+        (500.0, 50.0, {}, "explains too little"),
+    ],
+)
+def test_why_a_candidate_may_not_be_named_is_said(evidence: float, held_gain: float, more: dict[str, Any], against: str) -> None:
+    there: Any = SimpleNamespace()
+    one = Candidate(effect_named("cogging"), 0.0, evidence, 0.1, held_gain, there, False)
+    assert replace(one, **more).against == against
