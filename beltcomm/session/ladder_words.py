@@ -138,7 +138,7 @@ def lacking_lines(missing: Sequence[str]) -> list[str]:
 
 def untried_lines(effects: Sequence[Effect]) -> list[str]:
     """Effects that no diagnosis looks for."""
-    return [f"Not looked for: {effect.name} ({effect.title}), {effect.untried}. Check: {effect.check}." for effect in effects]
+    return [f"Not looked for: {e.name} ({e.title}), `beltcomm effects {e.name}` says why. Check: {e.check}." for e in effects]
 
 
 def sight_lines(sights: Sequence[Sight], run: Path, unnamed: Collection[str] = (), planned: bool = False) -> list[str]:

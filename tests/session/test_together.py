@@ -7,7 +7,9 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from click.testing import CliRunner
 
+from beltcomm.cli.main import cli
 from beltcomm.effects import effect_named
 from beltcomm.model import load_plant
 from beltcomm.session import together as told
@@ -67,7 +69,9 @@ def test_on_which_body_a_tight_spot_acts_is_said(left: float, interval: float | 
     assert not any("acts on" in line for line in effect_lines(effect_named("stribeck"), fitted({"stribeck.amount": 0.1}).model))
 
 
-def test_what_is_not_looked_for_is_said_with_the_reason() -> None:
+def test_what_is_not_looked_for_is_said_and_where_the_reason_stands() -> None:
     (line,) = untried_lines([effect_named("coupling")])
-    assert "not identifiable from these data" in line
-    assert "imitates it" in line
+    assert "`beltcomm effects coupling` says why" in line
+    said = CliRunner().invoke(cli, ["effects", "coupling"]).stdout
+    assert "not identifiable from these data" in said
+    assert "imitates it" in said
