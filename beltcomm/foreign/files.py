@@ -82,7 +82,7 @@ def parts_of(path: Path, reading: Reading, axis: Axis) -> list[Part]:
 
 def _check_there(path: Path) -> None:
     if not path.is_file():
-        what = "is a folder" if path.is_dir() else "does not exist"
+        what = "is a folder" if path.is_dir() else "is no file" if path.exists() else "does not exist"
         raise UsageError(f"{path} {what}; give the file with the measurements")
     if path.suffix.lower() in _REFUSED:
         raise UsageError(f"{path} is {_REFUSED[path.suffix.lower()]}")

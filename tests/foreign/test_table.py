@@ -146,6 +146,7 @@ def test_files_that_are_not_there_or_of_another_kind(tmp_path: Path) -> None:
     (tmp_path / "a.xlsx").write_bytes(b"PK")
     for path, sentence in {
         tmp_path / "b.csv": "does not exist",
+        Path("/dev/null"): "is no file",
         tmp_path: "is a folder",
         tmp_path / "a.xlsx": "save its sheet as CSV",
     }.items():

@@ -41,8 +41,8 @@ def report(run: Path, *, against: Path | None = None, out: Path | None = None, t
     """
     if against is not None and against.resolve() == run.resolve():
         raise UsageError(f"{run} cannot be compared with itself; give an earlier run of the same axis behind --against")
+    before = gathered(against, talk or Silence(), compared=False) if against is not None else None  # first: it may not be there
     found = gathered(run, talk or Silence(), against)
-    before = gathered(against, talk or Silence(), compared=False) if against is not None else None
     page = page_of(found, before)
     where = out or run / NAME
     beside = where.with_suffix(".json")
