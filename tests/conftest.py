@@ -6,10 +6,14 @@ the carriage must be free to travel the whole window, in the drive's own zero.
 
 from __future__ import annotations
 
+import os
 import signal
 from typing import Any
 
 import pytest
+
+# As the console command, and before numpy is loaded: two workers whose matrices wait for two threads each take several times as long.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 def pytest_configure() -> None:
