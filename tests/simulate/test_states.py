@@ -13,10 +13,11 @@ from beltcomm.simulate.compose import states_of
 from beltcomm.simulate.forward import Simulated, State, at_rest, simulate_torque
 from beltcomm.simulate.imperfect import late_torque, torque_as_read
 from beltcomm.simulate.inverse import FineMotion, fine_load
+from simulate.test_round_trip import BASE, RATIO, VALUES, T
 from test_energy import STANDS_ON, WITHOUT_BELT
 
-T, SUBSTEPS, AT_M, RATIO = 1e-3, 40, 0.4, 0.0125
-VALUES = {"motor.inertia": 7e-5, "cart.mass": 4.0, "transmission.ratio": RATIO, "belt_stiffness.stiffness": 2e5}
+SUBSTEPS, AT_M = 40, 0.4
+FRICTION = ("viscous.damping", "viscous_cart.damping", "coulomb.level")
 #: One of each kind of cogging is enough.
 TRIED = [e for e in EFFECTS if not e.name.startswith("cogging_")]
 each_effect = pytest.mark.parametrize("effect", TRIED, ids=lambda effect: effect.name)
@@ -26,9 +27,11 @@ SIZES = {"dead_time.time": 3e-3, "current_lag.time": 2e-3, "cable_chain.rate": 5
 
 
 def model_with(effect: Effect) -> Model:
+    """Friction and damping beside it: those of a round trip, so that most kernels are the same."""
     belt = effect.name not in WITHOUT_BELT
-    spring = ("belt_stiffness",) if belt and effect.group != "belt spring" else ()
-    effects = tuple(dict.fromkeys((*spring, *STANDS_ON.get(effect.name, ()), effect.name)))
+    base = BASE if belt else ("viscous", "coulomb")
+    other = (effect.name, "belt_stiffness") if effect.group == "belt spring" else (effect.name,)
+    effects = tuple(dict.fromkeys((*(name for name in base if name not in other), *STANDS_ON.get(effect.name, ()), effect.name)))
     known = {name for one in effects for name in effect_parameters(effect_named(one))}
     bodies = ("motor", "cart") if belt else ("motor",)
     values = {n: v for n, v in {**VALUES, **SIZES}.items() if n in known or n.split(".")[0] in (*bodies, "transmission")}
@@ -116,7 +119,8 @@ def test_a_record_begins_as_it_says(effect: Effect) -> None:
         counted = np.count_nonzero(noise_path(model, AT_M, T).begins[:, MOTION])
         assert (counted > 2) == ("swings" in starts), "place and speed of the carriage always do"
     if effect.bodies:
+        gliding = model.with_values({name: 0.0 for name in FRICTION if name in model.parameters})
         for speed, rest in ((2.0, True), (4.0, False)):  # rad/s, below and above what tells a record that begins in motion
             theta = AT_M / RATIO + speed * T / 20 * np.arange(400.0)
-            load, _ = fine_load(model, FineMotion(theta, np.full(400, speed), 20, T, 20, 0.0))
+            load, _ = fine_load(gliding, FineMotion(theta, np.full(400, speed), 20, T, 20, 0.0))
             assert bool(np.max(np.abs(load)) > 1e-3) is rest
