@@ -6,6 +6,7 @@ the carriage must be free to travel the whole window, in the drive's own zero.
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 from typing import Any
@@ -20,6 +21,12 @@ def pytest_configure() -> None:
     """Ctrl-C counts, also in a run that a shell has put into the background: its processes are born deaf to it."""
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def pytest_collection_finish() -> None:
+    """Thousands of tests that stay are not looked through again each time something is compiled, which makes much and drops little."""
+    gc.freeze()
+    gc.set_threshold(20_000, 10, 10)
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
