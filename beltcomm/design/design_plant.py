@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
+from beltcomm.compiled import in_one_thread
 from beltcomm.design.structure import Bodies
 from beltcomm.errors import UsageError
 
@@ -179,6 +180,7 @@ def _sampled(plant: DesignPlant, period_s: float) -> tuple[Array, Array, Array, 
     return *result, int(whole[0])
 
 
+@in_one_thread
 def sampled_together(plants: Sequence[DesignPlant], period_s: float) -> tuple[Array, Array, Array, NDArray[np.int64]]:
     """:meth:`DesignPlant.sampled` of p plants with equally many bodies at once: Φ (p, n, n), Γ0 (p, n), Γ1 (p, n), whole periods (p,)."""
     dead = np.array([plant.dead_time_s for plant in plants])

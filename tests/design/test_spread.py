@@ -7,8 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.linalg import expm
+from threadpoolctl import ThreadpoolController
 
 from beltcomm.control import Cascade, Prefilter
+from beltcomm.design import design_plant
 from beltcomm.design.design_plant import DesignPlant, sampled_together
 from beltcomm.design.margins import Margins, margins
 from beltcomm.design.spread import margin_spread, responses_together
@@ -44,6 +47,21 @@ def test_responses_together_are_the_single_ones(plant: DesignPlant) -> None:
     alone = plant.sampled_response(omega, PERIOD)
     np.testing.assert_allclose(together[0], alone, rtol=1e-8)
     np.testing.assert_allclose(together[1][::-1], alone, rtol=1e-8)
+
+
+def test_plants_are_sampled_in_one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two for a matrix of five rows wait for each other where other processes work too: a hundred times as long."""
+    pools, threads = ThreadpoolController().select(user_api="blas"), set()
+
+    def seen(matrices: np.ndarray) -> np.ndarray:
+        threads.update(pool["num_threads"] for pool in pools.info())
+        return expm(matrices)
+
+    monkeypatch.setattr(design_plant, "expm", seen)
+    with pools.limit(limits=2):
+        assert {pool["num_threads"] for pool in pools.info()} == {2}
+        sampled_together([G_A, G_A], PERIOD)
+    assert threads == {1}
 
 
 def uncertain(count: int, deviation: float, seed: int = 1) -> list[list[DesignPlant]]:
