@@ -12,6 +12,8 @@ from beltcomm import api
 from beltcomm.configfiles import to_yaml
 
 MEMBERS = 20
+#: Environment of a process whose linear algebra does not stay in one thread, as it does here: no result depends on it.
+MORE_THREADS = {"OPENBLAS_NUM_THREADS": "2"}
 STUDY: dict[str, Any] = {
     "name": "small",
     "base": {

@@ -5,6 +5,7 @@ Two members with the shortest commissioning there is (``--quick``), each of them
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 import time
@@ -13,6 +14,7 @@ from pathlib import Path
 
 from beltcomm.session.study_job import study_of
 from beltcomm.session.study_members import Doing
+from study.conftest import MORE_THREADS
 from study.quick import commission
 
 #: Another process that computes the study alone.
@@ -37,7 +39,7 @@ def test_commissioned_members_are_the_same_whoever_computes_them_and_after_a_kil
     killed, members = tmp_path / "killed", tmp_path / "killed" / "members.jsonl"
     words = [sys.executable, "-c", ALONE, str(study), str(killed), str(Path(__file__).parents[1])]
     with (
-        subprocess.Popen(words) as process,
+        subprocess.Popen(words, env=os.environ | MORE_THREADS) as process,
         LocalCluster(n_workers=1, threads_per_worker=1, processes=True, dashboard_address=":0", silence_logs=50) as cluster,
     ):
         until = time.monotonic() + 120.0

@@ -21,7 +21,7 @@ from beltcomm.programs import source_hash
 from beltcomm.session.study_members import line_of
 from beltcomm.session.study_workers import answers, unfit
 from beltcomm.talk import Silence
-from study.conftest import MEMBERS
+from study.conftest import MEMBERS, MORE_THREADS
 from study.dying import dying, dying_once
 
 RESULTS = ("members.jsonl", "summary.json")
@@ -79,7 +79,7 @@ def test_a_dask_cluster_and_a_worker_that_dies(small: Path, alone: Path, cluster
 def test_a_killed_study_goes_on_in_other_processes(small: Path, alone: Path, tmp_path: Path) -> None:
     members = tmp_path / "members.jsonl"
     words = [sys.executable, "-m", "beltcomm", "study", str(small), "--out", str(tmp_path), "--workers", "1", "--no-report"]
-    with subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
+    with subprocess.Popen(words, env=os.environ | MORE_THREADS, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
         until = time.monotonic() + 60.0
         while not (members.is_file() and members.read_bytes().count(b"\n")) and process.poll() is None and time.monotonic() < until:
             time.sleep(0.01)
