@@ -50,6 +50,9 @@ FIRST = (
     "tests/identify/test_inverse_fit.py",
     "tests/study/test_commissioned.py",
     "tests/study/test_workers.py",
+    "tests/simulate/test_round_trip.py",
+    "tests/test_energy.py",
+    "tests/wire/test_processes.py",
 )
 
 
