@@ -254,6 +254,8 @@ class Energy:
     def __init__(self, model: Model) -> None:
         self.model, self.names = model, [body.name for _, body in model.bodies()]
         self.masses = np.array([model[name] for name, _ in model.bodies()])
+        self.effects = model.effect_list()
+        self.belt_laws = [(e.law, values_of(model, e, 0.0)) for e in self.effects if e.slot == "belt_law"]
         self.of_place, self.left_out = 0.0, 0.0
         self.before: Array | None = None
 
@@ -273,7 +275,7 @@ class Energy:
     def elastic(self, q: Array, x: float) -> float:
         """Of all elements with the carriage at ``x``:  ∫ law ds."""
         total = 0.0
-        for effect in self.model.effect_list():
+        for effect in self.effects:
             numbers = values_of(self.model, effect, x)
             for element in effect.elements:
                 stretch = self.stretch(element, q)
@@ -285,15 +287,14 @@ class Energy:
     def stretch(self, element: Element, q: Array) -> float:
         stretch = float(stretch_of(self.model, element) @ q)
         driven = self.names.index("driving_pulley") if "driving_pulley" in self.names else 0
-        for effect in self.model.effect_list():
+        for effect in self.effects:
             if effect.slot == "kinematics" and element.ends[0] == DRIVING_END:
                 stretch += RATIO * effect.law(float(q[driven]), *values_of(self.model, effect, 0.0))
         return stretch
 
     def bent(self, stretch: float) -> float:
-        for effect in self.model.effect_list():
-            if effect.slot == "belt_law":
-                stretch = effect.law(stretch, *values_of(self.model, effect, 0.0))
+        for law, numbers in self.belt_laws:
+            stretch = law(stretch, *numbers)
         return stretch
 
     def _go(self, q: Array) -> None:
@@ -301,7 +302,7 @@ class Energy:
         before, self.before = self.before, q.copy()
         if before is None:
             return
-        for effect in self.model.effect_list():
+        for effect in self.effects:
             if effect.name in OF_PLACE:
                 i, lever = acts_on(self.model, effect)
                 numbers = values_of(self.model, effect, 0.0)
