@@ -160,6 +160,10 @@ class Model:
         gone = {name, *effect_named(name).completed_by}
         dropped = {key for e in gone for key in effect_parameters(effect_named(e))}
         kept = {key: item for key, item in self.parameters.items() if key not in dropped}
+        for effect in (e for e in self.effect_list() if name in e.completed_by and e.name not in gone):
+            size = effect.full_names()[0]
+            if kept[size].low == kept[size].high:  # all of it acted where that part did; now it has to be able to act itself
+                kept[size] = default_values({size: self.parameters_of(effect)[size]}, {}, "start value")[size]
         return replace(self, effects=tuple(e for e in self.effects if e not in gone), parameters=kept)
 
     def to_dict(self) -> dict[str, Any]:

@@ -97,11 +97,13 @@ def follower_for(
     rounding: tuple[float, float],
     start_m: float,
     agitation: float,
+    freedom_m: float = 0.0,
 ) -> Follower:
     """The observer of a stretch for a model.   start_m : rms stretch of the belt at first, m.
 
     agitation : by how much the speed of the carriage changes in each sample as no model tells, rms, as a share of that at which it would
-    swing through half the gap on its belt: in its gap it strikes rough ends at an angle, and rubs.
+    swing through half the gap on its belt: in its gap it strikes rough ends at an angle, and rubs.   freedom_m : width of the gap, m, whose
+    freedom the carriage is given, whatever the model's; 0 for the model's own.
     """
     ratio = model["transmission.ratio"]
     middle = 0.5 * float(motion.theta.min() + motion.theta.max()) * ratio
@@ -115,8 +117,9 @@ def follower_for(
     half = 0.5 * sum(model[e.full_names()[0]] for e in model.effect_list() if e.rattles)  # the gap comes first
     held = matrices(model, operating_point(model, middle, 1.0))
     stiffness, mass = (float(m[names.index("cart"), names.index("cart")]) for m in (held.K, held.M))
-    covariance[cart, cart] += start_m**2 + half**2
-    swing = half * math.sqrt(stiffness / mass)
+    free = 0.5 * freedom_m or half
+    covariance[cart, cart] += start_m**2 + free**2
+    swing = free * math.sqrt(stiffness / mass)
     n, size = motion.samples, len(shut.H)
     by_chance = np.zeros((2, size, 1))
     by_chance[:, cart + len(names) - 1] = 1.0
@@ -131,7 +134,7 @@ def follower_for(
         cart=cart,
         half_gap_m=half,
         stiffness=stiffness,
-        spread=np.array([(0.5 * half) ** 2, swing**2]),
+        spread=np.array([(0.5 * free) ** 2, swing**2]),
         lost=np.zeros(motion.samples, dtype=np.bool_),
         forgets=forgotten(keep, motion.sample_s),
         learning=True,

@@ -67,8 +67,9 @@ class Stretch:
     keep : ndarray (n,) bool, samples that count.     noise_nm : torque noise, N m rms.    step_rad : encoder step, rad.
     offset_m : m, the belt may be stretched by up to this at the start.   whitener : gains worked out beforehand for a model near the
     right one; without it every evaluation works out its own.   group : see :func:`grouped`.   rounding : shares for ``whitener``.
-    agitation : for ``follower``, the observer where the carriage is free at times, see :func:`dressed`.   turns : what the kernel's Coulomb
-    friction of level 1 lacks at the reversals that count, (n,); None where none of those count, or the motor has no such friction.
+    agitation, freedom_m : for ``follower``, the observer where the carriage is free at times, see :func:`dressed`.   turns : what the
+    kernel's Coulomb friction of level 1 lacks at the reversals that count, (n,); None where none of those count, or the motor has no such
+    friction.
     """
 
     record: str
@@ -83,6 +84,7 @@ class Stretch:
     whitener: Whitener | None = None
     rounding: tuple[float, float] = (1.0, 0.0)
     agitation: float = 0.0
+    freedom_m: float = 0.0
     group: int = 1
     follower: Follower | None = None
     turns: Array | None = None
@@ -259,7 +261,7 @@ def dressed(stretch: Stretch, model: Model) -> Stretch:
     """The stretch with the observer that a model with a gap needs, or without one."""
     if not follows(model):
         return stretch if stretch.follower is None else replace(stretch, follower=None)
-    noise = (stretch.step_rad, stretch.noise_nm, stretch.rounding, stretch.offset_m, stretch.agitation)
+    noise = (stretch.step_rad, stretch.noise_nm, stretch.rounding, stretch.offset_m, stretch.agitation, stretch.freedom_m)
     return replace(stretch, follower=follower_for(model, stretch.motion, stretch.torque, stretch.keep, *noise))
 
 

@@ -87,6 +87,8 @@ def grown_out_of_bounds(model: Model, effect: Effect) -> bool:
     if scale not in model.parameters:
         return False
     item = model.parameters[scale]
+    if item.low == item.high:
+        return False  # held: what there is of it acts elsewhere
     near = CLOSE * (item.high - item.low)
     return item.value >= item.high - near or (item.low < 0.0 and item.value <= item.low + near)
 

@@ -137,19 +137,24 @@ def agitated(data: Data, model: Model) -> Data:
 
     @cache
     def unlikely(number: int) -> float:
-        total = 0.0
-        for piece in data.fitted:
-            follower = dressed(replace(piece, agitation=AGITATIONS[number]), model).follower
-            assert follower is not None
-            squares = np.minimum(follower.watch.white[piece.keep] ** 2, STRAY**2)
-            total += float(np.sum(squares + 2.0 * np.log(follower.watch.deviations[piece.keep])))
-        return total if math.isfinite(total) else math.inf
+        return unlikelihood([replace(piece, agitation=AGITATIONS[number]) for piece in data.fitted], model)
 
     best, here = -1, AGITATIONS.index(data.fitted[0].agitation) or USUAL
     while best != here:
         best, here = here, min((n for n in (here, here - 1, here + 1) if 0 <= n < len(AGITATIONS)), key=unlikely)
     fitted, held_out = (tuple(replace(piece, agitation=AGITATIONS[best]) for piece in pieces) for pieces in (data.fitted, data.held_out))
     return replace(data, fitted=fitted, held_out=held_out)
+
+
+def unlikelihood(pieces: Sequence[Stretch], model: Model) -> float:
+    """-2 ln likelihood of the innovations of a model whose carriage is followed, strays left aside; inf where it flies off."""
+    total = 0.0
+    for piece in pieces:
+        follower = dressed(piece, model).follower
+        assert follower is not None
+        squares = np.minimum(follower.watch.white[piece.keep] ** 2, STRAY**2)
+        total += float(np.sum(squares + 2.0 * np.log(follower.watch.deviations[piece.keep])))
+    return total if math.isfinite(total) else math.inf
 
 
 def rounding_shares(parts: Sequence[tuple[Stretch, Array]], model: Model) -> tuple[float, float]:

@@ -19,6 +19,7 @@ from beltcomm.laboratory.compare import compare
 from beltcomm.laboratory.data import SUBSTEPS, Data, agitated, prepare, remade
 from beltcomm.laboratory.fitting import AT_A_TIME, Fitted, fit, out_of_valley
 from beltcomm.laboratory.forms import additions, formed, placed, without
+from beltcomm.laboratory.freedom import needed
 from beltcomm.laboratory.intervals import with_intervals
 from beltcomm.laboratory.score import FAR_OFF, Scorer, ground_of
 from beltcomm.laboratory.stage import MISSING, Candidate, candidate, held_at, merged, search, strayed
@@ -144,7 +145,7 @@ def diagnose(
     """The whole search from a start model.   begun : its :func:`fitted_base`, where known.
 
     progress : hears the number of the stage, from 1, and how much of it is done; nobody knows how many there will be.
-    trying : hears of each effect on trial, and again, as one by which the error grows, where it is refused.
+    trying : hears of each effect on trial, and again, with what speaks against it, where it is refused.
     Raises DataError when the records cannot be used.
     """
     data, base = begun or fitted_base(recordings, axis, start)
@@ -214,7 +215,8 @@ class Taken:
 def on_trial(data: Data, current: Fitted, candidates: list[Candidate], trying: Callable[[Candidate], None], causes_left: bool) -> Taken:
     """The best candidate with everything fitted again; the next one where the error as a whole grows, and none where that is not accepted.
 
-    Such a one explains only what it does to the noise, as a lag of the reading beside a dead time does.
+    Such a one explains only what it does to the noise, as a lag of the reading beside a dead time does; a gap that a carriage which strays
+    can do without, only what its observer forgives.
 
     causes_left : whether one more cause may be named; else only further orders of one.
     """
@@ -224,9 +226,11 @@ def on_trial(data: Data, current: Fitted, candidates: list[Candidate], trying: C
             return Taken(candidates, None, data)
         trying(best)
         ahead, grown = again(data, best.fitted, NEXT_ITERATIONS)
-        if grown.ratio <= GROWN * current.ratio or left_as_a_whole(current, grown) < 1.0:
+        grows = grown.ratio > GROWN * current.ratio and left_as_a_whole(current, grown) >= 1.0
+        unneeded = not grows and best.effect.rattles and follows(grown.model) and not needed(ahead, grown, best.effect)
+        if not (grows or unneeded):
             return Taken(candidates, best, ahead, grown)
-        refused = replace(best, accepted=False, grows=True)
+        refused = replace(best, accepted=False, grows=grows, unneeded=unneeded)
         trying(refused)
         candidates = [refused if c is best else c for c in candidates]
 

@@ -58,6 +58,7 @@ class Candidate:
     evidence, explained : see the module.   promised : drop by the score test.   fitted : with the effect, None where it was not
     refitted.   held_gain : drop of O on the held-out records.   hollow : it explains much, but only as no axis can be.
     accepted : by the rule of this module.   grows : it makes the error as a whole larger, from one bad model to the next.
+    unneeded : a carriage that strays as freely without it explains as much, see ``freedom``.
     """
 
     effect: Effect
@@ -69,11 +70,12 @@ class Candidate:
     accepted: bool
     hollow: bool = False
     grows: bool = False
+    unneeded: bool = False
 
     @property
     def stands(self) -> bool:
-        """Whether neither the held-out records, nor the error as a whole, nor its own values speak against it."""
-        return self.fitted is None or not (self.hollow or self.grows or refuted(self.evidence, self.held_gain))
+        """Whether neither held-out records, nor the error as a whole, nor its own values, nor a carriage that strays speak against it."""
+        return self.fitted is None or not (self.hollow or self.grows or self.unneeded or refuted(self.evidence, self.held_gain))
 
     @property
     def against(self) -> str:
@@ -83,7 +85,9 @@ class Candidate:
         if self.hollow:
             return "only as no axis can be"
         if self.grows:
-            return "the error as a whole grows"
+            return "with all fitted again the error as a whole grows"
+        if self.unneeded:
+            return "a carriage that strays as far without it explains as much"
         if refuted(self.evidence, self.held_gain):
             return "records held out speak against it"
         return f"evidence below {EVIDENCE:.0f}" if self.evidence <= EVIDENCE else "explains too little"

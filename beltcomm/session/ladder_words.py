@@ -56,8 +56,8 @@ def comparison_lines(comparison: Comparison, places: Sequence[str], model: Model
 
 def trial_line(candidate: Candidate) -> str:
     """What is said while a diagnosis goes on."""
-    if candidate.grows:
-        return f"{candidate.effect.name} taken back: with all fitted again the error as a whole grows; the next best is asked"
+    if candidate.grows or candidate.unneeded:
+        return f"{candidate.effect.name} taken back, {candidate.against}; the next best is asked"
     share = 100.0 * min(1.0, candidate.explained)
     return f"{candidate.effect.name} on trial: it explains {share:.0f} %; all is fitted with it, then looked at for more"
 

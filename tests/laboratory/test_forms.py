@@ -10,6 +10,7 @@ import pytest
 from beltcomm.effects import effect_named
 from beltcomm.identify.problem import free_parameters
 from beltcomm.laboratory import forms
+from beltcomm.laboratory.acceptance import grown_out_of_bounds
 from beltcomm.model import Model, build_model
 from beltcomm.session.laboratory import change_of
 
@@ -136,3 +137,41 @@ def test_the_body_is_asked_for_as_soon_as_friction_is_named(
 )
 def test_a_revision_says_what_it_changes(new: tuple[str, ...], removed: tuple[str, ...], words: str) -> None:
     assert change_of(new, removed) == words
+
+
+AMOUNT, PART = "stribeck.amount", "stribeck_cart.amount"
+
+
+@pytest.mark.parametrize(("gain", "at_motor"), [(100.0, False), (200.0, True)])
+@pytest.mark.parametrize("known", [False, True])
+def test_a_part_at_the_motor_must_explain_something_beside_the_carriages(
+    monkeypatch: pytest.MonkeyPatch, known: bool, gain: float, at_motor: bool
+) -> None:
+    """It is an effect of its own, and needs that evidence: beside a part that is none the carriage's was 11.6 ± 0.7 N of 14 N."""
+    axis = Axis(monkeypatch, lambda effects, free: 1000.0 - 500.0 * ("stribeck_cart" in effects) - gain * ({AMOUNT, PART} <= free))
+    model = BASE.with_effect("stribeck")
+    model = model.with_effect("stribeck_cart", {PART: 3.0}) if known else model
+    found = forms.formed(None, axis.fitted(model), BASE)  # type: ignore[arg-type]
+    assert found.new == (() if known else ("stribeck_cart",))
+    after = found.fitted.model
+    assert (AMOUNT in found.fitted.problem.free) is at_motor
+    if not at_motor:
+        assert after[AMOUNT] == 0.0
+        assert after[PART] == pytest.approx(3.0 + 0.02 / after["transmission.ratio"]), "all of it"
+        assert not grown_out_of_bounds(after, effect_named("stribeck")), "held, not run away"
+
+
+def test_a_law_that_acts_at_the_motor_stays_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    axis = Axis(monkeypatch, lambda effects, free: 1000.0 + 500.0 * (AMOUNT not in free) - 12.0 * ({AMOUNT, PART} <= free))
+    found = axis.formed("stribeck")
+    assert found.new == ()
+    assert found.fitted.model.effects == (*BASE.effects, "stribeck")
+
+
+def test_a_law_can_act_at_the_motor_again_when_its_part_at_the_carriage_is_taken_out() -> None:
+    model = forms.at_carriage(BASE.with_effect("stribeck"), effect_named("stribeck"), "stribeck_cart")
+    assert model is not None
+    assert AMOUNT not in free_parameters(model)
+    again = model.without_effect("stribeck_cart")
+    assert again == BASE.with_effect("stribeck")
+    assert AMOUNT in free_parameters(again)

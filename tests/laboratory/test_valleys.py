@@ -88,7 +88,9 @@ def test_the_search_goes_on_from_the_better_valley(monkeypatch: pytest.MonkeyPat
         size = {"objective": 0.0, "problem": SimpleNamespace(samples=1), "ratio": 2.0, "held_ratio": None}
         return SimpleNamespace(name=name, model=SimpleNamespace(effects=()), **size)
 
-    named = SimpleNamespace(effect=SimpleNamespace(name="end_pulley", twins=()), accepted=True, stands=True, fitted=model("valley"))
+    named = SimpleNamespace(
+        effect=SimpleNamespace(name="end_pulley", twins=(), rattles=False), accepted=True, stands=True, fitted=model("valley")
+    )
     found = [[named], [], []]
     monkeypatch.setattr(diagnosis, "search", lambda *_, **_options: found.pop(0))
     monkeypatch.setattr(diagnosis, "beyond", beyond_of)
