@@ -19,7 +19,7 @@ from beltcomm.laboratory.compare import compare
 from beltcomm.laboratory.data import SUBSTEPS, Data, agitated, prepare, remade
 from beltcomm.laboratory.fitting import AT_A_TIME, Fitted, fit, out_of_valley
 from beltcomm.laboratory.forms import additions, formed, placed, without
-from beltcomm.laboratory.freedom import needed
+from beltcomm.laboratory.freedom import unneeded
 from beltcomm.laboratory.intervals import with_intervals
 from beltcomm.laboratory.score import FAR_OFF, Scorer, ground_of
 from beltcomm.laboratory.stage import MISSING, Candidate, candidate, held_at, merged, search, strayed
@@ -227,10 +227,10 @@ def on_trial(data: Data, current: Fitted, candidates: list[Candidate], trying: C
         trying(best)
         ahead, grown = again(data, best.fitted, NEXT_ITERATIONS)
         grows = grown.ratio > GROWN * current.ratio and left_as_a_whole(current, grown) >= 1.0
-        unneeded = not grows and best.effect.rattles and follows(grown.model) and not needed(ahead, grown, best.effect)
-        if not (grows or unneeded):
+        strays = not grows and unneeded(ahead, grown, best.effect)
+        if not (grows or strays):
             return Taken(candidates, best, ahead, grown)
-        refused = replace(best, accepted=False, grows=grows, unneeded=unneeded)
+        refused = replace(best, accepted=False, grows=grows, unneeded=strays)
         trying(refused)
         candidates = [refused if c is best else c for c in candidates]
 

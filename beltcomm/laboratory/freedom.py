@@ -15,6 +15,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from beltcomm.effects import Effect
+from beltcomm.identify.following import follows
 from beltcomm.laboratory.acceptance import drop_by, enough, explained_share, loudness
 from beltcomm.laboratory.data import AGITATIONS, Data, agitated, unlikelihood
 from beltcomm.laboratory.fitting import Fitted, fit
@@ -22,6 +23,11 @@ from beltcomm.model import Model
 
 #: Iterations of the fit with the gap closed, and factor by which its carriage may stray further where the largest agitation suits it best.
 ITERATIONS, WIDER = 6, 3.0
+
+
+def unneeded(data: Data, grown: Fitted, effect: Effect) -> bool:
+    """Whether an effect is a gap that a carriage which strays can do without."""
+    return effect.rattles and follows(grown.model) and not needed(data, grown, effect)
 
 
 def needed(data: Data, grown: Fitted, gap: Effect) -> bool:

@@ -16,6 +16,7 @@ from beltcomm.laboratory.data import Data
 from beltcomm.laboratory.diagnosis import NEXT_ITERATIONS, Diagnosis, Step, again, diagnose, settled
 from beltcomm.laboratory.fitting import Fitted, fit
 from beltcomm.laboratory.forms import formed, placed
+from beltcomm.laboratory.freedom import unneeded
 from beltcomm.laboratory.intervals import with_intervals
 from beltcomm.laboratory.place_words import in_words
 from beltcomm.laboratory.prepared import last_compiled
@@ -289,10 +290,8 @@ def add_to_run(
     if current_revision(here.folder) is None:
         base_revision(here.folder, here.fitted, command, when)
     rung = revision_of(here.folder, after, here.fitted, change_of((effect, *on_body.new, *shaped.new)), command, when)
-    note = (
-        f"{asked}, friction by direction and an offset of the current look alike on this axis: added as {effect}" if asked != effect else ""
-    )
-    result = change_result(here, data, after, rung, note, command, pictures)
+    notes = words.added_notes(asked, effect, unneeded(data, after, effect_named(effect)))
+    result = change_result(here, data, after, rung, notes, command, pictures)
     if not cost:
         return result
     price, lines = cost_of(here.folder, here.fitted.model, with_intervals(after), effect)
@@ -313,7 +312,7 @@ def remove_from_run(
     smaller = fit(here.data, here.fitted.model.without_effect(effect), NEXT_ITERATIONS, offsets=here.fitted.offsets)
     data, after = settled(*again(here.data, smaller, NEXT_ITERATIONS))
     rung = revision_of(here.folder, after, here.fitted, f"-{effect}", command, when)
-    return change_result(here, data, after, rung, "", command, pictures)
+    return change_result(here, data, after, rung, [], command, pictures)
 
 
 def ladder_of_run(run: Place, *, pictures: bool = True, command: str = "") -> Result:
@@ -366,7 +365,7 @@ def revision_of(folder: RunFolder, after: Fitted, before: Fitted, change: str, c
     )
 
 
-def change_result(here: Opened, grown: Data, after: Fitted, rung: Revision, note: str, command: str, pictures: bool) -> Result:
+def change_result(here: Opened, grown: Data, after: Fitted, rung: Revision, notes: Sequence[str], command: str, pictures: bool) -> Result:
     """What ``add`` and ``remove`` say.   grown : the records as the new model sees them."""
     run = here.folder.path
     made: list[str] = []
@@ -383,10 +382,11 @@ def change_result(here: Opened, grown: Data, after: Fitted, rung: Revision, note
         "after": {"ratio": after.ratio, "held_out": after.held_ratio},
         "parameters": values_of(model),
         "pictures": made,
+        "notes": list(notes),
         "remarks": list(here.records.remarks),
     }
     text = words.remark_lines(here.records.remarks) + words.change_lines(
-        here.fitted, model, after, rung, note, run, named_beside(here.folder, model)
+        here.fitted, model, after, rung, notes, run, named_beside(here.folder, model)
     )
     return Result(data, text[:-1] + drawn.lines(here.folder, made, remarks) + text[-1:])
 

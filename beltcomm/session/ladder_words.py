@@ -215,11 +215,24 @@ def family_lines(effect: Effect, model: Model) -> list[str]:
     return [*lines, f"    Compare with what the catalogue says: {', '.join(f'beltcomm effects {n}' for n in ('tilt', effect.name))}."]
 
 
+def added_notes(asked: str, effect: str, strays: bool) -> list[str]:
+    """What is to be said beside an effect that was asked for.   strays : it is a gap that a carriage which strays can do without."""
+    notes = []
+    if asked != effect:
+        notes.append(f"{asked}, friction by direction and an offset of the current look alike on this axis: added as {effect}")
+    if strays:
+        notes.append(
+            f"Doubt: a carriage that strays as far explains as much without {effect}. What follows the carriage through a gap follows "
+            "whatever else pushes it, friction that changes by chance for one; held-out records cannot contradict that."
+        )
+    return notes
+
+
 def change_lines(
-    before: Fitted, model: Model, after: Fitted, rung: Revision, note: str, run: Path, beside: Sequence[str] = ()
+    before: Fitted, model: Model, after: Fitted, rung: Revision, notes: Sequence[str], run: Path, beside: Sequence[str] = ()
 ) -> list[str]:
     """``beltcomm add`` and ``beltcomm remove``.   beside : effects that the last diagnosis names and the model does not have yet."""
-    lines = [note] if note else []
+    lines = list(notes)
     lines.append(f"{rung.change}: error {before.ratio:.2f} → {after.ratio:.2f} times the noise")
     if before.held_ratio is not None and after.held_ratio is not None:
         lines.append(f"  on records that were not fitted {before.held_ratio:.2f} → {after.held_ratio:.2f}")

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from beltcomm.effects import effect_named
-from beltcomm.laboratory import diagnosis
+from beltcomm.laboratory import diagnosis, freedom
 from beltcomm.laboratory.data import agitated, prepare
 from beltcomm.laboratory.fitting import fit
 from beltcomm.laboratory.freedom import needed
@@ -19,7 +19,7 @@ from beltcomm.laboratory.stage import Candidate
 from beltcomm.laboratory.start import start_model
 from beltcomm.model import build_model
 from beltcomm.runfolder import RunFolder
-from beltcomm.session.ladder_words import trial_line
+from beltcomm.session.ladder_words import added_notes, trial_line
 from truth.hidden import Machine, draw, recorder
 from truth.hidden import layout as at
 from truth.hidden.folder import write_records
@@ -81,7 +81,7 @@ def test_where_a_straying_carriage_does_as_well_the_next_effect_is_asked(monkeyp
 
     heard: list[Candidate] = []
     monkeypatch.setattr(diagnosis, "again", lambda data, fitted, _iterations: (data, fitted))
-    monkeypatch.setattr(diagnosis, "needed", lambda *_: own)
+    monkeypatch.setattr(freedom, "needed", lambda *_: own)
     current: Any = SimpleNamespace(ratio=9.0)
     data: Any = None
     found = diagnosis.on_trial(data, current, [trial("backlash", 9000.0), trial("tilt", 500.0)], heard.append, True)
@@ -95,3 +95,29 @@ def test_it_is_said_why_a_gap_is_not_taken() -> None:
     refused = Candidate(GAP, 9.0, 9.0, 0.5, 9.0, there, False, unneeded=True)
     assert refused.against == "a carriage that strays as far without it explains as much"
     assert trial_line(refused).startswith("backlash taken back, a carriage that strays as far")
+
+
+@pytest.mark.parametrize(
+    ("effect", "beside", "own", "strays"),
+    [
+        ("backlash", "cogging", False, True),
+        ("backlash", "cogging", True, False),
+        ("backlash", "measurement_lag", False, False),  # then nothing follows the carriage
+        ("cogging", "backlash", False, False),
+    ],
+)
+def test_only_a_gap_behind_an_observer_can_be_one_that_a_straying_carriage_does_without(
+    monkeypatch: pytest.MonkeyPatch, effect: str, beside: str, own: bool, strays: bool
+) -> None:
+    monkeypatch.setattr(freedom, "needed", lambda *_: own)
+    grown: Any = SimpleNamespace(model=BASE.with_effect(effect).with_effect(beside))
+    data: Any = None
+    assert freedom.unneeded(data, grown, effect_named(effect)) is strays
+
+
+def test_who_adds_such_a_gap_is_told() -> None:
+    assert added_notes("backlash", "backlash", False) == []
+    (doubt,) = added_notes("backlash", "backlash", True)
+    assert "as much without backlash" in doubt
+    (alike,) = added_notes("tilt", "constant_offset", False)
+    assert alike.endswith("added as constant_offset")
