@@ -21,10 +21,11 @@ from beltcomm.laboratory.fitting import AT_A_TIME, Fitted, fit, out_of_valley
 from beltcomm.laboratory.forms import additions, formed, placed, without
 from beltcomm.laboratory.freedom import unneeded
 from beltcomm.laboratory.intervals import with_intervals
+from beltcomm.laboratory.plausible import run_away, undetermined, unlikely
 from beltcomm.laboratory.score import FAR_OFF, Scorer, ground_of
 from beltcomm.laboratory.stage import MISSING, Candidate, candidate, held_at, merged, search, strayed
 from beltcomm.laboratory.structure import structure
-from beltcomm.model import Model, effect_parameters
+from beltcomm.model import Model
 from beltcomm.recording import Recording
 
 NONE_EXPLAINS: Final = "none of the known effects explains this"
@@ -41,9 +42,6 @@ BESIDE_ADDED = 1.08
 STRUCTURED, STRUCTURED_BESIDE = 12.0, 25.0
 #: O per sample below which the noise was taken too large, by a rounding in step with the motion, which has a structure of its own.
 QUIET = 0.93
-#: An effect counts as found when at least one of its numbers is known to this share of itself: a belt that creeps was imitated by an end
-#: pulley and a payload on a spring whose stiffness was 26 ± 40 kN/m.
-KNOWN = 0.5
 #: Share of what lies above the noise that must not be left for a verdict that something was explained.
 MOSTLY_LEFT = 0.9
 #: Factor from which on the error as a whole has grown by an effect; less is the noise, which is calibrated anew.
@@ -154,20 +152,24 @@ def diagnose(
     current = base
     at_base = Scorer(base)
     limit = most + len(EFFECTS)
+    doubted: int | None = None  # step in which a gap was taken that a straying carriage can do without; looked behind once
+    patient = True
+    ranked: list[Candidate] | None = None
     for number in range(limit):
-        ground = ground_of(current, data.fitted, axis)
         above = BESIDE_ADDED if any(step.added for step in steps) else MISSING
-        scorer = at_base if current is base else Scorer(current)
-        candidates = search(data, scorer, ground, progress=in_stage(progress, number), swallowed_above=above)
-        if strayed(current, start, above):
-            held = held_at(data, current, start)
-            beside = ground_of(held, data.fitted, axis)
-            candidates = merged(candidates, search(data, Scorer(held), beside, swallowed_above=math.inf, against=current))
+        if ranked is None:
+            ranked = looked_for(
+                data, current, at_base if current is base else Scorer(current), start, axis, above, in_stage(progress, number)
+            )
         # Further orders of a ripple that is there already are no new cause.
         causes = sum(bool(step.added) and not further(step.added) for step in steps)
-        taken = on_trial(data, current, candidates, trying, causes < most)
-        candidates = taken.candidates
+        taken = on_trial(data, current, ranked, trying, causes < most)
+        ranked = None
         if taken.best is None or taken.grown is None:
+            if doubted is not None:
+                data, current, ranked = taken_back(seen, steps, doubted, trying)
+                doubted, patient = None, False
+                continue
             better = beyond(data, current) if causes else None
             if better is not None:
                 data, current = again(data, better, NEXT_ITERATIONS)
@@ -175,7 +177,7 @@ def diagnose(
                 continue
             shaped = formed(data, current, base.model)
             seen.append(data)
-            steps.append(Step(current, tuple(candidates), "", shaped.removed, shaped.fitted, shaped.new))
+            steps.append(Step(current, tuple(taken.candidates), "", shaped.removed, shaped.fitted, shaped.new))
             current = shaped.fitted
             if not shaped.new or current.objective < MISSING * current.problem.samples:
                 break
@@ -186,12 +188,19 @@ def diagnose(
         on_body = placed(data, kept, taken.best.effect)
         if on_body.new:
             data, kept = again(data, on_body.fitted, NEXT_ITERATIONS)
-        steps.append(Step(current, tuple(candidates), name, removed, kept, on_body.new))
+        steps.append(Step(current, tuple(taken.candidates), name, removed, kept, on_body.new))
+        current = kept
+        at = len(steps) - 1 if doubted is None else doubted
+        strays = steps[at].added in kept.model.effects and unneeded(data, kept, effect_named(steps[at].added))
+        if strays and not (patient and doubted is None):
+            data, current, ranked = taken_back(seen, steps, at, trying)
+            doubted, patient = None, False
+            continue
         direct = shorter(seen, steps) if removed else None
         if direct is not None:
             first, step = direct
             steps[first:], seen[first + 1 :] = [step], []
-        current = kept
+        doubted = len(steps) - 1 if strays else None  # what a gap hides may show itself behind it, as a slack strand does
     twins = next((pair for step in steps if step.added and (pair := twins_of(standing(step.candidates)))), ())
     if twins and twins[0] not in current.model.effects:
         twins = ()
@@ -200,6 +209,34 @@ def diagnose(
         steps = [replace(step, after=last) if step.after is current else step for step in steps]
         current = last
     return Diagnosis(base, data, tuple(steps), verdict_of(base, steps, twins, remaining_structure(data, current)), twins, at_base)
+
+
+def looked_for(
+    data: Data, current: Fitted, scorer: Scorer, start: Model, axis: Axis, above: float, progress: Callable[[float], None]
+) -> list[Candidate]:
+    """What may be missing, best first; where the fit strayed from its start values, looked for from there as well."""
+    ground = ground_of(current, data.fitted, axis)
+    candidates = search(data, scorer, ground, progress=progress, swallowed_above=above)
+    if not strayed(current, start, above):
+        return candidates
+    held = held_at(data, current, start)
+    beside = ground_of(held, data.fitted, axis)
+    return merged(candidates, search(data, Scorer(held), beside, swallowed_above=math.inf, against=current))
+
+
+def taken_back(
+    seen: list[Data], steps: list[Step], first: int, trying: Callable[[Candidate], None]
+) -> tuple[Data, Fitted, list[Candidate]]:
+    """Records, model and candidates as a step began with them, its effect refused: a carriage that strays can do without it.
+
+    The step and all after it are gone.
+    """
+    step, data = steps[first], seen[first]
+    del steps[first:], seen[first:]
+    best = next(c for c in step.candidates if c.effect.name == step.added)
+    refused = replace(best, accepted=False, unneeded=True)
+    trying(refused)
+    return data, step.before, [refused if c is best else c for c in step.candidates]
 
 
 @dataclass(frozen=True)
@@ -215,8 +252,7 @@ class Taken:
 def on_trial(data: Data, current: Fitted, candidates: list[Candidate], trying: Callable[[Candidate], None], causes_left: bool) -> Taken:
     """The best candidate with everything fitted again; the next one where the error as a whole grows, and none where that is not accepted.
 
-    Such a one explains only what it does to the noise, as a lag of the reading beside a dead time does; a gap that a carriage which strays
-    can do without, only what its observer forgives.
+    Such a one explains only what it does to the noise, as a lag of the reading beside a dead time does.
 
     causes_left : whether one more cause may be named; else only further orders of one.
     """
@@ -226,11 +262,9 @@ def on_trial(data: Data, current: Fitted, candidates: list[Candidate], trying: C
             return Taken(candidates, None, data)
         trying(best)
         ahead, grown = again(data, best.fitted, NEXT_ITERATIONS)
-        grows = grown.ratio > GROWN * current.ratio and left_as_a_whole(current, grown) >= 1.0
-        strays = not grows and unneeded(ahead, grown, best.effect)
-        if not (grows or strays):
+        if grown.ratio <= GROWN * current.ratio or left_as_a_whole(current, grown) < 1.0:
             return Taken(candidates, best, ahead, grown)
-        refused = replace(best, accepted=False, grows=grows, unneeded=strays)
+        refused = replace(best, accepted=False, grows=True)
         trying(refused)
         candidates = [refused if c is best else c for c in candidates]
 
@@ -355,36 +389,6 @@ def verdict_of(base: Fitted, steps: Sequence[Step], twins: tuple[str, ...], left
     if undetermined(with_intervals(after), base.model) or unlikely(after.model, base.model):
         return "partly explained"
     return "cannot tell" if twins else "explained"
-
-
-def run_away(model: Model, base: Model) -> list[str]:
-    """Parameters of added effects that grew until they met a bound: no size of the effect is right."""
-    sizes = {name for e in model.effect_list() for name, p in effect_parameters(e).items() if not p.form} - set(base.parameters)
-    added = {name: v for name, v in model.parameters.items() if name in sizes and v.low < v.high}
-    near = {name: 1e-6 * (v.high - v.low) for name, v in added.items()}
-    return [n for n, v in added.items() if v.value >= v.high - near[n] or (v.low < 0.0 and v.value <= v.low + near[n])]
-
-
-def undetermined(model: Model, base: Model) -> list[str]:
-    """Added effects of which no number is known better than to ``KNOWN``: they stand for something else.   model : with intervals."""
-    found = []
-    for effect in (e for e in model.effect_list() if e.name not in base.effects):
-        own = [model.parameters[name] for name, p in effect_parameters(effect).items() if name not in base.parameters and not p.form]
-        free = [p for p in own if p.low < p.high]
-        if free and not any(p.interval is not None and p.interval <= KNOWN * abs(p.value) for p in free):
-            found.append(effect.name)
-    return found
-
-
-def unlikely(model: Model, base: Model) -> list[str]:
-    """Of added effects whose values no machine has: the effect, and in words why."""
-    found = []
-    for effect in (e for e in model.effect_list() if e.name not in base.effects and e.unlikely is not None):
-        assert effect.unlikely is not None
-        values = {name.removeprefix(f"{effect.name}."): model[name] for name in effect_parameters(effect)}
-        if why := effect.unlikely(values):
-            found.append(f"{effect.name} as {why}")
-    return found
 
 
 def with_start_values(model: Model) -> Model:

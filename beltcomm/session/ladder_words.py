@@ -10,9 +10,10 @@ from beltcomm.effects import Effect, effect_named
 from beltcomm.effects.tilt import GRAVITY_M_S2
 from beltcomm.given import pasted
 from beltcomm.laboratory.compare import Comparison
-from beltcomm.laboratory.diagnosis import KNOWN, NONE_EXPLAINS, Diagnosis, structures, undetermined, unlikely
+from beltcomm.laboratory.diagnosis import NONE_EXPLAINS, Diagnosis, structures
 from beltcomm.laboratory.fitting import Fitted
 from beltcomm.laboratory.intervals import with_intervals
+from beltcomm.laboratory.plausible import KNOWN, undetermined, unlikely
 from beltcomm.laboratory.stage import MISSING, Candidate
 from beltcomm.laboratory.start import BELT_BASE, RIGID_BASE
 from beltcomm.laboratory.visible import Sight

@@ -15,8 +15,9 @@ from beltcomm.cli.talk import PlainTalk
 from beltcomm.effects import effect_named
 from beltcomm.laboratory import diagnosis
 from beltcomm.laboratory.acceptance import fitted_to_nothing, left_as_a_whole
-from beltcomm.laboratory.diagnosis import KNOWN, Step, run_away, undetermined, unlikely, verdict_of
+from beltcomm.laboratory.diagnosis import Step, verdict_of
 from beltcomm.laboratory.fitting import Fitted
+from beltcomm.laboratory.plausible import KNOWN, run_away, undetermined, unlikely
 from beltcomm.laboratory.stage import Candidate
 from beltcomm.laboratory.structure import excess, partitions
 from beltcomm.model import build_model
