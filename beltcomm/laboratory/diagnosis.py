@@ -144,6 +144,7 @@ def diagnose(
 
     progress : hears the number of the stage, from 1, and how much of it is done; nobody knows how many there will be.
     trying : hears of each effect on trial, and again, with what speaks against it, where it is refused.
+
     Raises DataError when the records cannot be used.
     """
     data, base = begun or fitted_base(recordings, axis, start)

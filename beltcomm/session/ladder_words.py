@@ -232,7 +232,10 @@ def added_notes(asked: str, effect: str, strays: bool) -> list[str]:
 def change_lines(
     before: Fitted, model: Model, after: Fitted, rung: Revision, notes: Sequence[str], run: Path, beside: Sequence[str] = ()
 ) -> list[str]:
-    """``beltcomm add`` and ``beltcomm remove``.   beside : effects that the last diagnosis names and the model does not have yet."""
+    """``beltcomm add`` and ``beltcomm remove``.   notes : sentences before all else.
+
+    beside : effects that the last diagnosis names and the model does not have yet.
+    """
     lines = list(notes)
     lines.append(f"{rung.change}: error {before.ratio:.2f} → {after.ratio:.2f} times the noise")
     if before.held_ratio is not None and after.held_ratio is not None:

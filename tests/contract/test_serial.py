@@ -351,7 +351,7 @@ def test_a_speed_above_the_limit_is_refused_and_mode_1_must_be_there(opened):
 BUSY = 5
 
 
-def test_over_a_pseudo_terminal_with_pyserial():
+def test_over_a_pseudo_terminal_with_pyserial() -> None:
     """The same drive at the wall clock behind a real terminal: opened, read, moved, and back at 9600 bit/s.
 
     A computer that is busy may leave the drive's thread without time for longer than a moving axis may go unseen: then once more.
