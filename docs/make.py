@@ -105,6 +105,11 @@ def row(parameter: Parameter, owner: str) -> str:
     return f"| `{owner}.{parameter.name}` | {parameter.meaning} | {parameter.unit} | {SIDES[parameter.side]} | {bounds} | {how} |"
 
 
+def twin_of(effect: Effect) -> str:
+    """The effect that stands for this one where no motion tells them apart."""
+    return next(e.name for e in EFFECTS if effect.name in e.twins)
+
+
 def commands(effect: Effect) -> tuple[list[str], str]:
     """What to type, and what is to be said of it."""
     name = effect.name
@@ -124,6 +129,9 @@ def commands(effect: Effect) -> tuple[list[str], str]:
     words += ["beltcomm diagnose RUN", "beltcomm diagnose RUN --next"] if effect.trials else []
     words += [f"beltcomm add {one} RUN" for one in (*brought, name)] + [f"beltcomm remove {name} RUN"]
     said = "" if effect.trials else "`diagnose` does not put it on trial; `add` fits it."
+    if effect.behind_gap:
+        where = "behind a gap or a slack strand only"
+        said = f"`diagnose` puts it on trial, and `add` fits it, {where}; elsewhere it is one with `{twin_of(effect)}`."
     if effect.untried:
         said = f"`diagnose` does not put it on trial: {effect.untried}. `add` tries to fit it."
     return words, f"{said} It acts on a body that `{brought[0]}` brings." if brought else said

@@ -227,6 +227,7 @@ class Effect:
     (a friction level: constant), the same at every place and time, for any values of its parameters: it is simulated without an integrator.
     least : of its first parameter; up to this it is nothing to be named, because every axis has as much or no sensor shows it.
     completed_by : effects that belong to it and mean nothing without it; put on trial once it is named.
+    behind_gap : put on trial only where the carriage may move free of the motor; without that it is the same as one of its twins.
     untried : why a diagnosis cannot put it on trial although a motor may see it, with figures; "" where that has no need of words.
     unlikely : of its own values and its bodies' by their names here, in words why no machine has them; empty where one may.
     """
@@ -258,6 +259,7 @@ class Effect:
     linear: bool = False
     least: float = 0.0
     completed_by: tuple[str, ...] = ()
+    behind_gap: bool = False
     untried: str = ""
     unlikely: Callable[[Mapping[str, float]], str] | None = None
 
@@ -278,6 +280,11 @@ class Effect:
     def rattles(self) -> bool:
         """Whether the carriage is free at times, within a gap that is the first parameter, m: only the torque says where it is then."""
         return any(state.start == "estimated" for state in self.states)
+
+    @property
+    def needs_observer(self) -> bool:
+        """Whether only an observer of its own shows what it does: it frees the carriage, or pushes it to one side where it is free."""
+        return self.rattles or self.behind_gap
 
 
 def body_units(body: str) -> tuple[str, str, Side]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from beltcomm.effects._effect import Effect, Parameter
+from beltcomm.effects._effect import Effect, Ground, Parameter, Trial
 
 #: m/s², standard gravity.
 GRAVITY_M_S2 = 9.80665
@@ -24,6 +24,12 @@ def slope(position: float, speed: float, t: float, angle: float, mass: float) ->
     return 0.0, 0.0
 
 
+def trials(ground: Ground) -> list[Trial]:
+    """Both ways, as a twentieth of the Coulomb friction pulls and up to eight times as much."""
+    sines = [share * ground.coulomb / (ground.ratio * ground.mass * GRAVITY_M_S2) for share in (0.05, 0.1, 0.2, 0.4)]
+    return [Trial({"angle": sign * math.asin(min(sine, 1.0))}) for sine in sines for sign in (1.0, -1.0)] if ground.belt else []
+
+
 EFFECT = Effect(
     name="tilt",
     slot="force",
@@ -33,6 +39,8 @@ EFFECT = Effect(
     slope=slope,
     body="cart",
     uses=("cart.mass",),
+    trials=trials,
+    behind_gap=True,
     seen="more torque in one direction than in the other, at every speed; grows with the payload",
     causes="axis mounted at an angle, or not level",
     check="spirit level; the same picture comes from a current offset or from skewed seals",

@@ -40,7 +40,7 @@ def refined(scorer: Scorer, ways: Sequence[Scored], number: int) -> Scored:
 def searched(scorer: Scorer, way: Scored) -> list[str]:
     """Names of what is searched, bare, or full ones of the base model: values of the trial that are fitted and no amplitudes."""
     effect = way.effect
-    if effect.rattles:
+    if effect.needs_observer:
         return []  # a refit finds them with fewer runs of the observer
     own = [p.name for p in effect.parameters if p.fitted] + [f"{b.name}.{b.inertia.name}" for b in effect.bodies]
     linear = len(own) == 1 and way.trial.signed

@@ -81,7 +81,7 @@ class Scorer:
 
     def score(self, effect: Effect, ground: Ground) -> list[Scored]:
         """The best trials of an effect that the model can take, best first."""
-        if effect.rattles:
+        if effect.needs_observer:
             return sorted((self.followed(effect, trial) for trial in self.listed(effect, ground)), key=lambda s: -s.drop)
         scored = [self.judged(effect, trial, columns) for _, trial, columns in self.screened(effect, ground)]
         return sorted((s for s in scored if s.drop > 0.0), key=lambda s: -s.drop)
@@ -164,7 +164,7 @@ class Scorer:
         return Scored(effect, trial, drop, self.start_values(effect, trial, near.amounts), near.step)
 
     def followed(self, effect: Effect, trial: Trial) -> Scored:
-        """A trial of an effect by which the carriage is free at times: what an observer of its own leaves instead of the residual."""
+        """A trial of an effect that needs an observer: what one of its own leaves instead of the residual."""
         grown = self.grown(effect, trial.values, trial)
         pieces = [dressed(piece, grown) for piece in self.problem.pieces]
         near = self.nearby.best(np.concatenate([whitened(piece, grown, grown.vector()) for piece in pieces]) - self.fitted.residual)

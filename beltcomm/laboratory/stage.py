@@ -163,7 +163,7 @@ def swallowed(data: Data, scorer: Scorer, effect: Effect, ground: Ground, candid
 def may_add(base: Fitted, effect: Effect) -> bool:
     """Whether the model can take the effect, one of a numbered family at a time."""
     present = base.model.effects
-    if effect.name in present:
+    if effect.name in present or (effect.behind_gap and not follows(base.model)):
         return False
     if base.model.side == "load" and (effect.harmonic or effect.slot in ("kinematics", "sensor")):
         return False  # at the load side no angle is known

@@ -10,6 +10,7 @@ from typing import Any
 from beltcomm.effects import EFFECTS, effect_named
 from beltcomm.errors import UsageError
 from beltcomm.given import Place, pasted, place, word
+from beltcomm.identify.following import follows
 from beltcomm.identify.noise_level import noise_doubt
 from beltcomm.laboratory.compare import Comparison, compare, landmarks, worst
 from beltcomm.laboratory.data import Data
@@ -275,10 +276,9 @@ def add_to_run(
     pictures : before and after, into ``RUN/pictures``.   cost : of not knowing it, in tracking error.
     """
     run, asked = place(run), word(effect, "effect")
-    effect = FAMILY.get(asked, asked)
-    if asked != "tilt":
-        effect_named(effect)
+    effect_named(FAMILY.get(asked, asked))
     here = opened(run, talk or Silence())
+    effect = asked if asked == "tilt" and follows(here.fitted.model) else FAMILY.get(asked, asked)  # a gap tells it from its twins
     if effect in here.fitted.model.effects:
         raise UsageError(f"the model of {run} has {effect} already; take it out with `beltcomm remove {effect} {pasted(run)}`")
     grown = with_effect(here.data, here.fitted, ground_of(here.fitted, here.data.fitted, here.folder.axis), effect_named(effect))
@@ -303,8 +303,9 @@ def remove_from_run(
     effect: str, run: Place, *, pictures: bool = True, command: str = "", when: str = "", talk: Talk | None = None
 ) -> Result:
     """Everything refitted without an effect, saved as a new revision."""
-    run, effect = place(run), FAMILY.get(word(effect, "effect"), effect)
+    run, asked = place(run), word(effect, "effect")
     here = opened(run, talk or Silence())
+    effect = asked if asked in here.fitted.model.effects else FAMILY.get(asked, asked)
     if effect not in here.fitted.model.effects:
         raise UsageError(f"the model of {run} has no {effect}; it has {', '.join(here.fitted.model.effects)}")
     if current_revision(here.folder) is None:

@@ -146,7 +146,7 @@ def apart_of(first: str, other: str) -> Apart:
 
 def families(effect: Effect) -> Mapping[str, Apart]:
     """Causes that one effect stands for because no motion tells them apart: those of its twins that have no effect to be found as."""
-    found_as = {e.name for e in EFFECTS if e.trials is not None}
+    found_as = {e.name for e in EFFECTS if e.trials is not None and not e.behind_gap}
     return {name: apart for name, apart in effect.apart.items() if name not in found_as}
 
 

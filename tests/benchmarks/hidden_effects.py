@@ -125,13 +125,16 @@ def judged(machine: Machine, found: Diagnosis, run: RunFolder) -> dict[str, Any]
     line["held"] = [found.base.held_ratio, after.held_ratio]
     line["records"] = records_of(found)
     line["level"] = [f.objective / f.problem.samples for f in (found.base, after)]
-    wanted = [FAMILY.get(e, e) for e in machine.effects if e not in OUTSIDE]
+    hidden = [e for e in machine.effects if e not in OUTSIDE]
+    wanted = [e if e in line["kept"] else FAMILY.get(e, e) for e in hidden]  # behind a gap tilt has its own name
     if wanted and not set(machine.effects) & set(OUTSIDE):
         line["best_held"] = reference(machine, found, run, wanted)
     if set(wanted) <= set(line["kept"]):
         model, spread = after.model, spread_of(after)
         line["covered"] = {}
         for names, truth in true_values(machine).items():
+            if not set(names) <= {*model.parameters, *DELAYS}:
+                continue
             factors = {n: 1.0 for n in DELAYS if n in model.parameters} if set(names) <= set(DELAYS) else {}
             if len(factors) > 1:  # two delays in a row: the machine's is told by their sum
                 value = sum(model[n] for n in factors)
@@ -174,7 +177,7 @@ def reference(machine: Machine, found: Diagnosis, run: RunFolder, wanted: list[s
         if name not in fitted.model.effects:
             fitted = with_effect(found.data, fitted, ground_of(fitted, found.data.fitted, run.axis), effect_named(name))
     truth = {n: v for n, v in true_base(machine).items() if n in fitted.model.parameters}
-    truth |= {names[0]: v for names, v in true_values(machine).items() if len(names) == 1}
+    truth |= {names[0]: v for names, v in true_values(machine).items() if len(names) == 1 and names[0] in fitted.model.parameters}
     begun = fit(found.data, fitted.model.with_values(truth, "truth"), ITERATIONS, offsets=fitted.offsets)
     return min((begun, fitted), key=lambda f: f.objective).held_ratio
 

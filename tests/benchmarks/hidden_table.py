@@ -37,7 +37,7 @@ def table(lines: Sequence[Line]) -> None:
     for name in ("pairs", "backlash"):
         both = [line for line in sets.get(name, []) if len(line["visible"]) == 2]
         if both:
-            print(f"{name}: both named {share(set(line['wanted']) <= set(line.get('kept', [])) for line in both)}")
+            print(f"{name}: both named {share(set(line['wanted']) <= {FAMILY.get(k, k) for k in line.get('kept', [])} for line in both)}")
             print(f"    one of them first {share(line['named'] in line['wanted'] for line in both)}")
     one = [line for line in shown if right(line)]
     if one:

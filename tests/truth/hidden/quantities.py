@@ -16,7 +16,7 @@ from truth.hidden.machines import Machine
 #: Per hidden effect: parameters of the candidate (two: sine and cosine, their amplitude counts) and the name of the true value.
 SAME_MEANING: Final[Mapping[str, tuple[tuple[tuple[str, ...], str], ...]]] = {
     "belt_damping": ((("belt_damping.damping",), "damping_n_s_m"),),
-    "tilt": ((("constant_offset.torque",), "offset_nm"),),
+    "tilt": ((("constant_offset.torque",), "offset_nm"), (("tilt.angle",), "angle_rad")),  # the angle behind a gap only
     "coulomb_asymmetry": ((("constant_offset.torque",), "offset_nm"),),
     "cogging": ((("cogging.sine", "cogging.cosine"), "amplitude_nm"),),
     "tooth_ripple": ((("tooth_ripple.sine", "tooth_ripple.cosine"), "amplitude_nm"),),
