@@ -29,7 +29,10 @@ BESIDE = {"cart_friction.level": 3.0, "stribeck.amount": 0.0, "friction_position
 KNOWN = ("motor", "cart", "transmission")
 #: What is tried only after another effect was named, at a size that shows.
 AFTERWARDS = {"stribeck_cart": {"amount": 4.0}, "friction_position_cart": {"amount": 4.0}}
-TRIED = [e for e in EFFECTS if (e.trials is not None or e.name in AFTERWARDS) and not e.name.rpartition("_")[2].isdigit()]
+#: A tilt pulls the resting carriage at the start, see ``SHIFTED``; nothing can be moved so that it does not.
+PULLING = ("tilt",)
+NAMED = [e for e in EFFECTS if e.trials is not None or e.name in AFTERWARDS]
+TRIED = [e for e in NAMED if e.name not in PULLING and not e.name.rpartition("_")[2].isdigit()]
 
 
 #: Effects of friction show at creeping speed, at the place where the record is made.
