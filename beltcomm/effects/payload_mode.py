@@ -9,6 +9,9 @@ from beltcomm.effects._effect import Body, Effect, Element, Ground, Parameter, T
 
 #: Damping ratio up to which something swings that can be seen as a mode: half way to where nothing swings any more.
 SWINGING = 0.5
+#: 1/m²; and share by which a spring on trial hardens at the largest acceleration at most: a soft one that swings by centimetres would
+#: begin so much stiffer that the fit stays there.
+USUAL_HARDENING, STIFFER = 1e3, 0.002
 
 
 def force(stretch: float, rate: float, x: float, stiffness: float, damping: float, hardening: float) -> float:
@@ -28,7 +31,9 @@ def trials(ground: Ground) -> list[Trial]:
     found = []
     for i in range(18):
         omega = 2.0 * math.pi * low * (high / low) ** (i / 17.0)
-        found.append(Trial({"payload.mass": mass, "stiffness": mass * omega**2, "damping": 0.08 * mass * omega}))
+        stretch = ground.peak_force_n / (ground.mass * omega**2)  # by the largest acceleration
+        hardening = min(USUAL_HARDENING, STIFFER / stretch**2)
+        found.append(Trial({"payload.mass": mass, "stiffness": mass * omega**2, "damping": 0.08 * mass * omega, "hardening": hardening}))
     return found
 
 
@@ -45,7 +50,7 @@ EFFECT = Effect(
     parameters=(
         Parameter("stiffness", "N/m", "cart", 2e4, 1.0, 1e8, "spring between carriage and payload"),
         Parameter("damping", "N s/m", "cart", 10.0, 0.0, 1e5, "damper between carriage and payload"),
-        Parameter("hardening", "1/m2", "cart", 1e3, 0.0, 1e7, "how much the spring stiffens with the square of its stretch"),
+        Parameter("hardening", "1/m2", "cart", USUAL_HARDENING, 0.0, 1e7, "how much the spring stiffens with the square of its stretch"),
     ),
     bodies=(
         Body("payload", Parameter("mass", "kg", "cart", 0.5, 1e-3, 1e3, "mass that swings; the carriage keeps the rest"), swings=2e-3),
