@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beltcomm.identify.noise_path import noise_path
+from beltcomm.identify.noise_path import course, noise_path
 from beltcomm.identify.whitening import noises
 from beltcomm.linear import matrices, operating_point
 from beltcomm.model import Model
@@ -87,6 +87,15 @@ def forgotten(keep: NDArray[np.bool_], sample_s: float) -> NDArray[np.bool_]:
     return ends & (since * sample_s >= FORGOTTEN_S)
 
 
+def stiffest(model: Model, places_m: Array) -> tuple[float, Array]:
+    """The place on the way where the carriage is held stiffest, m, and the stiffness at each place over the one there, (n,).
+
+    A filter whose gains are worked out for a belt less than half as stiff as it is overshoots and flies off.
+    """
+    at, logarithms = course(model, float(places_m.min()), float(places_m.max()))
+    return float(at[np.argmax(logarithms)]), np.exp(np.interp(places_m, at, logarithms) - logarithms.max())
+
+
 def follower_for(
     model: Model,
     motion: FineMotion,
@@ -106,8 +115,8 @@ def follower_for(
     freedom the carriage is given, whatever the model's; 0 for the model's own.
     """
     ratio = model["transmission.ratio"]
-    middle = 0.5 * float(motion.theta.min() + motion.theta.max()) * ratio
-    sides = [noises(noise_path(model, middle, motion.sample_s, closed), step_rad, noise_nm, rounding) for closed in (0.0, 1.0)]
+    place, held = stiffest(model, motion.theta * ratio)
+    sides = [noises(noise_path(model, place, motion.sample_s, closed), step_rad, noise_nm, rounding) for closed in (0.0, 1.0)]
     (opened, variances, start), (shut, _, _) = sides
     names = [body.name for _, body in model.bodies()]
     first = len(shut.H) - 2 * (len(names) - 1) - 3
@@ -115,8 +124,8 @@ def follower_for(
     covariance = start.copy()
     cart = first + names.index("cart") - 1
     half = 0.5 * sum(model[e.full_names()[0]] for e in model.effect_list() if e.rattles)  # the gap comes first
-    held = matrices(model, operating_point(model, middle, 1.0))
-    stiffness, mass = (float(m[names.index("cart"), names.index("cart")]) for m in (held.K, held.M))
+    there = matrices(model, operating_point(model, place, 1.0))
+    stiffness, mass = (float(m[names.index("cart"), names.index("cart")]) for m in (there.K, there.M))
     free = 0.5 * freedom_m or half
     covariance[cart, cart] += start_m**2 + free**2
     swing = free * math.sqrt(stiffness / mass)
@@ -134,6 +143,7 @@ def follower_for(
         cart=cart,
         half_gap_m=half,
         stiffness=stiffness,
+        held=held[:: motion.substeps][:n],
         spread=np.array([(0.5 * free) ** 2, swing**2]),
         lost=np.zeros(motion.samples, dtype=np.bool_),
         forgets=forgotten(keep, motion.sample_s),

@@ -310,7 +310,8 @@ def superfluous(data: Data, fitted: Fitted, base: Model, newest: str) -> tuple[F
         # Where an observer is no longer needed, where each carriage stood at first has to be found anew.
         iterations = NEXT_ITERATIONS if follows(smaller) == follows(fitted.model) else FIRST_ITERATIONS
         trial = fit(data, smaller, iterations, offsets=fitted.offsets)
-        if drop_by(trial, fitted) < EVIDENCE or fitted_to_nothing(fitted.model, effect_named(name)):
+        missed = trial.ratio > WORSE * fitted.ratio  # what an observer does to the noise may outweigh the whole error
+        if not missed and (drop_by(trial, fitted) < EVIDENCE or fitted_to_nothing(fitted.model, effect_named(name))):
             removed.append(name)
             fitted = trial
     return fitted, tuple(removed)

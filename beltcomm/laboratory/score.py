@@ -95,7 +95,9 @@ class Scorer:
             drops, powers = self.nearby.screened(columns, width, some[0].signed)
             seen += zip(powers.tolist(), some, strict=True)
             best += [(drops[i], trial, columns[:, i * width : (i + 1) * width].copy()) for i, trial in enumerate(some)]
-            best = sorted(best, key=lambda entry: -entry[0])[:LOOKED_AT]
+            best = sorted(best, key=lambda entry: -entry[0])
+            # Behind an observer of a model that is far off columns say little: what the records told of the base is looked at anyway.
+            best = [entry for at, entry in enumerate(best) if at < LOOKED_AT or (entry[1].base and follows(self.model))]
         return best
 
     def powers_of(self, effect: Effect, ground: Ground) -> Sequence[tuple[float, Trial]]:

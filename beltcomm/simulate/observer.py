@@ -29,9 +29,11 @@ class Watch(NamedTuple):
 
     wanted : (n,), N m, load that the measured torque leaves for everything beyond the motor.   keep : (n,), samples that count.
     places : place of each body's position in s, -1 for none; its speed stands ``behind`` places further.   substeps : fine steps per
-    sample.   cart : place of the carriage's position in s.   half_gap_m : m, and stiffness : N/m at the belt: while a torque is passed on
-    the carriage stands half the gap and what the belt gives way behind.   spread : (2,), m² and m²/s², variances of its position and speed
-    once it is lost.   lost : (n,), where it was.   forgets : (n,), where so little was seen before that it may be anywhere.
+    sample.   cart : place of the carriage's position in s.   half_gap_m : m, and stiffness : N/m at the belt where it is stiffest: while a
+    torque is passed on the carriage stands half the gap and what the belt gives way behind.   held : (n,), stiffness at the place of each
+    sample over that one: a belt half as stiff is as one that is closed half of the time.   spread : (2,), m² and m²/s², variances of its
+    position and speed once it is lost.   lost : (n,), where it was.   forgets : (n,), where so little was seen before that it may be
+    anywhere.
     learning : whether gains, deviations, shares and losses are worked out, or taken as they are.   F : (2, k, k).  G : (2, k, m).
     H : (2, k).   D : (2, m), open and closed.   variances : (m,).   P : (k, k), covariance.   s, ahead : (k,).   gains : (n, k).
     deviations, shares : (n,).   left : (n,), e.   white : (n,), ν over its deviation.
@@ -46,6 +48,7 @@ class Watch(NamedTuple):
     cart: int
     half_gap_m: float
     stiffness: float
+    held: Array
     spread: Array
     lost: NDArray[np.bool_]
     forgets: NDArray[np.bool_]
@@ -69,7 +72,7 @@ class Watch(NamedTuple):
 def _nothing() -> Watch:
     none, square, cube = np.zeros(0), np.zeros((0, 0)), np.zeros((0, 0, 0))
     some, places = np.zeros(0, dtype=np.bool_), np.zeros(0, dtype=np.int64)
-    at = Watch(none, some, places, 0, 1, 0, 0.0, 1.0, none, some, some, False, cube, cube, square, square, *(none,) * 9, cube)
+    at = Watch(none, some, places, 0, 1, 0, 0.0, 1.0, none, none, some, some, False, cube, cube, square, square, *(none,) * 9, cube)
     return at._replace(P=square, gains=square)
 
 
@@ -95,7 +98,7 @@ PLACED = ("room", "cart", "behind", "spread")
 LEARNED = ("keep", "F", "G", "H", "D", "variances", "P", "gains", "deviations", "shares", "lost", "forgets", *PLACED)
 OBSERVED = ("keep", "F", "s", "ahead", "gains", "deviations", "shares", "white")
 TAKEN = ("behind", "s")
-TOUCHED = ("wanted", "keep", "lost", "deviations", "shares", "half_gap_m", "stiffness")
+TOUCHED = ("wanted", "keep", "lost", "deviations", "shares", "half_gap_m", "stiffness", "held")
 
 
 def seen(fields: Sequence[str]) -> str:
@@ -229,6 +232,7 @@ def contact(
     shares: Array,
     half_gap_m: float,
     stiffness: float,
+    held: Array,
 ) -> float:
     """By how much the stretch, m, is less than what the torque of sample n tells where the carriage is lost; 0 where it is not.
 
@@ -237,7 +241,7 @@ def contact(
     if not (keep[n] and lost[n]) or shares[n] > OPEN or abs(wanted[n]) < LOST * deviations[n]:
         return 0.0
     pull = wanted[n] / lever
-    return float(math.copysign(half_gap_m, pull) + pull / stiffness - stretch)
+    return float(math.copysign(half_gap_m, pull) + pull / (held[n] * stiffness) - stretch)
 
 
 def filtered(e: Array, keep: NDArray[np.bool_], f: Array, h: Array, gains: Array, deviations: Array, shares: Array) -> Array:

@@ -128,7 +128,7 @@ def _plain_gap(
                 if watch.keep[before] and watch.lost[before] and share <= OPEN and found:  # ``contact``
                     pull = watch.wanted[before] / ratio
                     for c in range(lanes):
-                        s[q + c] = u - math.copysign(watch.half_gap_m, pull) - pull / watch.stiffness
+                        s[q + c] = u - math.copysign(watch.half_gap_m, pull) - pull / (watch.held[before] * watch.stiffness)
             for c in range(lanes):
                 s[q + c] += h * s[v + c]
             j += 1

@@ -352,7 +352,7 @@ class Writer:
             f"    left = {self.law(weighted)}(load, before * see_substeps, see_substeps) - see_wanted[before]",
             "see_left[before] = left",
             "if see_learning:",
-            "    see_shares[before] = shut / inside",
+            "    see_shares[before] = see_held[before] * (shut / inside)",
             f"innovation = {self.law(expected)}(before, left, {seen(EXPECTED)})",
             "if see_learning:",
             f"    {self.law(learn)}(before, innovation, {seen(LEARNED)})",

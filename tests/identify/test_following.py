@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from beltcomm.effects import effect_named
-from beltcomm.identify.following import forgotten
+from beltcomm.identify.following import forgotten, stiffest
 from beltcomm.identify.problem import Problem
 from beltcomm.identify.residual import Stretch, dressed, evaluate, in_noise, whitened
 from beltcomm.laboratory import fitting
@@ -164,3 +165,25 @@ def test_a_body_that_flies_off_is_no_candidate(rattling: tuple[Data, Model]) -> 
     assert lost.objective == np.inf
     found = candidate(base, effect_named("end_pulley"), 50.0, lost, 1)
     assert (found.fitted, found.accepted, found.evidence) == (None, False, 50.0)
+
+
+def test_on_a_belt_that_stiffens_threefold_along_the_way_the_observer_keeps_the_carriage(tmp_path: Path) -> None:
+    """Worked out for the middle of the way alone, its gains overshot near the pulley: what it left was 1e13 times the noise."""
+    effects = ("backlash", "stiffness_position")
+    machine = draw(895501, effects, 1.0, "sheet")
+    write_session(machine, tmp_path / "run", plan="thorough")
+    run = RunFolder.open(tmp_path / "run")
+    records = [recording for recording in run.recordings() if "sweep_fast_1" in recording.name]
+    hidden, base = machine.hidden["stiffness_position"], true_base(machine)
+    middle = 0.5
+    own = {"share": hidden["share"], "offset": hidden["offset_m"], "pulley_distance": hidden["pulley_distance_m"], "middle": middle}
+    model = start_model(run.axis, records).with_effect("backlash").with_effect("stiffness_position", own)
+    truth = {name: value for name, value in base.items() if name in model.parameters}
+    model = model.with_values(truth | {"backlash.gap": machine.hidden["backlash"]["gap_m"]})
+    data = prepare(records, run.axis, model)
+    for piece in data.fitted:
+        white = whitened(dressed(piece, model), model, model.vector())
+        assert float(np.sqrt(np.mean(white**2))) < 1.5
+    place, held = stiffest(model, np.linspace(0.1, 0.9, 9))
+    assert place == pytest.approx(0.1, abs=0.01)
+    assert 0.2 < held[-1] < 0.5 < held[0] <= 1.0
