@@ -311,7 +311,7 @@ def superfluous(data: Data, fitted: Fitted, base: Model, newest: str) -> tuple[F
         iterations = NEXT_ITERATIONS if follows(smaller) == follows(fitted.model) else FIRST_ITERATIONS
         trial = fit(data, smaller, iterations, offsets=fitted.offsets)
         missed = trial.ratio > WORSE * fitted.ratio  # what an observer does to the noise may outweigh the whole error
-        if not missed and (drop_by(trial, fitted) < EVIDENCE or fitted_to_nothing(fitted.model, effect_named(name))):
+        if fitted_to_nothing(fitted.model, effect_named(name)) or (not missed and drop_by(trial, fitted) < EVIDENCE):
             removed.append(name)
             fitted = trial
     return fitted, tuple(removed)

@@ -110,11 +110,27 @@ def test_what_is_fitted_to_less_than_is_an_effect_explains_nothing(effect: str, 
 def test_an_earlier_gap_of_no_width_is_thrown_out_however_much_its_observer_forgives(
     monkeypatch: pytest.MonkeyPatch, gap_m: float, removed: tuple[str, ...]
 ) -> None:
-    grown: Any = SimpleNamespace(model=BASE.with_effect("backlash", {"gap": gap_m}).with_effect("belt_slack", {}), offsets=np.zeros(1))
-    smaller: Any = SimpleNamespace(model=grown.model.without_effect("backlash"), offsets=np.zeros(1))
+    both = BASE.with_effect("backlash", {"gap": gap_m}).with_effect("belt_slack", {})
+    grown: Any = SimpleNamespace(model=both, offsets=np.zeros(1), ratio=1.0)
+    smaller: Any = SimpleNamespace(model=grown.model.without_effect("backlash"), offsets=np.zeros(1), ratio=3.0)
     monkeypatch.setattr(diagnosis, "rise_without", lambda _fitted: {})
     monkeypatch.setattr(diagnosis, "fit", lambda *_, **_options: smaller)
     monkeypatch.setattr(diagnosis, "drop_by", lambda *_: 432.0)
+    data: Any = SimpleNamespace(fitted=(), held_out=())
+    assert diagnosis.superfluous(data, grown, BASE, "belt_slack") == (smaller if removed else grown, removed)
+
+
+@pytest.mark.parametrize(("ratio", "removed"), [(1.1, ("backlash",)), (3.0, ())])
+def test_nothing_is_superfluous_whose_loss_leaves_much_more(
+    monkeypatch: pytest.MonkeyPatch, ratio: float, removed: tuple[str, ...]
+) -> None:
+    """What an observer does to the noise outweighed an error that went from 15 to 52: a gap was thrown out beside a late torque."""
+    both = BASE.with_effect("backlash", {"gap": 1e-4}).with_effect("belt_slack", {})
+    grown: Any = SimpleNamespace(model=both, offsets=np.zeros(1), ratio=1.0)
+    smaller: Any = SimpleNamespace(model=both.without_effect("backlash"), offsets=np.zeros(1), ratio=ratio)
+    monkeypatch.setattr(diagnosis, "rise_without", lambda _fitted: {})
+    monkeypatch.setattr(diagnosis, "fit", lambda *_, **_options: smaller)
+    monkeypatch.setattr(diagnosis, "drop_by", lambda *_: -5e3)
     data: Any = SimpleNamespace(fitted=(), held_out=())
     assert diagnosis.superfluous(data, grown, BASE, "belt_slack") == (smaller if removed else grown, removed)
 
