@@ -21,7 +21,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 from experiments import Panel, Symptom
 from symptoms import SYMPTOMS
 
-from beltcomm.effects import BELT_DAMPING, BELT_SPRING, BELT_STIFFNESS, EFFECTS, Effect, Parameter
+from beltcomm.effects import BELT_DAMPING, BELT_SPRING, BELT_STIFFNESS, EFFECTS, Effect, Parameter, stands_for
 from beltcomm.report.style import MEASURED, SEVERE, styled
 from beltcomm.simulate.writer import USUAL
 
@@ -105,11 +105,6 @@ def row(parameter: Parameter, owner: str) -> str:
     return f"| `{owner}.{parameter.name}` | {parameter.meaning} | {parameter.unit} | {SIDES[parameter.side]} | {bounds} | {how} |"
 
 
-def twin_of(effect: Effect) -> str:
-    """The effect that stands for this one where no motion tells them apart."""
-    return next(e.name for e in EFFECTS if effect.name in e.twins)
-
-
 def commands(effect: Effect) -> tuple[list[str], str]:
     """What to type, and what is to be said of it."""
     name = effect.name
@@ -131,7 +126,7 @@ def commands(effect: Effect) -> tuple[list[str], str]:
     said = "" if effect.trials else "`diagnose` does not put it on trial; `add` fits it."
     if effect.behind_gap:
         where = "behind a gap or a slack strand only"
-        said = f"`diagnose` puts it on trial, and `add` fits it, {where}; elsewhere it is one with `{twin_of(effect)}`."
+        said = f"`diagnose` puts it on trial, and `add` fits it, {where}; elsewhere it is one with `{stands_for(effect.name)}`."
     if effect.untried:
         said = f"`diagnose` does not put it on trial: {effect.untried}. `add` tries to fit it."
     return words, f"{said} It acts on a body that `{brought[0]}` brings." if brought else said

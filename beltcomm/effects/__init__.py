@@ -82,6 +82,7 @@ __all__ = [
     "Trial",
     "effect_named",
     "is_plain_belt",
+    "stands_for",
 ]
 
 EFFECTS: tuple[Effect, ...] = (
@@ -134,3 +135,14 @@ def effect_named(name: str) -> Effect:
     near = difflib.get_close_matches(name, _BY_NAME, n=3)
     hint = f"did you mean {', '.join(near)}?" if near else "`beltcomm effects` lists all"
     raise UsageError(f"there is no effect {name!r}; {hint}")
+
+
+def stands_for(name: str, *, behind_gap: bool = False) -> str:
+    """The effect by which a name is fitted: itself, or the one that holds it among its twins and cannot be told from it.
+
+    behind_gap : the carriage moves free of the motor at times, so that effects which are told from their twins only there are themselves.
+    """
+    effect = _BY_NAME.get(name)
+    if effect is not None and (behind_gap or not effect.behind_gap):
+        return name
+    return next((e.name for e in EFFECTS if name in e.twins), name)

@@ -87,12 +87,12 @@ def forgotten(keep: NDArray[np.bool_], sample_s: float) -> NDArray[np.bool_]:
     return ends & (since * sample_s >= FORGOTTEN_S)
 
 
-def stiffest(model: Model, places_m: Array) -> tuple[float, Array]:
-    """The place on the way where the carriage is held stiffest, m, and the stiffness at each place over the one there, (n,).
+def stiffest(model: Model, low_m: float, high_m: float, places_m: Array) -> tuple[float, Array]:
+    """Where between two places the carriage is held stiffest, m, and the stiffness at places over the one there, (n,).
 
     A filter whose gains are worked out for a belt less than half as stiff as it is overshoots and flies off.
     """
-    at, logarithms = course(model, float(places_m.min()), float(places_m.max()))
+    at, logarithms = course(model, low_m, high_m)
     return float(at[np.argmax(logarithms)]), np.exp(np.interp(places_m, at, logarithms) - logarithms.max())
 
 
@@ -115,7 +115,8 @@ def follower_for(
     freedom the carriage is given, whatever the model's; 0 for the model's own.
     """
     ratio = model["transmission.ratio"]
-    place, held = stiffest(model, motion.theta * ratio)
+    low, high = (float(end) * ratio for end in (motion.theta.min(), motion.theta.max()))
+    place, held = stiffest(model, low, high, motion.theta[:: motion.substeps][: motion.samples] * ratio)
     sides = [noises(noise_path(model, place, motion.sample_s, closed), step_rad, noise_nm, rounding) for closed in (0.0, 1.0)]
     (opened, variances, start), (shut, _, _) = sides
     names = [body.name for _, body in model.bodies()]
@@ -143,7 +144,7 @@ def follower_for(
         cart=cart,
         half_gap_m=half,
         stiffness=stiffness,
-        held=held[:: motion.substeps][:n],
+        held=held,
         spread=np.array([(0.5 * free) ** 2, swing**2]),
         lost=np.zeros(motion.samples, dtype=np.bool_),
         forgets=forgotten(keep, motion.sample_s),

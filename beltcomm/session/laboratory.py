@@ -7,7 +7,7 @@ from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
-from beltcomm.effects import EFFECTS, effect_named
+from beltcomm.effects import EFFECTS, effect_named, stands_for
 from beltcomm.errors import UsageError
 from beltcomm.given import Place, pasted, place, word
 from beltcomm.identify.following import follows
@@ -55,9 +55,6 @@ from beltcomm.session.told_before import better, named_beside
 from beltcomm.simulate import ahead
 from beltcomm.stopping import total_friction
 from beltcomm.talk import Silence, Talk
-
-#: Names of one family that no motion of the axis can tell apart, and the effect that stands for it.
-FAMILY = {"tilt": "constant_offset", "coulomb_asymmetry": "constant_offset", "current_offset": "constant_offset"}
 
 
 def compare_run(run: Place, *, pictures: bool = True, command: str = "", talk: Talk | None = None) -> Result:
@@ -276,9 +273,9 @@ def add_to_run(
     pictures : before and after, into ``RUN/pictures``.   cost : of not knowing it, in tracking error.
     """
     run, asked = place(run), word(effect, "effect")
-    effect_named(FAMILY.get(asked, asked))
+    effect_named(stands_for(asked))
     here = opened(run, talk or Silence())
-    effect = asked if asked == "tilt" and follows(here.fitted.model) else FAMILY.get(asked, asked)  # a gap tells it from its twins
+    effect = stands_for(asked, behind_gap=follows(here.fitted.model))
     if effect in here.fitted.model.effects:
         raise UsageError(f"the model of {run} has {effect} already; take it out with `beltcomm remove {effect} {pasted(run)}`")
     grown = with_effect(here.data, here.fitted, ground_of(here.fitted, here.data.fitted, here.folder.axis), effect_named(effect))
@@ -305,7 +302,7 @@ def remove_from_run(
     """Everything refitted without an effect, saved as a new revision."""
     run, asked = place(run), word(effect, "effect")
     here = opened(run, talk or Silence())
-    effect = asked if asked in here.fitted.model.effects else FAMILY.get(asked, asked)
+    effect = stands_for(asked, behind_gap=asked in here.fitted.model.effects)
     if effect not in here.fitted.model.effects:
         raise UsageError(f"the model of {run} has no {effect}; it has {', '.join(here.fitted.model.effects)}")
     if current_revision(here.folder) is None:

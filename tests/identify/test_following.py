@@ -184,6 +184,6 @@ def test_on_a_belt_that_stiffens_threefold_along_the_way_the_observer_keeps_the_
     for piece in data.fitted:
         white = whitened(dressed(piece, model), model, model.vector())
         assert float(np.sqrt(np.mean(white**2))) < 1.5
-    place, held = stiffest(model, np.linspace(0.1, 0.9, 9))
+    place, held = stiffest(model, 0.1, 0.9, np.linspace(0.1, 0.9, 9))
     assert place == pytest.approx(0.1, abs=0.01)
     assert 0.2 < held[-1] < 0.5 < held[0] <= 1.0

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 
+from beltcomm.cli.main import cli
 from beltcomm.effects import Effect, Ground, effect_named
 from beltcomm.laboratory.data import Data, prepare
 from beltcomm.laboratory.fitting import Fitted, fit
@@ -50,6 +53,24 @@ def test_without_a_gap_a_tilt_is_not_put_on_trial(tmp_path: Path) -> None:
     _, _, plain = records_of(tmp_path, ("tilt",), 0.7, 35, gap=False)
     assert not may_add(plain, effect_named("tilt"))
     assert may_add(plain, effect_named("constant_offset"))
+
+
+def test_behind_a_gap_a_tilt_is_added_and_taken_out_by_its_own_name(tmp_path: Path) -> None:
+    """There it is no longer one with a constant torque at the motor."""
+    run = tmp_path / "run"
+    write_session(draw(34, ("backlash", "tilt"), 1.0, "sheet"), run, plan="thorough")
+    for path in (run / "recordings").iterdir():
+        if not path.name.startswith(RECORDS):
+            path.unlink()
+    changes = []
+    for words in (("add", "backlash"), ("add", "tilt"), ("remove", "tilt")):
+        options = ("--json", "--no-pictures", *(("--no-cost",) if words[0] == "add" else ()))
+        result = CliRunner().invoke(cli, [*words, str(run), *options], standalone_mode=False)
+        assert result.exception is None, result.exception
+        changes.append(json.loads(result.stdout))
+    assert [change["change"] for change in changes] == ["+backlash", "+tilt", "-tilt"]
+    with_tilt = changes[1]["after"]["ratio"]
+    assert with_tilt < min(changes[1]["before"]["ratio"], changes[2]["after"]["ratio"])
 
 
 @pytest.mark.parametrize(("effects", "strength", "seed"), [(("backlash",), 0.1, 898005), ((), 0.4, 36)])
