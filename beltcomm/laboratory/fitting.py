@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,7 @@ from beltcomm.identify.following import follows
 from beltcomm.identify.problem import OFFSET_M, Minimum, Problem, free_parameters, time_blocks
 from beltcomm.identify.residual import Stretch, dressed, whitened
 from beltcomm.laboratory.data import Data
+from beltcomm.laboratory.nearby import Nearby
 from beltcomm.model import Model
 
 Array = NDArray[np.float64]
@@ -65,6 +67,11 @@ class Fitted:
     def offsets(self) -> Array:
         """Scaled start offsets; zeros where no carriage can be off."""
         return self.problem.offsets(self.x) if self.problem.movable else np.zeros(len(self.problem.pieces))
+
+    @cached_property
+    def nearby(self) -> Nearby:
+        """The neighbourhood of this minimum, worked out once: several questions in a row ask for it."""
+        return Nearby(self.problem, self.x, self.residual)
 
 
 def fit(

@@ -22,7 +22,6 @@ from beltcomm.laboratory.data import SUBSTEPS
 from beltcomm.laboratory.fitting import BLOCK_S, Fitted
 from beltcomm.laboratory.harmonics import gain_means, load_means, powers_of
 from beltcomm.laboratory.hints import explained_stretch, stiffness_by_record
-from beltcomm.laboratory.nearby import Nearby
 from beltcomm.model import Model, on_side
 from beltcomm.simulate.inverse import (
     FineMotion,
@@ -72,7 +71,7 @@ class Scorer:
         self.model: Model = fitted.model
         self.vector = fitted.problem.full(fitted.x)
         self.offsets = OFFSET_M * fitted.offsets if fitted.problem.movable else np.zeros(len(fitted.problem.pieces))
-        self.nearby = Nearby(fitted.problem, fitted.x, fitted.residual)
+        self.nearby = fitted.nearby
         # The change by an effect is a difference of two runs: what coarse steps do wrong is in both.
         most = SUBSTEPS if follows(self.model) else ROUGH_SUBSTEPS
         self.rough = [dressed(replace(p, motion=p.motion.coarser(min(most, p.motion.substeps))), self.model) for p in self.problem.pieces]

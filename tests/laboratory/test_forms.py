@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -9,23 +12,34 @@ import pytest
 
 from beltcomm.effects import effect_named
 from beltcomm.identify.problem import free_parameters
+from beltcomm.identify.residual import evaluate
 from beltcomm.laboratory import forms
 from beltcomm.laboratory.acceptance import grown_out_of_bounds
+from beltcomm.laboratory.data import prepare
+from beltcomm.laboratory.fitting import fit
+from beltcomm.laboratory.start import start_model
 from beltcomm.model import Model, build_model
+from beltcomm.runfolder import RunFolder
 from beltcomm.session.laboratory import change_of
+from truth.hidden import draw, write_session
 
 BASE = build_model("axis", ("belt_stiffness", "belt_damping", "viscous", "coulomb"), {})
 SAMPLES = 1000
 EXPONENT = "torque_saturation.exponent"
+#: Where friction shows on which body it acts: a fast sweep, a response and slow strokes; the whole session takes half a minute.
+RECORDS = ("01_sweep_fast_1", "05_frf_p1_a2", "09_sweep_slow")
 
 
 class Axis:
-    """An axis whose law is known: ``reached`` says what a model's fit ends with, nats."""
+    """An axis whose law is known: ``reached`` says what a model's fit ends with, nats.   promised : by a part at the carriage."""
+
+    promised = 1e9
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, reached: Any, held_out: float = 0.0) -> None:
         self.reached, self.held_out = reached, held_out
         monkeypatch.setattr(forms, "fit", lambda data, model, iterations, offsets: self.fitted(model))
         monkeypatch.setattr(forms, "drop_by", lambda before, after: before.objective - after.objective)
+        monkeypatch.setattr(forms, "promise_at_carriage", lambda *_: self.promised)
 
     def fitted(self, model: Model) -> Any:
         free = set(free_parameters(model))
@@ -91,6 +105,52 @@ def test_it_is_asked_on_which_body_a_tight_spot_acts(monkeypatch: pytest.MonkeyP
     found = axis.formed("friction_position")
     assert (found.new, found.removed) == (wanted, ())
     assert [e.name for e in forms.additions(found.fitted.model, BASE)] == ["friction_position"]
+
+
+@pytest.mark.parametrize(("promised", "fits"), [(63.0, [0, 2]), (64.0, [2, 2]), (8.0, [0, 0]), (9.0, [0, 2])])
+def test_nothing_is_fitted_for_a_part_at_the_carriage_that_promises_too_little(
+    monkeypatch: pytest.MonkeyPatch, promised: float, fits: list[int]
+) -> None:
+    """Half of what it must explain, with the price of one number, as soon as it is named and at the end: 127 and 17 nats here."""
+    axis = Axis(monkeypatch, lambda effects, free: 1000.0)
+    axis.promised = promised
+    fitted, effect = axis.fitted(BASE.with_effect("stribeck").with_forms("stribeck")), effect_named("stribeck")
+    count = 0
+
+    def counted(_data: Any, model: Model, _iterations: int, offsets: Any) -> Any:
+        nonlocal count
+        count += 1
+        return axis.fitted(model)
+
+    monkeypatch.setattr(forms, "fit", counted)
+    forms.placed(None, fitted, effect)  # type: ignore[arg-type]
+    named = count
+    forms.formed(None, fitted, BASE)  # type: ignore[arg-type]
+    assert [named, count - named] == fits
+
+
+@pytest.mark.parametrize("name", ["stribeck", "friction_position"])
+def test_a_part_at_the_carriage_promises_much_where_it_is_and_nothing_where_it_is_not(tmp_path: Path, name: str) -> None:
+    """The same records twice, the second time with the torque that a motor with this friction at the carriage would need.
+
+    The tight spot is where the response was measured, half way: at other places nothing would tell.
+    """
+    write_session(draw(893131, (name,), 0.5, "sheet"), tmp_path / "run", plan="thorough")
+    run = RunFolder.open(tmp_path / "run")
+    records = [recording for recording in run.recordings() if recording.name in RECORDS]
+    model = start_model(run.axis, records).with_effect(name, {"place": 0.5} if name == "friction_position" else {})
+    data, effect, one = prepare(records, run.axis, model), effect_named(name), f"{name}_cart"
+    at_motor = fit(data, model, 12)
+    behind = forms.at_carriage(at_motor.model, effect, one)
+    assert behind is not None
+    pieces = []
+    for piece in data.fitted:
+        needed = [evaluate(piece, m, m.vector(), 0.0) for m in (at_motor.model, behind)]
+        pieces.append(replace(piece, torque=piece.torque + needed[1] - needed[0]))
+    at_cart = fit(replace(data, fitted=tuple(pieces)), at_motor.model, 12)
+    asked = 120.0 + math.log(at_motor.problem.samples)
+    assert forms.promise_at_carriage(at_motor, effect, one) < 0.2 * asked
+    assert forms.promise_at_carriage(at_cart, effect, one) > 5.0 * asked
 
 
 def test_what_completes_an_effect_comes_beside_its_form(monkeypatch: pytest.MonkeyPatch) -> None:
