@@ -55,6 +55,11 @@ def in_lanes(function: Callable[_P, _R]) -> Callable[_P, _R]:
         return cast("Callable[_P, _R]", numba.njit(**_LANES)(function))
 
 
+def within_lanes(function: Callable[_P, _R]) -> Callable[_P, _R]:
+    """The same for what loops in lanes alone call, see :func:`within_kernels`."""
+    return cast("Callable[_P, _R]", numba.njit(**_NO_WAY_IN, error_model="numpy", fastmath={"contract"})(function))
+
+
 def when_compiling(begun: Callable[[], None], ended: Callable[[], None]) -> None:
     """Call these before and after everything that is really compiled; what is found in the cache, and what another kernel needs, is not.
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,13 +15,22 @@ from beltcomm.identify.whitening import noises
 from beltcomm.linear import matrices, operating_point
 from beltcomm.model import Model
 from beltcomm.simulate.inverse import FineMotion, acting_torque, followed, followed_beside, motor_load, true_motion
-from beltcomm.simulate.observer import Watch, filtered
+from beltcomm.simulate.observer import Watch, filtered, unseen
 from beltcomm.simulate.writer import catalogue_bodies
 
 Array = NDArray[np.float64]
 
 #: s without a sample that counts, after which a carriage may be anywhere in its gap.
 FORGOTTEN_S = 0.04
+
+
+class Step(NamedTuple):
+    """A small step of one unknown.   vector : of the model at its end.   moves : whether the motor's angle, or what the torque leaves for
+    the bodies, is another there."""
+
+    length: float
+    vector: Array
+    moves: bool
 
 
 @dataclass(frozen=True)
@@ -42,27 +52,46 @@ class Follower:
         out = filtered(columns, keep, w.F, w.H, w.gains, w.deviations, w.shares)
         return out if torque.ndim == 2 else out[:, 0]
 
-    def innovations(
-        self, model: Model, motion: FineMotion, torque: Array, vector: Array, wanted: Array | None = None
-    ) -> tuple[Array, Array]:
-        """ν over its deviation, 0 where nothing is kept, and e, N m at the motor shaft, of a model; (n,) each.
+    def knows(self, seen: Seen, model: Model, vector: Array) -> bool:
+        """Whether this is what it was worked out with."""
+        same = seen.motion is self.motion and seen.torque is self.torque and model.effects == self.model.effects
+        return same and np.allclose(vector, self.model.vector(), rtol=1e-12, atol=0.0)
 
-        wanted : :func:`left_for_bodies`, N m, (n,), where it is known.
-        """
-        same = wanted is None and motion is self.motion and torque is self.torque and model.effects == self.model.effects
-        if same and np.allclose(vector, self.model.vector(), rtol=1e-12, atol=0.0):
-            return self.watch.white, self.watch.left
-        true = true_motion(model, motion, vector)
-        n = motion.samples
-        if wanted is None:
-            wanted = left_for_bodies(model, true, torque, vector)
-        watch = self.watch._replace(wanted=wanted, s=np.zeros_like(self.watch.s), left=np.zeros(n), white=np.zeros(n))
-        followed(model, true, vector, watch)
-        return watch.white, watch.left
 
-    def beside(self, model: Model, motion: FineMotion, vectors: Sequence[Array], wanted: Array) -> Array:
-        """ν over its deviation, (n, k), of several vectors that leave one load to the bodies.   motion : true."""
-        return followed_beside(model, motion, vectors, self.watch._replace(wanted=wanted))
+class Seen(NamedTuple):
+    """What is looked at behind an observer.   torque : ndarray (n,), N m, as reported."""
+
+    follower: Follower
+    motion: FineMotion
+    torque: Array
+
+
+def innovations(seen: Sequence[Seen], model: Model, vectors: Sequence[Array]) -> list[tuple[Array, Array]]:
+    """ν over its deviation, 0 where nothing is kept, and e, N m at the motor shaft, of a model behind each observer; (n,) each."""
+    watches = [one.follower.watch for one in seen]
+    others = [i for i, (one, vector) in enumerate(zip(seen, vectors, strict=True)) if not one.follower.knows(one, model, vector)]
+    motions = [true_motion(model, seen[i].motion, vectors[i]) for i in others]
+    for i, motion in zip(others, motions, strict=True):
+        watches[i] = unseen(watches[i], left_for_bodies(model, motion, seen[i].torque, vectors[i]))
+    if others:
+        followed(model, motions, [vectors[i] for i in others], [watches[i] for i in others])
+    return [(watch.white, watch.left) for watch in watches]
+
+
+def slopes(seen: Sequence[Seen], model: Model, vector: Array, steps: Sequence[Step]) -> list[Array]:
+    """By how much ν over its deviation changes with each step, over its length, behind each observer; (n, steps) each."""
+    still, moving = ([number for number, step in enumerate(steps) if step.moves == moves] for moves in (False, True))
+    found = []
+    for one in seen:
+        true = true_motion(model, one.motion, vector)
+        watch = one.follower.watch._replace(wanted=left_for_bodies(model, true, one.torque, vector))
+        white = followed_beside(model, true, [vector, *(steps[number].vector for number in still)], watch)
+        found.append(np.column_stack((white, np.empty((len(white), len(moving))))))
+    for place, number in enumerate(moving, start=1 + len(still)):
+        for white, (other, _) in zip(found, innovations(seen, model, [steps[number].vector] * len(seen)), strict=True):
+            white[:, place] = other
+    lengths, order = np.array([steps[number].length for number in (*still, *moving)]), np.argsort((*still, *moving))
+    return [((white[:, 1:] - white[:, :1]) / lengths)[:, order] for white in found]
 
 
 def follows(model: Model) -> bool:
@@ -96,7 +125,7 @@ def stiffest(model: Model, low_m: float, high_m: float, places_m: Array) -> tupl
     return float(at[np.argmax(logarithms)]), np.exp(np.interp(places_m, at, logarithms) - logarithms.max())
 
 
-def follower_for(
+def unlearned(
     model: Model,
     motion: FineMotion,
     torque: Array,
@@ -108,7 +137,7 @@ def follower_for(
     agitation: float,
     freedom_m: float = 0.0,
 ) -> Follower:
-    """The observer of a stretch for a model.   start_m : rms stretch of the belt at first, m.
+    """The observer of a stretch for a model, before it is :func:`learned`.   start_m : rms stretch of the belt at first, m.
 
     agitation : by how much the speed of the carriage changes in each sample as no model tells, rms, as a share of that at which it would
     swing through half the gap on its belt: in its gap it strikes rough ends at an angle, and rubs.   freedom_m : width of the gap, m, whose
@@ -164,5 +193,13 @@ def follower_for(
         white=np.zeros(n),
         room=np.zeros((4, size, size)),
     )
-    followed(model, true, vector, watch)
-    return Follower(watch._replace(learning=False), model, motion, torque)
+    return Follower(watch, model, motion, torque)
+
+
+def learned(followers: Sequence[Follower]) -> list[Follower]:
+    """Observers of models with the same effects, each with the gains, deviations and shares that its model finds on its stretch."""
+    vectors = [follower.model.vector() for follower in followers]
+    motions = [true_motion(follower.model, follower.motion, vector) for follower, vector in zip(followers, vectors, strict=True)]
+    if followers:
+        followed(followers[0].model, motions, vectors, [follower.watch for follower in followers])
+    return [replace(follower, watch=follower.watch._replace(learning=False)) for follower in followers]

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from beltcomm.compiled import in_one_thread
 from beltcomm.effects import effect_named
 from beltcomm.identify.bordered import Bordered
-from beltcomm.identify.residual import Stretch, dressed, followed, in_noise
+from beltcomm.identify.following import Step, slopes
+from beltcomm.identify.residual import Stretch, dressed_each, followed, in_noise
 from beltcomm.model import Model, expected_parameters
 from beltcomm.simulate.inverse import (
     FineMotion,
@@ -102,19 +103,19 @@ class Problem:
         self.count = np.bincount(self.blocks).astype(np.float64)
         # What was worked out last of each piece: the search asks for it again.
         self.last: dict[int, tuple[tuple[bytes, float], Parts]] = {}
-        self.seen: dict[int, tuple[bytes, Array]] = {}
+        self.seen: tuple[bytes, list[Array]] = (b"", [])
 
     @property
     def pieces(self) -> list[Stretch]:
         """The stretches, each with the observer of its own where the model needs one."""
         if self._bare:
-            self._pieces, self._bare = [dressed(piece, self.model) for piece in self._pieces], False
+            self._pieces, self._bare = dressed_each(self._pieces, [self.model] * len(self._pieces)), False
         return self._pieces
 
     def forget(self) -> None:
         """Give back the memory of what was worked out last, and of observers, which must be those of ``model``, until they are needed."""
         self.last.clear()
-        self.seen.clear()
+        self.seen = (b"", [])
         self._bare |= any(piece.follower is not None for piece in self._pieces)
         self._pieces = [replace(piece, follower=None) for piece in self._pieces]
         for piece in self._pieces:
@@ -154,16 +155,19 @@ class Problem:
     def one(self, i: int, x: Array) -> Array:
         """Whitened residual of piece i."""
         if self.pieces[i].follower is not None:
-            known, white = self.seen.get(i, (b"", None))
-            if white is None or known != x[: len(self.free)].tobytes():
-                white = followed(self.pieces[i], self.model, self.full(x))
-                self.seen[i] = (x[: len(self.free)].tobytes(), white)
-            return white
+            return self.followed(x)[i]
         offset = OFFSET_M * float(x[len(self.free) + i]) if self.movable else 0.0
         key = (x[: len(self.free)].tobytes(), offset)
         parts = self.balance(i, x, offset)
         self.last[i] = (key, parts)
         return in_noise(self.pieces[i], self.model, self.full(x), parts.residual)
+
+    def followed(self, x: Array) -> list[Array]:
+        """Whitened residuals of all pieces, which have observers."""
+        key = x[: len(self.free)].tobytes()
+        if not self.seen[1] or self.seen[0] != key:
+            self.seen = (key, followed(self.pieces, self.model, [self.full(x)] * len(self.pieces)))
+        return self.seen[1]
 
     def balance(self, i: int, x: Array, offset_m: float) -> Parts:
         """The torque balance of piece i; the same object as the last :meth:`one` made, where it was asked for the same."""
@@ -212,33 +216,25 @@ class Problem:
         asked = set(range(len(x)) if only is None else only)
         shared = [j for j in range(own) if j in asked]
         vector = self.full(x)
+        observed = [j for j in shared if self.touches[j] in ("belt", "all")] if self.pieces[0].follower is not None else []
+        if observed:
+            columns[:, observed] = self.followed_slopes(x, observed)
         for i, piece in enumerate(self.pieces):
-            follows = piece.follower is not None
             old = self.balance(i, x, float(offsets[i]))
             here = old.residual
             changes: dict[int, Array] = {}
             belts: dict[int, tuple[float, Array, float]] = {}
             # An observer knows itself how the carriage may stand at first.
-            for j in [*shared, *([own + i] if own + i in asked and not follows else [])]:
-                step = 1e-3 * max(abs(x[j]), 0.1)
-                if x[j] + step > self.high[j]:
-                    step = -step
-                ahead = x.copy()
-                ahead[j] = x[j] + step
+            offset_of = [own + i] if own + i in asked and piece.follower is None else []
+            for j in [j for j in shared if j not in observed] + offset_of:
+                step, ahead = self.stepped(x, j)
                 touch: Touch = self.touches[j] if j < own else "belt"
-                if follows and touch == "all":
-                    columns[self.ends[i] : self.ends[i + 1], j] = (followed(piece, self.model, self.full(ahead)) - self.one(i, x)) / step
-                    continue
                 offset = OFFSET_M * float(ahead[own + i]) if self.movable else 0.0
                 if touch == "belt":
                     belts[j] = (step, self.full(ahead), offset)
                 else:
                     changes[j] = (self.beside(i, ahead, offset, old, touch).residual - here) / step
-            if belts and piece.follower is not None:
-                steps, vectors, _ = zip(*belts.values(), strict=True)
-                white = piece.follower.beside(self.model, old.motion, (vector, *vectors), -here)[piece.keep]
-                columns[self.ends[i] : self.ends[i + 1], list(belts)] = piece.grouped((white[:, 1:] - white[:, :1]) / np.array(steps))
-            elif belts:
+            if belts:
                 steps, vectors, places = zip(*belts.values(), strict=True)
                 loads = belt_loads(self.model, old.motion, vectors, places)
                 for k, j in enumerate(belts):
@@ -247,6 +243,24 @@ class Problem:
                 white = in_noise(piece, self.model, vector, np.stack(list(changes.values()), axis=1))
                 columns[self.ends[i] : self.ends[i + 1], [min(j, own) for j in changes]] = white
         return Bordered(columns, self.ends if self.movable else self.ends[:1])
+
+    def followed_slopes(self, x: Array, numbers: Sequence[int]) -> Array:
+        """Columns of unknowns behind the observers of the pieces, (n, numbers)."""
+        steps = []
+        for j in numbers:
+            length, ahead = self.stepped(x, j)
+            steps.append(Step(length, self.full(ahead), self.touches[j] == "all"))
+        found = slopes([one for piece in self.pieces for one in piece.seen], self.model, self.full(x), steps)
+        return np.concatenate([piece.grouped(white[piece.keep]) for piece, white in zip(self.pieces, found, strict=True)])
+
+    def stepped(self, x: Array, j: int) -> tuple[float, Array]:
+        """A small step of one unknown, to the side where there is room, and the unknowns there."""
+        step = 1e-3 * max(abs(x[j]), 0.1)
+        if x[j] + step > self.high[j]:
+            step = -step
+        ahead = x.copy()
+        ahead[j] = x[j] + step
+        return step, ahead
 
     def block_means(self, residual: Array) -> Array:
         """Mean square of every block, (blocks,); infinite where a trial runs away."""

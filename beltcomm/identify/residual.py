@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from beltcomm.compiled import compiled
-from beltcomm.identify.following import Follower, follower_for, follows
+from beltcomm.identify.following import Follower, Seen, follows, innovations, learned, unlearned
 from beltcomm.identify.noise_path import Way, way
 from beltcomm.identify.reversals import LEVEL, passed, turns_at_once
 from beltcomm.identify.slack import stiffness_left
@@ -98,6 +98,11 @@ class Stretch:
     def counted(self) -> NDArray[np.intp]:
         """Sample at which each value of the whitened residual stands."""
         return np.flatnonzero(self.keep)[self.firsts]
+
+    @property
+    def seen(self) -> list[Seen]:
+        """What is looked at behind its observer; nothing without one."""
+        return [] if self.follower is None else [Seen(self.follower, self.motion, self.torque)]
 
     def white(self, torque: Array) -> Array:
         """A torque, N m, (n,) or (n, k), in units of the noise by the whitener worked out beforehand; linear in the torque."""
@@ -259,16 +264,24 @@ def ran_in(motion: FineMotion, ratio: float) -> NDArray[np.bool_]:
 
 def dressed(stretch: Stretch, model: Model) -> Stretch:
     """The stretch with the observer that a model with a gap needs, or without one."""
-    if not follows(model):
-        return stretch if stretch.follower is None else replace(stretch, follower=None)
-    noise = (stretch.step_rad, stretch.noise_nm, stretch.rounding, stretch.offset_m, stretch.agitation, stretch.freedom_m)
-    return replace(stretch, follower=follower_for(model, stretch.motion, stretch.torque, stretch.keep, *noise))
+    return dressed_each([stretch], [model])[0]
+
+
+def dressed_each(stretches: Sequence[Stretch], models: Sequence[Model]) -> list[Stretch]:
+    """The same of several stretches, each for a model of its own; the effects of all are the same."""
+    if not models or not follows(models[0]):
+        return [stretch if stretch.follower is None else replace(stretch, follower=None) for stretch in stretches]
+    observers = []
+    for stretch, model in zip(stretches, models, strict=True):
+        noise = (stretch.step_rad, stretch.noise_nm, stretch.rounding, stretch.offset_m, stretch.agitation, stretch.freedom_m)
+        observers.append(unlearned(model, stretch.motion, stretch.torque, stretch.keep, *noise))
+    return [replace(stretch, follower=follower) for stretch, follower in zip(stretches, learned(observers), strict=True)]
 
 
 def evaluate(stretch: Stretch, model: Model, vector: Array, offset_m: float = 0.0) -> Array:
     """Residual e[n], N m at the motor shaft, (n,): all samples, also those not kept.   offset_m : see ``fine_load``."""
     if stretch.follower is not None:
-        return stretch.follower.innovations(model, stretch.motion, stretch.torque, vector)[1]
+        return innovations(stretch.seen, model, [vector])[0][1]
     return evaluated(stretch, model, [vector], [offset_m])[0]
 
 
@@ -284,7 +297,7 @@ def evaluated(stretch: Stretch, model: Model, vectors: Sequence[Array], offsets_
 def whitened(stretch: Stretch, model: Model, vector: Array, offset_m: float = 0.0) -> Array:
     """Residual of the kept samples in units of its own noise: independent, variance 1 where the model is right."""
     if stretch.follower is not None:
-        return followed(stretch, model, vector)
+        return followed([stretch], model, [vector])[0]
     return in_noise(stretch, model, vector, evaluate(stretch, model, vector, offset_m))
 
 
@@ -321,11 +334,10 @@ def squares_left(piece: Stretch, model: Model, vector: Array) -> Array:
     return whitened(piece, model, vector, float(best.x)) ** 2
 
 
-def followed(stretch: Stretch, model: Model, vector: Array, wanted: Array | None = None) -> Array:
-    """The same of a stretch with an observer.   wanted : load that the torque leaves for everything beyond the motor, if known."""
-    assert stretch.follower is not None
-    single = stretch.follower.innovations(model, stretch.motion, stretch.torque, vector, wanted)[0]
-    return stretch.grouped(single[stretch.keep])
+def followed(stretches: Sequence[Stretch], model: Model, vectors: Sequence[Array]) -> list[Array]:
+    """The same of stretches with observers, each with a vector of its own."""
+    whites = innovations([one for stretch in stretches for one in stretch.seen], model, vectors)
+    return [stretch.grouped(white[stretch.keep]) for stretch, (white, _) in zip(stretches, whites, strict=True)]
 
 
 def in_noise(stretch: Stretch, model: Model, vector: Array, torque: Array) -> Array:

@@ -15,7 +15,7 @@ from beltcomm.axis import Axis
 from beltcomm.errors import DataError
 from beltcomm.identify.following import follows
 from beltcomm.identify.noise_level import torque_noise
-from beltcomm.identify.residual import Stretch, creeping, dressed, evaluate, stretches, way_of
+from beltcomm.identify.residual import Stretch, creeping, dressed_each, evaluate, stretches, way_of
 from beltcomm.identify.whitening import whitener
 from beltcomm.model import Model
 from beltcomm.recording import Recording
@@ -149,11 +149,10 @@ def agitated(data: Data, model: Model) -> Data:
 def unlikelihood(pieces: Sequence[Stretch], model: Model) -> float:
     """-2 ln likelihood of the innovations of a model whose carriage is followed, strays left aside; inf where it flies off."""
     total = 0.0
-    for piece in pieces:
-        follower = dressed(piece, model).follower
-        assert follower is not None
-        squares = np.minimum(follower.watch.white[piece.keep] ** 2, STRAY**2)
-        total += float(np.sum(squares + 2.0 * np.log(follower.watch.deviations[piece.keep])))
+    for piece in dressed_each(pieces, [model] * len(pieces)):
+        assert piece.follower is not None
+        squares = np.minimum(piece.follower.watch.white[piece.keep] ** 2, STRAY**2)
+        total += float(np.sum(squares + 2.0 * np.log(piece.follower.watch.deviations[piece.keep])))
     return total if math.isfinite(total) else math.inf
 
 

@@ -12,7 +12,7 @@ from scipy.optimize import minimize_scalar
 
 from beltcomm.identify.following import follows
 from beltcomm.identify.problem import OFFSET_M, Minimum, Problem, free_parameters, time_blocks
-from beltcomm.identify.residual import Stretch, dressed, whitened
+from beltcomm.identify.residual import Stretch, dressed, dressed_each, whitened
 from beltcomm.laboratory.data import Data
 from beltcomm.laboratory.nearby import Nearby
 from beltcomm.model import Model
@@ -136,7 +136,8 @@ def out_of_valley(data: Data, fitted: Fitted, iterations: int) -> Fitted:
 
 def problem_of(data: Data, model: Model, fixed: Sequence[str] = (), block_s: float = BLOCK_S) -> Problem:
     """The free parameters of a model as unknowns.   block_s : s, stretches of time with one weight."""
-    return Problem([dressed(piece, model) for piece in data.fitted], model, free_parameters(model, ("transmission.ratio", *fixed)), block_s)
+    pieces = dressed_each(data.fitted, [model] * len(data.fitted))
+    return Problem(pieces, model, free_parameters(model, ("transmission.ratio", *fixed)), block_s)
 
 
 def judged(piece: Stretch, model: Model) -> Array:

@@ -10,7 +10,7 @@ from scipy.optimize import minimize_scalar
 
 from beltcomm.identify.following import follows
 from beltcomm.identify.problem import OFFSET_M, Problem
-from beltcomm.identify.residual import Stretch, dressed, in_noise, whitened
+from beltcomm.identify.residual import Stretch, dressed_each, followed, in_noise
 from beltcomm.laboratory.data import SUBSTEPS
 from beltcomm.laboratory.fitting import BLOCK_S, Fitted
 from beltcomm.simulate.inverse import belt_loads, fine_load, true_motion
@@ -98,7 +98,7 @@ def likeliest(fitted: Fitted, piece: Stretch) -> float | None:
         vectors = [at(logarithm) for logarithm in logarithms]
         if follows(fitted.model):
             models = [fitted.model.with_vector(there) for there in vectors]
-            white = np.stack([whitened(dressed(rough, m), m, v) for m, v in zip(models, vectors, strict=True)], axis=1)
+            white = np.stack(followed(dressed_each([rough] * len(models), models), models[0], vectors), axis=1)
         else:
             belts = belt_loads(fitted.model, parts.motion, vectors, [0.0] * len(vectors))
             white = in_noise(rough, fitted.model, vector, np.stack([replace(parts, belt=belt).residual for belt in belts.T], axis=1))

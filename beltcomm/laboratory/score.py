@@ -16,7 +16,7 @@ from beltcomm.axis import Axis
 from beltcomm.effects import Effect, Ground, Trial
 from beltcomm.identify.following import follows
 from beltcomm.identify.problem import OFFSET_M, Parts, Problem
-from beltcomm.identify.residual import Stretch, dressed, in_noise, whitened
+from beltcomm.identify.residual import Stretch, dressed_each, followed, in_noise, whitened
 from beltcomm.laboratory.acceptance import loudness
 from beltcomm.laboratory.data import SUBSTEPS
 from beltcomm.laboratory.fitting import BLOCK_S, Fitted
@@ -74,7 +74,8 @@ class Scorer:
         self.nearby = fitted.nearby
         # The change by an effect is a difference of two runs: what coarse steps do wrong is in both.
         most = SUBSTEPS if follows(self.model) else ROUGH_SUBSTEPS
-        self.rough = [dressed(replace(p, motion=p.motion.coarser(min(most, p.motion.substeps))), self.model) for p in self.problem.pieces]
+        rough_pieces = [replace(p, motion=p.motion.coarser(min(most, p.motion.substeps))) for p in self.problem.pieces]
+        self.rough = dressed_each(rough_pieces, [self.model] * len(rough_pieces))
         rough = Problem(self.rough, self.model, self.problem.free, BLOCK_S)
         self.parts: list[Parts] = [rough.balance(i, fitted.x, float(o)) for i, o in enumerate(self.offsets)]
 
@@ -167,7 +168,7 @@ class Scorer:
     def followed(self, effect: Effect, trial: Trial) -> Scored:
         """A trial of an effect that needs an observer: what one of its own leaves instead of the residual."""
         grown = self.grown(effect, trial.values, trial)
-        pieces = [dressed(piece, grown) for piece in self.problem.pieces]
+        pieces = dressed_each(self.problem.pieces, [grown] * len(self.problem.pieces))
         near = self.nearby.best(np.concatenate([whitened(piece, grown, grown.vector()) for piece in pieces]) - self.fitted.residual)
         drop = self.nearby.objective - near.objective + loudness(self.problem.pieces) - loudness(pieces)
         return Scored(effect, trial, drop, dict(trial.values), near.step)
@@ -216,8 +217,8 @@ class Scorer:
             if piece.follower is not None and not (acts_on_motor(effect) and effect.slot != "friction_onset"):
                 # An observer of a model that is far off has lost the carriage; what finds it again needs one of its own.
                 anew = effect.slot in BELT_SLOTS and self.fitted.objective > FAR_OFF * self.problem.samples
-                own = [dressed(piece, m) if anew else piece for m in extended]
-                there = [whitened(o, m, v) for o, m, v in zip(own, extended, vectors, strict=True)]
+                same = [piece] * len(extended)
+                there = followed(dressed_each(same, extended) if anew else same, extended[0], vectors)
                 parts.append(np.stack(there, axis=1) - whitened(piece, self.model, self.vector)[:, None])
                 continue
             motion = true_motion(self.model, piece.motion, self.vector)

@@ -28,8 +28,9 @@ from beltcomm.effects import EFFECTS
 from beltcomm.model import Model
 from beltcomm.simulate.change import Change
 from beltcomm.simulate.compose import inverse_kernel
+from beltcomm.simulate.gap_stretches import Lane, gap_stretches
 from beltcomm.simulate.mean import triangular_mean
-from beltcomm.simulate.observer import NOTHING, Watch
+from beltcomm.simulate.observer import NOTHING, Watch, unseen
 from beltcomm.simulate.plain_belt import plain_belt, values_of
 from beltcomm.simulate.plain_gap import plain_gap
 from beltcomm.simulate.switchboard import switchboard
@@ -46,6 +47,8 @@ BRISTLE_M = 2e-8
 #: Cells per sample in which a torque that comes late is worked out: a step within a cell counts as spread over it, which shifts it in time
 #: by up to T/(8 cells²), 8 us of 1 ms with four cells and 0.1 us with these.
 DELAY_CELLS = 32
+#: Stretches from which on it is quicker to follow them in lock step.
+ENOUGH_LANES = 3
 
 
 @dataclass(frozen=True)
@@ -228,32 +231,46 @@ def belt_loads(model: Model, motion: FineMotion, vectors: Sequence[Array], offse
     return means.T
 
 
-def followed(model: Model, motion: FineMotion, vector: Array, watch: Watch) -> None:
-    """Everything beyond the motor followed by the torque; the results stand in ``watch``."""
+def followed(model: Model, motions: Sequence[FineMotion], vectors: Sequence[Array], watches: Sequence[Watch]) -> None:
+    """Everything beyond the motor followed by the torque, of several stretches or models; the results stand in the watches.
+
+    The common belt behind a gap in lock step where there are enough of one kind, the others one by one.   vectors : with one transmission.
+    """
     board = switchboard(model.base_bodies, model.effects)
-    load, cart = _SCRATCH.rows(len(motion.theta))
-    h, p = motion.sample_s / motion.substeps, board.spread(vector)
-    inverse_kernel().load(motion.theta, motion.omega, p, board.belt, motion.time_s, h, motion.bristle_m, 0.0, load, cart, watch)
+    alike: dict[tuple[float, ...], list[int]] = {}
+    for i, (motion, watch) in enumerate(zip(motions, watches, strict=True)):
+        alike.setdefault((motion.substeps, motion.sample_s, len(watch.s), watch.cart), []).append(i)
+    for group in alike.values():
+        first = motions[group[0]]
+        h = first.sample_s / first.substeps
+        if board.gap and watches[group[0]].places[1] >= 0 and len(group) >= ENOUGH_LANES:
+            values = [np.append(vectors[i], 0.0)[list(board.gap)] for i in group]  # 0 for what is off
+            beside = zip(group, values, strict=True)
+            lanes = [Lane(motions[i].theta, motions[i].omega, first_speed(motions[i]), own, watches[i]) for i, own in beside]
+            gap_stretches(lanes, h, float(vectors[0][model.index("transmission.ratio")]))
+            continue
+        for i in group:
+            motion, p = motions[i], board.spread(vectors[i])
+            load, cart = _SCRATCH.rows(len(motion.theta))
+            inverse_kernel().load(
+                motion.theta, motion.omega, p, board.belt, motion.time_s, h, motion.bristle_m, 0.0, load, cart, watches[i]
+            )
 
 
 def followed_beside(model: Model, motion: FineMotion, vectors: Sequence[Array], watch: Watch) -> Array:
-    """Innovations over their deviation, (n, k), of several vectors by an observer that does not learn.
+    """Innovations over their deviation, (n, k), of several vectors by one observer that does not learn.
 
     One load is ``wanted`` and one transmission is theirs.
     """
     board = switchboard(model.base_bodies, model.effects)
-    h = motion.sample_s / motion.substeps
     if board.gap and watch.places[1] >= 0:
-        ratio = float(vectors[0][model.index("transmission.ratio")])
+        ratio, h = float(vectors[0][model.index("transmission.ratio")]), motion.sample_s / motion.substeps
         padded = np.array([(*vector, 0.0) for vector in vectors])
         values = np.vstack((padded[:, board.gap].T, np.zeros(len(vectors))))
         return plain_gap(motion.theta, motion.omega, h, ratio, first_speed(motion), values, watch)
-    white = []
-    for vector in vectors:
-        here = watch._replace(s=np.zeros_like(watch.s), left=np.zeros(motion.samples), white=np.zeros(motion.samples))
-        followed(model, motion, vector, here)
-        white.append(here.white)
-    return np.stack(white, axis=1)
+    watches = [unseen(watch, watch.wanted) for _ in vectors]
+    followed(model, [motion] * len(vectors), vectors, watches)
+    return np.stack([one.white for one in watches], axis=1)
 
 
 def acting_torque(model: Model, motion: FineMotion, torque: Array, vector: Array | None = None) -> Array:

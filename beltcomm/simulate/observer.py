@@ -86,6 +86,20 @@ REGISTER, ROOM = 4, 16
 NOTHING = _nothing()
 
 
+def unseen(watch: Watch, wanted: Array) -> Watch:
+    """The watch for a load that the torque leaves for the bodies, N m, (n,), nothing found yet."""
+    n = len(wanted)
+    return watch._replace(wanted=wanted, s=np.zeros_like(watch.s), left=np.zeros(n), white=np.zeros(n))
+
+
+def idle() -> Watch:
+    """A watch that sees one sample, to compile for."""
+    one, flag, square = np.zeros(1), np.zeros(1, dtype=np.bool_), np.zeros((3, 3))
+    known = NOTHING._replace(wanted=one, keep=flag, held=one, lost=flag, forgets=flag, spread=np.zeros(2), variances=one, P=square)
+    known = known._replace(F=np.zeros((2, 3, 3)), G=np.zeros((2, 3, 1)), H=np.zeros((2, 3)), D=np.zeros((2, 1)), s=np.zeros(3))
+    return known._replace(gains=np.zeros((1, 3)), deviations=one, shares=one, left=one, white=one)
+
+
 def lanes_for(number: int) -> int:
     """Lanes in lock step that take so many columns or models in rounds as even as possible."""
     return REGISTER * max(1, -(-number // (-(-number // ROOM) * REGISTER))) if number else REGISTER

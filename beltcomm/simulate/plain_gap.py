@@ -10,7 +10,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from beltcomm.compiled import in_lanes
+from beltcomm.compiled import in_lanes, within_lanes
 from beltcomm.effects._corner import REACH
 from beltcomm.effects.backlash import LEAST_WIDTH_M
 from beltcomm.simulate.mean import ABSURD_NM
@@ -30,6 +30,35 @@ def plain_gap(theta: Array, omega: Array, step_s: float, ratio: float, first: fl
     carriage = (int(watch.places[1]), int(watch.places[1]) + watch.behind)
     _plain_gap(theta, omega, step_s, ratio, first, values, lanes_for(models), watch, carriage, np.zeros(224 + 32 * len(watch.s)), white)
     return white
+
+
+@within_lanes
+def corner_of(gap: float, rounding: float) -> float:
+    """Half the width of the rounded corner of a gap, m.   rounding : share of the gap."""
+    return REACH * max(rounding * gap, LEAST_WIDTH_M)
+
+
+@within_lanes
+def pressed(stretch: float, rate: float, stiffness: float, damping: float, half_gap: float, corner: float) -> tuple[float, float]:
+    """Force of the belt, N, and the share of it that is closed: ``backlash``, a rounded ramp on either side of the gap, m, N/m, N s/m."""
+    above, below = stretch - half_gap, -stretch - half_gap
+    up, down = min(1.0, max(-1.0, above / corner)), min(1.0, max(-1.0, below / corner))
+    rise = above if above >= corner else corner * (1.0 + up) * (1.0 + up) * (1.0 + up) * (3.0 - up) / 16.0
+    fall = below if below >= corner else corner * (1.0 + down) * (1.0 + down) * (1.0 + down) * (3.0 - down) / 16.0
+    share = 0.25 * ((1.0 + up) * (1.0 + up) * (2.0 - up) + (1.0 + down) * (1.0 + down) * (2.0 - down))
+    return stiffness * (rise - fall) + damping * rate * share, share
+
+
+@within_lanes
+def slid(speed: float, push: float, grip: float, h: float) -> float:
+    """``stick_or_slide`` without branches: a body at rest starts to where it is pushed."""
+    direction = 1.0 if (speed if speed != 0.0 else push) > 0.0 else -1.0
+    forward = direction * push
+    left = direction * speed + h * (forward - grip)
+    back = forward + grip
+    stopped = direction * speed / (grip - forward if back < 0.0 else 1.0)
+    turned = 0.0 if back >= 0.0 else (h - stopped) * back
+    return direction * (left if left >= 0.0 else turned)
 
 
 @in_lanes
@@ -61,7 +90,7 @@ def _plain_gap(
             s[k + c], s[d + c], s[n + c], s[b + c] = values[0, at], values[1, at], 1.0 / values[2, at], values[3, at]
             s[g + c] = max(values[4, at], 0.0) / values[2, at]
             s[gap + c] = 0.5 * values[5, at]
-            s[corner + c] = REACH * max(values[6, at] * values[5, at], LEAST_WIDTH_M)
+            s[corner + c] = corner_of(values[5, at], values[6, at])
             s[q + c] = ratio * theta[0] + values[7, at]
             s[v + c] = s[o + c] = ratio * first
         j = 0
@@ -72,27 +101,12 @@ def _plain_gap(
             for c in range(lanes):
                 s[w + c] = 1.5 * s[v + c] - 0.5 * s[o + c]
                 s[o + c] = s[v + c]
-                stretch, corner_m = u - s[q + c], s[corner + c]
-                # ``backlash``: a rounded ramp on either side.
-                above, below = stretch - s[gap + c], -stretch - s[gap + c]
-                up, down = min(1.0, max(-1.0, above / corner_m)), min(1.0, max(-1.0, below / corner_m))
-                rise = above if above >= corner_m else corner_m * (1.0 + up) * (1.0 + up) * (1.0 + up) * (3.0 - up) / 16.0
-                fall = below if below >= corner_m else corner_m * (1.0 + down) * (1.0 + down) * (1.0 + down) * (3.0 - down) / 16.0
-                share = 0.25 * ((1.0 + up) * (1.0 + up) * (2.0 - up) + (1.0 + down) * (1.0 + down) * (2.0 - down))
-                force = s[k + c] * (rise - fall) + s[d + c] * (du - s[w + c]) * share
+                force, _ = pressed(u - s[q + c], du - s[w + c], s[k + c], s[d + c], s[gap + c], s[corner + c])
                 s[w + c] = (force - s[b + c] * s[w + c]) * s[n + c]
                 s[now + c] += falling * force
                 s[ahead + c] += rising * force
             for c in range(lanes):
-                # ``stick_or_slide`` without branches: a body at rest starts to where it is pushed.
-                push, speed, grip = s[w + c], s[v + c], s[g + c]
-                direction = 1.0 if (speed if speed != 0.0 else push) > 0.0 else -1.0
-                forward = direction * push
-                left = direction * speed + h * (forward - grip)
-                back = forward + grip
-                stopped = direction * speed / (grip - forward if back < 0.0 else 1.0)
-                turned = 0.0 if back >= 0.0 else (h - stopped) * back
-                s[v + c] = direction * (left if left >= 0.0 else turned)
+                s[v + c] = slid(s[v + c], s[w + c], s[g + c], h)
             if j == 0 and i > 0:
                 before = i // substeps - 1
                 share = watch.shares[before]

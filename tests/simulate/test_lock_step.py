@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from beltcomm.identify.following import follower_for
+from beltcomm.identify.following import Follower, Seen, innovations, learned, unlearned
 from beltcomm.identify.noise_path import way
 from beltcomm.identify.residual import Stretch, grouped
 from beltcomm.identify.whitening import whitener
@@ -18,7 +18,6 @@ from beltcomm.simulate.inverse import (
     belt_load,
     belt_loads,
     fine_load,
-    followed,
     followed_beside,
     motor_load,
     triangular_mean,
@@ -101,19 +100,68 @@ def test_what_stands_beside_a_plain_belt_is_that_of_the_masked_kernel(more: tupl
         np.testing.assert_allclose(found + motor_load(axis, motion, vector), whole, rtol=0.0, atol=1e-9 * np.abs(whole).max())
 
 
-def test_a_gap_is_followed_as_by_the_masked_kernel() -> None:
+def shorter(motion: FineMotion, samples: int) -> FineMotion:
+    """Its first samples."""
+    fine = (samples - 1) * motion.substeps + 1
+    return replace(motion, theta=motion.theta[:fine].copy(), omega=motion.omega[:fine].copy(), samples=samples)
+
+
+def observers(axis: Model, motions: list[FineMotion]) -> list[Follower]:
+    """Before they have learned, one for each motion, all a little different."""
+    found = []
+    for number, motion in enumerate(motions):
+        torque = np.concatenate((triangular_mean(fine_load(axis, motion)[0], motion.substeps)[1:], [0.0]))
+        keep = np.ones(motion.samples, dtype=np.bool_)
+        keep[[0, 700, 701, -1]] = False
+        keep[300 : 345 + number] = False  # long enough to forget where the carriage is
+        agitation = 0.01 + 0.002 * number
+        rounding = (1.0, 0.0) if number % 4 == 1 else (0.7, 0.1)  # without slow rounding an observer has one number less
+        found.append(unlearned(axis, motion, torque, keep, 1e-4, 5e-3, rounding, 1e-5, agitation))
+    return found
+
+
+def seen(observer: Follower) -> Seen:
+    """What it was worked out with."""
+    return Seen(observer, observer.motion, observer.torque)
+
+
+def masked(axis: Model) -> Model:
+    """The same axis with an effect that does nothing, which the lanes do not know."""
+    return axis.with_effect("tilt", {"tilt.angle": 0.0})
+
+
+@pytest.mark.parametrize("count", [1, 6, 21])
+def test_stretches_behind_a_gap_are_followed_as_by_the_masked_kernel(count: int) -> None:
+    """Each its own length, motion and noise: what a lane learns, and what it then says of another model."""
+    axis = model("backlash")
+    motions = [shorter(shaken(16 if i % 3 else 4, speed=0.02 * i), 1500 - 29 * i) for i in range(count)]
+    together, alone = learned(observers(axis, motions)), learned(observers(masked(axis), motions))
+    assert any(one.watch.lost.any() for one in alone)  # else the correction by contact is not tried
+    assert all(one.watch.forgets.any() for one in alone)
+    for one, other in zip(together, alone, strict=True):
+        np.testing.assert_array_equal(one.watch.lost, other.watch.lost)
+        for name in ("left", "white", "gains", "deviations", "shares"):
+            found, right = getattr(one.watch, name), getattr(other.watch, name)
+            np.testing.assert_allclose(found, right, rtol=0.0, atol=1e-6 * np.abs(right).max(), err_msg=name)
+    vectors = [axis.with_values({name: 1.01 * axis[name]}).vector() for name in ("cart.mass", "backlash.gap")]
+    for vector in vectors:
+        known = dict(zip(axis.parameters, vector, strict=True))
+        plain = innovations([seen(one) for one in together], axis, [vector] * count)
+        slow = innovations([seen(one) for one in alone], masked(axis), [masked(axis).with_values(known).vector()] * count)
+        for (white, left), (white_right, left_right) in zip(plain, slow, strict=True):
+            np.testing.assert_allclose(white, white_right, rtol=0.0, atol=1e-6 * np.abs(white_right).max())
+            np.testing.assert_allclose(left, left_right, rtol=0.0, atol=1e-6 * np.abs(left_right).max())
+
+
+def test_models_behind_one_observer_are_followed_as_by_the_masked_kernel() -> None:
     axis, motion = model("backlash"), shaken(16)
-    torque = np.concatenate((triangular_mean(fine_load(axis, motion)[0], 16)[1:], [0.0]))
-    keep = np.ones(motion.samples, dtype=np.bool_)
-    keep[[0, 700, 701, -1]] = False
-    watch = follower_for(axis, motion, torque, keep, 1e-4, 5e-3, (0.7, 0.1), 1e-5, 0.01).watch
-    assert watch.lost.any()  # else the correction by contact is not tried
+    (fast,), (slow,) = learned(observers(axis, [motion])), learned(observers(masked(axis), [motion]))
     vectors = beside(axis, 11)
-    side_by_side = followed_beside(axis, motion, vectors, watch)
-    for vector, found in zip(vectors, side_by_side.T, strict=True):
-        alone = watch._replace(s=np.zeros_like(watch.s), left=np.zeros(motion.samples), white=np.zeros(motion.samples))
-        followed(axis, motion, vector, alone)
-        np.testing.assert_allclose(found, alone.white, rtol=0.0, atol=1e-6 * np.abs(alone.white).max())
+    side_by_side = followed_beside(axis, motion, vectors, fast.watch)
+    other = masked(axis)
+    same = [other.with_values(dict(zip(axis.parameters, vector, strict=True))).vector() for vector in vectors]
+    for found, right in zip(side_by_side.T, followed_beside(other, motion, same, slow.watch).T, strict=True):
+        np.testing.assert_allclose(found, right, rtol=0.0, atol=1e-6 * np.abs(right).max())
 
 
 @pytest.mark.parametrize("shares", [(1.0, 0.0), (0.6, 0.3)])
