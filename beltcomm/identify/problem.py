@@ -43,6 +43,9 @@ OFFSET_M = 5e-4
 ZERO_SHARE, LEAST_UNIT = 1e-3, 1e-9
 
 
+#: How much faster than in its last iteration a search may still get on.
+PACE = 3.0
+
 #: What a parameter touches: the inertia's torque and the noise, the motor's own load, everything beyond the motor, the torque path,
 #: or all of them.
 Touch = Literal["inertia", "motor", "belt", "path", "all"]
@@ -278,15 +281,15 @@ class Problem:
         return np.asarray((1.0 / np.sqrt(np.maximum(1.0, self.block_means(residual))))[self.blocks])
 
     @in_one_thread
-    def minimise(self, x: Array, iterations: int, held: Sequence[int] = (), enough: float = 0.02) -> Minimum:
+    def minimise(self, x: Array, iterations: int, held: Sequence[int] = (), enough: float = 0.02, goal: float = math.inf) -> Minimum:
         """Levenberg-Marquardt on O with the weights of each place; unknowns that push against a bound stay there.
 
-        held : unknowns that do not move.   enough : a step that gains less than this ends the search, nats.
+        held : unknowns that do not move.   enough : a step that gains less than this ends the search, nats.   goal : see :func:`hopeless`.
         """
         residual = self.residual(x)
         value, damping = self.objective(residual), 1e-3
         asked = [j for j in range(len(x)) if j not in set(held)]
-        for _ in range(iterations if math.isfinite(value) else 0):
+        for left in reversed(range(iterations if math.isfinite(value) else 0)):
             weights = self.weights(residual)
             jacobian = self.jacobian(x, asked).scaled(weights)
             gradient, information = jacobian.transposed(residual * weights), jacobian.information()
@@ -309,9 +312,17 @@ class Problem:
                 break
             step = float(np.max(np.abs(trial - x)))
             x, residual, value, damping = trial, ahead, better, max(damping / 10.0, 1e-9)
-            if gain < enough or step < 1e-6:
+            if gain < enough or step < 1e-6 or hopeless(value - goal, gain, left):
                 break
         return Minimum(x, residual, value)
+
+
+def hopeless(above: float, gain: float, left: int) -> bool:
+    """Whether a search that must come down to a goal to matter does not get there.
+
+    above : how far it is from it.   gain : by how much O fell in the last iteration; later ones rarely gain more.   left : iterations.
+    """
+    return above > PACE * gain * left
 
 
 def touched_by(model: Model, name: str) -> Touch:

@@ -118,6 +118,19 @@ def drop_by(base: Fitted, grown: Fitted) -> float:
     return drop - (new - old)
 
 
+def most_within(smaller: Problem, grown: Fitted, loss: float) -> float:
+    """O above which a model loses more than so many nats against one with more effects, by :func:`drop_by`; inf where that depends on
+    what is fitted, as it does for effects of the torque path."""
+    bends = [e for e in grown.model.effect_list() if e.slot in ("torque_path", "torque_reading") and e.name not in smaller.model.effects]
+    if bends:
+        return math.inf
+    most = grown.objective + loss
+    if follows(smaller.model) != follows(grown.model):
+        most += loudness(grown.problem.pieces) - loudness(smaller.pieces)
+        grown.problem.forget()
+    return most
+
+
 def loudness(pieces: Sequence[Stretch]) -> float:
     """2 Σ ln deviation of the innovations, nats: an observer's noise goes with what its model says is closed."""
     total = 0.0

@@ -7,24 +7,23 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final, Literal
 
-import numpy as np
-
 from beltcomm.axis import Axis
 from beltcomm.compiled import in_one_thread
 from beltcomm.effects import EFFECTS, effect_named
 from beltcomm.identify.following import follows
 from beltcomm.identify.problem import OFFSET_M
-from beltcomm.laboratory.acceptance import EVIDENCE, drop_by, fitted_to_nothing, impossible, left_as_a_whole, refuted
+from beltcomm.laboratory.acceptance import EVIDENCE, drop_by, impossible, left_as_a_whole, refuted
 from beltcomm.laboratory.compare import compare
 from beltcomm.laboratory.data import SUBSTEPS, Data, agitated, prepare, remade
-from beltcomm.laboratory.fitting import AT_A_TIME, Fitted, fit, out_of_valley
-from beltcomm.laboratory.forms import additions, formed, placed, without
+from beltcomm.laboratory.fitting import AT_A_TIME, Fitted, fit, gone_on, out_of_valley
+from beltcomm.laboratory.forms import formed, placed
 from beltcomm.laboratory.freedom import unneeded
 from beltcomm.laboratory.intervals import with_intervals
 from beltcomm.laboratory.plausible import run_away, undetermined, unlikely
 from beltcomm.laboratory.score import FAR_OFF, Scorer, ground_of
 from beltcomm.laboratory.stage import MISSING, Candidate, candidate, held_at, merged, search, strayed
 from beltcomm.laboratory.structure import structure
+from beltcomm.laboratory.superfluous import superfluous
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 
@@ -52,8 +51,6 @@ MOST_EFFECTS = 4
 ROUNDS = 3
 #: Share of the values that must be left where a model rebuilds the motion, and factor by which the error may be larger with it.
 LEAST_LEFT, WORSE = 0.5, 1.5
-#: An order whose loss would cost so many times the least evidence is not put to the test of a refit.
-SURE = 4.0
 #: Two effects whose evidence differs by less than this, or by less than this share, are not told apart when they are twins.
 TWIN_GAP, TWIN_SHARE = 50.0, 0.002
 
@@ -119,9 +116,11 @@ def again(data: Data, fitted: Fitted, iterations: int, substeps: int = SUBSTEPS)
         begun = fit(ahead, begun.model, AT_A_TIME)
         calmer = agitated(ahead, begun.model)  # what a better model does not tell is less
         if calmer.fitted[0].agitation == ahead.fitted[0].agitation:
+            found = gone_on(ahead, begun, iterations)
             break
         ahead = calmer
-    found = fit(ahead, begun.model, iterations, offsets=begun.offsets)
+    else:
+        found = fit(ahead, begun.model, iterations, offsets=begun.offsets)
     for piece in (*data.fitted, *data.held_out):
         piece.motion.made_true.clear()  # these records are looked at as they were once more at most
     # Behind an observer a light body may fly off; a motion rebuilt by a model far off makes it worse.
@@ -297,26 +296,6 @@ def further(name: str) -> bool:
     return name.rpartition("_")[2].isdigit()
 
 
-def superfluous(data: Data, fitted: Fitted, base: Model, newest: str) -> tuple[Fitted, tuple[str, ...]]:
-    """Throw out earlier additions without which the model is as good, or of which nothing is left."""
-    removed = []
-    worth = rise_without(fitted)
-    for name in [e.name for e in additions(fitted.model, base) if e.name != newest]:
-        if worth.get(name, 0.0) > SURE * EVIDENCE:
-            continue
-        smaller = without(fitted.model, name)
-        if smaller is None:
-            continue
-        # Where an observer is no longer needed, where each carriage stood at first has to be found anew.
-        iterations = NEXT_ITERATIONS if follows(smaller) == follows(fitted.model) else FIRST_ITERATIONS
-        trial = fit(data, smaller, iterations, offsets=fitted.offsets)
-        missed = trial.ratio > WORSE * fitted.ratio  # what an observer does to the noise may outweigh the whole error
-        if fitted_to_nothing(fitted.model, effect_named(name)) or (not missed and drop_by(trial, fitted) < EVIDENCE):
-            removed.append(name)
-            fitted = trial
-    return fitted, tuple(removed)
-
-
 def shorter(seen: Sequence[Data], steps: Sequence[Step]) -> tuple[int, Step] | None:
     """The step that goes straight to where the last ones came by a detour, and the number of the first that it stands for.
 
@@ -337,21 +316,6 @@ def shorter(seen: Sequence[Data], steps: Sequence[Step]) -> tuple[int, Step] | N
             forms = tuple(name for other in steps[number:] for name in other.forms if name in left)
             return number, Step(step.before, tuple(candidates), last.added, (), last.after, forms, detour)
     return None
-
-
-def rise_without(fitted: Fitted) -> dict[str, float]:
-    """By how much O rises to first order when an effect that is a sum of amplitudes is taken out and the rest gives way, nats."""
-    problem = fitted.problem
-    linear = {}
-    for effect in fitted.model.effect_list():
-        if effect.harmonic != "load":
-            continue
-        linear[effect.name] = [problem.free.index(name) for name in effect.full_names() if name in problem.free]
-    if not linear:
-        return {}
-    jacobian = problem.jacobian(fitted.x).scaled(problem.weights(fitted.residual))
-    inverse = np.linalg.pinv(jacobian.information())
-    return {name: float(fitted.x[at] @ np.linalg.pinv(inverse[np.ix_(at, at)]) @ fitted.x[at]) for name, at in linear.items()}
 
 
 def twins_of(candidates: Sequence[Candidate]) -> tuple[str, ...]:

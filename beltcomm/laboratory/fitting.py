@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from beltcomm.identify.following import follows
-from beltcomm.identify.problem import OFFSET_M, Minimum, Problem, free_parameters, time_blocks
+from beltcomm.identify.problem import OFFSET_M, Minimum, Problem, free_parameters, hopeless, time_blocks
 from beltcomm.identify.residual import Stretch, dressed, dressed_each, whitened
 from beltcomm.laboratory.data import Data
 from beltcomm.laboratory.nearby import Nearby
@@ -34,6 +35,8 @@ INERTIA = "motor.inertia"
 ENOUGH = 0.1
 #: Where an observer follows the carriage: iterations after which it is made anew, and the gain that is worth more of them, nats.
 AT_A_TIME, FOLLOWED_ENOUGH = 3, 5.0
+#: How often in a row a model may be no better behind its own observer, and factor by which O may be larger there.
+MISSES, ASTRAY = 2, 1.2
 
 
 @dataclass(frozen=True)
@@ -41,7 +44,7 @@ class Fitted:
     """A model at its minimum.
 
     problem, x : unknowns.   residual : whitened, (n,), of the fitted records.   objective : O.   held_residual : of those held out,
-    piece by piece.   held_objective : O there, 0 without any.
+    piece by piece.   held_objective : O there, 0 without any.   onward : with which the search would go on, where its iterations ended it.
     """
 
     model: Model
@@ -51,6 +54,7 @@ class Fitted:
     objective: float
     held_residual: tuple[Array, ...]
     held_objective: float
+    onward: Model | None = None
 
     @property
     def ratio(self) -> float:
@@ -75,47 +79,88 @@ class Fitted:
 
 
 def fit(
-    data: Data, model: Model, iterations: int, *, offsets: Array | None = None, fixed: Sequence[str] = (), enough: float = ENOUGH
+    data: Data,
+    model: Model,
+    iterations: int,
+    *,
+    offsets: Array | None = None,
+    fixed: Sequence[str] = (),
+    enough: float = ENOUGH,
+    goal: float = math.inf,
 ) -> Fitted:
     """All free parameters of the model fitted to the records.
 
-    offsets : scaled start offsets to begin with.   enough : gain of O that is not worth another iteration, nats.
+    offsets : scaled start offsets to begin with.   enough : gain of O that is not worth another iteration, nats.   goal : O above which
+    the fit does not matter: it ends where it does not get there.
     """
-    return fit_of(problem_of(data, model, fixed), data, iterations, offsets=offsets, fixed=fixed, enough=enough)
+    return fit_of(problem_of(data, model, fixed), data, iterations, offsets=offsets, fixed=fixed, enough=enough, goal=goal)
 
 
 def fit_of(
-    problem: Problem, data: Data, iterations: int, *, offsets: Array | None = None, fixed: Sequence[str] = (), enough: float = ENOUGH
+    problem: Problem,
+    data: Data,
+    iterations: int,
+    *,
+    offsets: Array | None = None,
+    fixed: Sequence[str] = (),
+    enough: float = ENOUGH,
+    goal: float = math.inf,
 ) -> Fitted:
     """The same of a problem made already by :func:`problem_of`."""
     if follows(problem.model):  # then an observer knows itself how the carriage may stand at first
-        problem, found = _followed(problem, data, iterations, fixed, enough)
-    else:
-        found = problem.minimise(problem.start(offsets), iterations, enough=enough)
-    problem.forget()  # most fits are only compared; what they looked at would be kept with each of them
-    best = problem.model_at(found.x, "laboratory")
-    held_residual = tuple(judged(piece, best) for piece in data.held_out)
-    return Fitted(best, problem, found.x, found.residual, found.objective, held_residual, held_objective(data, held_residual))
+        return _followed(problem, data, iterations, fixed, enough, goal)
+    return _found(problem, problem.minimise(problem.start(offsets), iterations, enough=enough, goal=goal), data)
 
 
-def _followed(problem: Problem, data: Data, iterations: int, fixed: Sequence[str], enough: float) -> tuple[Problem, Minimum]:
+def gone_on(data: Data, begun: Fitted, iterations: int) -> Fitted:
+    """A fit behind observers gone on with, on the same records."""
+    if begun.onward is None:
+        return begun
+    best = begun.problem, Minimum(begun.x, begun.residual, begun.objective)
+    return _followed(problem_of(data, begun.onward), data, iterations, best=best)
+
+
+def _followed(
+    problem: Problem,
+    data: Data,
+    iterations: int,
+    fixed: Sequence[str] = (),
+    enough: float = ENOUGH,
+    goal: float = math.inf,
+    best: tuple[Problem, Minimum] | None = None,
+) -> Fitted:
     """A few iterations at a time, each behind an observer made for the model that they begin with; the best of them is kept.
 
     A model is judged behind its own observer only: behind another's a rattling carriage can look better than it is.
+    best : of the iterations before these.
     """
-    best: tuple[Problem, Minimum] | None = None
-    left = iterations
+    left, misses, gain = iterations, 0, math.inf
     while True:
         x = problem.start()
         residual = problem.residual(x)
         here = Minimum(x, residual, problem.objective(residual))
-        if best is None or here.objective < best[1].objective:
-            best = problem, here
-        if left <= 0:
-            return best
+        least = best[1].objective if best is not None else math.inf
+        if here.objective <= least:
+            best, misses = (problem, here), 0
+        else:
+            misses += 1
+        assert best is not None
+        lost = misses == MISSES or here.objective > ASTRAY * best[1].objective
+        lost |= hopeless(best[1].objective - goal, least - best[1].objective, math.ceil(left / AT_A_TIME))
+        if left <= 0 or gain < FOLLOWED_ENOUGH or lost:
+            onward = problem.model if gain >= FOLLOWED_ENOUGH and not lost else None
+            return _found(*best, data, onward)
         found = problem.minimise(x, min(left, AT_A_TIME), enough=enough)
-        left = left - AT_A_TIME if here.objective - found.objective >= FOLLOWED_ENOUGH else 0
+        left, gain = left - AT_A_TIME, here.objective - found.objective
         problem = problem_of(data, problem.model_at(found.x, "laboratory"), fixed)
+
+
+def _found(problem: Problem, at: Minimum, data: Data, onward: Model | None = None) -> Fitted:
+    """A minimum, and what its model makes of the records held out."""
+    problem.forget()  # most fits are only compared; what they looked at would be kept with each of them
+    best = problem.model_at(at.x, "laboratory")
+    held_residual = tuple(judged(piece, best) for piece in data.held_out)
+    return Fitted(best, problem, at.x, at.residual, at.objective, held_residual, held_objective(data, held_residual), onward)
 
 
 def out_of_valley(data: Data, fitted: Fitted, iterations: int) -> Fitted:

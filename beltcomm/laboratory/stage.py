@@ -153,7 +153,8 @@ def swallowed(data: Data, scorer: Scorer, effect: Effect, ground: Ground, candid
     for trial in scorer.listed(effect, ground):
         if trial.swallowed:
             model = scorer.grown(effect, trial.values, trial)
-            best = fit(data, model, SWALLOWED_ITERATIONS, offsets=scorer.fitted.offsets, enough=ENOUGH)
+            goal = scorer.fitted.objective - before - price(effect, scorer.fitted, starts + 1)
+            best = fit(data, model, SWALLOWED_ITERATIONS, offsets=scorer.fitted.offsets, enough=ENOUGH, goal=goal)
             found = candidate(scorer.fitted, effect, 0.0, best, starts + 1)
             if found.evidence > before:
                 candidates, before = [c for c in candidates if c.effect is not effect] + [found], found.evidence

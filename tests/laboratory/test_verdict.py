@@ -13,7 +13,7 @@ import pytest
 
 from beltcomm.cli.talk import PlainTalk
 from beltcomm.effects import effect_named
-from beltcomm.laboratory import diagnosis
+from beltcomm.laboratory import diagnosis, superfluous
 from beltcomm.laboratory.acceptance import fitted_to_nothing, left_as_a_whole
 from beltcomm.laboratory.diagnosis import Step, verdict_of
 from beltcomm.laboratory.fitting import Fitted
@@ -113,11 +113,13 @@ def test_an_earlier_gap_of_no_width_is_thrown_out_however_much_its_observer_forg
     both = BASE.with_effect("backlash", {"gap": gap_m}).with_effect("belt_slack", {})
     grown: Any = SimpleNamespace(model=both, offsets=np.zeros(1), ratio=1.0)
     smaller: Any = SimpleNamespace(model=grown.model.without_effect("backlash"), offsets=np.zeros(1), ratio=3.0)
-    monkeypatch.setattr(diagnosis, "rise_without", lambda _fitted: {})
-    monkeypatch.setattr(diagnosis, "fit", lambda *_, **_options: smaller)
-    monkeypatch.setattr(diagnosis, "drop_by", lambda *_: 432.0)
+    monkeypatch.setattr(superfluous, "rise_without", lambda _fitted: {})
+    monkeypatch.setattr(superfluous, "fit_of", lambda *_, **_options: smaller)
+    monkeypatch.setattr(superfluous, "problem_of", lambda *_: None)
+    monkeypatch.setattr(superfluous, "most_within", lambda *_: 0.0)
+    monkeypatch.setattr(superfluous, "drop_by", lambda *_: 432.0)
     data: Any = SimpleNamespace(fitted=(), held_out=())
-    assert diagnosis.superfluous(data, grown, BASE, "belt_slack") == (smaller if removed else grown, removed)
+    assert superfluous.superfluous(data, grown, BASE, "belt_slack") == (smaller if removed else grown, removed)
 
 
 @pytest.mark.parametrize(("ratio", "removed"), [(1.1, ("backlash",)), (3.0, ())])
@@ -128,11 +130,13 @@ def test_nothing_is_superfluous_whose_loss_leaves_much_more(
     both = BASE.with_effect("backlash", {"gap": 1e-4}).with_effect("belt_slack", {})
     grown: Any = SimpleNamespace(model=both, offsets=np.zeros(1), ratio=1.0)
     smaller: Any = SimpleNamespace(model=both.without_effect("backlash"), offsets=np.zeros(1), ratio=ratio)
-    monkeypatch.setattr(diagnosis, "rise_without", lambda _fitted: {})
-    monkeypatch.setattr(diagnosis, "fit", lambda *_, **_options: smaller)
-    monkeypatch.setattr(diagnosis, "drop_by", lambda *_: -5e3)
+    monkeypatch.setattr(superfluous, "rise_without", lambda _fitted: {})
+    monkeypatch.setattr(superfluous, "fit_of", lambda *_, **_options: smaller)
+    monkeypatch.setattr(superfluous, "problem_of", lambda *_: None)
+    monkeypatch.setattr(superfluous, "most_within", lambda *_: 0.0)
+    monkeypatch.setattr(superfluous, "drop_by", lambda *_: -5e3)
     data: Any = SimpleNamespace(fitted=(), held_out=())
-    assert diagnosis.superfluous(data, grown, BASE, "belt_slack") == (smaller if removed else grown, removed)
+    assert superfluous.superfluous(data, grown, BASE, "belt_slack") == (smaller if removed else grown, removed)
 
 
 def test_every_form_that_followed_an_effect_is_saved_with_it(monkeypatch: pytest.MonkeyPatch) -> None:
