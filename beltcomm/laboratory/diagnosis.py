@@ -19,9 +19,10 @@ from beltcomm.laboratory.fitting import AT_A_TIME, Fitted, fit, gone_on, out_of_
 from beltcomm.laboratory.forms import formed, placed
 from beltcomm.laboratory.freedom import unneeded
 from beltcomm.laboratory.intervals import with_intervals
+from beltcomm.laboratory.masked import behind_a_delay
 from beltcomm.laboratory.plausible import run_away, undetermined, unlikely
 from beltcomm.laboratory.score import FAR_OFF, Scorer, ground_of
-from beltcomm.laboratory.stage import MISSING, Candidate, candidate, held_at, merged, search, strayed
+from beltcomm.laboratory.stage import MISSING, MOSTLY, Candidate, candidate, held_at, merged, search, strayed
 from beltcomm.laboratory.structure import structure
 from beltcomm.laboratory.superfluous import superfluous
 from beltcomm.model import Model
@@ -221,7 +222,11 @@ def looked_for(
         return candidates
     held = held_at(data, current, start)
     beside = ground_of(held, data.fitted, axis)
-    return merged(candidates, search(data, Scorer(held), beside, swallowed_above=math.inf, against=current))
+    both = merged(candidates, search(data, Scorer(held), beside, swallowed_above=math.inf, against=current))
+    if any(c.accepted and c.explained > MOSTLY for c in both):
+        return both
+    masked = behind_a_delay(data, current, held)
+    return both if masked is None else merged([c for c in both if c.effect is not masked.effect], [masked])
 
 
 def taken_back(

@@ -58,7 +58,8 @@ class Candidate:
     evidence, explained : see the module.   promised : drop by the score test.   fitted : with the effect, None where it was not
     refitted.   held_gain : drop of O on the held-out records.   hollow : it explains much, but only as no axis can be.
     accepted : by the rule of this module.   grows : it makes the error as a whole larger, from one bad model to the next.
-    unneeded : a carriage that strays as freely without it explains as much, see ``freedom``.
+    unneeded : a carriage that strays as freely without it explains as much, see ``freedom``.   beside : effect that hides it and with
+    which it was judged, see ``masked``; "" where it explains that alone.
     """
 
     effect: Effect
@@ -71,6 +72,7 @@ class Candidate:
     hollow: bool = False
     grows: bool = False
     unneeded: bool = False
+    beside: str = ""
 
     @property
     def stands(self) -> bool:

@@ -58,6 +58,7 @@ def ranked(candidate: Candidate) -> dict[str, Any]:
         "held_out_gain": candidate.held_gain if candidate.fitted is not None and candidate.fitted.held_residual else None,
         "accepted": candidate.accepted,
         "against": candidate.against,
+        "beside": candidate.beside,
         "refitted": candidate.fitted is not None,
         "twin_of": list(candidate.effect.twins),
     }

@@ -60,7 +60,8 @@ def trial_line(candidate: Candidate) -> str:
     if candidate.grows or candidate.unneeded:
         return f"{candidate.effect.name} taken back, {candidate.against}; the next best is asked"
     share = 100.0 * min(1.0, candidate.explained)
-    return f"{candidate.effect.name} on trial: it explains {share:.0f} %; all is fitted with it, then looked at for more"
+    together = f" together with {candidate.beside}, which hides it" if candidate.beside else ""
+    return f"{candidate.effect.name} on trial: it explains {share:.0f} %{together}; all is fitted with it, then looked at for more"
 
 
 def diagnosis_lines(found: Diagnosis) -> list[str]:
@@ -78,7 +79,7 @@ def diagnosis_lines(found: Diagnosis) -> list[str]:
                 f"{c.evidence:.0f}",
                 f"{100.0 * max(0.0, c.explained):.0f}%",
                 f"{c.held_gain:.0f}" if found.base.held_residual else "none",
-                f"not accepted, {c.against}" if c.against else "",
+                f"not accepted, {c.against}" if c.against else f"together with {c.beside}" if c.beside else "",
             ]
             for c in shown
         ]

@@ -1,0 +1,62 @@
+"""A gap behind a torque that acts late: each hides the other, so that neither alone leads out of a base that made up for both.
+
+Where the fit left the start values of masses and belt, and nothing explains most of what is missing, both are fitted together from those
+values.  If that explains most of it, the gap goes on trial for what both explain, as that fit sees it without the delay: beside the right
+masses the next stage finds the delay by itself, and tells lag from dead time.
+"""
+
+from __future__ import annotations
+
+import itertools
+
+from beltcomm.effects import EFFECTS, Effect
+from beltcomm.identify.following import follows
+from beltcomm.laboratory.acceptance import EVIDENCE, STIFFNESS, drop_by, explained_share, impossible
+from beltcomm.laboratory.data import Data
+from beltcomm.laboratory.fitting import Fitted, fit
+from beltcomm.laboratory.stage import MOSTLY, Candidate, candidate, may_add, price
+from beltcomm.model import Model
+
+#: m and s; gaps and delays that are tried with each other: smaller ones hide nothing.
+GAPS_M, DELAYS_S = (3e-5, 6e-5, 1.2e-4), (5e-4, 1e-3, 2e-3)
+#: Iterations of the fit of both.
+ITERATIONS = 9
+
+
+def behind_a_delay(data: Data, current: Fitted, held: Fitted) -> Candidate | None:
+    """The gap as a candidate for what it explains beside a delay; None where both together do not explain most.
+
+    current : model that they must be better than.   held : the same with masses and belt as the start values have them.
+    """
+    if STIFFNESS not in held.model.parameters or follows(held.model):
+        return None
+    fits = [
+        (gap, delay, both_fitted(data, held.model, gap, delay))
+        for gap in EFFECTS
+        for delay in EFFECTS
+        if gap.rattles and delay.slot == "torque_delay" and may_add(held, gap) and may_add(held, delay)
+    ]
+    if not fits:
+        return None
+    gap, delay, best = min(fits, key=lambda fitted: fitted[2].objective)
+    drop = drop_by(current, best)
+    ways = len(fits) * len(GAPS_M) * len(DELAYS_S)
+    evidence, explained = drop - price(gap, current, ways) - price(delay, current, 1), explained_share(drop, current)
+    if evidence <= EVIDENCE or explained <= MOSTLY or best.ratio >= current.ratio or impossible(best.model):
+        return None
+    alone = candidate(current, gap, 0.0, fit(data, best.model.without_effect(delay.name), 0), 1)
+    if alone.fitted is None or alone.fitted.ratio >= current.ratio:
+        return None
+    held_gain = current.held_objective - best.held_objective
+    return Candidate(gap, drop, evidence, explained, held_gain, alone.fitted, True, beside=delay.name)
+
+
+def both_fitted(data: Data, model: Model, gap: Effect, delay: Effect) -> Fitted:
+    """A model fitted with a gap and a delay, from the width and time that suit it best as they are."""
+    sizes = itertools.product(GAPS_M, DELAYS_S)
+    ways = [
+        model.with_effect(gap.name, {gap.parameters[0].name: width}).with_effect(delay.name, {delay.parameters[0].name: time})
+        for width, time in sizes
+    ]
+    begun = min((fit(data, way, 0) for way in ways), key=lambda fitted: fitted.objective)
+    return fit(data, begun.model, ITERATIONS)
