@@ -166,6 +166,7 @@ def diagnose(
         causes = sum(bool(step.added) and not further(step.added) for step in steps)
         taken = on_trial(data, current, ranked, trying, causes < most)
         ranked = None
+        current.problem.forget()  # observers of a stage that is over: every step keeps its model
         if taken.best is None or taken.grown is None:
             if doubted is not None:
                 data, current, ranked = taken_back(seen, steps, doubted, trying)
