@@ -85,7 +85,7 @@ def test_the_search_goes_on_from_the_better_valley(monkeypatch: pytest.MonkeyPat
         return None if "better" in fitted.name else model("better")
 
     def model(name: str) -> Any:
-        size = {"objective": 0.0, "problem": SimpleNamespace(samples=1), "ratio": 2.0, "held_ratio": None}
+        size = {"objective": 0.0, "problem": SimpleNamespace(samples=1, forget=lambda: None), "ratio": 2.0, "held_ratio": None}
         return SimpleNamespace(name=name, model=SimpleNamespace(effects=()), **size)
 
     named = SimpleNamespace(
