@@ -290,7 +290,7 @@ def test_an_effect_with_which_the_error_as_a_whole_grows_is_not_taken(
     """But where the held-out records say that it is there; and a per cent is the noise, which is calibrated anew."""
 
     def fitted(ratio: float, held_ratio: float) -> Any:
-        size = {"objective": 10.0, "problem": SimpleNamespace(samples=10)}
+        size = {"objective": 10.0, "problem": SimpleNamespace(samples=10, forget=lambda: None)}
         return SimpleNamespace(model=SimpleNamespace(effects=()), ratio=ratio, held_ratio=held_ratio, **size)
 
     candidate = Candidate(effect_named("measurement_lag"), 0.0, 500.0, 0.5, 1.0, fitted(1.9, 1.9), accepted=True)
