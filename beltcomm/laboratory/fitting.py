@@ -147,9 +147,9 @@ def _followed(
         assert best is not None
         lost = misses == MISSES or here.objective > ASTRAY * best[1].objective
         lost |= hopeless(best[1].objective - goal, least - best[1].objective, math.ceil(left / AT_A_TIME))
-        if left <= 0 or gain < FOLLOWED_ENOUGH or lost:
-            onward = problem.model if gain >= FOLLOWED_ENOUGH and not lost else None
-            return _found(*best, data, onward)
+        through = not gain >= FOLLOWED_ENOUGH  # also where a body flew off, and it is no number
+        if left <= 0 or through or lost:
+            return _found(*best, data, None if through or lost else problem.model)
         found = problem.minimise(x, min(left, AT_A_TIME), enough=enough)
         left, gain = left - AT_A_TIME, here.objective - found.objective
         problem = problem_of(data, problem.model_at(found.x, "laboratory"), fixed)
