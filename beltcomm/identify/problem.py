@@ -41,10 +41,9 @@ Array = NDArray[np.float64]
 OFFSET_M = 5e-4
 #: Unit of a parameter that begins at zero and usually does, as a share of the room between its bounds; least unit of any.
 ZERO_SHARE, LEAST_UNIT = 1e-3, 1e-9
-
-
 #: How much faster than in its last iteration a search may still get on.
 PACE = 3.0
+
 
 #: What a parameter touches: the inertia's torque and the noise, the motor's own load, everything beyond the motor, the torque path,
 #: or all of them.
@@ -320,7 +319,8 @@ class Problem:
 def hopeless(above: float, gain: float, left: int) -> bool:
     """Whether a search that must come down to a goal to matter does not get there.
 
-    above : how far it is from it.   gain : by how much O fell in the last iteration; later ones rarely gain more.   left : iterations.
+    above : how far O is above it, nats.   gain : by how much O fell in the last iteration, nats; later ones rarely gain more.
+    left : iterations.
     """
     return above > PACE * gain * left
 

@@ -216,7 +216,11 @@ def diagnose(
 def looked_for(
     data: Data, current: Fitted, scorer: Scorer, start: Model, axis: Axis, above: float, progress: Callable[[float], None]
 ) -> list[Candidate]:
-    """What may be missing, best first; where the fit strayed from its start values, looked for from there as well."""
+    """What may be missing, best first.
+
+    Where the fit strayed from its start values, looked for from there as well, and where nothing explains most even so, for what hides
+    each other (``masked``).   above : O per sample from which on a fit explains little.
+    """
     ground = ground_of(current, data.fitted, axis)
     candidates = search(data, scorer, ground, progress=progress, swallowed_above=above)
     if not strayed(current, start, above):

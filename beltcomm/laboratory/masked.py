@@ -26,6 +26,8 @@ ITERATIONS = 9
 def behind_a_delay(data: Data, current: Fitted, held: Fitted) -> Candidate | None:
     """The gap as a candidate for what it explains beside a delay; None where both together do not explain most.
 
+    evidence = O_current - O_both - (n ln N + 2 ln ways),   n : parameters of both   (see ``stage``)
+
     current : model that they must be better than.   held : the same with masses and belt as the start values have them.
     """
     if STIFFNESS not in held.model.parameters or follows(held.model):

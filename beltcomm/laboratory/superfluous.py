@@ -23,7 +23,10 @@ WORSE = 1.5
 
 
 def superfluous(data: Data, fitted: Fitted, base: Model, newest: str) -> tuple[Fitted, tuple[str, ...]]:
-    """Throw out earlier additions without which the model is as good, or of which nothing is left."""
+    """Throw out earlier additions without which the model is as good, or of which nothing is left: what stays, and their names.
+
+    base : model that the search began with.   newest : name of the effect that was added last, which is not asked.
+    """
     removed = []
     worth = rise_without(fitted)
     for name in [e.name for e in additions(fitted.model, base) if e.name != newest]:

@@ -106,6 +106,20 @@ def test_what_is_fitted_to_less_than_is_an_effect_explains_nothing(effect: str, 
     assert fitted_to_nothing(BASE.with_effect(effect, {parameter: size_m}), effect_named(effect)) is nothing
 
 
+def kept_beside_slack(monkeypatch: pytest.MonkeyPatch, grown: Any, smaller: Any, drop: float) -> Any:
+    """What is kept of a model beside a slack strand, and what is thrown out.
+
+    smaller : its refit without the gap.   drop : by how much O falls from that to the model, nats.
+    """
+    monkeypatch.setattr(superfluous, "rise_without", lambda _fitted: {})
+    monkeypatch.setattr(superfluous, "fit_of", lambda *_, **_options: smaller)
+    monkeypatch.setattr(superfluous, "problem_of", lambda *_: None)
+    monkeypatch.setattr(superfluous, "most_within", lambda *_: 0.0)
+    monkeypatch.setattr(superfluous, "drop_by", lambda *_: drop)
+    data: Any = SimpleNamespace(fitted=(), held_out=())
+    return superfluous.superfluous(data, grown, BASE, "belt_slack")
+
+
 @pytest.mark.parametrize(("gap_m", "removed"), [(2e-8, ("backlash",)), (2e-5, ())])
 def test_an_earlier_gap_of_no_width_is_thrown_out_however_much_its_observer_forgives(
     monkeypatch: pytest.MonkeyPatch, gap_m: float, removed: tuple[str, ...]
@@ -113,13 +127,7 @@ def test_an_earlier_gap_of_no_width_is_thrown_out_however_much_its_observer_forg
     both = BASE.with_effect("backlash", {"gap": gap_m}).with_effect("belt_slack", {})
     grown: Any = SimpleNamespace(model=both, offsets=np.zeros(1), ratio=1.0)
     smaller: Any = SimpleNamespace(model=grown.model.without_effect("backlash"), offsets=np.zeros(1), ratio=3.0)
-    monkeypatch.setattr(superfluous, "rise_without", lambda _fitted: {})
-    monkeypatch.setattr(superfluous, "fit_of", lambda *_, **_options: smaller)
-    monkeypatch.setattr(superfluous, "problem_of", lambda *_: None)
-    monkeypatch.setattr(superfluous, "most_within", lambda *_: 0.0)
-    monkeypatch.setattr(superfluous, "drop_by", lambda *_: 432.0)
-    data: Any = SimpleNamespace(fitted=(), held_out=())
-    assert superfluous.superfluous(data, grown, BASE, "belt_slack") == (smaller if removed else grown, removed)
+    assert kept_beside_slack(monkeypatch, grown, smaller, 432.0) == (smaller if removed else grown, removed)
 
 
 @pytest.mark.parametrize(("ratio", "removed"), [(1.1, ("backlash",)), (3.0, ())])
@@ -130,13 +138,7 @@ def test_nothing_is_superfluous_whose_loss_leaves_much_more(
     both = BASE.with_effect("backlash", {"gap": 1e-4}).with_effect("belt_slack", {})
     grown: Any = SimpleNamespace(model=both, offsets=np.zeros(1), ratio=1.0)
     smaller: Any = SimpleNamespace(model=both.without_effect("backlash"), offsets=np.zeros(1), ratio=ratio)
-    monkeypatch.setattr(superfluous, "rise_without", lambda _fitted: {})
-    monkeypatch.setattr(superfluous, "fit_of", lambda *_, **_options: smaller)
-    monkeypatch.setattr(superfluous, "problem_of", lambda *_: None)
-    monkeypatch.setattr(superfluous, "most_within", lambda *_: 0.0)
-    monkeypatch.setattr(superfluous, "drop_by", lambda *_: -5e3)
-    data: Any = SimpleNamespace(fitted=(), held_out=())
-    assert superfluous.superfluous(data, grown, BASE, "belt_slack") == (smaller if removed else grown, removed)
+    assert kept_beside_slack(monkeypatch, grown, smaller, -5e3) == (smaller if removed else grown, removed)
 
 
 def test_every_form_that_followed_an_effect_is_saved_with_it(monkeypatch: pytest.MonkeyPatch) -> None:
