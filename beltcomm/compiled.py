@@ -44,6 +44,11 @@ def within_kernels(function: Callable[_P, _R]) -> Callable[_P, _R]:
     return cast("Callable[_P, _R]", numba.njit(**_NO_WAY_IN)(function))
 
 
+def inlined(function: Callable[_P, _R]) -> Callable[_P, _R]:
+    """The same written out wherever it is called: with sizes that are known there, every step of its loops is laid out."""
+    return cast("Callable[_P, _R]", numba.njit(**_NO_WAY_IN, error_model="numpy", fastmath={"contract"}, forceinline=True)(function))
+
+
 def in_lanes(function: Callable[_P, _R]) -> Callable[_P, _R]:
     """The same for loops over neighbours that do not know each other: no test for a division by zero, multiply and add in one.
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from beltcomm.identify.noise_path import course, noise_path
+from beltcomm.identify.noise_path import course, path_of
 from beltcomm.identify.whitening import noises
 from beltcomm.linear import matrices, operating_point
 from beltcomm.model import Model
@@ -146,7 +146,8 @@ def unlearned(
     ratio = model["transmission.ratio"]
     low, high = (float(end) * ratio for end in (motion.theta.min(), motion.theta.max()))
     place, held = stiffest(model, low, high, motion.theta[:: motion.substeps][: motion.samples] * ratio)
-    sides = [noises(noise_path(model, place, motion.sample_s, closed), step_rad, noise_nm, rounding) for closed in (0.0, 1.0)]
+    apart, there = (matrices(model, operating_point(model, place, 1.0), closed=closed) for closed in (0.0, 1.0))
+    sides = [noises(path_of(model, linear, motion.sample_s), step_rad, noise_nm, rounding) for linear in (apart, there)]
     (opened, variances, start), (shut, _, _) = sides
     names = [body.name for _, body in model.bodies()]
     first = len(shut.H) - 2 * (len(names) - 1) - 3
@@ -154,7 +155,6 @@ def unlearned(
     covariance = start.copy()
     cart = first + names.index("cart") - 1
     half = 0.5 * sum(model[e.full_names()[0]] for e in model.effect_list() if e.rattles)  # the gap comes first
-    there = matrices(model, operating_point(model, place, 1.0))
     stiffness, mass = (float(m[names.index("cart"), names.index("cart")]) for m in (there.K, there.M))
     free = 0.5 * freedom_m or half
     covariance[cart, cart] += start_m**2 + free**2
@@ -191,7 +191,7 @@ def unlearned(
         shares=np.zeros(n),
         left=np.zeros(n),
         white=np.zeros(n),
-        room=np.zeros((4, size, size)),
+        room=np.zeros(0),
     )
     return Follower(watch, model, motion, torque)
 

@@ -14,24 +14,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.compiled import in_lanes
+from beltcomm.effects.tilt import GRAVITY_M_S2
 from beltcomm.simulate.addresses import address, flag_at, number_at, set_flag, set_number
 from beltcomm.simulate.mean import ABSURD_NM
 from beltcomm.simulate.observer import LOST, OPEN, REGISTER, Watch
+from beltcomm.simulate.observer_lanes import WIDTH, Observers, expected_eight, learn_eight, observe_eight, observers
 from beltcomm.simulate.plain_gap import corner_of, pressed, slid
+from beltcomm.simulate.vectors import LANES, aligned, at, put
 
 Array = NDArray[np.float64]
 
 #: Fine steps of each motion that are brought beside the others' at a time: enough to read memory in rows.
 AHEAD = 64
-#: Lanes in lock step at most; a number that the compiler knows.
-WIDTH = 16
 
 
 class Lane(NamedTuple):
     """What runs in one lane.
 
-    theta, omega : (fine,), true motion.   first : rad/s, speed at which all begins.   values : (7,): stiffness, damping, carriage's mass,
-    its viscous and Coulomb friction, gap, m, and its rounding.   watch : of a carriage alone; the results stand in it.
+    theta, omega : (fine,), true motion.   first : rad/s, speed at which all begins.   values : (8,): stiffness, damping, carriage's mass,
+    its viscous and Coulomb friction, gap, m, its rounding, and the axis's tilt, rad.
+    watch : of a carriage alone; the results stand in it.
     """
 
     theta: Array
@@ -39,33 +41,6 @@ class Lane(NamedTuple):
     first: float
     values: Array
     watch: Watch
-
-
-class Room(NamedTuple):
-    """The observers of all lanes, a lane behind the other in the last place.
-
-    H, F, G, D : each first open, then what it changes by when it closes.   variances, P : as in ``Watch``.   passes, reaches : what of
-    F and G is not 0 in all lanes.   The others are memory.
-    """
-
-    H: Array
-    F: Array
-    G: Array
-    D: Array
-    variances: Array
-    P: Array
-    states: Array
-    become: Array
-    gains: Array
-    f: Array
-    fp: Array
-    g: Array
-    h: Array
-    ph: Array
-    pull: Array
-    d: Array
-    passes: NDArray[np.bool_]
-    reaches: NDArray[np.bool_]
 
 
 def gap_stretches(lanes: Sequence[Lane], step_s: float, ratio: float) -> None:
@@ -85,11 +60,12 @@ def _together(lanes: Sequence[Lane], step_s: float, ratio: float) -> None:
     lengths = np.array([len(lane.theta) for lane in lanes])
     where = np.array([_addresses(lane) for lane in padded], dtype=np.int64).T.copy()
     numbers = np.array([_numbers(lane) for lane in padded]).T.copy()
-    memory = np.zeros((_STEPS + len(numbers), WIDTH))
+    memory = aligned(_STEPS + len(numbers), WIDTH)
     memory[_STEPS:, : len(padded)] = numbers
     carriage = (watch.cart, watch.cart + watch.behind)
-    room, course = _room([lane.watch for lane in padded]), np.zeros((2, AHEAD, WIDTH))
-    _gap_stretches(where, lengths, step_s, ratio, watch.substeps, carriage, watch.learning, room, course, memory.ravel())
+    course = np.zeros((2, AHEAD, WIDTH))
+    following = observers([lane.watch for lane in padded])
+    _gap_stretches(where, lengths, step_s, ratio, watch.substeps, carriage, watch.learning, following, course, memory.ravel())
 
 
 def _addresses(lane: Lane) -> list[int]:
@@ -103,35 +79,10 @@ def _addresses(lane: Lane) -> list[int]:
 
 def _numbers(lane: Lane) -> tuple[float, ...]:
     """What a lane's steps need, once."""
-    stiffness, damping, mass, viscous, coulomb, gap, rounding = lane.values
+    stiffness, damping, mass, viscous, coulomb, gap, rounding, tilt = lane.values
     watch = lane.watch
     belt = (stiffness, damping, 1.0 / mass, viscous, max(coulomb, 0.0) / mass, gap, rounding, lane.first)
-    return (*belt, watch.half_gap_m, watch.stiffness, *watch.spread)
-
-
-def _room(watches: Sequence[Watch]) -> Room:
-    """The observers of the lanes, and memory for what they find at each sample."""
-    size, noises = len(watches[0].s), len(watches[0].variances)
-    own = size - 2
-
-    def stacked(arrays: Sequence[Array]) -> Array:
-        out = np.zeros((*arrays[0].shape, WIDTH))
-        out[..., : len(arrays)] = np.moveaxis(np.array(arrays), 0, -1)
-        return out
-
-    def changing(arrays: Sequence[Array]) -> Array:
-        return stacked([np.stack((pair[0], pair[1] - pair[0])) for pair in arrays])
-
-    def empty(*shape: int) -> Array:
-        return np.zeros((*shape, WIDTH))
-
-    F, G = changing([w.F[:, :, :own] for w in watches]), changing([w.G for w in watches])
-    memory = [empty(*shape) for shape in (*((size,),) * 3, *((size, own),) * 2, (size, noises), *((size,),) * 3, (noises,))]
-    states, become, gains, f, fp, g, h, ph, pull, d = memory
-    passes, reaches = (np.any(matrix, axis=(0, 3)) for matrix in (F, G))
-    H, D = changing([w.H for w in watches]), changing([w.D for w in watches])
-    variances, P = stacked([w.variances for w in watches]), stacked([w.P for w in watches])
-    return Room(H, F, G, D, variances, P, states, become, gains, f, fp, g, h, ph, pull, d, passes, reaches)
+    return (*belt, watch.half_gap_m, watch.stiffness, *watch.spread, -GRAVITY_M_S2 * math.sin(tilt))
 
 
 #: Rows of memory for the steps.
@@ -147,7 +98,7 @@ def _gap_stretches(
     substeps: int,
     carriage: tuple[int, int],
     learning: bool,
-    room: Room,
+    following: Observers,
     course: Array,
     s: Array,
 ) -> None:
@@ -155,11 +106,11 @@ def _gap_stretches(
     v, w, o, q, now, later, new = 0, 16, 32, 48, 64, 80, 96
     shut, share, kept, deviation, variance = 144, 160, 176, 192, 208
     k, d, n, b, g, gap, corner, first = 240, 256, 272, 288, 304, 320, 336, 352
-    half, stiffness, wander, hurry = 368, 384, 400, 416
-    H, F, G, D, powers, P, states, become, gains, f, fp, g_now, h_now, ph, pull, d_now, passes, reaches = room
-    size, own, noises = F.shape[1], F.shape[2], G.shape[2]
+    half, stiffness, wander, hurry, lean = 368, 384, 400, 416, 432
+    rows, memory, passes, reaches = following
+    size, P, states, gains_of = rows.size, WIDTH * rows.P, WIDTH * rows.states, WIDTH * rows.gains
     cart, speed_of = carriage
-    full = P.shape[2]  # not WIDTH: the compiler unrolls a loop whose length it knows before it puts neighbours together
+    position, speed = states + WIDTH * cart, states + WIDTH * speed_of
     scale = ratio / (3.0 * substeps * substeps)
     active = lengths.shape[0]
     wide = where.shape[1]
@@ -189,7 +140,7 @@ def _gap_stretches(
             stretch, rate = course[0, here, c] - s[q + c], course[1, here, c] - s[w + c]
             force, part = pressed(stretch, rate, s[k + c], s[d + c], s[gap + c], s[corner + c])
             s[shut + c] += part
-            s[w + c] = (force - s[b + c] * s[w + c]) * s[n + c]
+            s[w + c] = (force - s[b + c] * s[w + c]) * s[n + c] + s[lean + c]
             s[now + c] += falling * force
             s[later + c] += rising * force
         for c in range(wide):
@@ -200,79 +151,20 @@ def _gap_stretches(
         elif j == 0:
             sample = i // substeps - 1
             for c in range(wide):
-                at = sample if c < active else 0  # a lane beside those that go on
+                place = sample if c < active else 0  # a lane beside those that go on
                 value = s[new + c]
                 value = value if abs(value) < ABSURD_NM else ABSURD_NM
-                s[new + c] = value - number_at(where[2, c], at) if sample > 0 else 0.0
-                s[kept + c] = 1.0 if flag_at(where[3, c], at) else 0.0
-                s[share + c] = number_at(where[4, c], at) * (s[shut + c] / substeps) if learning else number_at(where[9, c], at)
+                s[new + c] = value - number_at(where[2, c], place) if sample > 0 else 0.0
+                s[kept + c] = 1.0 if flag_at(where[3, c], place) else 0.0
+                s[share + c] = number_at(where[4, c], place) * (s[shut + c] / substeps) if learning else number_at(where[9, c], place)
                 s[shut + c] = 0.0
             for c in range(active):
                 set_number(where[10, c], sample, s[new + c])
-            for a in range(size):
-                if a != cart and a != speed_of:  # nothing is left of these two: see ``taken``
-                    for c in range(full):
-                        s[new + c] -= (H[0, a, c] + s[share + c] * H[1, a, c]) * states[a, c]
+            for base in range(0, active, LANES):
+                put(s, new + base, expected_eight(rows, memory, base, at(s, share + base), at(s, new + base), carriage))
+                if learning:
+                    put(s, variance + base, learn_eight(rows, memory, passes, reaches, base, at(s, share + base), at(s, kept + base)))
             if learning:
-                for a in range(size):
-                    for m in range(own):
-                        for c in range(full):
-                            f[a, m, c] = F[0, a, m, c] + s[share + c] * F[1, a, m, c]
-                    for m in range(noises):
-                        for c in range(full):
-                            g_now[a, m, c] = G[0, a, m, c] + s[share + c] * G[1, a, m, c]
-                    for c in range(full):
-                        h_now[a, c] = H[0, a, c] + s[share + c] * H[1, a, c]
-                for m in range(noises):
-                    for c in range(full):
-                        d_now[m, c] = D[0, m, c] + s[share + c] * D[1, m, c]
-                for a in range(size):
-                    for e in range(own):
-                        for c in range(full):
-                            fp[a, e, c] = 0.0
-                        for m in range(own):
-                            if passes[a, m]:
-                                for c in range(full):
-                                    fp[a, e, c] += f[a, m, c] * P[m, e, c]
-                for c in range(full):
-                    s[variance + c] = 0.0
-                for a in range(size):
-                    for c in range(full):
-                        ph[a, c] = 0.0
-                    for e in range(size):
-                        for c in range(full):
-                            ph[a, c] += P[a, e, c] * h_now[e, c]
-                    for c in range(full):
-                        s[variance + c] += h_now[a, c] * ph[a, c]
-                for m in range(noises):
-                    for c in range(full):
-                        s[variance + c] += d_now[m, c] * d_now[m, c] * powers[m, c]
-                for a in range(size):
-                    for c in range(full):
-                        pull[a, c] = 0.0
-                    for m in range(noises):
-                        if reaches[a, m]:
-                            for c in range(full):
-                                pull[a, c] += g_now[a, m, c] * d_now[m, c] * powers[m, c]
-                    for m in range(own):
-                        if passes[a, m]:
-                            for c in range(full):
-                                pull[a, c] += f[a, m, c] * ph[m, c]
-                    for c in range(full):
-                        gains[a, c] = pull[a, c] / s[variance + c]
-                    for e in range(a + 1):
-                        for c in range(full):
-                            P[a, e, c] = -s[kept + c] * pull[a, c] * gains[e, c]
-                        for m in range(noises):
-                            if reaches[a, m] and reaches[e, m]:
-                                for c in range(full):
-                                    P[a, e, c] += g_now[a, m, c] * powers[m, c] * g_now[e, m, c]
-                        for m in range(own):
-                            if passes[e, m]:
-                                for c in range(full):
-                                    P[a, e, c] += fp[a, m, c] * f[e, m, c]
-                        for c in range(full):
-                            P[e, a, c] = P[a, e, c]
                 for c in range(active):
                     set_number(where[9, c], sample, s[share + c])
                     if s[kept + c] > 0.0:
@@ -280,31 +172,26 @@ def _gap_stretches(
                         set_number(where[8, c], sample, s[deviation + c])
                         set_flag(where[5, c], sample, 1 if abs(s[new + c]) > LOST * s[deviation + c] else 0)
                         for a in range(size):
-                            set_number(where[7, c], sample * size + a, gains[a, c])
+                            set_number(where[7, c], sample * size + a, memory[gains_of + WIDTH * a + c])
                     if flag_at(where[5, c], sample) or flag_at(where[6, c], sample):
-                        P[cart, cart, c] += s[wander + c]
-                        P[speed_of, speed_of, c] += s[hurry + c]
+                        memory[P + WIDTH * cart * (size + 1) + c] += s[wander + c]
+                        memory[P + WIDTH * speed_of * (size + 1) + c] += s[hurry + c]
             else:
                 for c in range(active):
                     for a in range(size):
-                        gains[a, c] = number_at(where[7, c], sample * size + a)
+                        memory[gains_of + WIDTH * a + c] = number_at(where[7, c], sample * size + a)
             for c in range(active):
                 s[deviation + c] = number_at(where[8, c], sample)
                 if s[kept + c] > 0.0:
                     set_number(where[11, c], sample, s[new + c] / s[deviation + c])
-            for a in range(size):
-                for c in range(full):
-                    become[a, c] = s[kept + c] * gains[a, c] * s[new + c]
-                for m in range(own):
-                    if passes[a, m] and m != cart and m != speed_of:
-                        for c in range(full):
-                            become[a, c] += (F[0, a, m, c] + s[share + c] * F[1, a, m, c]) * states[m, c]
-            states, become = become, states
+            for base in range(0, active, LANES):
+                innovation = at(s, kept + base) * at(s, new + base)
+                observe_eight(rows, memory, passes, base, at(s, share + base), innovation, carriage)
             for c in range(wide):
-                s[q + c] -= states[cart, c]
-                s[v + c] -= states[speed_of, c]
-                s[o + c] -= states[speed_of, c]
-                states[cart, c] = states[speed_of, c] = 0.0
+                s[q + c] -= memory[position + c]
+                s[v + c] -= memory[speed + c]
+                s[o + c] -= memory[speed + c]
+                memory[position + c] = memory[speed + c] = 0.0
             for c in range(active):  # ``contact``
                 wanted = number_at(where[2, c], sample)
                 astray = s[kept + c] > 0.0 and flag_at(where[5, c], sample) > 0

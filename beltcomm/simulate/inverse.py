@@ -29,6 +29,7 @@ from beltcomm.model import Model
 from beltcomm.simulate.change import Change
 from beltcomm.simulate.compose import inverse_kernel
 from beltcomm.simulate.gap_stretches import Lane, gap_stretches
+from beltcomm.simulate.learning import prepared
 from beltcomm.simulate.mean import triangular_mean
 from beltcomm.simulate.observer import NOTHING, Watch, unseen
 from beltcomm.simulate.plain_belt import plain_belt, values_of
@@ -251,10 +252,9 @@ def followed(model: Model, motions: Sequence[FineMotion], vectors: Sequence[Arra
             continue
         for i in group:
             motion, p = motions[i], board.spread(vectors[i])
+            watch = prepared(watches[i]) if watches[i].learning else watches[i]
             load, cart = _SCRATCH.rows(len(motion.theta))
-            inverse_kernel().load(
-                motion.theta, motion.omega, p, board.belt, motion.time_s, h, motion.bristle_m, 0.0, load, cart, watches[i]
-            )
+            inverse_kernel().load(motion.theta, motion.omega, p, board.belt, motion.time_s, h, motion.bristle_m, 0.0, load, cart, watch)
 
 
 def followed_beside(model: Model, motion: FineMotion, vectors: Sequence[Array], watch: Watch) -> Array:

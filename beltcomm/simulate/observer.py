@@ -37,7 +37,7 @@ class Watch(NamedTuple):
     learning : whether gains, deviations, shares and losses are worked out, or taken as they are.   F : (2, k, k).  G : (2, k, m).
     H : (2, k).   D : (2, m), open and closed.   variances : (m,).   P : (k, k), covariance.   s, ahead : (k,).   gains : (n, k).
     deviations, shares : (n,).   left : (n,), e.   white : (n,), ν over its deviation.
-    room : (4, k, k), memory for learning.
+    room : memory for learning, see ``learning``; nothing where it is not.
     """
 
     wanted: Array
@@ -72,7 +72,7 @@ class Watch(NamedTuple):
 def _nothing() -> Watch:
     none, square, cube = np.zeros(0), np.zeros((0, 0)), np.zeros((0, 0, 0))
     some, places = np.zeros(0, dtype=np.bool_), np.zeros(0, dtype=np.int64)
-    at = Watch(none, some, places, 0, 1, 0, 0.0, 1.0, none, none, some, some, False, cube, cube, square, square, *(none,) * 9, cube)
+    at = Watch(none, some, places, 0, 1, 0, 0.0, 1.0, none, none, some, some, False, cube, cube, square, square, *(none,) * 10)
     return at._replace(P=square, gains=square)
 
 
@@ -108,8 +108,7 @@ def lanes_for(number: int) -> int:
 #: Fields of ``Watch`` that the functions below take, in their order.  One by one: out of the tuple, every array would be counted as used
 #: and as no longer used at each sample, which took more time than all the rest.
 EXPECTED = ("H", "s", "shares")
-PLACED = ("room", "cart", "behind", "spread")
-LEARNED = ("keep", "F", "G", "H", "D", "variances", "P", "gains", "deviations", "shares", "lost", "forgets", *PLACED)
+LEARNED = ("keep", "variances", "gains", "deviations", "shares", "lost", "forgets", "room", "cart", "behind", "spread")
 OBSERVED = ("keep", "F", "s", "ahead", "gains", "deviations", "shares", "white")
 TAKEN = ("behind", "s")
 TOUCHED = ("wanted", "keep", "lost", "deviations", "shares", "half_gap_m", "stiffness", "held")
@@ -162,77 +161,6 @@ def taken(at: int, behind: int, s: Array) -> tuple[float, float]:
     place, speed = s[at], s[at + behind]
     s[at] = s[at + behind] = 0.0
     return place, speed
-
-
-def learn(
-    n: int,
-    innovation: float,
-    keep: NDArray[np.bool_],
-    F: Array,
-    G: Array,
-    H: Array,
-    D: Array,
-    variances: Array,
-    P: Array,
-    gains: Array,
-    deviations: Array,
-    shares: Array,
-    lost: NDArray[np.bool_],
-    forgets: NDArray[np.bool_],
-    room: Array,
-    cart: int,
-    behind: int,
-    spread: Array,
-) -> None:
-    """Gain and deviation of sample n, and the covariance ahead.   innovation : N m, beyond ``LOST`` deviations the carriage is lost."""
-    share, size, own, noises, variance = shares[n], P.shape[0], P.shape[0] - 2, variances.shape[0], 0.0
-    f, g, fp, h, ph, k, d = room[0], room[1], room[2], room[3, 0], room[3, 1], room[3, 2], room[3, 3]
-    for i in range(size):
-        k[i] = 0.0
-        h[i] = H[0, i] + share * (H[1, i] - H[0, i])
-        for j in range(own):
-            f[i, j] = F[0, i, j] + share * (F[1, i, j] - F[0, i, j])
-        for m in range(noises):
-            g[i, m] = G[0, i, m] + share * (G[1, i, m] - G[0, i, m])
-    for i in range(size):
-        for j in range(own):
-            total = 0.0
-            for m in range(own):
-                total += f[i, m] * P[m, j]
-            fp[i, j] = total
-    if keep[n]:
-        for i in range(size):
-            total = 0.0
-            for j in range(size):
-                total += P[i, j] * h[j]
-            ph[i] = total
-            variance += h[i] * total
-        for m in range(noises):
-            d[m] = D[0, m] + share * (D[1, m] - D[0, m])
-            variance += d[m] * d[m] * variances[m]
-        for i in range(size):
-            total = 0.0
-            for m in range(noises):
-                total += g[i, m] * d[m] * variances[m]
-            for j in range(own):
-                total += f[i, j] * ph[j]
-            k[i] = total
-            gains[n, i] = total / variance
-        deviations[n] = math.sqrt(variance)
-        lost[n] = abs(innovation) > LOST * deviations[n]
-    for i in range(size):
-        for j in range(i + 1):
-            total = 0.0
-            for m in range(noises):
-                total += g[i, m] * variances[m] * g[j, m]
-            for m in range(own):
-                total += fp[i, m] * f[j, m]
-            if variance > 0.0:
-                total -= k[i] * k[j] / variance
-            P[i, j] = P[j, i] = total
-    if lost[n] or forgets[n]:
-        P[cart, cart] += spread[0]
-        P[cart + behind, cart + behind] += spread[1]
 
 
 def contact(

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from beltcomm.compiled import in_lanes, within_lanes
 from beltcomm.effects._corner import REACH
 from beltcomm.effects.backlash import LEAST_WIDTH_M
+from beltcomm.effects.tilt import GRAVITY_M_S2
 from beltcomm.simulate.mean import ABSURD_NM
 from beltcomm.simulate.observer import LOST, OPEN, Watch, lanes_for
 
@@ -23,12 +24,12 @@ def plain_gap(theta: Array, omega: Array, step_s: float, ratio: float, first: fl
     """Innovations over their deviation, 0 where nothing is kept, (n, models).
 
     theta, omega : (fine,), true motion.   step_s : s, fine step.   first : rad/s, speed at which all begins.   watch : of a carriage alone.
-    values : (8, models): those of ``plain_belt``, the offset last, with gap, m, and its rounding before it.
+    values : (9, models): those of ``plain_belt``, the offset last, with gap, m, its rounding and the axis's tilt, rad, before it.
     """
     models = values.shape[1]
     white = np.zeros((len(watch.wanted), models))
     carriage = (int(watch.places[1]), int(watch.places[1]) + watch.behind)
-    _plain_gap(theta, omega, step_s, ratio, first, values, lanes_for(models), watch, carriage, np.zeros(224 + 32 * len(watch.s)), white)
+    _plain_gap(theta, omega, step_s, ratio, first, values, lanes_for(models), watch, carriage, np.zeros(240 + 32 * len(watch.s)), white)
     return white
 
 
@@ -76,7 +77,9 @@ def _plain_gap(
     white: Array,
 ) -> None:
     # Places in one block of memory, so that the compiler sees that none overlap; the observer's states and what they become stand last.
-    v, w, o, q, k, d, n, b, g, now, ahead, gap, corner, new, states = 0, 16, 32, 48, 64, 80, 96, 112, 128, 144, 160, 176, 192, 208, 224
+    v, w, o, q, k, d, n, b, g, now, ahead, gap, corner, new, lean, states = (
+        0, 16, 32, 48, 64, 80, 96, 112, 128, 144, 160, 176, 192, 208, 224, 240
+    )  # fmt: skip
     substeps, size = watch.substeps, watch.s.shape[0]
     own, become = size - 2, states + 16 * size
     scale = ratio / (3.0 * substeps * substeps)
@@ -91,7 +94,8 @@ def _plain_gap(
             s[g + c] = max(values[4, at], 0.0) / values[2, at]
             s[gap + c] = 0.5 * values[5, at]
             s[corner + c] = corner_of(values[5, at], values[6, at])
-            s[q + c] = ratio * theta[0] + values[7, at]
+            s[lean + c] = -GRAVITY_M_S2 * math.sin(values[7, at])
+            s[q + c] = ratio * theta[0] + values[8, at]
             s[v + c] = s[o + c] = ratio * first
         j = 0
         for i in range(theta.shape[0]):
@@ -102,7 +106,7 @@ def _plain_gap(
                 s[w + c] = 1.5 * s[v + c] - 0.5 * s[o + c]
                 s[o + c] = s[v + c]
                 force, _ = pressed(u - s[q + c], du - s[w + c], s[k + c], s[d + c], s[gap + c], s[corner + c])
-                s[w + c] = (force - s[b + c] * s[w + c]) * s[n + c]
+                s[w + c] = (force - s[b + c] * s[w + c]) * s[n + c] + s[lean + c]
                 s[now + c] += falling * force
                 s[ahead + c] += rising * force
             for c in range(lanes):

@@ -19,6 +19,8 @@ Array = NDArray[np.float64]
 
 #: Slots of what changes angle or torque and no load.
 BEFORE_THE_LOAD = ("sensor", "torque_path", "torque_delay", "torque_reading")
+#: What ``plain_gap`` knows beyond the plain belt, in its order.
+BEHIND_GAP = ("backlash", "tilt")
 _CATALOGUE_SIZE = len(catalogue_parameters())
 
 
@@ -88,8 +90,8 @@ def _beyond(chosen: Sequence[Effect]) -> set[str]:
 
 def _gap_places(base_bodies: tuple[str, ...], chosen: Sequence[Effect], own: Sequence[str]) -> tuple[int, ...]:
     beyond = _beyond(chosen)
-    if base_bodies != ("motor", "cart") or not {"belt_stiffness", "backlash"} <= beyond or not beyond <= {*PLAIN, "backlash"}:
+    if base_bodies != ("motor", "cart") or not {"belt_stiffness", "backlash"} <= beyond or not beyond <= {*PLAIN, *BEHIND_GAP}:
         return ()
-    names = [name for effect in (*PLAIN, "backlash") for name in effect_named(effect).full_names()]
+    names = [name for effect in (*PLAIN, *BEHIND_GAP) for name in effect_named(effect).full_names()]
     names.insert(2, "cart.mass")
     return tuple(own.index(name) if name in own else -1 for name in names)

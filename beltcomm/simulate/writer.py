@@ -27,8 +27,9 @@ from beltcomm.effects import (
 from beltcomm.model import BASE_BODIES, body_list, effect_parameters, expected_parameters
 from beltcomm.simulate import fast_math, loop_kernel
 from beltcomm.simulate.fences import fenced, indented
+from beltcomm.simulate.learning import learn
 from beltcomm.simulate.mean import weighted
-from beltcomm.simulate.observer import EXPECTED, LEARNED, OBSERVED, TAKEN, TOUCHED, contact, expected, learn, observe, seen, taken
+from beltcomm.simulate.observer import EXPECTED, LEARNED, OBSERVED, TAKEN, TOUCHED, contact, expected, observe, seen, taken
 from beltcomm.simulate.stick import stick_or_slide
 
 #: rad/s: a stretch that begins faster than this begins in motion, all bodies with the motor (a gap in the middle of a stroke);
@@ -394,5 +395,6 @@ class Writer:
 def modules_of(law: Callable[..., object]) -> set[str]:
     """Where a law and the compiled functions that it calls are written."""
     plain = getattr(law, "py_func", law)
-    called = (plain.__globals__[name] for name in plain.__code__.co_names if name in plain.__globals__)
-    return {plain.__module__}.union(*(modules_of(other) for other in called if hasattr(other, "py_func")))
+    called = [plain.__globals__[name] for name in plain.__code__.co_names if name in plain.__globals__]
+    written = {definition.__module__ for other in called if (definition := getattr(other, "_defn", None))}  # of intrinsics
+    return ({plain.__module__} | written).union(*(modules_of(other) for other in called if hasattr(other, "py_func")))

@@ -31,6 +31,7 @@ EFFECTS = ("belt_stiffness", "belt_damping", "viscous", "viscous_cart", "coulomb
 VALUES = {
     "motor.inertia": 7e-5, "cart.mass": 2.0, "transmission.ratio": 0.0124, "belt_stiffness.stiffness": 2e5, "belt_damping.damping": 20.0,
     "viscous.damping": 3e-4, "viscous_cart.damping": 10.0, "coulomb.level": 0.1, "cart_friction.level": 6.0, "backlash.gap": 4e-5,
+    "tilt.angle": 0.1, "dead_time.time": 1.3e-3,
 }  # fmt: skip
 
 
@@ -127,13 +128,13 @@ def seen(observer: Follower) -> Seen:
 
 def masked(axis: Model) -> Model:
     """The same axis with an effect that does nothing, which the lanes do not know."""
-    return axis.with_effect("tilt", {"tilt.angle": 0.0})
+    return axis.with_effect("quadratic_drag", {"quadratic_drag.factor": 0.0})
 
 
-@pytest.mark.parametrize("count", [1, 6, 21])
-def test_stretches_behind_a_gap_are_followed_as_by_the_masked_kernel(count: int) -> None:
+@pytest.mark.parametrize(("more", "count"), [((), 1), ((), 6), ((), 21), (("tilt",), 6), (("dead_time",), 6)])
+def test_stretches_behind_a_gap_are_followed_as_by_the_masked_kernel(more: tuple[str, ...], count: int) -> None:
     """Each its own length, motion and noise: what a lane learns, and what it then says of another model."""
-    axis = model("backlash")
+    axis = model("backlash", *more)
     motions = [shorter(shaken(16 if i % 3 else 4, speed=0.02 * i), 1500 - 29 * i) for i in range(count)]
     together, alone = learned(observers(axis, motions)), learned(observers(masked(axis), motions))
     assert any(one.watch.lost.any() for one in alone)  # else the correction by contact is not tried
@@ -153,8 +154,9 @@ def test_stretches_behind_a_gap_are_followed_as_by_the_masked_kernel(count: int)
             np.testing.assert_allclose(left, left_right, rtol=0.0, atol=1e-6 * np.abs(left_right).max())
 
 
-def test_models_behind_one_observer_are_followed_as_by_the_masked_kernel() -> None:
-    axis, motion = model("backlash"), shaken(16)
+@pytest.mark.parametrize("more", [(), ("tilt",)])
+def test_models_behind_one_observer_are_followed_as_by_the_masked_kernel(more: tuple[str, ...]) -> None:
+    axis, motion = model("backlash", *more), shaken(16)
     (fast,), (slow,) = learned(observers(axis, [motion])), learned(observers(masked(axis), [motion]))
     vectors = beside(axis, 11)
     side_by_side = followed_beside(axis, motion, vectors, fast.watch)
