@@ -13,12 +13,13 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
-from beltcomm.linear import carriage_of, matrices, operating_point, stretch_of, values_of
+from beltcomm.linear import Matrices, carriage_of, matrices, operating_point, stretch_of, values_of
 from beltcomm.model import Model
 
 Array = NDArray[np.float64]
@@ -33,6 +34,8 @@ PLACES, FINE_PLACES = 25, 601
 LEAST_PART, LEAST_LAG_S = 1e-6, 1e-9
 #: Terms of Taylor's series for a norm below one half: 0.5^15/15! is below the machine precision.
 TERMS = 14
+#: Paths that are kept: the stretches of a record set ask for the same one wherever nothing goes with the place.
+KEPT = 512
 
 
 @dataclass(frozen=True)
@@ -124,19 +127,37 @@ def noise_path(model: Model, position_m: float, sample_s: float, closed: float =
     The load's triangular mean is exact for rounding linear between the samples:  ∫_0^1 u load du before and ∫_0^1 (1-u) load du after
     a sample, from the first and the second integral of the load.
     """
-    linear = matrices(model, operating_point(model, position_m, 1.0), closed=closed)
-    motor, behind = 0, np.arange(1, len(linear.bodies))
+    return path_of(model, matrices(model, operating_point(model, position_m, 1.0), closed=closed), sample_s)
+
+
+def path_of(model: Model, linear: Matrices, sample_s: float) -> NoisePath:
+    """The same of a model linearised already."""
+    lags = [(e, model[f"{e.name}.time"]) for e in model.effect_list() if e.slot in ("torque_reading", "torque_delay")]
+    reading = sum(time for e, time in lags if e.slot == "torque_reading")
+    dead, lag = (sum(time for e, time in lags if e.name == name) for name in ("dead_time", "current_lag"))
+    bodies = model.bodies()
+    swings = tuple(body.swings for _, body in bodies)
+    known = np.stack((linear.M, linear.D, linear.K)).tobytes()
+    return _path(known, swings, model[bodies[0][0]], sample_s, reading, dead, lag)
+
+
+@lru_cache(maxsize=KEPT)
+def _path(
+    known: bytes, swings: tuple[float, ...], inertia: float, sample_s: float, reading_s: float, dead_s: float, lag_s: float
+) -> NoisePath:
+    mass, damping, stiffness = np.frombuffer(known).reshape(3, len(swings), len(swings))
+    motor, behind = 0, np.arange(1, len(swings))
     n = 2 * len(behind)  # states; then the angle, its rate, the load's integral and that one's integral
-    inverse = np.diag(1.0 / np.diag(linear.M)[behind])
+    inverse = np.diag(1.0 / np.diag(mass)[behind])
     a = np.zeros((n + 4, n + 4))
     a[: n // 2, n // 2 : n] = np.eye(n // 2)
-    a[n // 2 : n, : n // 2] = -inverse @ linear.K[np.ix_(behind, behind)]
-    a[n // 2 : n, n // 2 : n] = -inverse @ linear.D[np.ix_(behind, behind)]
-    a[n // 2 : n, n] = -inverse @ linear.K[behind, motor]
-    a[n // 2 : n, n + 1] = -inverse @ linear.D[behind, motor]
+    a[n // 2 : n, : n // 2] = -inverse @ stiffness[np.ix_(behind, behind)]
+    a[n // 2 : n, n // 2 : n] = -inverse @ damping[np.ix_(behind, behind)]
+    a[n // 2 : n, n] = -inverse @ stiffness[behind, motor]
+    a[n // 2 : n, n + 1] = -inverse @ damping[behind, motor]
     a[n, n + 1] = 1.0
-    a[n + 2, : n // 2], a[n + 2, n // 2 : n] = linear.K[motor, behind], linear.D[motor, behind]
-    a[n + 2, n], a[n + 2, n + 1] = linear.K[motor, motor], linear.D[motor, motor]
+    a[n + 2, : n // 2], a[n + 2, n // 2 : n] = stiffness[motor, behind], damping[motor, behind]
+    a[n + 2, n], a[n + 2, n + 1] = stiffness[motor, motor], damping[motor, motor]
     a[n + 3, n + 2] = 1.0
     moved = exponential(a * sample_s)
     # from (x, angle, rate) to (x, angle before, angle after)
@@ -144,7 +165,7 @@ def noise_path(model: Model, position_m: float, sample_s: float, closed: float =
     moved[:, n] -= moved[:, n + 1]
     first, second = moved[n + 2, : n + 2] / sample_s, moved[n + 3, : n + 2] / sample_s**2
     after, before = second, first - second
-    g = model[model.bodies()[motor][0]] / sample_s**2
+    g = inertia / sample_s**2
     f, gain, h = np.zeros((n + 3, n + 3)), np.zeros((n + 3, 2)), np.zeros(n + 3)
     f[:n, : n + 1], gain[:n, 0] = moved[:n, : n + 1], moved[:n, n + 1]
     gain[n, 0] = 1.0
@@ -156,14 +177,11 @@ def noise_path(model: Model, position_m: float, sample_s: float, closed: float =
     h[n + 1], h[n + 2] = 1.0, -0.5
     begins = np.zeros((n + 3, 3))
     begins[n, ROUNDING] = begins[n + 2, TORQUE] = 1.0
-    for i, (_, body) in zip(behind, model.bodies()[1:], strict=True):
-        begins[i - 1, MOTION] = body.swings**2
-        begins[n // 2 + i - 1, MOTION] = body.swings**2 * linear.K[i, i] / linear.M[i, i]
+    for i in behind:
+        begins[i - 1, MOTION] = swings[i] ** 2
+        begins[n // 2 + i - 1, MOTION] = swings[i] ** 2 * stiffness[i, i] / mass[i, i]
     path = NoisePath(f, gain, h, np.array([after[n + 1] + g, -0.5]), begins, sample_s)
-    times = [(e, model[f"{e.name}.time"]) for e in model.effect_list() if e.slot in ("torque_reading", "torque_delay")]
-    path = read_late(path, sum(time for e, time in times if e.slot == "torque_reading"))
-    dead, lag = (sum(time for e, time in times if e.name == name) for name in ("dead_time", "current_lag"))
-    return acting_late(path, dead, lag)
+    return acting_late(read_late(path, reading_s), dead_s, lag_s)
 
 
 def read_late(path: NoisePath, time_s: float) -> NoisePath:
