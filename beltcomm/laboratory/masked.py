@@ -8,6 +8,7 @@ masses the next stage finds the delay by itself, and tells lag from dead time.
 from __future__ import annotations
 
 import itertools
+import math
 
 from beltcomm.effects import EFFECTS, Effect
 from beltcomm.identify.following import follows
@@ -32,12 +33,12 @@ def behind_a_delay(data: Data, current: Fitted, held: Fitted) -> Candidate | Non
     """
     if STIFFNESS not in held.model.parameters or follows(held.model):
         return None
-    fits = [
-        (gap, delay, both_fitted(data, held.model, gap, delay))
-        for gap in EFFECTS
-        for delay in EFFECTS
-        if gap.rattles and delay.slot == "torque_delay" and may_add(held, gap) and may_add(held, delay)
-    ]
+    fits: list[tuple[Effect, Effect, Fitted]] = []
+    for gap in EFFECTS:
+        for delay in EFFECTS:
+            if gap.rattles and delay.slot == "torque_delay" and may_add(held, gap) and may_add(held, delay):
+                goal = min((fitted.objective for _, _, fitted in fits), default=math.inf)
+                fits.append((gap, delay, both_fitted(data, held.model, gap, delay, goal)))
     if not fits:
         return None
     gap, delay, best = min(fits, key=lambda fitted: fitted[2].objective)
@@ -53,12 +54,12 @@ def behind_a_delay(data: Data, current: Fitted, held: Fitted) -> Candidate | Non
     return Candidate(gap, drop, evidence, explained, held_gain, alone.fitted, True, beside=delay.name)
 
 
-def both_fitted(data: Data, model: Model, gap: Effect, delay: Effect) -> Fitted:
-    """A model fitted with a gap and a delay, from the width and time that suit it best as they are."""
+def both_fitted(data: Data, model: Model, gap: Effect, delay: Effect, goal: float) -> Fitted:
+    """A model fitted with a gap and a delay, from the width and time that suit it best as they are.   goal : see ``fitting.fit``."""
     sizes = itertools.product(GAPS_M, DELAYS_S)
     ways = [
         model.with_effect(gap.name, {gap.parameters[0].name: width}).with_effect(delay.name, {delay.parameters[0].name: time})
         for width, time in sizes
     ]
     begun = min((fit(data, way, 0) for way in ways), key=lambda fitted: fitted.objective)
-    return fit(data, begun.model, ITERATIONS)
+    return fit(data, begun.model, ITERATIONS, goal=goal)

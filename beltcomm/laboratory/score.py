@@ -137,12 +137,13 @@ class Scorer:
         wanted = {round(trial.values[key]): trial for trial in trials}
         highest = max(wanted)
         load = effect.harmonic == "load"
-        powers = [powers_of(len(p.motion.theta) - (not load)) for p in self.problem.pieces]
+        pieces = self.rough if follows(self.model) else self.problem.pieces  # an observer's steps are finer than a ripple asks for
+        powers = [powers_of(len(p.motion.theta) - (not load)) for p in pieces]
         for first in range(1, highest + 1, BATCH):
             orders = range(first, min(first + BATCH, highest + 1))
             some = [wanted[order] for order in orders if order in wanted]
             parts = []
-            for i, piece in enumerate(self.problem.pieces):
+            for i, piece in enumerate(pieces):
                 means = np.empty((piece.motion.samples, len(some), 2))
                 place, scan = 0, (load_means if load else gain_means)(piece, powers[i], len(orders))
                 for order, (sine, cosine) in zip(orders, scan, strict=True):

@@ -40,8 +40,9 @@ MISSING = 1.04
 #: Effects whose own parameters are searched, and ways of each; effects that are refitted with everything free, and the same where an
 #: observer makes that dear.
 SEARCHED, WAYS, REFITTED, FOLLOWED_REFITTED = 8, 2, 4, 3
-#: An effect that promises less than this share of the best, or less than this many nats, is not searched, or not refitted.
-SEARCH_SHARE, SEARCH_PROMISE = 0.03, 20.0
+#: An effect that promises less than this share of the best, or less than this many nats, is not searched, or not refitted.  Where an
+#: observer makes a search dear the best is the best after those before it were searched.
+SEARCH_SHARE, FOLLOWED_SEARCH_SHARE, SEARCH_PROMISE = 0.03, 0.1, 20.0
 REFIT_SHARE, REFIT_PROMISE = 0.3, 30.0
 #: Share of what lies above the noise from which on an effect explains most of it.
 MOSTLY = 0.5
@@ -119,7 +120,10 @@ def search(
     order = sorted(best, key=lambda name: -promise(best[name], base, len(ways[name])))
     most = promise(best[order[0]], base, len(ways[order[0]])) if order else 0.0
     for number, name in enumerate(order[:SEARCHED]):
-        if promise(best[name], base, len(ways[name])) > max(SEARCH_PROMISE, SEARCH_SHARE * most):
+        if follows(base.model):
+            most = max(promise(best[n], base, len(ways[n])) for n in order)
+        share = FOLLOWED_SEARCH_SHARE if follows(base.model) else SEARCH_SHARE
+        if promise(best[name], base, len(ways[name])) > max(SEARCH_PROMISE, share * most):
             best[name] = refined(scorer, ways[name], 1 if follows(base.model) else WAYS)
         progress(0.4 + 0.3 * (number + 1) / SEARCHED)
     order = sorted(best, key=lambda name: -promise(best[name], base, len(ways[name])))
