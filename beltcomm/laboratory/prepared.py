@@ -28,5 +28,5 @@ def last_compiled() -> list[Callable[[], object]]:
         *(lambda law=law: law(a, 1.0, 1.0) for law in delays),
         *(lambda law=law: law(a, 0.0, 1.0, 1.0) for law in readings),
         lambda: kernel.angle(a, b, p, on),
-        lambda: gap_stretches([Lane(np.zeros(1), np.zeros(1), 0.0, np.ones(7), idle())], 1.0, 1.0),
+        lambda: gap_stretches([Lane(np.zeros(1), np.zeros(1), 0.0, np.ones(8), idle())], 1.0, 1.0),
     ]
