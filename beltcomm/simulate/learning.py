@@ -45,18 +45,23 @@ def prepared(watch: Watch) -> Watch:
 
 
 @inlined
+def results(size: int, noises: int, wide: int) -> tuple[int, int]:
+    """Where P and k begin."""
+    P = (2 + 2 * (size - 2) + 2 * noises) * wide
+    return P, P + (size + 1 + size - 2 + noises + size + 1) * wide
+
+
+@inlined
 def ahead(size: int, noises: int, wide: int, share: float, keep: bool, room: Array) -> float:
-    """The covariance ahead; variance of ν, (N m)², 0 where it does not count.   k stands in the row behind P h."""
+    """k and the covariance ahead, which stand in ``room``; variance of ν, (N m)², 0 where it does not count."""
     own, variance = size - 2, 0.0
-    F = 2 * wide
+    P, k = results(size, noises, wide)
+    F, h = 2 * wide, P + size * wide
     G = F + 2 * own * wide
-    P = G + 2 * noises * wide
-    h = P + size * wide
     f, d = h + wide, room.shape[0] - 3 * noises
     g = f + own * wide
     fp = g + noises * wide
     ph = fp + size * wide
-    k = ph + wide
     for b in range(0, wide, LANES):
         put(room, h + b, at(room, b) + share * at(room, wide + b))
         for m in range(own):
@@ -125,8 +130,7 @@ def learn(
         size, noises = max(size, SIZE), max(noises, NOISES)
         wide = (size + LANES - 1) // LANES * LANES
         variance = ahead(size, noises, wide, shares[n], keep[n], room)
-    P = (2 + 2 * (size - 2) + 2 * noises) * wide
-    k = P + (size + 1 + size - 2 + noises + size + 1) * wide
+    P, k = results(size, noises, wide)
     if keep[n]:
         deviations[n] = math.sqrt(variance)
         lost[n] = abs(innovation) > LOST * deviations[n]
