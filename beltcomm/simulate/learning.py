@@ -53,7 +53,10 @@ def results(size: int, noises: int, wide: int) -> tuple[int, int]:
 
 @inlined
 def ahead(size: int, noises: int, wide: int, share: float, keep: bool, room: Array) -> float:
-    """k and the covariance ahead, which stand in ``room``; variance of ν, (N m)², 0 where it does not count."""
+    """k and the covariance ahead, which stand in ``room``; variance of ν, (N m)², 0 where it does not count.
+
+    wide : numbers in a row of ``room``.   share : of the sample in which the gap is closed.   keep : whether the sample counts.
+    """
     own, variance = size - 2, 0.0
     P, k = results(size, noises, wide)
     F, h = 2 * wide, P + size * wide

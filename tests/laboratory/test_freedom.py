@@ -73,6 +73,41 @@ def test_friction_that_jumps_at_random_is_no_gap(tmp_path: Path, monkeypatch: py
     assert not needed_in(machine, tmp_path / "run")
 
 
+@pytest.mark.parametrize(
+    ("leads", "answer", "asked"),
+    [
+        ([0.5], False, ["stray", "fit 0"]),
+        ([9.0, 0.5], False, ["stray", "fit 0", "fit 6"]),
+        ([9.0, 4.5], True, ["stray", "fit 0", "fit 6"]),
+        ([9.0, 2.0, 1.5], True, ["stray", "fit 0", "fit 6", "stray", "fit 0"]),
+        ([9.0, 2.0, 0.5], False, ["stray", "fit 0", "fit 6", "stray", "fit 0"]),
+    ],
+)
+def test_a_gap_is_asked_about_no_longer_than_the_answer_needs(
+    monkeypatch: pytest.MonkeyPatch, leads: list[float], answer: bool, asked: list[str]
+) -> None:
+    """leads : of the gap before the closed model, one for each that is asked, as a multiple of what is enough."""
+    heard: list[str] = []
+    left = iter(leads)
+
+    def fitted(data: Any, model: Any, iterations: int, fixed: Any) -> Any:
+        heard.append(f"fit {iterations}")
+        return SimpleNamespace(lead=next(left), model=model)
+
+    def strayed(data: Any, model: Any) -> Any:
+        heard.append("stray")
+        return data
+
+    monkeypatch.setattr(freedom, "free_by", lambda data, width: data)
+    monkeypatch.setattr(freedom, "straying", strayed)
+    monkeypatch.setattr(freedom, "fit", fitted)
+    monkeypatch.setattr(freedom, "leads", lambda grown, closed, times=1.0: closed.lead > times)
+    grown: Any = SimpleNamespace(model=BASE.with_effect("backlash", {"gap": 5e-5}))
+    data: Any = None  # nothing is fitted
+    assert needed(data, grown, GAP) is answer
+    assert heard == asked
+
+
 def searched(monkeypatch: pytest.MonkeyPatch, found: list[list[str]], own: Callable[[Any], bool], alone: tuple[str, ...] = ()) -> Any:
     """The steps of a search with these candidates at each stage, all accepted, and what was said of them.
 
