@@ -36,7 +36,7 @@ def needed(data: Data, grown: Fitted, gap: Effect) -> bool:
     """Whether a gap may be named beside a carriage that strays without one, by the rule for any effect.
 
     On friction that jumped, a gap that explained 56 000 nats led by 1000 of them, where both models left 3.4 times the noise.
-    Asked of the closed model before its fit, behind it, and as far as its carriage strays then: what comes later is likelier, but for little.
+    Asked of the closed model before its fit, behind it, and as far as its carriage strays then: what comes later is likelier, or nearly so.
     A model that the gap does not lead from ends the question, and so does one behind whose fit it leads by a multiple.
     data : as the model with the gap sees it.   grown : that model, fitted.
     """
