@@ -147,7 +147,7 @@ def unlearned(
     low, high = (float(end) * ratio for end in (motion.theta.min(), motion.theta.max()))
     place, held = stiffest(model, low, high, motion.theta[:: motion.substeps][: motion.samples] * ratio)
     apart, there = (matrices(model, operating_point(model, place, 1.0), closed=closed) for closed in (0.0, 1.0))
-    sides = [noises(path_of(model, linear, motion.sample_s), step_rad, noise_nm, rounding) for linear in (apart, there)]
+    sides = [noises(path_of(model, linear, motion.sample_s), step_rad, noise_nm, rounding, alike=True) for linear in (apart, there)]
     (opened, variances, start), (shut, _, _) = sides
     names = [body.name for _, body in model.bodies()]
     first = len(shut.H) - 2 * (len(names) - 1) - 3

@@ -179,7 +179,8 @@ def _path(
     begins[n, ROUNDING] = begins[n + 2, TORQUE] = 1.0
     for i in behind:
         begins[i - 1, MOTION] = swings[i] ** 2
-        begins[n // 2 + i - 1, MOTION] = swings[i] ** 2 * stiffness[i, i] / mass[i, i]
+        # Free in a gap, a force that goes with the place may push it away from where it is.
+        begins[n // 2 + i - 1, MOTION] = swings[i] ** 2 * max(stiffness[i, i], 0.0) / mass[i, i]
     path = NoisePath(f, gain, h, np.array([after[n + 1] + g, -0.5]), begins, sample_s)
     return acting_late(read_late(path, reading_s), dead_s, lag_s)
 

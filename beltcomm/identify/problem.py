@@ -122,6 +122,7 @@ class Problem:
         self._pieces = [replace(piece, follower=None) for piece in self._pieces]
         for piece in self._pieces:
             piece.motion.made_true.clear()
+            piece.motion.rubbed.clear()
 
     @property
     def samples(self) -> int:

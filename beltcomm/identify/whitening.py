@@ -95,14 +95,19 @@ def whitener(keep: NDArray[np.bool_], way: Way, step_rad: float, noise_nm: float
     return Whitener(f, h, way.level, gains, deviations)
 
 
-def noises(path: NoisePath, step_rad: float, noise_nm: float, shares: tuple[float, float]) -> tuple[NoisePath, Array, Array]:
-    """The path with its own state for slow rounding where there is some, variances of the noises, covariance of s at the first sample."""
+def noises(
+    path: NoisePath, step_rad: float, noise_nm: float, shares: tuple[float, float], *, alike: bool = False
+) -> tuple[NoisePath, Array, Array]:
+    """The path with its own state for slow rounding where there is some, variances of the noises, covariance of s at the first sample.
+
+    alike : whether it has that state in any case, so that the paths of all records have one size.
+    """
     fast, slow, torque = shares[0] * step_rad**2 / 12.0, shares[1] * step_rad**2 / 12.0, noise_nm**2
     variances = np.array([fast, torque])
-    if slow > 0.0:
+    if slow > 0.0 or alike:
         path, variances = with_slow_rounding(path), np.array([fast, slow, torque])
     start = np.diag(path.begins @ np.array([1.0, fast + slow, torque]))
-    if slow > 0.0:
+    if slow > 0.0 or alike:
         start[0] = start[:, 0] = slow * path.begins[:, ROUNDING]
         start[0, 0] = slow
     return path, variances, start

@@ -39,9 +39,9 @@ AT_A_TIME, FOLLOWED_ENOUGH = 3, 5.0
 MISSES, ASTRAY = 2, 1.2
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Fitted:
-    """A model at its minimum.
+    """A model at its minimum; two are the same where they are one object.
 
     problem, x : unknowns.   residual : whitened, (n,), of the fitted records.   objective : O.   held_residual : of those held out,
     piece by piece.   held_objective : O there, 0 without any.   onward : with which the search would go on, where its iterations ended it.
@@ -152,6 +152,8 @@ def _followed(
             return _found(*best, data, None if through or lost else problem.model)
         found = problem.minimise(x, min(left, AT_A_TIME), enough=enough)
         left, gain = left - AT_A_TIME, here.objective - found.objective
+        if best[0] is not problem:
+            problem.forget()  # before the next ones' observers are made
         problem = problem_of(data, problem.model_at(found.x, "laboratory"), fixed)
 
 

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
 
 from beltcomm.identify.following import follows
 from beltcomm.identify.problem import OFFSET_M, Problem
@@ -14,6 +13,7 @@ from beltcomm.identify.residual import Stretch, dressed_each, followed, in_noise
 from beltcomm.laboratory.data import SUBSTEPS
 from beltcomm.laboratory.fitting import BLOCK_S, Fitted
 from beltcomm.simulate.inverse import belt_loads, fine_load, true_motion
+from beltcomm.simulate.vectors import LANES
 
 Array = NDArray[np.float64]
 
@@ -21,8 +21,9 @@ Array = NDArray[np.float64]
 ONE_PLACE_M = 0.06
 #: Values of the residual that a record needs, and the torque, rms, as a share of the loudest one's.
 ENOUGH, LOUD = 300, 0.2
-#: Factor by which the stiffness is searched up and down, and points of the first grid.
-RANGE, GRID = 3.0, 25
+#: Factor by which the stiffness is searched up and down, and points of the first grid and of the one around its best; as many as run in
+#: lock step behind an observer.
+RANGE, GRID, FINE_GRID = 3.0, 3 * LANES, LANES
 #: Rise of the objective on both sides that makes a minimum, nats; a short record has few blocks to rise with, nats each.
 CLEAR, CLEAR_PER_BLOCK = 30.0, 1.0
 STIFFNESS = "belt_stiffness.stiffness"
@@ -111,7 +112,9 @@ def likeliest(fitted: Fitted, piece: Stretch) -> float | None:
     clear = min(CLEAR, CLEAR_PER_BLOCK * len(blocks))
     if best in (0, GRID - 1) or min(max(values[:best]), max(values[best + 1 :])) - values[best] < clear:
         return None
-    step = grid[1] - grid[0]
-    around = (grid[best] - step, grid[best] + step)
-    inner = minimize_scalar(lambda point: costs(np.array([point]))[0], bounds=around, method="bounded", options={"xatol": 1e-3})
-    return float(at(inner.x)[place])
+    fine = np.linspace(grid[best - 1], grid[best + 1], FINE_GRID + 2)[1:-1]
+    near = costs(fine)
+    middle = min(max(int(np.argmin(near)), 1), FINE_GRID - 2)
+    curve, slope, _ = np.polyfit(fine[middle - 1 : middle + 2], near[middle - 1 : middle + 2], 2)
+    lowest = float(np.clip(-0.5 * slope / curve, grid[best - 1], grid[best + 1])) if curve > 0.0 else float(fine[middle])
+    return float(at(lowest)[place])

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,8 +69,19 @@ class Spread:
         return float(np.hypot(max(over_time, among * float(stdtrit(freedom, 0.975))), law))
 
 
+#: What was worked out, as long as its fit lives.
+_KNOWN: WeakKeyDictionary[Fitted, Spread] = WeakKeyDictionary()
+
+
 def spread_of(fitted: Fitted) -> Spread:
-    """The spread of a fit; start offsets of its records are taken along and then left out."""
+    """The spread of a fit, worked out once: several answers in a row ask for it."""
+    if fitted not in _KNOWN:
+        _KNOWN[fitted] = _spread_of(fitted)
+    return _KNOWN[fitted]
+
+
+def _spread_of(fitted: Fitted) -> Spread:
+    """The same; start offsets of the records are taken along and then left out."""
     problem = fitted.problem
     weights, own = problem.weights(fitted.residual), len(problem.free)
     jacobian, left = problem.jacobian(fitted.x).scaled(weights), fitted.residual * weights

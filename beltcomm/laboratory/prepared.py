@@ -9,7 +9,7 @@ import numpy as np
 from beltcomm.effects import EFFECTS
 from beltcomm.laboratory.harmonics import gain_kernel, load_kernel
 from beltcomm.simulate.compose import inverse_kernel
-from beltcomm.simulate.gap_stretches import Lane, gap_stretches
+from beltcomm.simulate.lock_step import Lane, lock_step
 from beltcomm.simulate.observer import idle
 from beltcomm.simulate.writer import catalogue_parameters
 
@@ -28,5 +28,5 @@ def last_compiled() -> list[Callable[[], object]]:
         *(lambda law=law: law(a, 1.0, 1.0) for law in delays),
         *(lambda law=law: law(a, 0.0, 1.0, 1.0) for law in readings),
         lambda: kernel.angle(a, b, p, on),
-        lambda: gap_stretches([Lane(np.zeros(1), np.zeros(1), 0.0, np.ones(8), idle())], 1.0, 1.0),
+        lambda: lock_step([Lane(np.zeros(1), np.zeros(1), 0.0, 0.0, 1.0, p, idle())], on, 1.0),
     ]

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,7 @@ from beltcomm.laboratory.harmonics import gain_means, load_means, powers_of
 from beltcomm.laboratory.hints import explained_stretch, stiffness_by_record
 from beltcomm.model import Model, on_side
 from beltcomm.simulate.inverse import (
+    ENOUGH_LANES,
     FineMotion,
     acting_torque,
     as_read,
@@ -76,6 +78,8 @@ class Scorer:
         most = SUBSTEPS if follows(self.model) else ROUGH_SUBSTEPS
         rough_pieces = [replace(p, motion=p.motion.coarser(min(most, p.motion.substeps))) for p in self.problem.pieces]
         self.rough = dressed_each(rough_pieces, [self.model] * len(rough_pieces))
+        if follows(self.model):
+            self.problem.forget()  # the observers of the fine steps: nothing here asks for them any more, and they are large
         rough = Problem(self.rough, self.model, self.problem.free, BLOCK_S)
         self.parts: list[Parts] = [rough.balance(i, fitted.x, float(o)) for i, o in enumerate(self.offsets)]
 
@@ -213,15 +217,10 @@ class Scorer:
         extended : models that have the effect, and that may have another belt.
         """
         vectors = [model.vector() for model in extended]
+        if self.rough[0].follower is not None and not (acts_on_motor(effect) and effect.slot != "friction_onset"):
+            return self.told(effect, extended) - self.told_here[:, None]
         parts = []
         for i, piece in enumerate(self.rough):
-            if piece.follower is not None and not (acts_on_motor(effect) and effect.slot != "friction_onset"):
-                # An observer of a model that is far off has lost the carriage; what finds it again needs one of its own.
-                anew = effect.slot in BELT_SLOTS and self.fitted.objective > FAR_OFF * self.problem.samples
-                same = [piece] * len(extended)
-                there = followed(dressed_each(same, extended) if anew else same, extended[0], vectors)
-                parts.append(np.stack(there, axis=1) - whitened(piece, self.model, self.vector)[:, None])
-                continue
             motion = true_motion(self.model, piece.motion, self.vector)
             if acts_on_motor(effect) or effect.slot in BEFORE_THE_LOAD:
                 changes = [self.change(effect, m, v, i, motion) for m, v in zip(extended, vectors, strict=True)]
@@ -230,6 +229,24 @@ class Scorer:
                 changes = [self.shown(i, load - self.parts[i].belt) for load in loads.T]
             parts.append(in_noise(piece, self.model, self.vector, np.stack(changes, axis=1)))
         return np.concatenate(parts)
+
+    def told(self, effect: Effect, extended: Sequence[Model]) -> Array:
+        """Innovations of models that have the effect, over their deviations, (n, models)."""
+        # An observer of a model that is far off has lost the carriage; what finds it again needs one of its own.
+        anew = effect.slot in BELT_SLOTS and self.fitted.objective > FAR_OFF * self.problem.samples
+        # Many models on one piece run in lock step, or few of them on all.
+        many = len(extended) >= ENOUGH_LANES
+        parts = []
+        for pieces in [[piece] for piece in self.rough] if many else [self.rough]:
+            every, models = [p for p in pieces for _ in extended], [*extended] * len(pieces)
+            found = followed(dressed_each(every, models) if anew else every, extended[0], [model.vector() for model in models])
+            parts += [np.stack(found[i : i + len(extended)], axis=1) for i in range(0, len(found), len(extended))]
+        return np.concatenate(parts)
+
+    @cached_property
+    def told_here(self) -> Array:
+        """The same of the model as it is."""
+        return np.concatenate(followed(self.rough, self.model, [self.vector] * len(self.rough)))
 
     def change(self, effect: Effect, extended: Model, vector: Array, i: int, motion: FineMotion) -> Array:
         """Change of a piece's residual by an effect of the motor, its torque or its angle, N m, (n,)."""

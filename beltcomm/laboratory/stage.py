@@ -199,7 +199,7 @@ def price(effect: Effect, base: Fitted, starts: int) -> float:
 
 def refitted(data: Data, base: Fitted, way: Scored, starts: int, against: Fitted) -> Candidate:
     """Everything fitted again with the effect, from its best way."""
-    return candidate(against, way.effect, way.drop, grown(data, base, way), starts)
+    return candidate(against, way.effect, way.drop, grown(data, base, way, against.objective), starts)
 
 
 def strayed(base: Fitted, start: Model, above: float = MISSING) -> bool:
@@ -248,8 +248,11 @@ def candidate(base: Fitted, effect: Effect, promised: float, best: Fitted, start
     return Candidate(effect, promised, evidence, explained, held_gain, best, accepted, hollow, grows)
 
 
-def grown(data: Data, base: Fitted, way: Scored) -> Fitted:
-    """The model with the effect, begun where the score test says, or with no more of the base moved than the trial moves; the better."""
+def grown(data: Data, base: Fitted, way: Scored, goal: float = math.inf) -> Fitted:
+    """The model with the effect, begun where the score test says, or with no more of the base moved than the trial moves; the better.
+
+    goal : O above which it does not matter where an observer makes the fit dear.
+    """
     here = base.problem
     moved = np.clip(base.x + way.step, here.low, here.high)
     beside = base.x.copy()
@@ -262,7 +265,10 @@ def grown(data: Data, base: Fitted, way: Scored) -> Fitted:
         problem = problem_of(data, model)
         starts.append((problem.objective(problem.residual(problem.start(here.offsets(x)))), problem, here.offsets(x)))
     _, problem, offsets = min(starts, key=lambda start: start[0])
-    return fit_of(problem, data, FOLLOWED_ITERATIONS if follows(base.model) else ITERATIONS, offsets=offsets, enough=ENOUGH)
+    starts.clear()  # the other one's observers are large
+    if follows(problem.model):
+        return fit_of(problem, data, FOLLOWED_ITERATIONS if follows(base.model) else ITERATIONS, enough=ENOUGH, goal=goal)
+    return fit_of(problem, data, ITERATIONS, offsets=offsets, enough=ENOUGH)
 
 
 @in_one_thread

@@ -16,7 +16,7 @@ from pathlib import Path
 from platformdirs import user_cache_path
 
 #: Changes whenever the generated source changes shape, so that an old cache is never met.
-VERSION = 18
+VERSION = 19
 #: Notes of what was compiled ahead; drafts of kernels; machine code of kernels as numba and Python name it.  Sources are left: a process
 #: of the version that wrote them may be about to read them, and they are short.
 _NOTE = re.compile(r"ahead_[0-9a-f]{20}")

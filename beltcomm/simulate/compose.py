@@ -46,8 +46,8 @@ class Kernel:
     advance(q, v, p, torque, t, h, n) -> belt force N: n sub-steps of h seconds with held motor torque, q and v in place.
     run(q, v, p, torque, t, sample, n, theta, omega, cart, belt): whole record, state at the start of each sample and the
         largest belt force in it.
-    follow(q, v, p, t, first, carriage, follows_position, coefficients, state, references, sensing, waiting, timing, out): a drive's loop
-        closed on the model, see :meth:`beltcomm.simulate.plant.SimulatedPlant.follow`.
+    follow(q, v, p, t, first, carriage, follows_position, coefficients, state, references, sensing, waiting, timing, past, kept, out): a
+        drive's loop closed on the model, see :meth:`beltcomm.simulate.plant.SimulatedPlant.follow`.
     forces(q, v, p, t, out): smooth forces on all bodies.      levels(q, v, p, t, out): friction levels of all bodies.
     """
 
@@ -114,22 +114,24 @@ def kernel_source(base_bodies: tuple[str, ...], effects: tuple[str, ...]) -> str
         *indented(["for _ in range(n):", *indented([*substep, "peak = max(peak, abs(strand))"], 1), "belt[k] = peak"], 2),
         *indented(store, 1),
     ]  # fmt: skip
+    given = "q, v, p, t, first, carriage, follows_position, coefficients, state, references, sensing, waiting, timing, past, kept, out"
     follow = [
         "@compiled",
-        "def follow(q, v, p, t, first, carriage, follows_position, coefficients, state, references, sensing, waiting, timing, out):",
+        f"def follow({given}):",
         "    for k in range(references.shape[1]):",
         *indented([
-            "out[0, k], out[1, k], out[2, k] = q[0] - first, v[0], q[carriage]",
-            "asked = setpoint(follows_position, coefficients, state, references, k, q[0] - first, sensing)",
+            *_shown(writer),
+            "out[0, k], out[1, k], out[2, k] = shown - first, v[0], q[carriage]",
+            "asked = setpoint(follows_position, coefficients, state, references, k, shown - first, sensing)",
             "before = waiting[0]",
             "for i in range(1, waiting.shape[0]):",
             "    waiting[i - 1] = waiting[i]",
             "waiting[-1] = asked",
             "peak = 0.0",
             "if timing[0] > 0.0:",
-            "    peak = abs(advance(q, v, p, before, t, timing[1], int(timing[2])))",
+            "    peak = abs(acted(q, v, p, before, t, timing[1], int(timing[2]), timing[6], past, kept))",
             "    t += timing[0]",
-            "peak = max(peak, abs(advance(q, v, p, waiting[0], t, timing[4], int(timing[5]))))",
+            "peak = max(peak, abs(acted(q, v, p, waiting[0], t, timing[4], int(timing[5]), timing[6], past, kept)))",
             "t += timing[3]",
             "out[3, k], out[4, k], out[5, k] = asked, before, peak",
         ], 2),
@@ -145,7 +147,39 @@ def kernel_source(base_bodies: tuple[str, ...], effects: tuple[str, ...]) -> str
         *indented([*constants, *load, *[f"l{i} = 0.0" for i in everyone], *writer.forces("v"), *writer.levels("v", everyone)], 1),
         *indented([f"out[{i}] = l{i}" for i in everyone], 1),
     ]
-    return writer.assemble([advance, run, follow, forces, levels])
+    return writer.assemble([advance, run, _acted(writer), follow, forces, levels])
+
+
+def _shown(writer: Writer) -> list[str]:
+    """Lines that say what the motor's encoder shows; the laws give the error at the angle shown, see ``imperfect.angle_sensor``."""
+    errors = [f"{writer.law(e.law)}(shown{writer.arguments(e)})" for e in writer.chosen("sensor") if e.law is not None]
+    return ["shown = q[0]", *(["for _ in range(6):", f"    shown = q[0] - ({' + '.join(errors)})"] if errors else [])]
+
+
+def _acted(writer: Writer) -> list[str]:
+    """Sub-steps with a held torque setpoint, through what lets torque act late.   memory : s, how long that remembers.
+
+    past : the torque of the cells before, N m, with room for as many again.   kept : (1,), how many of them there are.
+    """
+    head = ["@compiled", "def acted(q, v, p, torque, t, h, n, memory, past, kept):"]
+    delays = [f"cells = {writer.law(e.law)}(cells, h{writer.arguments(e)})" for e in writer.chosen("torque_delay") if e.law is not None]
+    if not delays:
+        return [*head, "    return advance(q, v, p, torque, t, h, n)"]
+    body = [
+        "old = min(kept[0], math.ceil(memory / h))",
+        "for i in range(old):",
+        "    past[i] = past[kept[0] - old + i]",
+        "for i in range(old, old + n):",
+        "    past[i] = torque",
+        "kept[0] = old + n",
+        "cells = past[: old + n]",
+        *delays,
+        "strand = 0.0",
+        "for i in range(n):",
+        "    strand = max(strand, abs(advance(q, v, p, cells[old + i], t + i * h, h, 1)))",
+        "return strand",
+    ]
+    return [*head, *indented(body, 1)]
 
 
 @dataclass(frozen=True)

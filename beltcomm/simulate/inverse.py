@@ -28,13 +28,13 @@ from beltcomm.effects import EFFECTS
 from beltcomm.model import Model
 from beltcomm.simulate.change import Change
 from beltcomm.simulate.compose import inverse_kernel
-from beltcomm.simulate.gap_stretches import Lane, gap_stretches
 from beltcomm.simulate.learning import prepared
+from beltcomm.simulate.lock_step import Lane, lock_step
 from beltcomm.simulate.mean import triangular_mean
 from beltcomm.simulate.observer import NOTHING, Watch, unseen
 from beltcomm.simulate.plain_belt import plain_belt, values_of
-from beltcomm.simulate.plain_gap import plain_gap
 from beltcomm.simulate.switchboard import switchboard
+from beltcomm.simulate.vectors import LANES
 from beltcomm.simulate.writer import LOOK_AHEAD, MOVING_RAD_S
 
 Array = NDArray[np.float64]
@@ -48,8 +48,10 @@ BRISTLE_M = 2e-8
 #: Cells per sample in which a torque that comes late is worked out: a step within a cell counts as spread over it, which shifts it in time
 #: by up to T/(8 cells²), 8 us of 1 ms with four cells and 0.1 us with these.
 DELAY_CELLS = 32
-#: Stretches from which on it is quicker to follow them in lock step.
-ENOUGH_LANES = 3
+#: Loads of the motor's own friction that are kept with a motion.
+REMEMBERED = 2
+#: Stretches from which on it is quicker to follow them in lock step, and share of the longest that the next one must be long for that.
+ENOUGH_LANES, LIKE = 3, 2.0 / 3.0
 
 
 @dataclass(frozen=True)
@@ -72,6 +74,8 @@ class FineMotion:
     change: Change | None = None
     #: What :func:`true_motion` last made of it, by the values of the sensor's errors: most of a fit does not change them.
     made_true: dict[tuple[object, ...], FineMotion] = field(init=False, repr=False, compare=False, default_factory=dict)
+    #: What :func:`motor_load` last said of it, by effects and values: most of what is tried leaves the motor's own friction alone.
+    rubbed: dict[tuple[object, ...], Array] = field(init=False, repr=False, compare=False, default_factory=dict)
 
     def coarser(self, substeps: int) -> FineMotion:
         """The same motion with fewer fine steps per sample, of which today's are a multiple; itself where it has no more."""
@@ -193,18 +197,25 @@ def fine_load(model: Model, motion: FineMotion, vector: Array | None = None, off
 
 
 def motor_load(model: Model, motion: FineMotion, vector: Array, effect: str | None = None) -> Array:
-    """What the effects that act on the motor alone, or one of them, add to the load; triangular mean, (n,), N m, ends 0."""
+    """What the effects that act on the motor alone, or one of them, add to the load; triangular mean, (n,), N m, ends 0; read only."""
     board = switchboard(model.base_bodies, model.effects)
     on = board.motor
     if effect is not None:
         on = np.zeros_like(board.on)
         on[[e.name for e in EFFECTS].index(effect)] = True
-    if not on.any():
-        return np.zeros(motion.samples)
-    load, level = _SCRATCH.rows(len(motion.theta))
-    h = motion.sample_s / motion.substeps
-    inverse_kernel().motor(motion.theta, motion.omega, board.spread(vector), on, motion.time_s, h, motion.bristle_m, load, level)
-    return triangular_mean(load, motion.substeps)
+    key = (on.tobytes(), *(float(vector[place]) for place in board.rubs))
+    if key not in motion.rubbed:
+        mean = np.zeros(motion.samples)
+        if on.any():
+            load, level = _SCRATCH.rows(len(motion.theta))
+            h = motion.sample_s / motion.substeps
+            inverse_kernel().motor(motion.theta, motion.omega, board.spread(vector), on, motion.time_s, h, motion.bristle_m, load, level)
+            mean = triangular_mean(load, motion.substeps)
+        mean.setflags(write=False)
+        if len(motion.rubbed) >= REMEMBERED:
+            del motion.rubbed[next(iter(motion.rubbed))]
+        motion.rubbed[key] = mean
+    return motion.rubbed[key]
 
 
 def belt_load(model: Model, motion: FineMotion, vector: Array, offset_m: float) -> Array:
@@ -235,26 +246,38 @@ def belt_loads(model: Model, motion: FineMotion, vectors: Sequence[Array], offse
 def followed(model: Model, motions: Sequence[FineMotion], vectors: Sequence[Array], watches: Sequence[Watch]) -> None:
     """Everything beyond the motor followed by the torque, of several stretches or models; the results stand in the watches.
 
-    The common belt behind a gap in lock step where there are enough of one kind, the others one by one.   vectors : with one transmission.
+    In lock step where there are enough of one kind, the others one by one.   vectors : with one transmission.
     """
     board = switchboard(model.base_bodies, model.effects)
     alike: dict[tuple[float, ...], list[int]] = {}
     for i, (motion, watch) in enumerate(zip(motions, watches, strict=True)):
         alike.setdefault((motion.substeps, motion.sample_s, len(watch.s), watch.cart), []).append(i)
     for group in alike.values():
-        first = motions[group[0]]
-        h = first.sample_s / first.substeps
-        if board.gap and watches[group[0]].places[1] >= 0 and len(group) >= ENOUGH_LANES:
-            values = [np.append(vectors[i], 0.0)[list(board.gap)] for i in group]  # 0 for what is off
-            beside = zip(group, values, strict=True)
-            lanes = [Lane(motions[i].theta, motions[i].omega, first_speed(motions[i]), own, watches[i]) for i, own in beside]
-            gap_stretches(lanes, h, float(vectors[0][model.index("transmission.ratio")]))
-            continue
-        for i in group:
-            motion, p = motions[i], board.spread(vectors[i])
-            watch = prepared(watches[i]) if watches[i].learning else watches[i]
-            load, cart = _SCRATCH.rows(len(motion.theta))
-            inverse_kernel().load(motion.theta, motion.omega, p, board.belt, motion.time_s, h, motion.bristle_m, 0.0, load, cart, watch)
+        h = motions[group[0]].sample_s / motions[group[0]].substeps
+        for some in together(group, [len(motion.theta) for motion in motions]):
+            if len(some) >= ENOUGH_LANES:
+                lock_step([_lane(motions[i], board.spread(vectors[i]), watches[i]) for i in some], board.belt, h)
+                continue
+            for i in some:
+                motion, p = motions[i], board.spread(vectors[i])
+                watch = prepared(watches[i]) if watches[i].learning else watches[i]
+                load, cart = _SCRATCH.rows(len(motion.theta))
+                inverse_kernel().load(motion.theta, motion.omega, p, board.belt, motion.time_s, h, motion.bristle_m, 0.0, load, cart, watch)
+
+
+def together(group: Sequence[int], lengths: Sequence[int]) -> list[list[int]]:
+    """The members of a group, the longest first, by as many as run in lock step; one by itself where the others would end long before."""
+    order, found = sorted(group, key=lambda i: -lengths[i]), list[list[int]]()
+    while order:
+        alone = len(order) > 1 and lengths[order[1]] < LIKE * lengths[order[0]]
+        count = 1 if alone else LANES
+        found.append(order[:count])
+        order = order[count:]
+    return found
+
+
+def _lane(motion: FineMotion, p: Array, watch: Watch) -> Lane:
+    return Lane(motion.theta, motion.omega, first_speed(motion), motion.time_s, motion.bristle_m, p, watch)
 
 
 def followed_beside(model: Model, motion: FineMotion, vectors: Sequence[Array], watch: Watch) -> Array:
@@ -262,12 +285,6 @@ def followed_beside(model: Model, motion: FineMotion, vectors: Sequence[Array], 
 
     One load is ``wanted`` and one transmission is theirs.
     """
-    board = switchboard(model.base_bodies, model.effects)
-    if board.gap and watch.places[1] >= 0:
-        ratio, h = float(vectors[0][model.index("transmission.ratio")]), motion.sample_s / motion.substeps
-        padded = np.array([(*vector, 0.0) for vector in vectors])
-        values = np.vstack((padded[:, board.gap].T, np.zeros(len(vectors))))
-        return plain_gap(motion.theta, motion.omega, h, ratio, first_speed(motion), values, watch)
     watches = [unseen(watch, watch.wanted) for _ in vectors]
     followed(model, [motion] * len(vectors), vectors, watches)
     return np.stack([one.white for one in watches], axis=1)
@@ -349,14 +366,11 @@ def torque_residuals(model: Model, motion: FineMotion, torque: Array, vectors: S
     board, ratio = switchboard(model.base_bodies, model.effects), model.index("transmission.ratio")
     beside = board.plain and not board.sensor and all(p[ratio] == vectors[0][ratio] for p in vectors)
     loads = belt_loads(model, motion, vectors, offsets_m).T if beside else [None] * len(vectors)
-    left, rubbing = [], dict[tuple[float, ...], Array]()
+    left = []
     for p, offset, load in zip(vectors, offsets_m, loads, strict=True):
         true = true_motion(model, motion, p)
-        if load is not None:  # most of them do not touch the motor's own friction
-            key = tuple(p[place] for place in board.rubs)
-            if key not in rubbing:
-                rubbing[key] = motor_load(model, true, p)
-            needed = rubbing[key] + load
+        if load is not None:
+            needed = motor_load(model, true, p) + load
         elif board.plain:
             needed = motor_load(model, true, p) + belt_load(model, true, p, offset)
         else:

@@ -19,7 +19,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from beltcomm.compiled import compiled
+from beltcomm.compiled import in_lanes
+from beltcomm.simulate.vectors import LANES, aligned, at, eight, put
 
 Array = NDArray[np.float64]
 
@@ -188,13 +189,16 @@ def contact(
 
 def filtered(e: Array, keep: NDArray[np.bool_], f: Array, h: Array, gains: Array, deviations: Array, shares: Array) -> Array:
     """What changes e of the residual change of the innovations to first order, over their deviations; (n, k) -> (kept, k)."""
-    columns = e.shape[1]
-    s, ahead, out = np.zeros((h.shape[1], columns)), np.zeros((h.shape[1], columns)), np.empty((np.count_nonzero(keep), columns))
-    _filtered(e, keep, f, h, gains, deviations, shares, s, ahead, np.empty(columns), out)
-    return out
+    size, columns = h.shape[1], e.shape[1]
+    whole = -(-columns // LANES) * LANES
+    padded = e if whole == columns else np.pad(e, ((0, 0), (0, whole - columns)))
+    out, states, known = np.empty((np.count_nonzero(keep), whole)), aligned(2 * size, whole), np.empty((size, size))
+    fine = np.ascontiguousarray
+    _filtered(fine(padded), keep, fine(f), fine(h), gains, deviations, shares, states.ravel(), known.ravel(), out)
+    return out[:, :columns]
 
 
-@compiled
+@in_lanes
 def _filtered(
     e: Array,
     keep: NDArray[np.bool_],
@@ -203,35 +207,30 @@ def _filtered(
     gains: Array,
     deviations: Array,
     shares: Array,
-    s: Array,
-    ahead: Array,
-    innovation: Array,
+    states: Array,
+    known: Array,
     out: Array,
 ) -> None:
     size, own, columns = h.shape[1], h.shape[1] - 2, e.shape[1]
-    number = 0
+    here, ahead, number = 0, columns * size, 0  # of the states, each as many numbers as there are columns
     for n in range(e.shape[0]):
         share = shares[n]
         for i in range(size):
-            for c in range(columns):
-                ahead[i, c] = 0.0
+            known[size * own + i] = h[0, i] + share * (h[1, i] - h[0, i])
             for j in range(own):
-                factor = f[0, i, j] + share * (f[1, i, j] - f[0, i, j])
-                if factor != 0.0:
-                    for c in range(columns):
-                        ahead[i, c] += factor * s[j, c]
-        if keep[n]:
-            for c in range(columns):
-                innovation[c] = e[n, c]
+                known[i * own + j] = f[0, i, j] + share * (f[1, i, j] - f[0, i, j])
+        for first in range(0, columns, LANES):
+            innovation = eight(0.0)
+            if keep[n]:
+                innovation = at(e, n * columns + first)
+                for i in range(size):
+                    innovation = innovation - known[size * own + i] * at(states, here + columns * i + first)
+                put(out, number * columns + first, innovation / deviations[n])
             for i in range(size):
-                factor = h[0, i] + share * (h[1, i] - h[0, i])
-                for c in range(columns):
-                    innovation[c] -= factor * s[i, c]
-            for c in range(columns):
-                out[number, c] = innovation[c] / deviations[n]
-            number += 1
-            for i in range(size):
-                factor = gains[n, i]
-                for c in range(columns):
-                    ahead[i, c] += factor * innovation[c]
-        s, ahead = ahead, s
+                total = gains[n, i] * innovation
+                for j in range(own):
+                    if known[i * own + j] != 0.0:
+                        total = total + known[i * own + j] * at(states, here + columns * j + first)
+                put(states, ahead + columns * i + first, total)
+        number += keep[n]
+        here, ahead = ahead, here

@@ -128,8 +128,8 @@ class SimulatedPlant:
 
     @property
     def plain(self) -> bool:
-        """Whether :meth:`follow` can run it: torque acts when it is set, the angle is shown as it is, and no buffers stand at its ends."""
-        return not self._late and self._measured(1.0) == 1.0 and self._endless
+        """Whether :meth:`follow` can run it: no buffers stand at its ends."""
+        return self._endless
 
     def follow(
         self,
@@ -152,15 +152,19 @@ class SimulatedPlant:
         """
         first, rest_s = max(1, math.ceil(late_s * self._substeps_per_s - 1e-6)), period_s - late_s
         then = max(1, math.ceil(rest_s * self._substeps_per_s - 1e-6))
-        timing = np.array([late_s, late_s / first, first, rest_s, rest_s / then, then])
+        timing = np.array([late_s, late_s / first, first, rest_s, rest_s / then, then, self._memory_s])
         out = np.empty((6, references.shape[1]))
         q, v, i = self._q, self._v, self._carriage
-        self._kernel.follow(
-            q, v, self._p, self.time_s, self._start_rad, i, follows_position, coefficients, state, references, sensing, waiting, timing, out
-        )
+        shortest_s = min(rest_s / then, late_s / first if late_s > 0.0 else math.inf)
+        kept = np.array([len(self._reported)])
+        past = np.zeros(max(len(self._reported), math.ceil(self._memory_s / shortest_s)) + max(first, then))
+        past[: len(self._reported)] = self._reported
+        loop = (follows_position, coefficients, state, references, sensing, waiting, timing, past, kept, out)
+        self._kernel.follow(q, v, self._p, self.time_s, self._start_rad, i, *loop)
+        self._reported = past[: int(kept[0])]
         out[2] = out[2] * self._lever - self._start_m
         self.time_s += period_s * references.shape[1]
-        self.position_rad, self.velocity_rad_s = q.item(0) - self._start_rad, v.item(0)
+        self.position_rad, self.velocity_rad_s = self._measured(q.item(0)) - self._start_rad, v.item(0)
         self.cart_position_m = q.item(i) * self._lever - self._start_m
         for reached in (float(out[2].min()), float(out[2].max()), self.cart_position_m):
             self._look_at(reached)

@@ -12,13 +12,7 @@ def stick_or_slide(speed: float, push: float, grip: float, h: float) -> float:
     A reversal within the step is placed where it happens: taking the whole step with one sign would shift the friction by half a
     step at every reversal, which looks like mass (0.3 % of the carriage of rig g_b at 8 kHz).
     """
-    if speed == 0.0:
-        if push > grip:
-            return h * (push - grip)
-        if push < -grip:
-            return h * (push + grip)
-        return 0.0
-    direction = 1.0 if speed > 0.0 else -1.0
+    direction = 1.0 if (speed if speed != 0.0 else push) > 0.0 else -1.0  # a body at rest starts to where it is pushed
     forward = direction * push
     left = direction * speed + h * (forward - grip)
     if left >= 0.0:

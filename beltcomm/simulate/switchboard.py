@@ -19,8 +19,6 @@ Array = NDArray[np.float64]
 
 #: Slots of what changes angle or torque and no load.
 BEFORE_THE_LOAD = ("sensor", "torque_path", "torque_delay", "torque_reading")
-#: What ``plain_gap`` knows beyond the plain belt, in its order.
-BEHIND_GAP = ("backlash", "tilt")
 _CATALOGUE_SIZE = len(catalogue_parameters())
 
 
@@ -33,9 +31,8 @@ class Switchboard:
     delays : effects between reported and acting torque, with their places in the model's vector.     readings : the same for those
     between the torque and its reading.     bent : whether the torque path is touched by an effect.   sensor : places in the model's vector
     of the errors of the angle.
-    bare : whether nothing but ``PLAIN``, plain : whether nothing but what ``plain_belt`` knows is beyond the motor.   gap : places in the
-    model's vector of what ``plain_gap`` asks for, -1 for what is off; () where it does not know all of it.   rubs : places in the model's
-    vector of what the effects that act on the motor alone ask for.
+    bare : whether nothing but ``PLAIN``, plain : whether nothing but what ``plain_belt`` knows is beyond the motor.   rubs : places in the
+    model's vector of what the effects that act on the motor alone ask for.
     """
 
     places: NDArray[np.intp]
@@ -48,7 +45,6 @@ class Switchboard:
     sensor: tuple[int, ...]
     bare: bool
     plain: bool
-    gap: tuple[int, ...]
     rubs: tuple[int, ...]
 
     def spread(self, vector: Array) -> Array:
@@ -78,7 +74,6 @@ def switchboard(base_bodies: tuple[str, ...], effects: tuple[str, ...]) -> Switc
         tuple(own.index(name) for e in chosen if e.slot == "sensor" for name in e.full_names()),
         base_bodies == ("motor", "cart") and _beyond(chosen) <= set(PLAIN),
         base_bodies == ("motor", "cart") and knows(_beyond(chosen)),
-        _gap_places(base_bodies, chosen, own),
         tuple(own.index(name) for e in chosen if acts_on_motor(e) for name in (*e.full_names(), *e.uses) if name in own),
     )
 
@@ -86,12 +81,3 @@ def switchboard(base_bodies: tuple[str, ...], effects: tuple[str, ...]) -> Switc
 def _beyond(chosen: Sequence[Effect]) -> set[str]:
     """Names of the effects beyond the motor."""
     return {e.name for e in chosen if not acts_on_motor(e) and e.slot not in BEFORE_THE_LOAD}
-
-
-def _gap_places(base_bodies: tuple[str, ...], chosen: Sequence[Effect], own: Sequence[str]) -> tuple[int, ...]:
-    beyond = _beyond(chosen)
-    if base_bodies != ("motor", "cart") or not {"belt_stiffness", "backlash"} <= beyond or not beyond <= {*PLAIN, *BEHIND_GAP}:
-        return ()
-    names = [name for effect in (*PLAIN, *BEHIND_GAP) for name in effect_named(effect).full_names()]
-    names.insert(2, "cart.mass")
-    return tuple(own.index(name) if name in own else -1 for name in names)

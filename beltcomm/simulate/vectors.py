@@ -30,11 +30,19 @@ Array = NDArray[np.float64]
 LANES = 8
 
 
+class Mask(Protocol):
+    """Eight answers to one question."""
+
+    def __or__(self, other: Mask) -> Mask: ...
+
+
 class Vector(Protocol):
     """Eight float64, as compiled code has them."""
 
+    def __neg__(self) -> Vector: ...
     def __add__(self, other: Vector) -> Vector: ...
     def __sub__(self, other: Vector) -> Vector: ...
+    def __gt__(self, other: Vector | float) -> Mask: ...
     def __mul__(self, other: Vector | float) -> Vector: ...
     def __rmul__(self, other: float) -> Vector: ...
     def __truediv__(self, other: Vector) -> Vector: ...
@@ -45,14 +53,25 @@ class _VectorType(types.Type):
         super().__init__(name=f"Vector{LANES}")
 
 
-_vector = _VectorType()
-_REGISTER = ir.VectorType(ir.DoubleType(), LANES)
+class _MaskType(types.Type):
+    def __init__(self) -> None:
+        super().__init__(name=f"Mask{LANES}")
+
+
+_vector, _mask = _VectorType(), _MaskType()
+_REGISTER, _ANSWERS = ir.VectorType(ir.DoubleType(), LANES), ir.VectorType(ir.IntType(1), LANES)
 
 
 @register_model(_VectorType)
 class _VectorModel(PrimitiveModel):
     def __init__(self, manager: Any, kind: _VectorType) -> None:
         super().__init__(manager, kind, _REGISTER)  # type: ignore[no-untyped-call]  # numba has no types, here and below
+
+
+@register_model(_MaskType)
+class _MaskModel(PrimitiveModel):
+    def __init__(self, manager: Any, kind: _MaskType) -> None:
+        super().__init__(manager, kind, _ANSWERS)  # type: ignore[no-untyped-call]
 
 
 def _spread(builder: Any, value: Any) -> Any:
@@ -93,24 +112,92 @@ def _put(_context: Any, array: Any, place: Any, vector: Any) -> Any:
     return types.void(array, types.intp, _vector), written
 
 
-def _teach(symbol: object, name: str) -> None:
-    """An operator between two vectors, and between a vector and a number; multiply and add may become one."""
+def _either(_context: Any, mask: Any, one: Any, other: Any) -> Any:
+    """What of two where a mask says yes, and where it says no."""
 
-    class Operator(ConcreteTemplate):
-        cases = (_vector(_vector, _vector), _vector(_vector, types.float64), _vector(types.float64, _vector))
+    def written(_context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        sides = (_as_vector(builder, kind, value) for kind, value in zip(signature.args[1:], arguments[1:], strict=True))
+        return builder.select(arguments[0], *sides)
 
-    infer_global(symbol)(Operator)  # type: ignore[no-untyped-call]
-
-    def written(_context: Any, builder: Any, sig: Any, arguments: Sequence[Any]) -> Any:
-        sides = [value if kind is _vector else _spread(builder, value) for kind, value in zip(sig.args, arguments, strict=True)]
-        return getattr(builder, name)(*sides, flags=("contract",))
-
-    for one, other in ((_VectorType, _VectorType), (_VectorType, types.Float), (types.Float, _VectorType)):
-        lower_builtin(symbol, one, other)(written)  # type: ignore[no-untyped-call]
+    return _vector(mask, one, other), written
 
 
-for _symbol, _name in ((operator.add, "fadd"), (operator.sub, "fsub"), (operator.mul, "fmul"), (operator.truediv, "fdiv")):
-    _teach(_symbol, _name)
+def _of_two(_context: Any, one: Any, other: Any, larger: bool) -> Any:
+    def written(_context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        a, b = (_as_vector(builder, kind, value) for kind, value in zip(signature.args, arguments, strict=True))
+        return builder.select(builder.fcmp_ordered("<" if larger else ">", a, b), b, a)
+
+    return _vector(one, other), written
+
+
+def _most(context: Any, one: Any, other: Any) -> Any:
+    """The larger of two."""
+    return _of_two(context, one, other, larger=True)
+
+
+def _least(context: Any, one: Any, other: Any) -> Any:
+    """The smaller of two."""
+    return _of_two(context, one, other, larger=False)
+
+
+def _called(name: str, arguments: int) -> Callable[..., Any]:
+    """A function that the compiler knows itself, of so many vectors."""
+
+    def typed(_context: Any, *given: Any) -> Any:
+        def written(_context: Any, builder: Any, signature: Any, values: Any) -> Any:
+            kind, known = ir.FunctionType(_REGISTER, [_REGISTER] * arguments), f"llvm.{name}.v{LANES}f64"
+            function = builder.module.globals.get(known) or ir.Function(builder.module, kind, known)
+            return builder.call(function, [_as_vector(builder, k, value) for k, value in zip(signature.args, values, strict=True)])
+
+        return _vector(*given), written
+
+    if arguments == 1:
+        return lambda context, x: typed(context, x)
+    return lambda context, x, y: typed(context, x, y)
+
+
+def _as_vector(builder: Any, kind: Any, value: Any) -> Any:
+    return value if kind is _vector else _spread(builder, value)
+
+
+def _teach(symbols: Sequence[object], result: types.Type, write: Callable[[Any, Sequence[Any]], Any]) -> None:
+    """An operator between two vectors, and between a vector and a number."""
+    for symbol in symbols:
+
+        class Operator(ConcreteTemplate):
+            cases = (result(_vector, _vector), result(_vector, types.float64), result(types.float64, _vector))
+
+        infer_global(symbol)(Operator)  # type: ignore[no-untyped-call]
+
+        def written(_context: Any, builder: Any, sig: Any, arguments: Sequence[Any]) -> Any:
+            return write(builder, [_as_vector(builder, kind, value) for kind, value in zip(sig.args, arguments, strict=True)])
+
+        for one, other in ((_VectorType, _VectorType), (_VectorType, types.Float), (types.Float, _VectorType)):
+            lower_builtin(symbol, one, other)(written)  # type: ignore[no-untyped-call]
+
+
+def _teach_all() -> None:
+    for name in ("add", "sub", "mul", "truediv"):
+        operation = "f" + name.removeprefix("true")
+        both = (getattr(operator, name), getattr(operator, "i" + name))
+        # Multiply and add may become one.
+        _teach(both, _vector, lambda builder, sides, o=operation: getattr(builder, o)(*sides, flags=("contract", "arcp")))  # type: ignore[misc]
+    for name, sign in (("lt", "<"), ("le", "<="), ("gt", ">"), ("ge", ">="), ("eq", "=="), ("ne", "!=")):
+        _teach((getattr(operator, name),), _mask, lambda builder, sides, s=sign: builder.fcmp_ordered(s, *sides))  # type: ignore[misc]
+
+    class Negative(ConcreteTemplate):
+        cases = (_vector(_vector),)
+
+    class Or(ConcreteTemplate):
+        cases = (_mask(_mask, _mask),)
+
+    infer_global(operator.neg)(Negative)  # type: ignore[no-untyped-call]
+    infer_global(operator.or_)(Or)  # type: ignore[no-untyped-call]
+    lower_builtin(operator.neg, _VectorType)(lambda _c, builder, _s, given: builder.fneg(given[0]))  # type: ignore[no-untyped-call]
+    lower_builtin(operator.or_, _MaskType, _MaskType)(lambda _c, builder, _s, given: builder.or_(*given))  # type: ignore[no-untyped-call]
+
+
+_teach_all()
 
 
 def aligned(rows: int, lanes: int) -> Array:
@@ -125,3 +212,9 @@ def aligned(rows: int, lanes: int) -> Array:
 eight = cast("Callable[[float], Vector]", intrinsic(_eight))
 at = cast("Callable[[NDArray[Any], int], Vector]", intrinsic(_at))
 put = cast("Callable[[NDArray[Any], int, Vector], None]", intrinsic(_put))
+either = cast("Callable[[Mask, Vector | float, Vector | float], Vector]", intrinsic(_either))
+most = cast("Callable[[Vector, Vector | float], Vector]", intrinsic(_most))
+least = cast("Callable[[Vector, Vector | float], Vector]", intrinsic(_least))
+size = cast("Callable[[Vector], Vector]", intrinsic(_called("fabs", 1)))
+exp = cast("Callable[[Vector], Vector]", intrinsic(_called("exp", 1)))
+power = cast("Callable[[Vector, Vector | float], Vector]", intrinsic(_called("pow", 2)))

@@ -25,11 +25,12 @@ from beltcomm.effects import (
     is_plain_belt,
 )
 from beltcomm.model import BASE_BODIES, body_list, effect_parameters, expected_parameters
-from beltcomm.simulate import fast_math, loop_kernel
+from beltcomm.simulate import branchless, fast_math, loop_kernel
 from beltcomm.simulate.fences import fenced, indented
 from beltcomm.simulate.learning import learn
 from beltcomm.simulate.mean import weighted
 from beltcomm.simulate.observer import EXPECTED, LEARNED, OBSERVED, TAKEN, TOUCHED, contact, expected, observe, seen, taken
+from beltcomm.simulate.observer_lanes import brought, sampled
 from beltcomm.simulate.stick import stick_or_slide
 
 #: rad/s: a stretch that begins faster than this begins in motion, all bodies with the motor (a gap in the middle of a stroke);
@@ -67,17 +68,20 @@ class Writer:
     """The parts of a kernel as lines of source."""
 
     def __init__(self, base_bodies: tuple[str, ...], effects: tuple[str, ...]) -> None:
-        self.masked = False
+        self.masked = self.in_vectors = False
         self.effects = [effect_named(name) for name in effects]
         self.place = {name: i for i, name in enumerate(expected_parameters(effects, base_bodies))}
         self.bodies = body_list(effects, base_bodies)
         self._prepare()
 
     @classmethod
-    def masked_over(cls, effects: Iterable[Effect]) -> Writer:
-        """A masked kernel that knows these effects, on the parameter vector and the switches of the whole catalogue."""
+    def masked_over(cls, effects: Iterable[Effect], *, in_vectors: bool = False) -> Writer:
+        """A masked kernel that knows these effects, on the parameter vector and the switches of the whole catalogue.
+
+        in_vectors : whether its variables are those of eight models, and its laws such of ``branchless``.
+        """
         writer = cls.__new__(cls)
-        writer.masked = True
+        writer.masked, writer.in_vectors = True, in_vectors
         writer.effects = list(effects)
         writer.place = catalogue_parameters()
         writer.bodies = catalogue_bodies(writer.effects)
@@ -379,15 +383,22 @@ class Writer:
         """The module: imports, compiled laws, functions, and a hash of all laws (a changed law must not meet old machine code)."""
         body = "\n\n\n".join("\n".join(part) for part in functions)
         imports = [f"from {law.__module__} import {law.__name__} as _{name}" for name, law in sorted(self.laws.items())]
-        single, several = "within_kernels(getattr(_{0}, 'py_func', _{0}))", "fast(_{0})"
+        single = "in_vectors(_{0})" if self.in_vectors else "within_kernels(getattr(_{0}, 'py_func', _{0}))"
+        several = "fast(_{0})"
         laws = [f"{name} = {(several if name in self.in_lanes else single).format(name)}" for name in sorted(self.laws)]
         if "setpoint(" in body:
             imports.append("from beltcomm.simulate.loop_kernel import setpoint")
         if self.in_lanes:
             imports.append("from beltcomm.simulate.fast_math import fast")
+        if self.in_vectors:
+            imports.append("from beltcomm.simulate.branchless import in_vectors")
+            imports.append("from beltcomm.simulate.observer_lanes import brought, sampled")
+            imports.append("from beltcomm.simulate.vectors import at, eight, either, least, most, put")
         ours = "from beltcomm.compiled import compiled, in_lanes, within_kernels"
         head = ["import math", "", "import numpy as np", "", ours, *imports, "", *laws]
         used = {loop_kernel.__name__, cascade_kernel.__name__, fast_math.__name__}.union(*(modules_of(law) for law in self.laws.values()))
+        if self.in_vectors:
+            used |= {branchless.__name__}.union(*(modules_of(function) for function in (brought, sampled)))
         text = "".join(inspect.getsource(sys.modules[module]) for module in sorted(used))
         return "\n".join(head) + "\n\n\n" + body + "\n# " + hashlib.sha256(text.encode()).hexdigest() + "\n"
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from beltcomm.effects import EFFECTS as CATALOGUE
 from beltcomm.identify.following import Follower, Seen, innovations, learned, unlearned
 from beltcomm.identify.noise_path import way
 from beltcomm.identify.residual import Stretch, grouped
@@ -20,10 +21,12 @@ from beltcomm.simulate.inverse import (
     fine_load,
     followed_beside,
     motor_load,
+    together,
     triangular_mean,
 )
 from beltcomm.simulate.observer import filtered
-from beltcomm.simulate.switchboard import switchboard
+from beltcomm.simulate.switchboard import BEFORE_THE_LOAD, switchboard
+from beltcomm.simulate.writer import acts_on_motor
 
 Array = NDArray[np.float64]
 
@@ -116,7 +119,7 @@ def observers(axis: Model, motions: list[FineMotion]) -> list[Follower]:
         keep[[0, 700, 701, -1]] = False
         keep[300 : 345 + number] = False  # long enough to forget where the carriage is
         agitation = 0.01 + 0.002 * number
-        rounding = (1.0, 0.0) if number % 4 == 1 else (0.7, 0.1)  # without slow rounding an observer has one number less
+        rounding = (1.0, 0.0) if number % 4 == 1 else (0.7, 0.1)
         found.append(unlearned(axis, motion, torque, keep, 1e-4, 5e-3, rounding, 1e-5, agitation))
     return found
 
@@ -126,44 +129,88 @@ def seen(observer: Follower) -> Seen:
     return Seen(observer, observer.motion, observer.torque)
 
 
-def masked(axis: Model) -> Model:
-    """The same axis with an effect that does nothing, which the lanes do not know."""
-    return axis.with_effect("quadratic_drag", {"quadratic_drag.factor": 0.0})
+def each_alone(observers_of: list[Follower]) -> list[Follower]:
+    """Learned one by one, so that none runs beside another."""
+    return [learned([one])[0] for one in observers_of]
 
 
-@pytest.mark.parametrize(("more", "count"), [((), 1), ((), 6), ((), 21), (("tilt",), 6), (("dead_time",), 6)])
+def same(found: Array, right: Array, name: str = "") -> None:
+    np.testing.assert_allclose(found, right, rtol=0.0, atol=1e-6 * np.abs(right).max(), err_msg=name)
+
+
+@pytest.mark.parametrize(("more", "count"), [((), 1), ((), 6), ((), 21), (("tilt",), 6), (("dead_time",), 6), (("payload_mode",), 9)])
 def test_stretches_behind_a_gap_are_followed_as_by_the_masked_kernel(more: tuple[str, ...], count: int) -> None:
     """Each its own length, motion and noise: what a lane learns, and what it then says of another model."""
     axis = model("backlash", *more)
     motions = [shorter(shaken(16 if i % 3 else 4, speed=0.02 * i), 1500 - 29 * i) for i in range(count)]
-    together, alone = learned(observers(axis, motions)), learned(observers(masked(axis), motions))
+    beside_each_other, alone = learned(observers(axis, motions)), each_alone(observers(axis, motions))
     assert any(one.watch.lost.any() for one in alone)  # else the correction by contact is not tried
     assert all(one.watch.forgets.any() for one in alone)
-    for one, other in zip(together, alone, strict=True):
+    for one, other in zip(beside_each_other, alone, strict=True):
         np.testing.assert_array_equal(one.watch.lost, other.watch.lost)
         for name in ("left", "white", "gains", "deviations", "shares"):
-            found, right = getattr(one.watch, name), getattr(other.watch, name)
-            np.testing.assert_allclose(found, right, rtol=0.0, atol=1e-6 * np.abs(right).max(), err_msg=name)
-    vectors = [axis.with_values({name: 1.01 * axis[name]}).vector() for name in ("cart.mass", "backlash.gap")]
-    for vector in vectors:
-        known = dict(zip(axis.parameters, vector, strict=True))
-        plain = innovations([seen(one) for one in together], axis, [vector] * count)
-        slow = innovations([seen(one) for one in alone], masked(axis), [masked(axis).with_values(known).vector()] * count)
-        for (white, left), (white_right, left_right) in zip(plain, slow, strict=True):
-            np.testing.assert_allclose(white, white_right, rtol=0.0, atol=1e-6 * np.abs(white_right).max())
-            np.testing.assert_allclose(left, left_right, rtol=0.0, atol=1e-6 * np.abs(left_right).max())
+            same(getattr(one.watch, name), getattr(other.watch, name), name)
+    for name in ("cart.mass", "backlash.gap"):
+        vector = axis.with_values({name: 1.01 * axis[name]}).vector()
+        quick = innovations([seen(one) for one in beside_each_other], axis, [vector] * count)
+        slow = [innovations([seen(one)], axis, [vector])[0] for one in alone]
+        for (white, left), (white_right, left_right) in zip(quick, slow, strict=True):
+            same(white, white_right)
+            same(left, left_right)
+
+
+STRONG = {
+    "belt_slack.limit": 2e-5, "belt_slack.share": 0.6, "stiffness_position.share": 0.7, "stiffness_position.middle": 0.1,
+    "payload.mass": 0.6, "friction_position_cart.amount": 3.0, "stribeck_cart.amount": 2.0, "presliding_cart.length": 2e-4, "friction_position.place": 0.002,
+    "viscous_end_pulley.damping": 20.0, "coulomb_end_pulley.level": 5.0, "viscous_load.damping": 0.01, "coulomb_load.level": 0.2,
+    "elastic_shaft.stiffness": 5.0, "load.inertia": 5e-5, "friction_position.width": 0.005, "cable_chain.bend": 400.0,
+    "pulley_eccentricity.sine": 0.02, "pulley_eccentricity_2.cosine": 0.01, "feed_constant.error": 0.01, "tilt.angle": 0.1,
+    "quadratic_drag.factor": 20.0, "load_friction.share": 0.1, "cable_chain.rate": 30.0, "travel_ripple.sine": 3.0,
+}  # fmt: skip
+#: What an effect needs, and what it takes the place of.
+BEFORE = {
+    "viscous_end_pulley": ("end_pulley",), "coulomb_end_pulley": ("end_pulley",), "viscous_load": ("elastic_shaft",),
+    "coulomb_load": ("elastic_shaft",), "stribeck_cart": ("stribeck",), "friction_position_cart": ("friction_position",),
+}  # fmt: skip
+INSTEAD = {"belt_spans": ("belt_stiffness",), "belt_sections": ("belt_stiffness", "belt_damping")}
+BESIDE_A_GAP = [
+    effect.name for effect in CATALOGUE
+    if effect.name not in (*EFFECTS, "backlash") and not acts_on_motor(effect) and effect.slot not in BEFORE_THE_LOAD
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("name", BESIDE_A_GAP)
+def test_every_effect_beyond_the_motor_runs_in_lock_step_as_by_the_masked_kernel(name: str) -> None:
+    """Its law as it is written, and the same without branches, for eight models at a time."""
+    without = model("backlash")
+    for other in BEFORE.get(name, ()):
+        without = without.with_effect(other)
+    left_out = INSTEAD.get(name, ())
+    axis = build_model("axis", (*(e for e in without.effects if e not in left_out), name), {})
+    known = {key: item.value for key, item in without.parameters.items() if key in axis.parameters}
+    axis = axis.with_values(known | {key: value for key, value in STRONG.items() if key in axis.parameters})
+    motion = shorter(shaken(4, speed=0.5), 800)
+    (bare,), (alone,) = each_alone(observers(without, [motion])), each_alone(observers(axis, [motion]))
+    assert np.abs(alone.watch.wanted - bare.watch.wanted).max() > 1e-3 * np.abs(bare.watch.wanted).max(), "it must show"
+    vectors = beside(axis, 8)
+    quick = followed_beside(axis, motion, vectors, alone.watch)
+    for found, vector in zip(quick.T, vectors, strict=True):
+        same(found, followed_beside(axis, motion, [vector], alone.watch)[:, 0])
 
 
 @pytest.mark.parametrize("more", [(), ("tilt",)])
 def test_models_behind_one_observer_are_followed_as_by_the_masked_kernel(more: tuple[str, ...]) -> None:
     axis, motion = model("backlash", *more), shaken(16)
-    (fast,), (slow,) = learned(observers(axis, [motion])), learned(observers(masked(axis), [motion]))
+    (one,) = learned(observers(axis, [motion]))
     vectors = beside(axis, 11)
-    side_by_side = followed_beside(axis, motion, vectors, fast.watch)
-    other = masked(axis)
-    same = [other.with_values(dict(zip(axis.parameters, vector, strict=True))).vector() for vector in vectors]
-    for found, right in zip(side_by_side.T, followed_beside(other, motion, same, slow.watch).T, strict=True):
-        np.testing.assert_allclose(found, right, rtol=0.0, atol=1e-6 * np.abs(right).max())
+    for found, vector in zip(followed_beside(axis, motion, vectors, one.watch).T, vectors, strict=True):
+        same(found, followed_beside(axis, motion, [vector], one.watch)[:, 0])
+
+
+def test_neighbours_in_length_run_together_and_one_that_outlasts_them_alone() -> None:
+    lengths = [900, 30, 800, 850, 790, 780, 2400, 770, 760, 750, 740]
+    found = together(range(len(lengths)), lengths)
+    assert [[lengths[i] for i in some] for some in found] == [[2400], [900, 850, 800, 790, 780, 770, 760, 750], [740], [30]]
 
 
 @pytest.mark.parametrize("shares", [(1.0, 0.0), (0.6, 0.3)])

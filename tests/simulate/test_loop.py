@@ -36,16 +36,21 @@ def plant(model: Model = MODEL) -> SimulatedPlant:
     return SimulatedPlant(model, 0.25, substeps_needed(model, 0.25))
 
 
+LATE = MODEL.with_effect("dead_time", {"time": 1.3e-3}).with_effect("current_lag", {"time": 8e-4})
+ERRING = MODEL.with_effect("encoder_eccentricity", {"sine": 2e-3, "cosine": 1e-3}).with_effect("encoder_eccentricity_2", {"sine": 1e-3})
+
+
+@pytest.mark.parametrize("model", [MODEL, LATE, ERRING], ids=["plain", "late torque", "erring angle"])
 @pytest.mark.parametrize("delay_s", [0.0, 0.4e-3, 1e-3, 2.3e-3])
 @pytest.mark.parametrize("kind", ["velocity", "position"])
-def test_compiled_is_the_same_as_stepped(kind: LoopKind, delay_s: float) -> None:
+def test_compiled_is_the_same_as_stepped(kind: LoopKind, delay_s: float, model: Model) -> None:
     drive = LoopDrive(1e-3, delay_s, 1.24, 4096, dead_zone_rad=1e-4, output_limit_rad_s=8.0)
     t = 1e-3 * np.arange(600)
     speed = 12.0 * np.sin(9.0 * t)
     path = 3.0 + np.cumsum(speed) * 1e-3
     added = np.random.default_rng(1).normal(0.0, 0.1, len(t))
-    fast = close_loop(plant(), CASCADE, drive, kind, path, speed, added)
-    slow = close_loop(Stepped(plant()), CASCADE, drive, kind, path, speed, added)
+    fast = close_loop(plant(model), CASCADE, drive, kind, path, speed, added)
+    slow = close_loop(Stepped(plant(model)), CASCADE, drive, kind, path, speed, added)
     assert np.abs(fast.position_rad).max() > 0.5
     for name in ("position_rad", "velocity_rad_s", "cart_m", "asked_nm", "torque_nm", "belt_force_n"):
         assert getattr(fast, name) == pytest.approx(getattr(slow, name), rel=1e-9, abs=1e-12), name

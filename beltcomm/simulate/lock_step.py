@@ -1,0 +1,204 @@
+"""Any effects beyond the motor, eight stretches or models in lock step, each followed by an observer of its own, which may learn.
+
+The masked kernel of ``compose`` with its ``observer``, written out of the same laws for eight values in a register (``vectors``): a step of
+one model waits for the step before it, a step of eight takes hardly longer.  The stretches may have any length: a lane that is through
+lets the others go on.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Sequence
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltcomm.effects import EFFECTS
+from beltcomm.simulate.addresses import address
+from beltcomm.simulate.compose import import_stable
+from beltcomm.simulate.fences import blocks, indented, needed
+from beltcomm.simulate.observer import Watch
+from beltcomm.simulate.observer_lanes import AIM, ASTRAY, HALF, HURRY, LEVER, NEW, OWN, SHUT, STIFFNESS, WANDER, observers, watched
+from beltcomm.simulate.vectors import LANES, aligned
+from beltcomm.simulate.writer import Writer, acts_on_motor
+
+Array = NDArray[np.float64]
+
+#: Fine steps of each motion that are brought beside the others' at a time: enough to read memory in rows.
+AHEAD = 64
+
+
+class Lane(NamedTuple):
+    """What runs in one lane.
+
+    theta, omega : (fine,), true motion.   first : rad/s, speed at which all begins.   time_s : s, session clock there.   bristle_m : m, in
+    which motor friction turns round.   p : of the masked kernel, see ``switchboard``.   watch : the results stand in it.
+    """
+
+    theta: Array
+    omega: Array
+    first: float
+    time_s: float
+    bristle_m: float
+    p: Array
+    watch: Watch
+
+
+def lock_step(lanes: Sequence[Lane], on: NDArray[np.bool_], step_s: float) -> None:
+    """Eight lanes at most, the longest first, with one number of fine steps a sample, one transmission and the same effects.
+
+    on : effects of the catalogue that are on beyond the motor.   step_s : s, fine step.   Whether the observers learn is the same in all.
+    """
+    padded = [*lanes, *(lanes[-1],) * (LANES - len(lanes))]
+    watch = lanes[0].watch
+    lengths = np.array([len(lane.theta) for lane in lanes])
+    where = np.array([_addresses(lane) for lane in padded], dtype=np.int64).T.copy()
+    memory = aligned(OWN, LANES)
+    for row, numbers in zip((HALF, STIFFNESS, WANDER, HURRY), zip(*(watched(lane.watch) for lane in padded), strict=True), strict=True):
+        memory[row // LANES] = numbers
+    masses, ratio = _places()
+    p = np.array([lane.p for lane in padded]).T
+    light = np.divide(1.0, p[masses], out=np.zeros((len(masses), LANES)), where=p[masses] > 0.0)
+    begins = np.array([(lane.first, lane.time_s, lane.bristle_m) for lane in padded]).T
+    values = aligned(len(p) + len(light) + len(begins), LANES)
+    values[:] = np.concatenate((p, light, begins))
+    bodies, cart = np.asarray(watch.places), (watch.cart, watch.cart + watch.behind)
+    following, course = observers([lane.watch for lane in padded]), aligned(2 * AHEAD, LANES).reshape(2, AHEAD, LANES)
+    at_once = (where, lengths, values.ravel(), on, step_s, float(p[ratio, 0]), watch.substeps, bodies, watch.behind, cart, watch.learning)
+    _kernel()(*at_once, *following, course, memory.ravel())
+
+
+def _addresses(lane: Lane) -> list[int]:
+    """Of everything that a lane has for each step or sample.   Raises ValueError where one of them is too short: nothing else would."""
+    w = lane.watch
+    samples = (w.wanted, w.keep, w.held, w.lost, w.forgets, w.gains, w.deviations, w.shares, w.left, w.white)
+    if len(lane.omega) != len(lane.theta) or any(len(array) <= (len(lane.theta) - 1) // w.substeps for array in samples):
+        raise ValueError("a motion and its observer must have one length")
+    return [address(array) for array in (lane.theta, lane.omega, *samples)]
+
+
+def _writer() -> Writer:
+    return Writer.masked_over((e for e in EFFECTS if not acts_on_motor(e) or e.slot == "friction_onset"), in_vectors=True)
+
+
+@lru_cache(maxsize=1)
+def _places() -> tuple[list[int], int]:
+    """Places of all masses and of the transmission in the vector of parameters."""
+    writer = _writer()
+    return [writer.place[name] for name, _ in writer.bodies], writer.place["transmission.ratio"]
+
+
+@lru_cache(maxsize=1)
+def _kernel() -> Callable[..., None]:
+    kernel: Callable[..., None] = import_stable(lock_step_source()).together
+    return kernel
+
+
+def lock_step_source() -> str:
+    """Python source of the kernel."""
+    writer = _writer()
+    others, driven, onset = range(1, len(writer.bodies)), writer.driven, writer.onsets()[0]
+    fences, follow_up = writer.fenced(granted(writer.follow_up(), "belt"))
+    correct = []
+    for i in others:
+        moved = [f"{name}{i} = {name}{i} - at(memory, {place}{i})" for name, place in (("q", "at"), ("v", "to"), ("o", "to"))]
+        correct += [f"if see{i}:", *indented([*moved, f"put(memory, at{i}, nothing)", f"put(memory, to{i}, nothing)"], 1)]
+    cart = writer.cart
+    turn = [
+        "step = ratio * (at(course, there) - q0)",
+        f"if s{writer.switch[onset.name]}:", "    " + writer.turn(0, "step"),
+        "else:", "    z0 = least(1.0, most(-1.0, z0 + step / bristle))",
+    ]  # fmt: skip
+    loaded = " or ".join(f"s{writer.switch[e.name]}" for e in writer.with_level(0))
+    body = [
+        "active, block = lengths.shape[0], course.shape[1]",
+        "brought(0, active, where, lengths, course)",
+        "q0 = at(course, 0)",
+        *([] if driven is None else [f"q{driven} = {writer.start(driven)}", f"v{driven} = {writer.follow(driven)}"]),
+        *writer.driving_end("v"),
+        *[f"q{i} = {writer.start(i)}" for i in others],
+        *[line for i in others for line in (f"v{i} = {writer.follow(i)}", f"o{i} = v{i}")],
+        "now = later = new = shut = nothing",
+        "j, here = 0, block - 1",
+        "for i in range(lengths[0]):",
+        *indented([
+            "while i >= lengths[active - 1]:",
+            "    active -= 1",
+            "simpson = (4.0 if j % 2 else 2.0) / (3.0 * substeps * substeps)",
+            "falling, rising = simpson * (substeps - j), simpson * j",
+            "here += 1",
+            "if here == block:",
+            "    here = 0",
+            "    brought(i, active, where, lengths, course)",
+            f"there = {LANES} * here",
+            f"if {loaded}:",
+            *indented(turn, 1),
+            "q0 = at(course, there)", f"v0 = at(course, there + {LANES} * block)",
+            *follow_up,
+            "load = l0 * z0 - f0",
+            "now = now + falling * load", "later = later + rising * load",
+            "if i > 0:",
+            "    shut = shut + closed",
+            "if j == 0 and i > 0:",
+            *indented([
+                f"put(s, {NEW}, new)", f"put(s, {SHUT}, shut)", f"put(s, {LEVER}, lever)",
+                "shut = nothing",
+                "sampled(i // substeps - 1, active, substeps, learning, where, s, rows, memory, passes, reaches, cart)",
+                *correct,
+                f"q{cart} = either(at(s, {ASTRAY}) > 0.0, u - at(s, {AIM}), q{cart})",
+            ], 1),
+            *granted([line for i in others for line in writer.with_body(i, [f"q{i} += h * v{i}"])], "belt"),
+            "t += h",
+            "j += 1",
+            "if j == substeps:",
+            "    j = 0",
+            "    new = now",
+            "    now = later",
+            "    later = nothing",
+        ], 1),
+    ]  # fmt: skip
+    given = "where, lengths, values, on, h, ratio, substeps, bodies, behind, cart, learning, rows, memory, passes, reaches, course, s"
+    text = constant([*needed([*_known(writer), *fences, *_seen(others)], body), *body])
+    return writer.assemble([["@in_lanes", f"def together({given}):", *indented(["nothing = eight(0.0)", *text], 1)]])
+
+
+def _known(writer: Writer) -> list[str]:
+    """Lines that bring what the models know and how all begins."""
+    bodies, size = range(len(writer.bodies)), max(writer.place.values()) + 1
+    names = [*(f"n{i}" for i in bodies), "first", "t", "bristle"]
+    lines = [f"p{place} = at(values, {LANES * place})" for place in writer.place.values()]
+    lines += [f"{name} = at(values, {LANES * place})" for place, name in enumerate(names, start=size)]
+    lines += [f"s{writer.switch[e.name]} = on[{writer.switch[e.name]}]" for e in writer.effects]
+    lines += [f"{name}{i} = nothing" for i in bodies for name in ("q", "v", "w", "o")]
+    return lines + [f"z{i} = nothing" for i in writer.onsets()]
+
+
+def _seen(others: Iterable[int]) -> list[str]:
+    """Lines that say which bodies the observers know, and where their position and speed stand in the memory."""
+    lines = []
+    for i in others:
+        lines += [f"see{i} = bodies[{i}] >= 0", f"at{i} = {LANES} * (rows.states + bodies[{i}])", f"to{i} = at{i} + {LANES} * behind"]
+    return lines
+
+
+def constant(lines: Sequence[str]) -> list[str]:
+    """Lines in which a name that is set to a number is set to eight of them."""
+    return [re.sub(r"^(\s*\w+ = )(-?\d+\.\d+)$", r"\1eight(\2)", line).replace("max(", "most(").replace("min(", "least(") for line in lines]
+
+
+def granted(lines: Sequence[str], switch: str) -> list[str]:
+    """Lines without the question for a switch that is always on."""
+    out: list[str] = []
+    for block in blocks(list(lines)):
+        end = block.index("else:") if "else:" in block else len(block)
+        yes, no = ([line[4:] for line in part] for part in (block[1:end], block[end + 1 :]))
+        if block[0] == f"if {switch}:":
+            out += granted(yes, switch)
+        elif yes:
+            out += [block[0], *indented(granted(yes, switch), 1)]
+            out += ["else:", *indented(granted(no, switch), 1)] if no else []
+        else:
+            out += block
+    return out
