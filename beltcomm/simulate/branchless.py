@@ -32,7 +32,7 @@ _INSTEAD = {"abs": vectors.size, "min": vectors.least, "max": vectors.most, "eit
 def in_vectors(law: Callable[..., Any]) -> Callable[..., Any]:
     """The law, and every compiled function that it calls, for eight values in a register.
 
-    Raises ValueError for a law with a loop, or with a branch that neither returns a value nor is one.
+    Raises ValueError for a law with a loop, or with a branch that does not end with a value or sets what another one asks for.
     """
     plain = getattr(law, "py_func", law)
     seen = plain.__globals__ | _INSTEAD
@@ -61,18 +61,25 @@ def _straight(name: str, body: Sequence[ast.stmt]) -> list[ast.stmt]:
             return [*out, statement]
         if isinstance(statement, ast.If):
             yes = _straight(name, statement.body)
-            no = _straight(name, statement.orelse or body[number + 1 :])
+            no = _straight(name, [*statement.orelse, *body[number + 1 :]])
             here, there = yes[-1], no[-1]
             assert isinstance(here, ast.Return)
             assert isinstance(there, ast.Return)
             assert here.value is not None
             assert there.value is not None
+            if _names(yes[:-1], ast.Store) & _names(no, ast.Load):
+                raise ValueError(f"{name} cannot be written without branches: one branch sets what another one asks for")
             return [*out, *yes[:-1], *no[:-1], ast.Return(ast.IfExp(statement.test, here.value, there.value))]
         if isinstance(statement, ast.Assign) or (isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Constant)):
             out.append(statement)
             continue
         break
     raise ValueError(f"{name} cannot be written without branches: every branch must end with a value, and there may be no loop")
+
+
+def _names(statements: Sequence[ast.stmt], use: type[ast.expr_context]) -> set[str]:
+    found = (node for statement in statements for node in ast.walk(statement))
+    return {node.id for node in found if isinstance(node, ast.Name) and isinstance(node.ctx, use)}
 
 
 class _Chosen(ast.NodeTransformer):

@@ -217,6 +217,9 @@ def sampled(
             if flag_at(where[5, c], n) or flag_at(where[6, c], n):
                 o[LANES * (rows.P + carriage[0] * (rows.size + 1)) + c] += s[WANDER + c]
                 o[LANES * (rows.P + carriage[1] * (rows.size + 1)) + c] += s[HURRY + c]
+    elif _alike(where[7], active):
+        for a in range(rows.size):
+            put(o, gains + LANES * a, eight(number_at(where[7, 0], n * rows.size + a)))
     else:
         for c in range(active):
             for a in range(rows.size):
@@ -235,13 +238,19 @@ def sampled(
 
 
 @within_lanes
+def _alike(addresses: NDArray[np.int64], active: int) -> bool:
+    """Whether all lanes have the same array."""
+    same = True
+    for c in range(1, active):
+        same &= addresses[c] == addresses[0]
+    return same
+
+
+@within_lanes
 def brought(i: int, active: int, where: NDArray[np.int64], lengths: NDArray[np.int64], course: Array) -> None:
     """The next steps of each lane's motion, a lane beside the other.   course : (2, steps, lanes), angle and speed."""
     for kind in range(2):
-        alike = True
-        for c in range(active):
-            alike &= where[kind, c] == where[kind, 0]
-        if alike:
+        if _alike(where[kind], active):
             for e in range(min(course.shape[1], lengths[0] - i)):
                 put(course, LANES * (kind * course.shape[1] + e), eight(number_at(where[kind, 0], i + e)))
             continue

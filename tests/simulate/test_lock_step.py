@@ -161,8 +161,9 @@ def test_stretches_behind_a_gap_are_followed_as_by_the_masked_kernel(more: tuple
 
 STRONG = {
     "belt_slack.limit": 2e-5, "belt_slack.share": 0.6, "stiffness_position.share": 0.7, "stiffness_position.middle": 0.1,
-    "payload.mass": 0.6, "friction_position_cart.amount": 3.0, "stribeck_cart.amount": 2.0, "presliding_cart.length": 2e-4, "friction_position.place": 0.002,
-    "viscous_end_pulley.damping": 20.0, "coulomb_end_pulley.level": 5.0, "viscous_load.damping": 0.01, "coulomb_load.level": 0.2,
+    "payload.mass": 0.6, "friction_position_cart.amount": 3.0, "stribeck_cart.amount": 2.0, "presliding_cart.length": 2e-4,
+    "friction_position.place": 0.002, "viscous_end_pulley.damping": 20.0,
+    "coulomb_end_pulley.level": 5.0, "viscous_load.damping": 0.01, "coulomb_load.level": 0.2,
     "elastic_shaft.stiffness": 5.0, "load.inertia": 5e-5, "friction_position.width": 0.005, "cable_chain.bend": 400.0,
     "pulley_eccentricity.sine": 0.02, "pulley_eccentricity_2.cosine": 0.01, "feed_constant.error": 0.01, "tilt.angle": 0.1,
     "quadratic_drag.factor": 20.0, "load_friction.share": 0.1, "cable_chain.rate": 30.0, "travel_ripple.sine": 3.0,
