@@ -69,19 +69,12 @@ class Spread:
         return float(np.hypot(max(over_time, among * float(stdtrit(freedom, 0.975))), law))
 
 
-#: What was worked out, as long as its fit lives.
-_KNOWN: WeakKeyDictionary[Fitted, Spread] = WeakKeyDictionary()
+#: Models with their intervals, as long as the fits live that they are of.
+_KNOWN: WeakKeyDictionary[Fitted, Model] = WeakKeyDictionary()
 
 
 def spread_of(fitted: Fitted) -> Spread:
-    """The spread of a fit, worked out once: several answers in a row ask for it."""
-    if fitted not in _KNOWN:
-        _KNOWN[fitted] = _spread_of(fitted)
-    return _KNOWN[fitted]
-
-
-def _spread_of(fitted: Fitted) -> Spread:
-    """The same; start offsets of the records are taken along and then left out."""
+    """The spread of a fit; start offsets of its records are taken along and then left out."""
     problem = fitted.problem
     weights, own = problem.weights(fitted.residual), len(problem.free)
     jacobian, left = problem.jacobian(fitted.x).scaled(weights), fitted.residual * weights
@@ -143,9 +136,11 @@ def without_each(columns: Array, left: Array, records: NDArray[np.int64], invers
 
 
 def with_intervals(fitted: Fitted) -> Model:
-    """The model with half widths of 95 %; None where a parameter sits at a bound."""
-    spread = spread_of(fitted)
-    parameters = dict(fitted.model.parameters)
-    for name in fitted.problem.free:
-        parameters[name] = replace(parameters[name], interval=spread.half_width({name: 1.0}))
-    return replace(fitted.model, parameters=parameters)
+    """The model with half widths of 95 %, worked out once: several answers in a row ask for it; None where a parameter sits at a bound."""
+    if fitted not in _KNOWN:
+        spread = spread_of(fitted)
+        parameters = dict(fitted.model.parameters)
+        for name in fitted.problem.free:
+            parameters[name] = replace(parameters[name], interval=spread.half_width({name: 1.0}))
+        _KNOWN[fitted] = replace(fitted.model, parameters=parameters)
+    return _KNOWN[fitted]
