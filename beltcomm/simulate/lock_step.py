@@ -54,7 +54,8 @@ def lock_step(lanes: Sequence[Lane], on: NDArray[np.bool_], step_s: float) -> No
     padded = [*lanes, *(lanes[-1],) * (LANES - len(lanes))]
     watch = lanes[0].watch
     lengths = np.array([len(lane.theta) for lane in lanes])
-    where = np.array([_addresses(lane) for lane in padded], dtype=np.int64).T.copy()
+    known: dict[int, int] = {}
+    where = np.array([_addresses(lane, known) for lane in padded], dtype=np.int64).T.copy()
     memory = aligned(OWN, LANES)
     for row, numbers in zip((HALF, STIFFNESS, WANDER, HURRY), zip(*(watched(lane.watch) for lane in padded), strict=True), strict=True):
         memory[row // LANES] = numbers
@@ -70,13 +71,20 @@ def lock_step(lanes: Sequence[Lane], on: NDArray[np.bool_], step_s: float) -> No
     _kernel()(*at_once, *following, course, memory.ravel())
 
 
-def _addresses(lane: Lane) -> list[int]:
-    """Of everything that a lane has for each step or sample.   Raises ValueError where one of them is too short: nothing else would."""
+def _addresses(lane: Lane, known: dict[int, int]) -> list[int]:
+    """Of everything that a lane has for each step or sample.   Raises ValueError where one of them is too short: nothing else would.
+
+    known : addresses by identity; lanes share many.
+    """
     w = lane.watch
     samples = (w.wanted, w.keep, w.held, w.lost, w.forgets, w.gains, w.deviations, w.shares, w.left, w.white)
     if len(lane.omega) != len(lane.theta) or any(len(array) <= (len(lane.theta) - 1) // w.substeps for array in samples):
         raise ValueError("a motion and its observer must have one length")
-    return [address(array) for array in (lane.theta, lane.omega, *samples)]
+    arrays = (lane.theta, lane.omega, *samples)
+    for array in arrays:
+        if id(array) not in known:
+            known[id(array)] = address(array)
+    return [known[id(array)] for array in arrays]
 
 
 def _writer() -> Writer:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import accumulate
 from typing import NamedTuple
 
 import numpy as np
@@ -70,20 +71,26 @@ def observers(watches: Sequence[Watch]) -> Observers:
     """The observers of so many lanes, ``LANES`` at most, and memory for what they find at each sample."""
     size, noises = len(watches[0].s), len(watches[0].variances)
     own = size - 2
-
-    def changing(matrices: Sequence[Array]) -> Array:
-        return np.array([np.stack((pair[0], pair[1] - pair[0])) for pair in matrices])
-
-    F, G = changing([w.F[:, :, :own] for w in watches]), changing([w.G for w in watches])
-    H, D = changing([w.H for w in watches]), changing([w.D for w in watches])
-    known = (H, F, G, D, np.array([w.variances for w in watches]), np.array([w.P for w in watches]))
+    counts = (2 * size, 2 * size * own, 2 * size * noises, 2 * noises, noises, size * size)
     found = (size, size, size, size, size * own, size * noises, noises, size * own, size, size)
-    ends = np.cumsum([0, *(array[0].size for array in known), *found])
-    rows = Rows(size, own, noises, *(int(end) for end in ends))
+    ends = [0, *accumulate((*counts, *found))]
+    rows = Rows(size, own, noises, *ends)
     memory = aligned(rows.end, LANES)
-    for first, array in zip(ends, known, strict=False):
-        memory[first : first + array[0].size, : len(watches)] = array.reshape(len(watches), -1).T
-    return Observers(rows, memory.ravel(), *(np.any(matrix, axis=(0, 1)) for matrix in (F, G)))
+    known: dict[tuple[int, int], Array] = {}  # lanes that share an observer
+    for lane, watch in enumerate(watches):
+        key = id(watch.F), id(watch.P)
+        if key not in known:
+            known[key] = _laid_out(watch, own)
+        memory[: rows.states, lane] = known[key]
+    used = (memory != 0.0).any(axis=1)
+    passes, reaches = (used[first:end].reshape(2, size, -1).any(axis=0) for first, end in ((rows.F, rows.G), (rows.G, rows.D)))
+    return Observers(rows, memory.ravel(), passes, reaches)
+
+
+def _laid_out(watch: Watch, own: int) -> Array:
+    """What stands in the rows ``H`` to ``P``."""
+    pairs = ((pair[0], pair[1] - pair[0]) for pair in (watch.H, watch.F[:, :, :own], watch.G, watch.D))
+    return np.concatenate([*(part.ravel() for pair in pairs for part in pair), watch.variances, watch.P.ravel()])
 
 
 @within_lanes
