@@ -121,8 +121,7 @@ class Problem:
         self._bare |= any(piece.follower is not None for piece in self._pieces)
         self._pieces = [replace(piece, follower=None) for piece in self._pieces]
         for piece in self._pieces:
-            piece.motion.made_true.clear()
-            piece.motion.rubbed.clear()
+            piece.motion.forget()
 
     @property
     def samples(self) -> int:

@@ -123,7 +123,7 @@ def again(data: Data, fitted: Fitted, iterations: int, substeps: int = SUBSTEPS)
     else:
         found = fit(ahead, begun.model, iterations, offsets=begun.offsets)
     for piece in (*data.fitted, *data.held_out):
-        piece.motion.made_true.clear()  # these records are looked at as they were once more at most
+        piece.motion.forget()  # these records are looked at as they were once more at most
     # Behind an observer a light body may fly off; a motion rebuilt by a model far off makes it worse.
     sound = math.isfinite(found.objective) and found.ratio < WORSE * fitted.ratio
     return (ahead, found) if sound else (data, fitted)

@@ -77,6 +77,11 @@ class FineMotion:
     #: What :func:`motor_load` last said of it, by effects and values: most of what is tried leaves the motor's own friction alone.
     rubbed: dict[tuple[object, ...], Array] = field(init=False, repr=False, compare=False, default_factory=dict)
 
+    def forget(self) -> None:
+        """Give back what was kept with it."""
+        self.made_true.clear()
+        self.rubbed.clear()
+
     def coarser(self, substeps: int) -> FineMotion:
         """The same motion with fewer fine steps per sample, of which today's are a multiple; itself where it has no more."""
         skip = self.substeps // substeps
