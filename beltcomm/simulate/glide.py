@@ -11,10 +11,7 @@ Both go through one text of the laws: a second one would take twice as long to c
 
 from __future__ import annotations
 
-import hashlib
-import inspect
 import re
-import sys
 from collections.abc import Callable
 from functools import lru_cache
 
@@ -27,8 +24,9 @@ from beltcomm.model import Model
 from beltcomm.simulate import fast_math
 from beltcomm.simulate.compose import import_stable
 from beltcomm.simulate.fences import indented
+from beltcomm.simulate.sources import fingerprint
 from beltcomm.simulate.stick import stick_or_slide
-from beltcomm.simulate.writer import Writer, modules_of
+from beltcomm.simulate.writer import Writer
 
 Array = NDArray[np.float64]
 
@@ -266,8 +264,6 @@ def _read_first(lines: list[str]) -> list[str]:
 
 def _module(writer: Writer, lines: list[str]) -> str:
     laws = sorted(writer.laws.items())
-    used = {fast_math.__name__, __name__}.union(*(modules_of(law) for _, law in laws))
-    text = "".join(inspect.getsource(sys.modules[module]) for module in sorted(used))
     tables = "NODES, PLACES, PLACE_END, SPEEDS, SPEED_END, STAGES"
     head = [
         "import math", "", "import numpy as np", "", "from beltcomm.compiled import in_lanes",
@@ -278,4 +274,4 @@ def _module(writer: Writer, lines: list[str]) -> str:
         "@in_lanes",
         "def glide(q, v, p, cells, acting, t, sample, n, m, theta, omega, cart, belt):",
     ]  # fmt: skip
-    return "\n".join([*head, *indented(lines, 1)]) + f"\n# {hashlib.sha256(text.encode()).hexdigest()}\n"
+    return "\n".join([*head, *indented(lines, 1)]) + f"\n# {fingerprint(writer.laws.values(), (fast_math.__name__, __name__))}\n"

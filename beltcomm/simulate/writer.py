@@ -6,9 +6,6 @@ whole catalogue and reads from a row of switches which effects are on: one compi
 
 from __future__ import annotations
 
-import hashlib
-import inspect
-import sys
 from collections.abc import Callable, Iterable, Sequence
 
 from beltcomm import cascade_kernel
@@ -31,6 +28,7 @@ from beltcomm.simulate.learning import learn
 from beltcomm.simulate.mean import weighted
 from beltcomm.simulate.observer import EXPECTED, LEARNED, OBSERVED, TAKEN, TOUCHED, contact, expected, observe, seen, taken
 from beltcomm.simulate.observer_lanes import brought, sampled
+from beltcomm.simulate.sources import fingerprint
 from beltcomm.simulate.stick import stick_or_slide
 
 #: rad/s: a stretch that begins faster than this begins in motion, all bodies with the motor (a gap in the middle of a stroke);
@@ -396,16 +394,7 @@ class Writer:
             imports.append("from beltcomm.simulate.vectors import at, eight, either, least, most, put")
         ours = "from beltcomm.compiled import compiled, in_lanes, within_kernels"
         head = ["import math", "", "import numpy as np", "", ours, *imports, "", *laws]
-        used = {loop_kernel.__name__, cascade_kernel.__name__, fast_math.__name__}.union(*(modules_of(law) for law in self.laws.values()))
+        made_of, modules = [*self.laws.values()], [loop_kernel.__name__, cascade_kernel.__name__, fast_math.__name__]
         if self.in_vectors:
-            used |= {branchless.__name__}.union(*(modules_of(function) for function in (brought, sampled)))
-        text = "".join(inspect.getsource(sys.modules[module]) for module in sorted(used))
-        return "\n".join(head) + "\n\n\n" + body + "\n# " + hashlib.sha256(text.encode()).hexdigest() + "\n"
-
-
-def modules_of(law: Callable[..., object]) -> set[str]:
-    """Where a law and the compiled functions that it calls are written."""
-    plain = getattr(law, "py_func", law)
-    called = [plain.__globals__[name] for name in plain.__code__.co_names if name in plain.__globals__]
-    written = {definition.__module__ for other in called if (definition := getattr(other, "_defn", None))}  # of intrinsics
-    return ({plain.__module__} | written).union(*(modules_of(other) for other in called if hasattr(other, "py_func")))
+            made_of, modules = [*made_of, brought, sampled], [*modules, branchless.__name__]
+        return "\n".join(head) + "\n\n\n" + body + f"\n# {fingerprint(made_of, modules)}\n"

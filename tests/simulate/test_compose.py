@@ -13,7 +13,7 @@ import pytest
 from beltcomm.effects import EFFECTS
 from beltcomm.effects.cogging import COUNT
 from beltcomm.model import Model, build_model
-from beltcomm.simulate import writer
+from beltcomm.simulate import sources
 from beltcomm.simulate.compose import kernel_for, kernel_source
 from beltcomm.simulate.forward import simulate_torque
 from beltcomm.statics import smooth_forces
@@ -113,8 +113,8 @@ def test_a_changed_law_gets_another_kernel(monkeypatch: pytest.MonkeyPatch) -> N
     combination = (("motor", "cart"), ("belt_stiffness", "cart_friction"))
     before = kernel_source(*combination)
     assert kernel_source(*combination) == before
-    read = writer.inspect.getsource
-    monkeypatch.setattr(writer.inspect, "getsource", lambda module: read(module).replace("return level_", "return 2 * level_"))
+    read = sources.inspect.getsource
+    monkeypatch.setattr(sources.inspect, "getsource", lambda module: read(module).replace("return level_", "return 2 * level_"))
     assert kernel_source(*combination) != before
 
 

@@ -6,8 +6,8 @@ import numpy as np
 
 from beltcomm.compiled import in_lanes
 from beltcomm.simulate.learning import learn
+from beltcomm.simulate.sources import modules_of
 from beltcomm.simulate.vectors import LANES, Array, aligned, at, eight, put
-from beltcomm.simulate.writer import modules_of
 
 
 @in_lanes
