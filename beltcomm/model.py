@@ -5,7 +5,6 @@ The same shape serves a plant file (the truth behind a virtual axis) and every m
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
@@ -16,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.configfiles import find_config, read_yaml
+from beltcomm.drive_section import IDEAL, Instruments, drive_section, drive_values
 from beltcomm.effects import BELT_DAMPING, BELT_SPRING, BELT_STIFFNESS, DRIVING_END, Body, Effect, Parameter, effect_named
 from beltcomm.errors import UsageError
 
@@ -336,7 +336,8 @@ class PlantFile:
 
     setpoint_delay_s : s, torque setpoint to acting torque.  torque_noise_nm : N m rms on the reported torque.
     brake_torque_nm : N m, of the motor's holding brake, 0 for none.   brake_time_s : s, in which it opens or closes.
-    motor : of its nameplate what ``NAMEPLATE`` names; what is missing is that of the thesis's motor.
+    motor : of its nameplate rated_torque_nm, peak_torque_nm, rated_current_a, max_speed_rpm; what is missing is that of the thesis's motor.
+    instruments : what else lies between setpoint, torque, reading and angle.
     """
 
     model: Model
@@ -346,38 +347,24 @@ class PlantFile:
     brake_torque_nm: float = 0.0
     brake_time_s: float = 0.0
     motor: Mapping[str, float] = field(default_factory=dict)
+    instruments: Instruments = IDEAL
+
+    def drive_section(self) -> dict[str, Any]:
+        """The ``drive`` section of its file."""
+        return drive_section(vars(self))
 
 
-#: What a plant file may say of its motor: N m, N m, A rms, 1/min.
-NAMEPLATE = ("rated_torque_nm", "peak_torque_nm", "rated_current_a", "max_speed_rpm")
-
-
-def load_plant(name: str | Path) -> PlantFile:
-    """Load ``configs/plants/NAME.yaml`` or a path.  Raises UsageError."""
+def load_plant(name: str | Path, drive: Mapping[str, object] | None = None) -> PlantFile:
+    """Load ``configs/plants/NAME.yaml`` or a path.   drive : entries that stand in for those of its drive section.   Raises UsageError."""
     path = find_config("plants", str(name))
     data = read_yaml(path)
     model = _model_in(path, data)
     try:
-        drive = data.get("drive") or {}
-        return PlantFile(
-            model,
-            float(drive.get("setpoint_delay_s", 1e-3)),
-            float(drive.get("torque_noise_nm", 6e-3)),
-            int(drive.get("counts_per_rev", 65536)),
-            float(drive.get("brake_torque_nm", 0.0)),
-            float(drive.get("brake_time_s", 0.0)),
-            _nameplate(drive),
-        )
+        return PlantFile(model, **drive_values({**(data.get("drive") or {}), **(drive or {})}))
+    except UsageError as error:
+        raise UsageError(f"the drive section of {path}{', as given,' if drive else ''} cannot be: {error}") from error
     except (AttributeError, TypeError, ValueError) as error:
         raise UsageError(f"the drive section of {path} is unreadable: {error}") from error
-
-
-def _nameplate(drive: Mapping[str, Any]) -> Mapping[str, float]:
-    motor = {name: float(drive[name]) for name in NAMEPLATE if name in drive}
-    for name, value in motor.items():
-        if not 0.0 < value < math.inf:
-            raise ValueError(f"{name} is {value:g}; give a positive number")
-    return motor
 
 
 def load_model(path: Path | str) -> Model:

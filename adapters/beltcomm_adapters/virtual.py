@@ -10,6 +10,7 @@ from dataclasses import replace
 from typing import Any, Final
 
 from beltcomm.drive import Adapter, Drive, Service
+from beltcomm.drive_section import DRIVE_KEYS
 from beltcomm.errors import UsageError
 from beltcomm.finding import Finding
 from beltcomm.model import load_plant
@@ -38,6 +39,7 @@ OPTIONS: Final = (
     "faults",
     "bus_faults",
     "log",
+    *DRIVE_KEYS,
 )
 
 
@@ -49,6 +51,7 @@ def _playing(address: str, options: Mapping[str, object]) -> tuple[LockstepBus, 
     bitrate : that its exchange is planned for, None for a bus that carries any load.     sample_period : s, asked for.
     gain_units : (velocity, position, integral time): what one unit of the drive's gains means, in those of docs/reference-drive.md.
     plant : a :class:`beltcomm.plant.Plant` in place of the plant file's model; its delay and noise stay.
+    any key of a plant file's drive section (docs/simulated.md): in place of the file's.
     faults, bus_faults : ``Faults`` and ``BusFaults`` of :mod:`beltcomm.virtual.faults`.     log : called with every frame.
     """
     given: Mapping[str, Any] = options  # objects are handed over by programs only, of the types named above
@@ -80,7 +83,7 @@ def attached(
     """
     if unknown := sorted(set(options) - set(OPTIONS)):
         raise UsageError(f"the virtual drive has no option {', '.join(unknown)}; leave it out")
-    file = load_plant(address or DEFAULT_PLANT)
+    file = load_plant(address or DEFAULT_PLANT, {key: options[key] for key in DRIVE_KEYS if key in options})
     start_m = number(options, "start_position", DEFAULT_START_M)
     assert start_m is not None
     given: Mapping[str, Any] = options
@@ -101,6 +104,7 @@ def attached(
         gain_units=given.get("gain_units") or (1.0, 1.0, 1.0),
         brake=(file.brake_torque_nm, file.brake_time_s),
         hardware=hardware,
+        instruments=file.instruments,
     )
     return drive, file.model.name
 

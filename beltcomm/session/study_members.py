@@ -83,14 +83,7 @@ class Commissioned:
     def described(self, values: Values) -> Mapping[str, Any]:
         """The member as a plant file."""
         drawn = drawn_axis(self.population, values, self.plant.model, self.plant.setpoint_delay_s, 0.0)
-        drive = {
-            "setpoint_delay_s": drawn.delay_s,
-            "torque_noise_nm": self.plant.torque_noise_nm,
-            "counts_per_rev": self.plant.counts_per_rev,
-            "brake_torque_nm": self.plant.brake_torque_nm,
-            "brake_time_s": self.plant.brake_time_s,
-            **self.plant.motor,
-        }
+        drive = {**self.plant.drive_section(), "setpoint_delay_s": drawn.delay_s}
         return {**drawn.model.to_dict(), "drive": drive}
 
     def _in(self, folder: Path, number: int, values: Values) -> dict[str, Any]:

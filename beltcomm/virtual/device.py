@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from beltcomm.drive_section import IDEAL, Instruments
 from beltcomm.errors import UsageError
 from beltcomm.plant import Plant
 from beltcomm.virtual.bus import TICKS_PER_SECOND, LockstepBus
@@ -37,7 +38,7 @@ class VirtualDrive:
     fault_bits : bits 3-0 of the statusword in the state Fault: 08h (CiA 402) or 0Fh.
     faults : what goes wrong.   brake : torque of a holding brake, N m, 0 for none, and s in which it opens or closes.
     gain_units : as :func:`beltcomm.virtual.profiles.with_gain_units` takes them: what the host must find out.
-    hardware : what 1009h says.
+    hardware : what 1009h says.   instruments : what else lies between setpoint, torque, 6077h and 6064h.
     Raises UsageError for an unknown profile, a node ID or a delay out of range.
     """
 
@@ -62,6 +63,7 @@ class VirtualDrive:
         brake: tuple[float, float] = (0.0, 0.0),
         gain_units: tuple[float, float, float] = (1.0, 1.0, 1.0),
         hardware: str = "virtual",
+        instruments: Instruments = IDEAL,
     ) -> None:
         if profile not in PROFILES:
             raise UsageError(f"there is no virtual drive with the profile {profile!r}; there are {', '.join(PROFILES)}")
@@ -79,8 +81,8 @@ class VirtualDrive:
         self._dictionary.load(self._stored)
         self._errors = ErrorRegister(self._dictionary, self._send_emcy)
         loops = self._loops = Loops(self._dictionary, kind, motor, counts_per_rev, self.faults)
-        stage = PowerStage(plant, motor, setpoint_delay_s, torque_noise_nm, seed, self.faults, brake)
-        encoder = Encoder(plant, counts_per_rev, zero_rad, self.faults)
+        stage = PowerStage(plant, motor, setpoint_delay_s, torque_noise_nm, seed, self.faults, brake, instruments)
+        encoder = Encoder(plant, counts_per_rev, zero_rad, self.faults, instruments)
         self._servo = Servo(
             self._dictionary,
             kind,

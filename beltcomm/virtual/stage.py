@@ -7,16 +7,17 @@ from collections import deque
 
 import numpy as np
 
+from beltcomm.drive_section import IDEAL, Instruments
 from beltcomm.errors import UsageError
 from beltcomm.plant import BrakedPlant, Plant
 from beltcomm.virtual.bus import TICK_S
 from beltcomm.virtual.faults import Faults
 from beltcomm.virtual.motor import Motor
+from beltcomm.virtual.torque_path import Noise, TorqueDelivery, TorqueReading, mean_torque
 
 # The motor carries its peak torque from cold for this long (6410h:3 of the CMMP-AS, default 2000 ms).
 I2T_TIME_S = 2.0
 
-_NOISE_BLOCK = 4096
 # A switch of the torque this close to a tick falls on it: below the rounding of delay / tick.
 _SWITCH_ROUNDING = 1e-9
 
@@ -61,9 +62,9 @@ class PowerStage:
     """Turns torque setpoints into acting torque and lets the machine move on, one tick at a time.
 
     A setpoint decided at t_k acts from t_k + ``setpoint_delay_s`` on, until the next one does; within a tick the machine is
-    stepped in two pieces when the switch falls inside.
+    stepped in two pieces when the switch falls inside, and in more where ``instruments`` filter the torque.
 
-    mean_torque_nm : acting torque of the tick just ended, mean, N m.   torque_sample_nm : the same with sensor noise.
+    torque_sample_nm : reading at the end of the tick, N m: mean acting torque with sensor noise, or what the instruments make of it.
     i2t_exceeded : the I²t reserve (peak current for 2 s) is used up; False again at half of it.
     """
 
@@ -76,6 +77,7 @@ class PowerStage:
         seed: int,
         faults: Faults,
         brake: tuple[float, float] = (0.0, 0.0),
+        instruments: Instruments = IDEAL,
     ) -> None:
         self._plant = plant
         self._brake = Brake(plant, *brake)
@@ -85,25 +87,34 @@ class PowerStage:
         self._delay_ticks = math.floor(delay + _SWITCH_ROUNDING)
         share = delay - self._delay_ticks
         self._old_share = share if share > _SWITCH_ROUNDING else 0.0
-        self._noise_nm = torque_noise_nm
-        self._generator = np.random.default_rng(seed)
-        self._noise: list[float] = []
+        self._delivery = TorqueDelivery(instruments)
+        self._command = TorqueDelivery(instruments, current_loop=False) if instruments.reading_is_command else None
+        process, time_s = instruments.process_torque_nm, instruments.process_torque_time_s
+        # A source of its own: what acts by itself does not change what the sensor adds.
+        self._process = Noise(process, time_s, np.random.default_rng((seed, 1))) if process > 0.0 else None
+        quiet = torque_noise_nm <= 0.0 or instruments.reading_is_command
+        noise = None if quiet else Noise(torque_noise_nm, instruments.torque_noise_time_s, np.random.default_rng(seed))
+        self._reading = TorqueReading(instruments, noise)
         self._i2t_reserve = ((motor.peak_torque_nm / motor.rated_torque_nm) ** 2 - 1.0) * I2T_TIME_S
         self._i2t = 0.0
         self.i2t_exceeded = False
-        self.mean_torque_nm = 0.0
         self.torque_sample_nm = 0.0
         self.switch_off()
 
     def switch_on(self) -> None:
         """The motor carries torque, the brake begins to open."""
+        self._on = True
         self._brake.open()
 
     def switch_off(self, held: bool = False) -> None:
         """No current from now on; setpoints on their way are lost.   held : but not before the brake has closed."""
+        self._on = False
         self._brake.close(held)
         self._on_the_way = deque([0.0] * self._delay_ticks)
         self._acting_nm = 0.0
+        self._delivery.reset()
+        if self._command is not None:
+            self._command.reset()
 
     def run(self, setpoint_nm: float, now_s: float) -> None:
         """Let one tick pass that began at ``now_s`` with this setpoint decided."""
@@ -112,26 +123,19 @@ class PowerStage:
         old, new = self._acting_nm, self._on_the_way.popleft()
         self._acting_nm = new
         share = self._old_share
+        setpoints = [(new, 1.0)] if share == 0.0 else [(old, share), (new, 1.0 - share)]
+        acting = self._delivery.shape(setpoints) if self._delivery.acts else setpoints
+        if self._process is not None:
+            process = self._process.draw() if self._on else 0.0
+            acting = [(torque + process, part) for torque, part in acting]
         faults = self._faults
         blocked = faults.stuck_from_s is not None and now_s >= faults.stuck_from_s
         acts = faults.weak_share if faults.weak_from_s is not None and now_s >= faults.weak_from_s else 1.0
-        if share == 0.0:
-            if not blocked:
-                self._plant.step(acts * new, TICK_S)
-            mean = new
-        else:
-            if not blocked:
-                self._plant.step(acts * old, share * TICK_S)
-                self._plant.step(acts * new, (1.0 - share) * TICK_S)
-            mean = share * old + (1.0 - share) * new
-        self.mean_torque_nm = mean
-        if self._noise_nm > 0.0:
-            if not self._noise:
-                self._noise = (self._noise_nm * self._generator.standard_normal(_NOISE_BLOCK)).tolist()
-            self.torque_sample_nm = mean + self._noise.pop()
-        else:
-            self.torque_sample_nm = mean
-        load = mean / self._motor.rated_torque_nm
+        if not blocked:
+            for torque, part in acting:
+                self._plant.step(acts * torque, part * TICK_S)
+        self.torque_sample_nm = self._reading.sample(acting if self._command is None else self._command.shape(setpoints))
+        load = mean_torque(acting) / self._motor.rated_torque_nm
         used = self._i2t + (load * load - 1.0) * TICK_S
         self._i2t = used if used > 0.0 else 0.0
         if used >= self._i2t_reserve:
@@ -144,18 +148,20 @@ class Encoder:
     """Counts of an incremental encoder on the motor shaft.
 
     counts = round(φ · counts_per_rev / 2π): a count stands for the angles half a count to either side, so that readings have no
-    systematic error.
+    systematic error.  The tracks of a sin/cos encoder may err:  φ + a sin(Lφ) + b sin(2Lφ),  L lines per turn.
 
     zero_rad : motor angle of count 0, rad.   rad_per_count : size of one count, rad.
     counts, angle_rad : the sample latched last; the angle in whole counts.
     """
 
-    def __init__(self, plant: Plant, counts_per_rev: int, zero_rad: float, faults: Faults) -> None:
+    def __init__(self, plant: Plant, counts_per_rev: int, zero_rad: float, faults: Faults, instruments: Instruments = IDEAL) -> None:
         self._plant = plant
         self._per_rad = counts_per_rev / math.tau
         self.rad_per_count = math.tau / counts_per_rev
         self._zero_rad = zero_rad
         self._faults = faults
+        self._lines = instruments.lines_per_rev
+        self._once_rad, self._twice_rad = instruments.interpolation_error_rad, instruments.interpolation_error_twice_rad
         self._jumped = 0
         self.counts = 0
         self.angle_rad = 0.0
@@ -166,7 +172,11 @@ class Encoder:
         if faults.encoder_step_at_s is not None and now_s >= faults.encoder_step_at_s:
             self._jumped += faults.encoder_step_counts
             faults.encoder_step_at_s = None
-        counts = math.floor((self._plant.position_rad - self._zero_rad) * self._per_rad * faults.encoder_sign + 0.5)
+        angle = self._plant.position_rad - self._zero_rad
+        if self._once_rad or self._twice_rad:
+            phase = self._lines * angle
+            angle += self._once_rad * math.sin(phase) + self._twice_rad * math.sin(2.0 * phase)
+        counts = math.floor(angle * self._per_rad * faults.encoder_sign + 0.5)
         self.counts = counts = counts + self._jumped
         self.angle_rad = angle = counts * self.rad_per_count
         return angle

@@ -101,7 +101,7 @@ def test_a_plant_file_may_state_another_motor(tmp_path):
     assert (found.rated_torque_nm, found.rated_current_a) == (22.0, 30.0)
     assert found.peak_torque_nm == pytest.approx(60.0, rel=1e-3)
     write_text(path, to_yaml({**plant, "drive": {"rated_torque_nm": -1.0}}))
-    with pytest.raises(UsageError, match="rated_torque_nm is -1; give a positive number"):
+    with pytest.raises(UsageError, match=r"rated_torque_nm is -1 \(rated torque of the motor\); it must be above 0"):
         open_drive(f"virtual:{path}")
 
 

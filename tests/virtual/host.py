@@ -15,6 +15,8 @@ from beltcomm.virtual.device import VirtualDrive
 COUNTS = 65536
 UNIT_NM = 1.43e-3  # 0.1 % of the rated torque 1.43 N m
 INERTIA = 2e-3
+SYNC = 0x80
+STATUS, POSITION, TORQUE, TARGET_TORQUE = 0x60410010, 0x60640020, 0x60770010, 0x60710010
 
 
 class RigidPlant:
@@ -151,3 +153,30 @@ class Host:
 
     def close(self) -> None:
         self.bus.shutdown()
+
+
+class CyclicTorque(Host):
+    """Exchange at 1 kHz: torque setpoint out, position and torque in."""
+
+    def prepare(self) -> None:
+        """PDOs mapped, operational, enabled in cyclic torque."""
+        self.sent = self.map(1, True, [TARGET_TORQUE])
+        self.got = self.map(1, False, [POSITION, TORQUE, STATUS])
+        self.operational()
+        self.enable(10)
+        self.frames()
+
+    def cycle(self, setpoint: int) -> tuple[int, int]:
+        """SYNC, sample, new setpoint for the next SYNC, one tick."""
+        self.send(SYNC)
+        ((position, torque, _status),) = (struct.unpack("<ihH", data) for data in self.of(self.got))
+        self.send(self.sent, struct.pack("<h", setpoint))
+        self.run(0.001)
+        return position, torque
+
+
+def prepared(**options: Any) -> CyclicTorque:
+    """A host in cyclic torque, enabled and operational."""
+    one = CyclicTorque(**options)
+    one.prepare()
+    return one

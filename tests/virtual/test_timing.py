@@ -2,42 +2,14 @@
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Callable
 
 import numpy as np
 import pytest
 
-from virtual.host import UNIT_NM, Host
+from virtual.host import SYNC, UNIT_NM, Host, prepared
 
 MakeHost = Callable[..., Host]
-SYNC = 0x80
-STATUS, POSITION, TORQUE, CONTROL, TARGET_TORQUE = 0x60410010, 0x60640020, 0x60770010, 0x60400010, 0x60710010
-
-
-class CyclicTorque(Host):
-    """Exchange at 1 kHz: torque setpoint out, position and torque in."""
-
-    def prepare(self) -> None:
-        self.sent = self.map(1, True, [TARGET_TORQUE])
-        self.got = self.map(1, False, [POSITION, TORQUE, STATUS])
-        self.operational()
-        self.enable(10)
-        self.frames()
-
-    def cycle(self, setpoint: int) -> tuple[int, int]:
-        """SYNC, sample, new setpoint for the next SYNC, one tick."""
-        self.send(SYNC)
-        ((position, torque, _status),) = (struct.unpack("<ihH", data) for data in self.of(self.got))
-        self.send(self.sent, struct.pack("<h", setpoint))
-        self.run(0.001)
-        return position, torque
-
-
-def prepared(**options: object) -> CyclicTorque:
-    one = CyclicTorque(**options)  # type: ignore[arg-type]
-    one.prepare()
-    return one
 
 
 def test_setpoint_received_after_sync_k_acts_from_t_k_plus_1_plus_the_delay() -> None:
