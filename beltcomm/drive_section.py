@@ -21,7 +21,7 @@ def _checked_number(name: str, value: object, entry: Entry) -> float | int:
         raise UsageError(f"{name} is {value!r}; give a plain number, without its unit")
     if fault := entry.fault(float(value)):
         raise UsageError(f"{name} is {float(value):g} ({entry.meaning}); {fault}")
-    return int(value) if entry.whole else float(value)
+    return int(float(value)) if entry.whole else float(value)
 
 
 @dataclass(frozen=True)
@@ -111,7 +111,7 @@ _INSTRUMENTS = tuple(each.name for each in fields(Instruments))
 _ENTRIES: Mapping[str, tuple[float, Entry]] = {
     "setpoint_delay_s": (1e-3, Entry("time from torque setpoint to torque", at_least=0.0, at_most=1.0)),
     "torque_noise_nm": (6e-3, Entry("rms of the noise on the torque reading", at_least=0.0)),
-    "counts_per_rev": (65536, Entry("encoder counts per motor revolution", at_least=100.0, at_most=2.0**24, whole=True)),
+    "counts_per_rev": (65536, Entry("encoder counts per motor revolution", at_least=1.0, at_most=2.0**32 - 1.0, whole=True)),
     "brake_torque_nm": (0.0, Entry("torque of the holding brake", at_least=0.0)),
     "brake_time_s": (0.0, Entry("time in which the holding brake opens or closes", at_least=0.0)),
 }

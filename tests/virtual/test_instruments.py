@@ -287,7 +287,7 @@ def test_without_instruments_every_frame_is_what_it_was_before_there_were_any(de
         ({"interpolation_error_rad": 1e-4}, r"give lines_per_rev too"),
         ({"interpolation_error_rad": 1e-2, "lines_per_rev": 1024}, r"moves 10.2 times as fast as the shaft"),
         ({"lines_per_rev": 10.5}, r"lines_per_rev is 10.5 .*; it must be a whole number"),
-        ({"counts_per_rev": 0}, r"counts_per_rev is 0 .*; it must be at least 100"),
+        ({"counts_per_rev": 0}, r"counts_per_rev is 0 .*; it must be at least 1"),
         ({"torque_noise_nm": float("nan")}, r"it must be a finite number"),
         ({"setpoint_fliter_s": 1e-3}, r"setpoint_fliter_s is not known; known are setpoint_delay_s, "),
     ],
