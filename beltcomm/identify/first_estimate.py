@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 BASE_EFFECTS = ("belt_stiffness", "belt_damping", "viscous", "viscous_cart", "coulomb", "cart_friction")
 #: kg: carriages between these are tried.  N/m: belts between these shares of the data sheet's stiffness are tried.
 MASSES_KG = np.geomspace(0.1, 100.0, 25)
-STIFFNESS_SHARES = np.geomspace(0.4, 2.5, 12)
+STIFFNESS_SHARES = np.geomspace(0.3, 4.0, 16)
 #: How many points of the grid are refined; moving samples without which nothing is tried; how far the inertia may leave the sheet's.
 REFINED = 3
 LONGEST_REFINEMENT = 160

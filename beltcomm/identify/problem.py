@@ -1,8 +1,9 @@
 """The inverse fit as a problem: whitened residual as a function of scaled unknowns, its block-robust objective and its minimum.
 
-    O = Σ_b n_b φ(c_b),   φ(c) = c for c < 1,  1 + ln c above,   c_b : mean square of the whitened residual in block b
+    O = Σ_b n_b φ(c_b - v(x) + v(x₀)),   φ(c) = c for c < 1,  1 + ln c above,   c_b : mean square of the whitened residual in block b
 
-It is the likelihood with unknown scale in bad blocks: a disturbed stretch costs what its length is worth and no more.
+It is the likelihood with unknown scale in bad blocks: a disturbed stretch costs what its length is worth and no more.  v is what rounding
+alone adds to a block (``rounding_bias``): it is no reason to prefer a lighter motor.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from beltcomm.effects import effect_named
 from beltcomm.identify.bordered import Bordered
 from beltcomm.identify.following import Step, slopes
 from beltcomm.identify.residual import Stretch, dressed_each, followed, in_noise
+from beltcomm.identify.rounding_bias import RoundingBias
 from beltcomm.model import Model, expected_parameters
 from beltcomm.simulate.inverse import (
     FineMotion,
@@ -41,6 +43,8 @@ Array = NDArray[np.float64]
 OFFSET_M = 5e-4
 #: Unit of a parameter that begins at zero and usually does, as a share of the room between its bounds; least unit of any.
 ZERO_SHARE, LEAST_UNIT = 1e-3, 1e-9
+#: Mean square of a block, rounding taken off, below which less is no better: then it was not as much as it was taken for.
+LEAST_MEAN = 0.25
 #: How much faster than in its last iteration a search may still get on.
 PACE = 3.0
 
@@ -100,9 +104,14 @@ class Problem:
         self.high = np.concatenate([np.array([v.high for v in values]) / own, np.ones(len(offsets))])
         self.inertia = model.index("motor.inertia")
         self.touches = [touched_by(model, name) for name in self.free]
+        self.touches_noise = [touches_noise(model, name) for name in self.free]
         self.ends = np.cumsum([0, *(len(piece.counted) for piece in self.pieces)])
         self.blocks = time_blocks(self.pieces, block_s)
         self.count = np.bincount(self.blocks).astype(np.float64)
+        owners = np.repeat(np.arange(len(self._pieces)), [len(piece.counted) for piece in self._pieces])
+        self.piece_of_block = np.zeros(len(self.count), dtype=np.intp)
+        self.piece_of_block[self.blocks] = owners
+        self.bias = RoundingBias(self._pieces, model)
         # What was worked out last of each piece: the search asks for it again.
         self.last: dict[int, tuple[tuple[bytes, float], Parts]] = {}
         self.seen: tuple[bytes, list[Array]] = (b"", [])
@@ -269,15 +278,30 @@ class Problem:
         with np.errstate(over="ignore"):
             return np.asarray(np.bincount(self.blocks, residual**2) / np.maximum(self.count, 1.0))
 
-    def objective(self, residual: Array) -> float:
+    def objective(self, residual: Array, x: Array) -> float:
         """O of the module; inf where a body flew off."""
-        means = self.block_means(residual)
+        means = np.maximum(self.block_means(residual) - self.bias(self.full(x))[self.piece_of_block], LEAST_MEAN)
         total = float(np.sum(self.count * np.where(means < 1.0, means, 1.0 + np.log(np.maximum(means, 1.0)))))
         return total if math.isfinite(total) else math.inf
 
     def weights(self, residual: Array) -> Array:
         """Square root of φ'(c) of every sample's block, (n,)."""
         return np.asarray((1.0 / np.sqrt(np.maximum(1.0, self.block_means(residual))))[self.blocks])
+
+    def rounding(self, x: Array) -> tuple[Array, Array]:
+        """Slope, (blocks, p), and curvature, (blocks, p, p), of what rounding adds to the squares of each block; p unknowns shared by all."""
+        own = len(self.free)
+        moved = [j for j in range(own) if self.touches_noise[j]]
+        steps, others = [], []
+        for j in moved:
+            step, ahead = self.stepped(x, j)
+            steps.append(step)
+            others.append(self.full(ahead))
+        slope, curvature = self.bias.responses(self.full(x), others, np.array(steps))
+        a, b = np.zeros((len(slope), own)), np.zeros((len(slope), own, own))
+        a[:, moved] = slope
+        b[np.ix_(np.arange(len(slope)), moved, moved)] = curvature
+        return self.count[:, None] * a[self.piece_of_block], self.count[:, None, None] * b[self.piece_of_block]
 
     @in_one_thread
     def minimise(self, x: Array, iterations: int, held: Sequence[int] = (), enough: float = 0.02, goal: float = math.inf) -> Minimum:
@@ -286,23 +310,29 @@ class Problem:
         held : unknowns that do not move.   enough : a step that gains less than this ends the search, nats.   goal : see :func:`hopeless`.
         """
         residual = self.residual(x)
-        value, damping = self.objective(residual), 1e-3
+        value, damping = self.objective(residual, x), 1e-3
         asked = [j for j in range(len(x)) if j not in set(held)]
         for left in reversed(range(iterations if math.isfinite(value) else 0)):
             weights = self.weights(residual)
             jacobian = self.jacobian(x, asked).scaled(weights)
             gradient, information = jacobian.transposed(residual * weights), jacobian.information()
+            unit, own = np.diag(information).copy(), len(self.free)
+            of_block = np.zeros(len(self.count))
+            of_block[self.blocks] = weights**2
+            slope, curvature = self.rounding(x)
+            gradient[:own] -= 0.5 * of_block @ slope
+            information[:own, :own] -= np.tensordot(of_block, curvature, 1)
             outward = ((x <= self.low) & (gradient > 0.0)) | ((x >= self.high) & (gradient < 0.0))
-            move = np.array([j for j in asked if not outward[j] and information[j, j] > 0.0], dtype=np.intp)
+            move = np.array([j for j in asked if not outward[j] and unit[j] > 0.0], dtype=np.intp)
             if not len(move):
                 break
             gain = 0.0
             while damping < 1e7:
-                system = information[np.ix_(move, move)] + damping * np.diag(np.diag(information)[move])
+                system = information[np.ix_(move, move)] + damping * np.diag(unit[move])
                 trial = x.copy()
                 trial[move] = np.clip(x[move] - np.linalg.solve(system, gradient[move]), self.low[move], self.high[move])
                 ahead = self.residual(trial)
-                better = self.objective(ahead)
+                better = self.objective(ahead, trial)
                 gain = value - better
                 if gain > 0.0:
                     break
@@ -342,6 +372,12 @@ def touched_by(model: Model, name: str) -> Touch:
     if name.split(".")[0] in {body.name for _, body in model.bodies()}:
         kinds.add("belt")
     return kinds.pop() if len(kinds) == 1 else "all"
+
+
+def touches_noise(model: Model, name: str) -> bool:
+    """Whether the noise's path to the residual goes with a parameter: all but those of friction that has one level while it slides."""
+    slots = {effect.slot for effect in model.effect_list() if name in (*effect.full_names(), *effect.uses)}
+    return not slots or not slots <= {"friction_level", "sensor", "external"}
 
 
 def free_parameters(model: Model, fixed: Sequence[str] = ("transmission.ratio",)) -> tuple[str, ...]:

@@ -24,8 +24,8 @@ from beltcomm.identify.following import Follower, Seen, follows, innovations, le
 from beltcomm.identify.noise_path import Way, way
 from beltcomm.identify.reversals import LEVEL, passed, turns_at_once
 from beltcomm.identify.slack import stiffness_left
+from beltcomm.identify.torque_path import TorquePath
 from beltcomm.identify.whitening import Whitener, whiten
-from beltcomm.identify.within import change_of
 from beltcomm.linear import matrices, operating_point
 from beltcomm.model import Model
 from beltcomm.recording import Recording
@@ -104,6 +104,10 @@ class Stretch:
         """What is looked at behind its observer; nothing without one."""
         return [] if self.follower is None else [Seen(self.follower, self.motion, self.torque)]
 
+    def middle_m(self, model: Model) -> float:
+        """Middle of the way of the carriage, m."""
+        return 0.5 * float(self.motion.theta.min() + self.motion.theta.max()) * model["transmission.ratio"]
+
     def white(self, torque: Array) -> Array:
         """A torque, N m, (n,) or (n, k), in units of the noise by the whitener worked out beforehand; linear in the torque."""
         if self.follower is not None:
@@ -130,23 +134,27 @@ def stretches(
     fitted: bool = False,
     substeps: int = SUBSTEPS,
     reversals: bool = False,
+    path: TorquePath | None = None,
 ) -> list[Stretch]:
     """The gapless pieces of a recording that hold at least 50 samples; ``model`` gives inertia and transmission.
 
     fitted : the model's load is good enough to say how the motor moves between the samples.   substeps : fine steps then.
     reversals : samples in which the motor passes through a reversal count too, for a model with :func:`turns_at_once`, and fitted.
+    path : from the reading to the torque that acts; None takes the reading.
     """
     sample = recording.sample_period_s
     cuts = [0, *(int(i) + 1 for i in recording.gaps()), len(recording.t_s)]
     start = recording.sidecar.start_position_m
-    change = change_of(recording)  # of records without gaps
     pieces = []
     for first, last in itertools.pairwise(cuts):
         if last - first < 50:
             continue
         part = slice(first, last)
         ratio = model["transmission.ratio"]
-        position, torque = recording.position[part], recording.torque[part]
+        position, torque, within = recording.position[part], recording.torque[part], None
+        if path is not None:
+            setpoint = recording.torque_setpoint
+            torque, within = path.acting(torque, None if setpoint is None else setpoint[part], sample)
         # Without a start position the recorded angle is the absolute one: a phase of cogging holds for all records of a run.
         place = float(recording.position[first]) if start is None else start / ratio + recording.position[first] - recording.position[0]
         time = (recording.sidecar.session_time_s or 0.0) + recording.t_s[first] - recording.t_s[0]
@@ -159,7 +167,7 @@ def stretches(
             start_rad=place,
             substeps=substeps if fitted else COARSE_SUBSTEPS,
             time_s=time,
-            change=change,
+            within=within,
         )
         if fitted:
             motion = rebuilt(motion, model, position, torque, place)
@@ -204,7 +212,7 @@ def rebuilt(
     acting = acting_cells(model, motion, torque)
     push = coarse(acting, len(acting) // (len(motion.theta) - 1)) - lacking
     found = reconstruct(position, push, motion.sample_s, model["motor.inertia"], start_rad=start_rad, substeps=motion.substeps, load=load)
-    return replace(found, time_s=motion.time_s, change=motion.change)
+    return replace(found, time_s=motion.time_s, within=motion.within)
 
 
 def start_offset(model: Model, motion: FineMotion) -> float:

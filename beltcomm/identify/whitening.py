@@ -12,6 +12,7 @@ Source: Anderson, Moore, Optimal Filtering, 1979, sections 5.3 and 10.5.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -83,7 +84,19 @@ def whitener(keep: NDArray[np.bool_], way: Way, step_rad: float, noise_nm: float
     """
     levels = [noises(path, step_rad, noise_nm, shares) for path in way.paths]
     _, variances, start = levels[way.level[0]]
-    f, g, h, d = (np.stack([getattr(path, name) for path, _, _ in levels]) for name in "FGHD")
+    paths = [path for path, _, _ in levels]
+    gains, deviations = gains_of(keep, paths, way.level, variances, start)
+    return Whitener(np.stack([path.F for path in paths]), np.stack([path.H for path in paths]), way.level, gains, deviations)
+
+
+def gains_of(
+    keep: NDArray[np.bool_], paths: Sequence[NoisePath], level: NDArray[np.int64], variances: Array, start: Array
+) -> tuple[Array, Array]:
+    """Gains, (n, k), and deviations of the innovations, (n,), N m.
+
+    variances : of the noises.   start : (k, k), covariance of the state at the first sample.   level : (n,), which path holds.
+    """
+    f, g, h, d = (np.stack([getattr(path, name) for path in paths]) for name in "FGHD")
     size = h.shape[1]
     gains, deviations = np.zeros((len(keep), size)), np.ones(len(keep))
     noise, cross, direct = np.zeros((len(h), size, size)), np.zeros((len(h), size)), np.zeros(len(h))
@@ -91,8 +104,8 @@ def whitener(keep: NDArray[np.bool_], way: Way, step_rad: float, noise_nm: float
         noise += (g[:, :, m] * variance)[:, :, None] * g[:, None, :, m]
         cross += g[:, :, m] * variance * d[:, m, None]
         direct += d[:, m] * d[:, m] * variance
-    _gains(keep, f, h, noise, cross, direct, way.level, start, np.empty((size, size)), np.empty((2, size)), gains, deviations)
-    return Whitener(f, h, way.level, gains, deviations)
+    _gains(keep, f, h, noise, cross, direct, level, start.copy(), np.empty((size, size)), np.empty((2, size)), gains, deviations)
+    return gains, deviations
 
 
 def noises(

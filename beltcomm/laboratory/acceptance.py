@@ -155,7 +155,7 @@ def base_noise(grown: Fitted) -> float:
     for one, other in zip(before, after, strict=True):
         if one.whitener is not None and other.whitener is not None:
             fall += 2.0 * float(np.sum(np.log(one.whitener.deviations[one.keep] / other.whitener.deviations[other.keep])))
-    return fall - (new.objective(new.residual(grown.x)) - old.objective(old.residual(grown.x)))
+    return fall - (new.objective(new.residual(grown.x), grown.x) - old.objective(old.residual(grown.x), grown.x))
 
 
 def price_of_bending(problem: Problem, x: np.ndarray) -> float:

@@ -16,6 +16,7 @@ from beltcomm.errors import DataError
 from beltcomm.identify.following import follows
 from beltcomm.identify.noise_level import torque_noise
 from beltcomm.identify.residual import Stretch, creeping, dressed_each, evaluate, stretches, way_of
+from beltcomm.identify.torque_path import TorquePath
 from beltcomm.identify.whitening import whitener
 from beltcomm.model import Model
 from beltcomm.recording import Recording
@@ -44,7 +45,8 @@ EXCITED_GROUP, STEADY_GROUP, BAND_HZ = 2, 4, 120.0
 class Data:
     """Stretches of the records to fit and of those held out.
 
-    recordings : all of them.   noise_nm : rms of the torque's noise, N m.   step_rad : step of the encoder, rad.
+    recordings : all of them.   noise_nm : rms of the torque's noise, N m.   step_rad : step of the encoder, rad.   path : from setpoint and
+    reading to the torque that acts.
     """
 
     recordings: tuple[Recording, ...]
@@ -52,6 +54,7 @@ class Data:
     held_out: tuple[Stretch, ...]
     noise_nm: float
     step_rad: float
+    path: TorquePath = TorquePath()
 
 
 def prepare(recordings: Sequence[Recording], axis: Axis, model: Model) -> Data:
@@ -78,18 +81,21 @@ def made(
     step_rad: float,
     shares: Mapping[str, tuple[float, float]],
     usual: int = SUBSTEPS,
+    path: TorquePath | None = None,
 ) -> Data:
     """The same with known noise and step.
 
-    shares : by record, :func:`rounding_shares`; all of it white where it is missing.   usual : fine steps a sample.
+    shares : by record, :func:`rounding_shares`; all of it white where it is missing.   usual : fine steps a sample.   path : of the torque;
+    None takes the reading.
     """
+    path = path or TorquePath()
     pieces = []
     rattles = any(effect.rattles for effect in model.effect_list())
     for recording in recordings:
         shown, group = shares.get(recording.name, (1.0, 0.0)), group_of(recording)
         stroke = recording.sidecar.experiment == "friction_sweep"
         substeps = (RATTLING_STROKE_SUBSTEPS if rattles else STROKE_SUBSTEPS) if stroke else (RATTLING_SUBSTEPS if rattles else usual)
-        for piece in stretches(recording, model, step_rad, noise_nm, fitted=True, substeps=substeps):
+        for piece in stretches(recording, model, step_rad, noise_nm, fitted=True, substeps=substeps, path=path):
             pieces.append(rewhitened(replace(piece, rounding=shown, group=group), model))
     return Data(
         tuple(recordings),
@@ -97,6 +103,7 @@ def made(
         tuple(p for p in pieces if p.held_out),
         noise_nm,
         step_rad,
+        path,
     )
 
 
@@ -125,7 +132,7 @@ def remade(data: Data, model: Model, offsets_m: Array, substeps: int = SUBSTEPS)
         for piece, offset in zip(pieces, [*offsets_m, *np.zeros(len(data.held_out))], strict=True):
             left.setdefault(piece.record, []).append((piece, evaluate(piece, model, model.vector(), float(offset))))
         shares = {name: rounding_shares(parts, model) for name, parts in left.items()}
-    ahead = made(data.recordings, model, data.noise_nm, data.step_rad, shares, substeps)
+    ahead = made(data.recordings, model, data.noise_nm, data.step_rad, shares, substeps, data.path)
     return agitated(ahead, model) if follows(model) else ahead
 
 

@@ -14,14 +14,16 @@ from beltcomm.identify.following import follows
 from beltcomm.identify.problem import OFFSET_M
 from beltcomm.laboratory.acceptance import EVIDENCE, drop_by, impossible, left_as_a_whole, refuted
 from beltcomm.laboratory.compare import compare
-from beltcomm.laboratory.data import SUBSTEPS, Data, agitated, prepare, remade
+from beltcomm.laboratory.data import SUBSTEPS, Data, agitated, made, prepare, remade
 from beltcomm.laboratory.fitting import AT_A_TIME, Fitted, fit, gone_on, out_of_valley
 from beltcomm.laboratory.forms import formed, placed
 from beltcomm.laboratory.freedom import unneeded
 from beltcomm.laboratory.intervals import with_intervals
 from beltcomm.laboratory.masked import behind_a_delay
+from beltcomm.laboratory.path_choice import choose_path
 from beltcomm.laboratory.plausible import run_away, undetermined, unlikely
 from beltcomm.laboratory.score import FAR_OFF, Scorer, ground_of
+from beltcomm.laboratory.sensor_noise import split_noise
 from beltcomm.laboratory.stage import MISSING, MOSTLY, Candidate, candidate, held_at, merged, search, strayed
 from beltcomm.laboratory.structure import structure
 from beltcomm.laboratory.superfluous import superfluous
@@ -99,7 +101,16 @@ def fitted_base(recordings: Sequence[Recording], axis: Axis, start: Model) -> tu
     """The start model fitted to the records, and the records as it sees them."""
     data = prepare(recordings, axis, start)
     first = fit(data, start, FIRST_ITERATIONS)
-    return again(data, first, NEXT_ITERATIONS)
+    choice = choose_path(data, first, start)
+    if choice.path != data.path:
+        data = made(data.recordings, start, data.noise_nm, data.step_rad, {}, path=choice.path)
+        first = fit(data, start, FIRST_ITERATIONS)
+    data, fitted = again(data, first, NEXT_ITERATIONS)
+    split = split_noise(data, fitted)
+    if split is not None:
+        data = replace(data, noise_nm=split.sensor_nm)
+        data, fitted = again(data, fitted, NEXT_ITERATIONS)
+    return data, fitted
 
 
 def settled(data: Data, fitted: Fitted) -> tuple[Data, Fitted]:

@@ -138,7 +138,7 @@ def _followed(
     while True:
         x = problem.start()
         residual = problem.residual(x)
-        here = Minimum(x, residual, problem.objective(residual))
+        here = Minimum(x, residual, problem.objective(residual, x))
         least = best[1].objective if best is not None else math.inf
         if here.objective <= least:
             best, misses = (problem, here), 0

@@ -54,4 +54,4 @@ def restored(recordings: Sequence[Recording], found: Mapping[str, Any]) -> tuple
     residual = problem.residual(x)
     best = problem.model_at(x, "laboratory")
     held = tuple(judged(piece, best) for piece in data.held_out)
-    return data, Fitted(best, problem, x, residual, problem.objective(residual), held, held_objective(data, held))
+    return data, Fitted(best, problem, x, residual, problem.objective(residual, x), held, held_objective(data, held))

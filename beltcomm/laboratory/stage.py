@@ -263,7 +263,8 @@ def grown(data: Data, base: Fitted, way: Scored, goal: float = math.inf) -> Fitt
     for x in (moved, beside):
         model = here.model_at(x, "trial").with_effect(way.effect.name, way.values)
         problem = problem_of(data, model)
-        starts.append((problem.objective(problem.residual(problem.start(here.offsets(x)))), problem, here.offsets(x)))
+        begin = problem.start(here.offsets(x))
+        starts.append((problem.objective(problem.residual(begin), begin), problem, here.offsets(x)))
     _, problem, offsets = min(starts, key=lambda start: start[0])
     starts.clear()  # the other one's observers are large
     if follows(problem.model):

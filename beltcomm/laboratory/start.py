@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
 
 from beltcomm.axis import Axis
 from beltcomm.errors import DataError
 from beltcomm.identify.first_estimate import first_estimate
+from beltcomm.laboratory.data import smallest_step
 from beltcomm.model import Model, build_model
 from beltcomm.recording import Recording
+
+Array = NDArray[np.float64]
+TAU = math.tau
 
 #: J, m, c, d, d_m, d_c and the Coulomb friction of the motor: what every belt axis has.
 BELT_BASE = ("belt_stiffness", "belt_damping", "viscous", "viscous_cart", "coulomb")
@@ -18,8 +26,13 @@ BELT_BASE = ("belt_stiffness", "belt_damping", "viscous", "viscous_cart", "coulo
 RIGID_BASE = ("viscous", "coulomb")
 #: Values where the axis file says nothing.
 USUAL = {"belt_stiffness.stiffness": 2e5, "cart.mass": 4.0, "motor.inertia": 7e-5}
+#: Share of the motor in the friction of both, before anything tells.
+MOTOR_SHARE = 0.7
 #: rad: an excitation that moves the motor less than this shows no carriage.
 LEAST_MOTION_RAD = 0.05
+#: Rows that a record needs for least squares; cut-off of its low-pass: highest, of the sampling rate, lowest, Hz, and how many are tried;
+#: share of the acceleration that its rounding may be.
+SHORTEST, HIGHEST_CUT, LOWEST_CUT_HZ, CUTS, ROUNDING_SHARE = 20, 0.2, 0.2, 25, 0.1
 
 
 def start_model(axis: Axis, recordings: Sequence[Recording]) -> Model:
@@ -30,20 +43,25 @@ def start_model(axis: Axis, recordings: Sequence[Recording]) -> Model:
     if not is_belt_axis(axis, usable):
         return rigid_start(axis, usable)
     ratio = axis.transmission_m_rad
-    middle = float(np.median([r.sidecar.start_position_m or 0.0 for r in usable]))
+    excited = [r for r in usable if r.sidecar.experiment == "frf"] or usable
+    loudest = max(excited, key=lambda r: float(np.std(r.torque)) * np.sqrt(len(r.t_s)))
+    place = loudest.sidecar.start_position_m or 0.0
     known_belt = axis.get("belt.specific_stiffness_n") is not None and axis.get("belt.pulley_distance_m") is not None
     values = {
         "motor.inertia": axis.motor_side_inertia_kg_m2 if axis.get("motor.inertia_kg_m2") else USUAL["motor.inertia"],
         "cart.mass": axis.payload.mass_kg or USUAL["cart.mass"],
-        "belt_stiffness.stiffness": axis.belt_stiffness_n_m(middle) if known_belt else USUAL["belt_stiffness.stiffness"],
+        "belt_stiffness.stiffness": axis.belt_stiffness_n_m(place) if known_belt else USUAL["belt_stiffness.stiffness"],
         "transmission.ratio": ratio,
-        "coulomb.level": 0.1,
+        "coulomb.level": 0.0,
+        "cart_friction.level": 0.0,
+        "viscous_cart.damping": 0.0,
     }
     sheet = build_model(axis.name, (*BELT_BASE, "cart_friction"), values, origin="data sheet")
-    excited = [r for r in usable if r.sidecar.experiment == "frf"] or usable
-    loudest = max(excited, key=lambda r: float(np.std(r.torque)) * np.sqrt(len(r.t_s)))
     counts = axis.get("motor.encoder_counts_per_rev") or 65536
-    found = first_estimate([loudest], sheet, int(counts))
+    # Twice, because the share of the carriage in the friction is assumed and not found: first its level must be known.
+    level = first_estimate([loudest], sheet, int(counts))["coulomb.level"]
+    shared = {"coulomb.level": MOTOR_SHARE * level, "cart_friction.level": (1.0 - MOTOR_SHARE) * level / ratio}
+    found = first_estimate([loudest], sheet.with_values(shared, "data sheet"), int(counts))
     friction = found["coulomb.level"] + ratio * found["cart_friction.level"]
     return found.without_effect("cart_friction").with_values({"coulomb.level": friction}, "first estimate")
 
@@ -57,16 +75,7 @@ def rigid_start(axis: Axis, recordings: Sequence[Recording]) -> Model:
     """Inertia, viscous and Coulomb friction by least squares over all records; N m and rad, or N and m, or A and rad."""
     if len({record.side for record in recordings}) > 1:
         raise DataError("the recordings of this run are taken on different sides (motor, load, ampere); put them into runs of their own")
-    left, right = [], []
-    for record in recordings:
-        omega = np.gradient(record.position, record.t_s)
-        width = max(1, round(0.01 / record.sample_period_s))
-        smooth = np.convolve(omega, np.ones(width) / width, mode="same")
-        acceleration = np.gradient(smooth, record.t_s)
-        moving = np.abs(smooth) > 0.02 * np.abs(smooth).max()
-        left.append(np.stack([acceleration, smooth, np.sign(smooth)], axis=1)[moving])
-        right.append(record.torque[moving])
-    inertia, viscous, coulomb = np.linalg.lstsq(np.concatenate(left), np.concatenate(right), rcond=None)[0]
+    inertia, viscous, coulomb = least_squares(recordings)
     sheet = axis.get("motor.inertia_kg_m2") if recordings[0].side == "motor" else None
     values = {
         "motor.inertia": float(inertia) if inertia > 0.0 else float(sheet or USUAL["motor.inertia"]),
@@ -75,3 +84,43 @@ def rigid_start(axis: Axis, recordings: Sequence[Recording]) -> Model:
         "transmission.ratio": 1.0,
     }
     return build_model(axis.name, RIGID_BASE, values, base_bodies=("motor",), origin="data sheet", side=recordings[0].side)
+
+
+def least_squares(recordings: Sequence[Recording]) -> Array:
+    """Inertia, viscous and Coulomb friction by least squares in the band in which the encoder shows the acceleration, (3,).
+
+    Torque, acceleration, speed and its sign behind one Gaussian low-pass each, so that the filter biases nothing; its cut-off as high as
+    the rounding of the acceleration, σ² = q²/12 2 T (2π)⁴ f⁵/5, stays below a tenth of it.
+    """
+    left, right = [], []
+    for record in recordings:
+        step = smallest_step(record.position)
+        for first, last in pairwise([0, *(int(i) + 1 for i in record.gaps()), len(record.t_s)]):
+            if last - first < SHORTEST:
+                continue
+            rows, torque = band_limited(record.position[first:last], record.torque[first:last], record.sample_period_s, step)
+            left.append(rows)
+            right.append(torque)
+    if not left:
+        raise DataError(f"no recording holds {SHORTEST} samples without a gap; nothing can be fitted")
+    return np.asarray(np.linalg.lstsq(np.concatenate(left), np.concatenate(right), rcond=None)[0])
+
+
+def band_limited(position: Array, torque: Array, sample_s: float, step_rad: float) -> tuple[Array, Array]:
+    """Rows (acceleration, speed, sign of the speed), (n, 3), and torque, (n,), behind the same low-pass, without its ends."""
+    centred = position - np.linspace(position[0], position[-1], len(position))
+    slope = (position[-1] - position[0]) / ((len(position) - 1) * sample_s)
+    for cut_hz in np.geomspace(HIGHEST_CUT / sample_s, LOWEST_CUT_HZ, CUTS):
+        width = 1.0 / (TAU * cut_hz * sample_s)
+        smooth = gaussian_filter1d(centred, width, mode="nearest")
+        acceleration = np.gradient(np.gradient(smooth, sample_s), sample_s)
+        rounding = step_rad / math.sqrt(12.0) * math.sqrt(2.0 * sample_s * TAU**4 * cut_hz**5 / 5.0)
+        if rounding < ROUNDING_SHARE * float(np.std(acceleration)):
+            break
+    speed = np.gradient(smooth, sample_s) + slope
+    # the torque acts from its sample to the next: half a sample later than the angle
+    shifted = np.append(torque[0], 0.5 * (torque[1:] + torque[:-1]))
+    sign = gaussian_filter1d(np.sign(speed), width, mode="nearest")
+    inside = slice(round(4.0 * width), max(len(position) - round(4.0 * width), round(4.0 * width) + 1))
+    rows = np.stack([acceleration, speed, sign], axis=1)[inside]
+    return rows, gaussian_filter1d(shifted, width, mode="nearest")[inside]

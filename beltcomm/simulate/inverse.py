@@ -26,7 +26,7 @@ from scipy.interpolate import CubicSpline
 
 from beltcomm.effects import EFFECTS
 from beltcomm.model import Model
-from beltcomm.simulate.change import Change
+from beltcomm.simulate.intersample import Intersample
 from beltcomm.simulate.compose import inverse_kernel
 from beltcomm.simulate.learning import prepared
 from beltcomm.simulate.lock_step import Lane, lock_step
@@ -61,7 +61,7 @@ class FineMotion:
     theta, omega : ndarray (n*substeps - substeps + 1,), rad and rad/s at the motor shaft, absolute: theta = position / i_t.
     samples : number of samples n.     sample_s : s, sampling period.    substeps : fine steps per sample.
     time_s : s, session clock at the first sample.   bristle_m : m at the belt, in which the motor's friction turns round.
-    change : of the torque inside the sampling periods; None: it is held.
+    within : of the torque inside the sampling periods; None: it is held.
     """
 
     theta: Array
@@ -71,7 +71,7 @@ class FineMotion:
     substeps: int
     time_s: float
     bristle_m: float = BRISTLE_M
-    change: Change | None = None
+    within: Intersample | None = None
     #: What :func:`true_motion` last made of it, by the values of the sensor's errors: most of a fit does not change them.
     made_true: dict[tuple[object, ...], FineMotion] = field(init=False, repr=False, compare=False, default_factory=dict)
     #: What :func:`motor_load` last said of it, by effects and values: most of what is tried leaves the motor's own friction alone.
@@ -98,7 +98,7 @@ def reconstruct(
     substeps: int,
     time_s: float = 0.0,
     load: Array | None = None,
-    change: Change | None = None,
+    within: Intersample | None = None,
 ) -> FineMotion:
     """Motor angle between the samples.
 
@@ -108,11 +108,11 @@ def reconstruct(
 
     position : ndarray (n,), rad, motor shaft.   torque : N m, ndarray (n,) acting from sample n to n+1, or (fine - 1,), mean over each
     fine step.   inertia : kg m², motor side.   start_rad : rad, absolute motor angle (carriage position over i_t) of the first sample.
-    load : ndarray (fine,), N m, as :func:`fine_load` gives it for a first reconstruction; None: taken as smooth.   change : of a torque
+    load : ndarray (fine,), N m, as :func:`fine_load` gives it for a first reconstruction; None: taken as smooth.   within : of a torque
     (n,) inside the periods.
     """
     n, h = len(position), sample_s / substeps
-    push = _cells(torque, substeps, change) if len(torque) == n else torque
+    push = _cells(torque, substeps, within) if len(torque) == n else torque
     if load is not None:
         push = push - 0.5 * (load[:-1] + load[1:])
     faster = push / inertia * h
@@ -124,12 +124,12 @@ def reconstruct(
     place = np.arange(len(known)) / substeps
     theta = spline(place) + known
     omega = spline(place, 1) / sample_s + speed
-    return FineMotion(theta - position[0] + start_rad, omega, n, sample_s, substeps, time_s, change=change)
+    return FineMotion(theta - position[0] + start_rad, omega, n, sample_s, substeps, time_s, within=within)
 
 
-def _cells(torque: Array, per_sample: int, change: Change | None) -> Array:
+def _cells(torque: Array, per_sample: int, within: Intersample | None) -> Array:
     """A reported torque, (n,), N m, over so many cells of each period, ((n - 1)*per_sample,)."""
-    spread = np.repeat(torque, per_sample) if change is None else change.cells(torque, per_sample)
+    spread = np.repeat(torque, per_sample) if within is None else within.cells(torque, per_sample)
     return spread[: (len(torque) - 1) * per_sample]
 
 
@@ -304,7 +304,7 @@ def acting_torque(model: Model, motion: FineMotion, torque: Array, vector: Array
     board = switchboard(model.base_bodies, model.effects)
     if not (board.delays or board.bent):
         mean[1:-1] = 0.5 * (torque[:-2] + torque[1:-1])
-        return mean if motion.change is None else mean + motion.change.triangular()
+        return mean if motion.within is None else mean + motion.within.triangular()
     rows = acting_cells(model, motion, torque, vector).reshape(motion.samples - 1, -1)
     m = rows.shape[1]
     ramp = (np.arange(m) + 0.5) / m**2  # the middle of a cell weighs it exactly: the weight is linear within it
@@ -318,7 +318,7 @@ def acting_cells(model: Model, motion: FineMotion, torque: Array, vector: Array 
     values = model.vector() if vector is None else vector
     finer = max(1, DELAY_CELLS // motion.substeps) if board.delays else 1
     h = motion.sample_s / motion.substeps
-    cells = _cells(torque, motion.substeps * finer, motion.change)
+    cells = _cells(torque, motion.substeps * finer, motion.within)
     for law, places in board.delays:
         cells = law(cells, h / finer, *(float(values[i]) for i in places))
     if not board.bent:

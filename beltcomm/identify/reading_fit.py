@@ -1,0 +1,167 @@
+"""How a torque reading follows its setpoint: the chain of drive and reading together, by least squares; nobody asks the motion here.
+
+    reading[n] = g R(setpoint)[n] + offset + noise,   R : a delay and up to two filters
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from beltcomm.identify.torque_path import DriveLaw, Kind, Lag
+from beltcomm.recording import Recording
+
+Array = NDArray[np.float64]
+#: Setpoint and reading, (n,) each, N m.
+Pair = tuple[Array, Array]
+
+#: Samples that are looked at, the liveliest pieces first, and samples that a piece must hold.
+MOST, SHORTEST = 6000, 200
+#: Chains of filters that are tried beside a delay alone, and values to begin with: shares of a sample, time constants of one sampling period.
+CHAINS: tuple[tuple[Kind, ...], ...] = (
+    ("sampled",),
+    ("first order",),
+    ("second order",),
+    ("sampled", "sampled"),
+    ("first order", "sampled"),
+    ("second order", "sampled"),
+)
+#: Cells of a period here.
+COARSE = 8
+#: Periods of delay at most; taps of the free response that a chain is held against.
+LONGEST_DELAY, TAPS = 8.0, 12
+#: Gain of -2 ln L beyond ln N for each further value that makes a chain the better one.
+CLEAR = 10.0
+#: A reading that follows its setpoint to this share of it is a command that comes back.
+COMMAND = 1e-4
+
+
+@dataclass(frozen=True)
+class ReadingFit:
+    """law : of drive and reading together.   rest_nm : rms of what it leaves, N m.   cost : -2 ln L with ln N for each value.   samples : N."""
+
+    law: DriveLaw
+    rest_nm: float
+    cost: float
+    samples: int
+
+
+def fit_reading(recordings: Sequence[Recording]) -> ReadingFit | None:
+    """The chain that explains the readings best; None where no setpoint changes."""
+    pairs, sample_s = _pieces(recordings)
+    if not pairs:
+        return None
+    best = _fitted(pairs, sample_s, ())
+    if best is None:
+        return None
+    enough = _free_rest(pairs) * math.exp(0.5 * (TAPS * math.log(best.samples) + CLEAR) / best.samples)
+    for chain in CHAINS:
+        if best.rest_nm <= enough:
+            break
+        found = _fitted(pairs, sample_s, chain)
+        if found is not None and found.cost < best.cost - CLEAR:
+            best = found
+    return best
+
+
+def _pieces(recordings: Sequence[Recording]) -> tuple[list[Pair], float]:
+    """Gapless pieces of setpoint and reading, the liveliest first, all of one sampling period, s."""
+    found: list[tuple[float, float, Array, Array]] = []
+    for recording in recordings:
+        if recording.torque_setpoint is None or recording.sidecar.held_out:
+            continue
+        for first, last in pairwise([0, *(int(i) + 1 for i in recording.gaps()), len(recording.t_s)]):
+            setpoint, reading = recording.torque_setpoint[first:last], recording.torque[first:last]
+            liveliness = float(np.mean(np.diff(setpoint) ** 2)) if last - first >= SHORTEST else 0.0
+            if liveliness > 0.0:
+                found.append((liveliness, recording.sample_period_s, setpoint, reading))
+    if not found:
+        return [], 0.0
+    found.sort(key=lambda item: -item[0])
+    sample_s, pairs, left = found[0][1], list[Pair](), MOST
+    for _, period, setpoint, reading in found:
+        if abs(period / sample_s - 1.0) < 1e-3 and left >= SHORTEST:
+            pairs.append((setpoint[:left], reading[:left]))
+            left -= len(setpoint)
+    return pairs, sample_s
+
+
+def _law(chain: tuple[Kind, ...], x: Array, sample_s: float) -> DriveLaw:
+    lags, place = [], 1
+    for kind in chain:
+        if kind == "sampled":
+            lags.append(Lag(kind, (float(1.0 / (1.0 + math.exp(-x[place]))),)))
+            place += 1
+        elif kind == "first order":
+            lags.append(Lag(kind, (sample_s * math.exp(x[place]),)))
+            place += 1
+        else:
+            lags.append(Lag(kind, (math.exp(x[place]) / sample_s, math.exp(x[place + 1]))))
+            place += 2
+    return DriveLaw(float(x[0]), tuple(lags))
+
+
+def _start(chain: tuple[Kind, ...]) -> list[tuple[float, float, float]]:
+    """Value to begin with and bounds, of each value of a chain."""
+    bounds: list[tuple[float, float, float]] = []
+    for number, kind in enumerate(chain):
+        if kind == "sampled":
+            bounds.append(((0.5, -0.5)[number], -5.0, 7.0))
+        elif kind == "first order":
+            bounds.append((-0.7, -4.0, 4.0))
+        else:
+            bounds += [(-0.7, -4.0, 1.5), (-0.4, -2.3, 1.1)]
+    return bounds
+
+
+def _fitted(pairs: Sequence[Pair], sample_s: float, chain: tuple[Kind, ...]) -> ReadingFit | None:
+    """The best values of a chain, from every whole delay."""
+    begin = _start(chain)
+    samples = sum(len(setpoint) for setpoint, _ in pairs)
+    skip = math.ceil(LONGEST_DELAY)
+
+    def left(x: Array) -> tuple[Array, float]:
+        law = _law(chain, x, sample_s)
+        shown = np.concatenate([law.cells(setpoint, sample_s, COARSE).mean(axis=1)[skip:] for setpoint, _ in pairs])
+        read = np.concatenate([reading[skip:] for _, reading in pairs])
+        shown_0, read_0 = shown - shown.mean(), read - read.mean()
+        gain = float(shown_0 @ read_0) / max(float(shown_0 @ shown_0), 1e-300)
+        return read_0 - gain * shown_0, gain
+
+    best: tuple[float, Array] | None = None
+    tried = []
+    for delay in range(5):
+        x = np.array([delay + 0.01, *(item[0] for item in begin)])
+        tried.append((float(np.sum(left(x)[0] ** 2)), x))
+    low, high = np.array([0.0, *(item[1] for item in begin)]), np.array([LONGEST_DELAY, *(item[2] for item in begin)])
+    for _, x in sorted(tried, key=lambda item: item[0])[:2]:
+        found = least_squares(lambda y: left(y)[0], np.clip(x, low, high), bounds=(low, high), x_scale=0.1, diff_step=1e-4, max_nfev=40)
+        for y in (found.x, np.array([round(found.x[0]), *found.x[1:]])):  # a whole delay is the usual one
+            cost = 2.0 * float(np.sum(left(y)[0] ** 2)) * 0.5
+            price = 1.0 - 2.0 * math.log(samples) / samples if y is not found.x else 1.0
+            if best is None or cost * price < best[0]:
+                best = (cost * price, y)
+    if best is None:
+        return None
+    rest, gain = left(best[1])
+    if gain <= 0.0:
+        return None
+    law = _law(chain, best[1], sample_s)
+    rms = float(np.sqrt(np.mean(rest**2)))
+    cost = samples * 2.0 * math.log(max(rms, 1e-12)) + len(best[1]) * math.log(samples)
+    return ReadingFit(DriveLaw(law.delay, law.lags, gain), rms, cost, samples)
+
+
+def _free_rest(pairs: Sequence[Pair]) -> float:
+    """rms of what a response with :data:`TAPS` free values leaves, N m."""
+    rows = [np.stack([setpoint[TAPS - k : len(setpoint) - k] for k in range(TAPS + 1)], axis=1) for setpoint, _ in pairs]
+    read = np.concatenate([reading[TAPS:] for _, reading in pairs])
+    regressor = np.column_stack((np.concatenate(rows), np.ones(len(read))))
+    rest = read - regressor @ np.linalg.lstsq(regressor, read, rcond=None)[0]
+    return float(np.sqrt(np.mean(rest**2)))

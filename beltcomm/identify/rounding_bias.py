@@ -1,0 +1,159 @@
+"""What rounding alone adds to the mean square of a whitened residual: taken off, so that it pulls at no parameter.
+
+The whitening filter W of a segment is worked out once, for a model near the right one.  With the noises' path T(x) of the model at x,
+
+    E |W e(x)|²/n  =  what the model leaves  +  v(x),    v(x) = Σ_m σ_m² Σ_k h_m[k]²,    h_m = W T(x) δ_m,
+
+σ_m the noises' deviations.  v(x) falls where the model needs less torque for the rounding, so the squares alone would be least at too
+small an inertia and a too soft belt: regression on noisy regressors.  |W e|²/n - (v(x) - v(x₀)) has its minimum, in the mean, at the
+truth, whatever the torque was; it is the whitened form of least squares corrected for noise in the regressors.
+Source: Fuller, Measurement Error Models, 1987, section 3.1.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltcomm.compiled import compiled
+from beltcomm.identify.noise_path import NoisePath, noise_path
+from beltcomm.identify.residual import Stretch
+from beltcomm.identify.whitening import gains_of, noises
+from beltcomm.model import Model
+
+Array = NDArray[np.float64]
+
+#: Samples in which the gains settle; longest response that is followed; share of the response's squares that ends it over a block.
+SETTLING, LONGEST, BLOCK, NEGLIGIBLE = 600, 6000, 100, 1e-7
+
+
+class RoundingBias:
+    """v(x) - v(x₀) of segments, x₀ the values of ``model``; segments behind an observer have none."""
+
+    def __init__(self, segments: Sequence[Stretch], model: Model) -> None:
+        self.model = model
+        self.kinds: list[_Kind] = []
+        self.of_segment = np.full(len(segments), -1)
+        known: dict[tuple[object, ...], int] = {}
+        for i, segment in enumerate(segments):
+            if segment.follower is not None:
+                continue
+            place = segment.middle_m(model)
+            key = (round(place, 3), segment.motion.sample_s, segment.rounding, segment.step_rad, segment.noise_nm, segment.group)
+            if key not in known:
+                known[key] = len(self.kinds)
+                self.kinds.append(_Kind(segment, model, place))
+            self.of_segment[i] = known[key]
+        self._start = self._values(model)
+        self._last: tuple[bytes, Array] = (b"", np.zeros(0))
+
+    def __call__(self, vector: Array) -> Array:
+        """v(x) - v(x₀) of each segment, (segments,); in units of the whitened residual's variance."""
+        key = vector.tobytes()
+        if self._last[0] != key:
+            excess = np.append(self._values(self.model.with_vector(vector)) - self._start, 0.0)
+            self._last = (key, excess[self.of_segment])
+        return self._last[1]
+
+    def _values(self, model: Model) -> Array:
+        return np.array([kind.power(model) for kind in self.kinds])
+
+    def responses(self, vector: Array, others: Sequence[Array], steps: Array) -> tuple[Array, Array]:
+        """Slope and curvature of v at x: (segments, k) and (segments, k, k), the latter ½ ∂²v to first order in the response.
+
+        others : neighbours of x, each ``steps`` away along one unknown.
+        """
+        k = len(others)
+        slope, curvature = np.zeros((len(self.kinds) + 1, k)), np.zeros((len(self.kinds) + 1, k, k))
+        models = [self.model.with_vector(v) for v in (vector, *others)]
+        for number, kind in enumerate(self.kinds):
+            here, *beside = (kind.response(model) for model in models)
+            long = max(len(r) for r in (here, *beside))
+            base = _padded(here, long)
+            ahead = np.stack([(_padded(r, long) - base) / step for r, step in zip(beside, steps, strict=True)]) if k else np.zeros((0, long))
+            slope[number] = 2.0 * ahead @ base
+            curvature[number] = ahead @ ahead.T
+        return slope[self.of_segment], curvature[self.of_segment]
+
+
+class _Kind:
+    """Segments whose noises reach the residual alike."""
+
+    def __init__(self, segment: Stretch, model: Model, place_m: float) -> None:
+        self.segment, self.place_m = segment, place_m
+        self._known: dict[int, tuple[NoisePath, Array]] = {}
+        self.path, self.gains, self.deviation = self._filter(model)
+
+    def _path(self, model: Model) -> NoisePath:
+        return noise_path(model, self.place_m, self.segment.motion.sample_s)
+
+    def _filter(self, model: Model) -> tuple[NoisePath, Array, float]:
+        segment = self.segment
+        path, variances, start = noises(self._path(model), segment.step_rad, segment.noise_nm, segment.rounding)
+        keep = np.ones(SETTLING, dtype=np.bool_)
+        gains, deviations = gains_of(keep, [path], np.zeros(SETTLING, dtype=np.int64), variances, start)
+        return path, gains[-1].copy(), float(deviations[-1])
+
+    def response(self, model: Model) -> Array:
+        """σ_m h_m of all noises one after the other, grouped as the residual is, (k,)."""
+        segment, plain = self.segment, self._path(model)
+        found = self._known.get(id(plain))
+        if found is None or found[0] is not plain:
+            path, variances, _ = noises(plain, segment.step_rad, segment.noise_nm, segment.rounding)
+            parts = []
+            for m, variance in enumerate(variances):
+                out = np.zeros(LONGEST)
+                length = _passed(path.F, path.G[:, m].copy(), path.H, float(path.D[m]), self.path.F, self.path.H, self.gains, out)
+                size = np.sqrt(variance) / (self.deviation * np.sqrt(segment.group))
+                parts.append(_padded(np.convolve(out[:length], np.ones(segment.group)) * size, LONGEST + segment.group))
+            used = max(int(np.max(np.flatnonzero(part), initial=0)) + 1 for part in parts)
+            found = (plain, np.concatenate([part[:used] for part in parts])) if len(parts) == 1 else (plain, np.stack(parts))
+            self._known = {id(plain): found} if len(self._known) > 40 else {**self._known, id(plain): found}
+        return np.asarray(found[1]).reshape(-1)
+
+    def power(self, model: Model) -> float:
+        """v of the module."""
+        response = self.response(model)
+        return float(response @ response)
+
+
+def _padded(row: Array, length: int) -> Array:
+    return row if len(row) == length else np.concatenate((row, np.zeros(length - len(row))))
+
+
+@compiled
+def _passed(f: Array, g: Array, h: Array, d: float, f0: Array, h0: Array, gains: Array, out: Array) -> int:
+    """Innovations of a filter (f0, h0, gains) to which a path (f, g, h, d) passes a unit impulse; how many are worth counting."""
+    size, own = h.shape[0], h0.shape[0]
+    s, moved, z, next_z = np.zeros(size), np.zeros(size), np.zeros(own), np.zeros(own)
+    total, block = 0.0, 0.0
+    for n in range(out.shape[0]):
+        e = d if n == 0 else 0.0
+        for i in range(size):
+            e += h[i] * s[i]
+        for i in range(own):
+            e -= h0[i] * z[i]
+        out[n] = e
+        for i in range(size):
+            value = g[i] if n == 0 else 0.0
+            for j in range(size):
+                value += f[i, j] * s[j]
+            moved[i] = value
+        for i in range(own):
+            value = gains[i] * e
+            for j in range(own):
+                value += f0[i, j] * z[j]
+            next_z[i] = value
+        for i in range(size):
+            s[i] = moved[i]
+        for i in range(own):
+            z[i] = next_z[i]
+        block += e * e
+        if (n + 1) % BLOCK == 0:
+            total += block
+            if block <= NEGLIGIBLE * total:
+                return n + 1
+            block = 0.0
+    return out.shape[0]

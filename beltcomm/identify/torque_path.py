@@ -1,0 +1,168 @@
+"""From the torque setpoint to the torque that acts, and from there to the reading: what a drive does in between.
+
+    setpoint --[delay, filter]--> acting torque --[filter, late]--> reading + sensor noise
+
+Setpoint and reading alone tell only both together.  How much of it lies before the acting torque and how much behind it is told by
+the motion (``path_choice``).  The acting torque is taken as the reading, with what the reading's filter took away of the part that
+the setpoint explains put back:
+
+    u = r + y - L y,     y : setpoint through the drive,   L : the reading's filter,   r : reading
+
+A faithful reading (L = 1) is taken as it is, so the torque of disturbances inside the drive counts as acting, and the noise of u is the
+sensor's, whatever L.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+
+from beltcomm.simulate.intersample import CELLS, Intersample
+
+Array = NDArray[np.float64]
+#: A filter: of the drive's samples, or of continuous time and of first or second order, as a current loop is.
+Kind = Literal["sampled", "first order", "second order"]
+
+#: Values of each kind: share that is new in each sample (0 to 1), time constant s, natural frequency Hz and damping ratio.
+VALUES: Mapping[Kind, tuple[str, ...]] = {
+    "sampled": ("share",),
+    "first order": ("time_s",),
+    "second order": ("frequency_hz", "damping_ratio"),
+}
+#: Deviation from its mean below which a torque is held, as a share of the largest mean.
+HELD = 1e-6
+
+
+@dataclass(frozen=True)
+class Lag:
+    """A filter of the torque, 1 for a slow one.   values : see :data:`VALUES`."""
+
+    kind: Kind
+    values: tuple[float, ...]
+
+    def filtered(self, cells: Array, sample_s: float) -> Array:
+        """The answer to a torque, mean over each cell of every period, (n, cells), N m, at rest before."""
+        if self.kind == "sampled":
+            share = self.values[0]
+            before = (1.0 - share) * cells[:1]
+            return np.asarray(lfilter([share], [1.0, share - 1.0], cells, axis=0, zi=before)[0])
+        u, h = cells.reshape(-1), sample_s / cells.shape[1]
+        if self.kind == "first order":
+            keeps = math.exp(-h / self.values[0])
+            ends = lfilter([1.0 - keeps], [1.0, -keeps], u, zi=[keeps * u[0]])[0]
+            means = u + (np.append(u[0], ends[:-1]) - u) * (self.values[0] / h * (1.0 - keeps))
+            return np.asarray(means.reshape(cells.shape))
+        omega, ratio = math.tau * self.values[0], self.values[1]
+        root = np.sqrt(complex(ratio**2 - 1.0))
+        b, a = _held_second_order((-omega * (ratio + root), -omega * (ratio - root)), h)
+        ends = lfilter(b, a, u - u[0]) + u[0]
+        return np.asarray(0.5 * (np.append(u[0], ends[:-1]) + ends).reshape(cells.shape))
+
+    def delay_s(self, sample_s: float) -> float:
+        """Delay of a slow torque, s."""
+        if self.kind == "sampled":
+            return sample_s * (1.0 / self.values[0] - 1.0)
+        return self.values[0] if self.kind == "first order" else 2.0 * self.values[1] / (math.tau * self.values[0])
+
+
+@dataclass(frozen=True)
+class DriveLaw:
+    """What the drive makes of the setpoint.   delay : sampling periods, any number.   lags : one behind the other.   gain : N m/(N m)."""
+
+    delay: float = 1.0
+    lags: tuple[Lag, ...] = ()
+    gain: float = 1.0
+
+    def cells(self, setpoint: Array, sample_s: float, number: int = CELLS) -> Array:
+        """Acting torque, mean over each cell of every period, (n, number), N m; a setpoint is held until the next one."""
+        whole = math.floor(self.delay)
+        now, before = _later(setpoint, whole), _later(setpoint, whole + 1)
+        old = np.clip((self.delay - whole) * number - np.arange(number), 0.0, 1.0)
+        cells = self.gain * (now[:, None] + (before - now)[:, None] * old)
+        for lag in self.lags:
+            cells = lag.filtered(cells, sample_s)
+        return np.asarray(cells)
+
+    def delay_s(self, sample_s: float) -> float:
+        """Delay of a slow torque, s."""
+        return self.delay * sample_s + sum(lag.delay_s(sample_s) for lag in self.lags)
+
+
+@dataclass(frozen=True)
+class ReadingLaw:
+    """How the reading follows the acting torque.   late : sampling periods, 0 and more.   lags : one behind the other."""
+
+    late: float = 0.0
+    lags: tuple[Lag, ...] = ()
+
+    @property
+    def faithful(self) -> bool:
+        """Whether the reading is the mean of the torque that acted from its sample to the next."""
+        return self.late == 0.0 and not self.lags
+
+    def read(self, cells: Array, sample_s: float) -> Array:
+        """The reading without noise, (n,), N m, of a torque, mean over each cell of every period, (n, cells)."""
+        for lag in self.lags:
+            cells = lag.filtered(cells, sample_s)
+        means, whole = cells.mean(axis=1), math.floor(self.late)
+        part = self.late - whole
+        return np.asarray((1.0 - part) * _later(means, whole) + part * _later(means, whole + 1))
+
+    def delay_s(self, sample_s: float) -> float:
+        """Delay of a slow torque, s."""
+        return self.late * sample_s + sum(lag.delay_s(sample_s) for lag in self.lags)
+
+
+@dataclass(frozen=True)
+class TorquePath:
+    """Both laws.   drive : None where no setpoint was recorded.   commanded : whether the reading is only the command."""
+
+    drive: DriveLaw | None = None
+    reading: ReadingLaw = ReadingLaw()
+    commanded: bool = False
+
+    def acting(self, torque: Array, setpoint: Array | None, sample_s: float) -> tuple[Array, Intersample | None]:
+        """The torque that acts, mean over each period, (n,), N m, and its spread inside; from the reading and the setpoint, (n,) each."""
+        if self.drive is None or setpoint is None:
+            return self._unfiltered(torque, sample_s), None
+        cells = self.drive.cells(setpoint, sample_s)
+        means = cells.mean(axis=1)
+        if self.commanded:
+            torque = means
+        elif not self.reading.faithful:
+            torque = torque + means - self.reading.read(cells, sample_s)
+        above = cells - means[:, None]
+        held = float(np.abs(above).max()) <= HELD * max(float(np.abs(means).max()), 1e-300)
+        return torque, None if held else Intersample(above)
+
+    def _unfiltered(self, torque: Array, sample_s: float) -> Array:
+        """The reading with its filter undone, as one of samples."""
+        undone = torque
+        for lag in self.reading.lags:
+            share = lag.values[0] if lag.kind == "sampled" else 1.0 - math.exp(-sample_s / lag.values[0])
+            undone = (undone - (1.0 - share) * _later(undone, 1)) / share
+        whole = round(self.reading.late)
+        return np.append(undone[whole:], np.full(whole, undone[-1])) if whole else undone
+
+
+def _later(row: Array, samples: int) -> Array:
+    """The row so many samples later, its first value before."""
+    return np.concatenate((np.full(samples, row[0]), row[: len(row) - samples])) if samples else row
+
+
+def _held_second_order(poles: tuple[complex, complex], h: float) -> tuple[Array, Array]:
+    """Numerator and denominator in z⁻¹ of p1 p2/((s - p1)(s - p2)) behind a hold over h seconds, at the ends of the holds."""
+    p1, p2 = poles
+    if abs(p1 - p2) < 1e-6 * abs(p1):
+        p2 = p1 * (1.0 + 1e-6)
+    e1, e2 = np.exp(p1 * h), np.exp(p2 * h)
+    r1, r2 = p2 / (p1 - p2), -p1 / (p1 - p2)
+    first, second = 1.0 + r1 * e1 + r2 * e2, 1.0 + r1 * e1**2 + r2 * e2**2  # the step's answer after one and two holds
+    a = np.real(np.array([1.0, -(e1 + e2), e1 * e2]))
+    return np.array([float(np.real(first)), float(np.real(second)) - float(np.real(first)) * (1.0 - a[1])]), a

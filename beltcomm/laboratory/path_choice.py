@@ -1,0 +1,165 @@
+"""Which of setpoint and reading says what torque acts: told by the motion, before any effect is looked for.
+
+Setpoint and reading tell the chain of drive and reading together (``reading_fit``); each filter, and what of the delay is no whole sample,
+may lie before the acting torque or behind it.  Each such split is fitted to the liveliest records, and the one that explains the motion best
+is taken.  A faithful reading that leaves nothing but noise needs no comparison.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
+
+from beltcomm.identify.reading_fit import CLEAR, COMMAND, ReadingFit, fit_reading
+from beltcomm.identify.torque_path import DriveLaw, Lag, ReadingLaw, TorquePath
+from beltcomm.laboratory.data import Data, made
+from beltcomm.laboratory.fitting import Fitted, fit
+from beltcomm.model import Model
+from beltcomm.recording import Recording
+
+Array = NDArray[np.float64]
+
+#: Error over the noise up to which a faithful reading is not doubted.
+GOOD = 1.05
+#: s of records that the splits are held against, and iterations of each fit.
+ENOUGH_S, ITERATIONS = 8.0, 15
+#: Periods below which a delay beside whole ones is none.
+WHOLE = 0.02
+#: Time constants of a reading without setpoint and of a drive whose reading is its command, s, that are tried.
+TIMES_S = (2e-4, 5e-4, 1e-3, 2e-3, 4e-3, 8e-3)
+#: Share of what lies above the noise that a split other than the faithful one must explain.
+EXPLAINED = 0.3
+
+
+@dataclass(frozen=True)
+class PathChoice:
+    """path : the one taken.   reading : the chain of setpoint and reading, None without setpoint.   rivals : -2 ln L of the others above it."""
+
+    path: TorquePath
+    reading: ReadingFit | None
+    rivals: tuple[tuple[TorquePath, float], ...] = ()
+
+
+def choose_path(data: Data, fitted: Fitted, start: Model) -> PathChoice:
+    """The path of the records; ``fitted`` takes the reading for the torque that acts."""
+    to_fit = [r for r in data.recordings if not r.sidecar.held_out]
+    chain = fit_reading(to_fit)
+    if chain is not None:
+        scale = max(float(np.sqrt(np.mean(r.torque**2))) for r in to_fit)
+        if chain.rest_nm <= COMMAND * scale:
+            return _by_motion(data, start, to_fit, chain)
+    faithful = TorquePath(chain.law if chain is not None else None)
+    shaped = chain is not None and (bool(chain.law.lags) or abs(chain.law.delay - round(chain.law.delay)) > WHOLE)
+    if fitted.ratio <= GOOD and not shaped:
+        return PathChoice(faithful, chain)
+    if chain is None:
+        return _undone(data, start, to_fit)
+    lively = _liveliest(to_fit)
+    trials = [(path, _tried(data, lively, start, path)) for path in splits(chain.law)]
+    return _best(trials, chain)
+
+
+def splits(law: DriveLaw) -> Iterator[TorquePath]:
+    """Every way to divide a chain between drive and reading; first the one that leaves the reading faithful."""
+    whole = math.floor(law.delay + WHOLE)
+    part = max(law.delay - whole, 0.0)
+    delays = [(law.delay, 0.0)]
+    if part > WHOLE:
+        delays.append((float(whole), part))
+    if whole >= 1:
+        delays.append((law.delay - 1.0, 1.0))
+    for before, late in delays:
+        for chosen in itertools.product((True, False), repeat=len(law.lags)):
+            drive = tuple(lag for lag, own in zip(law.lags, chosen, strict=True) if own)
+            reading = tuple(lag for lag, own in zip(law.lags, chosen, strict=True) if not own)
+            yield TorquePath(DriveLaw(before, drive, law.gain), ReadingLaw(late, reading))
+
+
+def _liveliest(recordings: Sequence[Recording]) -> list[Recording]:
+    """Records whose torque changes most, :data:`ENOUGH_S` of them."""
+    order = sorted(recordings, key=lambda r: -float(np.mean(np.diff(r.torque) ** 2)) / r.sample_period_s)
+    chosen, seconds = list[Recording](), 0.0
+    for recording in order:
+        if seconds < ENOUGH_S:
+            chosen.append(recording)
+            seconds += float(recording.t_s[-1] - recording.t_s[0])
+    return chosen
+
+
+def _tried(data: Data, recordings: Sequence[Recording], start: Model, path: TorquePath) -> Fitted:
+    """The base model fitted to some records by one path, and once more with the motion rebuilt."""
+    trial = made(recordings, start, data.noise_nm, data.step_rad, {}, path=path)
+    found = fit(trial, start, ITERATIONS)
+    again = made(recordings, found.model, data.noise_nm, data.step_rad, {}, path=path)
+    better = fit(again, found.model, ITERATIONS, offsets=found.offsets)
+    return better if better.objective / max(better.problem.samples, 1) < found.objective / max(found.problem.samples, 1) else found
+
+
+def _level(fitted: Fitted) -> float:
+    """O per sample; inf where nothing counts."""
+    return fitted.objective / fitted.problem.samples if fitted.problem.samples else math.inf
+
+
+def _best(trials: Sequence[tuple[TorquePath, Fitted]], chain: ReadingFit | None) -> PathChoice:
+    """The split with the least O; the first, faithful one unless another is clearly better."""
+    faithful, first = trials[0]
+    path, best = min(trials, key=lambda trial: _level(trial[1]))
+    samples = first.problem.samples
+    gain = samples * (_level(first) - _level(best))
+    above = samples * (_level(first) - 1.0)
+    if gain <= math.log(max(samples, 2)) + CLEAR or gain < EXPLAINED * above:
+        path, best = faithful, first
+    rivals = tuple((other, samples * (_level(found) - _level(best))) for other, found in trials if other is not path)
+    return PathChoice(path, chain, rivals)
+
+
+def _searched(
+    data: Data, recordings: Sequence[Recording], start: Model, path_of: Callable[[float], TorquePath]
+) -> tuple[TorquePath, Fitted]:
+    """The best time constant of a family of paths."""
+
+    def level(logarithm: float) -> float:
+        return _level(_tried(data, recordings, start, path_of(math.exp(logarithm))))
+
+    grid = np.log(TIMES_S)
+    levels = [level(float(x)) for x in grid]
+    at = int(np.argmin(levels))
+    low, high = grid[max(at - 1, 0)], grid[min(at + 1, len(grid) - 1)]
+    found = minimize_scalar(level, bounds=(low, high), method="bounded", options={"xatol": 0.02, "maxiter": 10})
+    best = float(found.x) if found.fun < levels[at] else float(grid[at])
+    path = path_of(math.exp(best))
+    return path, _tried(data, recordings, start, path)
+
+
+def _undone(data: Data, start: Model, to_fit: Sequence[Recording]) -> PathChoice:
+    """Without setpoint: whether the motion asks for a reading whose filter is undone."""
+    lively = _liveliest(to_fit)
+    faithful = TorquePath()
+    sample_s = lively[0].sample_period_s
+
+    def path_of(time_s: float) -> TorquePath:
+        return TorquePath(None, ReadingLaw(0.0, (Lag("sampled", (1.0 - math.exp(-sample_s / time_s),)),)))
+
+    return _best([(faithful, _tried(data, lively, start, faithful)), _searched(data, lively, start, path_of)], None)
+
+
+def _by_motion(data: Data, start: Model, to_fit: Sequence[Recording], chain: ReadingFit) -> PathChoice:
+    """The reading is the command: what lies between it and the torque is told by the motion alone."""
+    lively = _liveliest(to_fit)
+    plain = TorquePath(chain.law, commanded=True)
+
+    def behind(time_s: float) -> TorquePath:
+        return TorquePath(replace(chain.law, lags=(*chain.law.lags, Lag("first order", (time_s,)))), commanded=True)
+
+    def later(time_s: float) -> TorquePath:
+        return TorquePath(replace(chain.law, delay=chain.law.delay + time_s / lively[0].sample_period_s), commanded=True)
+
+    trials = [(plain, _tried(data, lively, start, plain))]
+    trials += [_searched(data, lively, start, family) for family in (behind, later)]
+    return _best(trials, chain)
