@@ -90,9 +90,9 @@ def row_times(t_s: Array, position: Array, synchronous: bool, cycle_s: float | N
     size = len(t_s)
     broken, standing = np.zeros(size, dtype=bool), np.zeros(size, dtype=bool)
     if period_s is not None:
-        return RowTimes(
-            period_s * np.arange(size), broken, standing, (f"the stamps are not used: rows are {period_s:.6g} s apart as given",)
-        )
+        counted: Array = np.arange(size, dtype=np.float64)
+        counted *= period_s
+        return RowTimes(counted, broken, standing, (f"the stamps are not used: rows are {period_s:.6g} s apart as given",))
     if size < 3:
         return RowTimes(t_s, broken, standing)
     steps = np.diff(t_s)
