@@ -7,7 +7,7 @@ A synchronous PDO that a drive sends behind SYNC k was sampled at SYNC k; one th
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -19,6 +19,7 @@ from beltcomm.foreign.canopen import Place, Samples, Seen, objects_seen, pdos, s
 from beltcomm.foreign.canunits import Overheard, Units, profile_of, units_of
 from beltcomm.foreign.excitations import excitation_of, is_sweep
 from beltcomm.foreign.framelog import FrameLog
+from beltcomm.foreign.logclock import PAUSE_PERIODS, PAUSE_S, RowTimes, row_times
 from beltcomm.foreign.table import Table
 from beltcomm.sidecar import ExcitationNote
 
@@ -36,8 +37,6 @@ SIGNED = frozenset(
 #: Statusword: Operation Enabled; control word: enable operation (CiA 402-2, 6.2).
 _STATE_MASK, _ENABLED, _RUN = 0x6F, 0x27, 0x0F
 _TORQUE_MODES, _VELOCITY_MODES, _POSITION_MODES, _HOMING = (4, 10), (3, 9), (1, 7, 8), 6
-#: A pause longer than this many periods, and than this time, parts two records.
-_PAUSE_PERIODS, _PAUSE_S = 20.0, 0.05
 #: s; a shorter stretch is no move.
 _SHORTEST_S = 0.2
 _FEWEST_SYNCS = 10
@@ -47,7 +46,7 @@ _FEWEST_SYNCS = 10
 class BusRecord:
     """One move in a log.   table : its columns, in SI where the units are known.   start_s : s after the log's first frame.
 
-    experiment, closed_loop, excitation : what the setpoints show was done.
+    experiment, closed_loop, excitation : what the setpoints show was done.   lost : what of the log may hold moves that were not read.
     """
 
     table: Table
@@ -55,6 +54,7 @@ class BusRecord:
     experiment: str
     closed_loop: bool
     excitation: ExcitationNote | None = None
+    lost: str = ""
 
 
 @dataclass
@@ -62,26 +62,35 @@ class _Rows:
     """All rows of a log: places of the SYNCs (or of the frames with the position), and columns on them, NaN where nothing came."""
 
     frames: Rows
+    synchronous: bool
+    clock: RowTimes = field(init=False)
     columns: dict[tuple[str, Place], Array] = field(default_factory=dict)
 
 
 def records_of(
-    log: FrameLog, axis: Axis, node: int | None = None, torque_acts: Literal["after", "before"] | None = None
+    log: FrameLog,
+    axis: Axis,
+    node: int | None = None,
+    torque_acts: Literal["after", "before"] | None = None,
+    period_s: float | None = None,
 ) -> list[BusRecord]:
     """The moves of one drive, in order.
 
     node : None takes the one whose position is on the bus.   torque_acts : of the reported torque, relative to its SYNC; None as the
-    drive's profile says.   Raises DataError when the log does not show what the frames carry, or holds no move.
+    drive's profile says.   period_s : between rows, instead of the stamps.
+    Raises DataError when the log does not show what the frames carry, or holds no move.
     """
     seen = objects_seen(log)
     node, found = _node_with_position(log, seen, node)
     profile = profile_of(seen, node)
     before = torque_acts == "before" or (torque_acts is None and profile.torque_sampling == "after")
     rows = _rows(log, found)
-    notes = [*log.notes, f"drive: {profile.title}, node {node}", _torque_words(torque_acts, before, profile)]
+    place = rows.columns[("sent", (_POSITION, 0))]
+    rows.clock = row_times(log.t_s[rows.frames], place, rows.synchronous, _cycle_s(seen), period_s)
+    notes = [*log.notes, *rows.clock.notes, f"drive: {profile.title}, node {node}", _torque_words(torque_acts, before, profile)]
     made = []
     left = 0
-    for stretch in _stretches(log, rows, seen, node):
+    for stretch in _stretches(rows, seen, node, period_s):
         begin = int(rows.frames[stretch[0]])
         units = units_of(seen, node, axis, begin)
         record = _record(log, rows, stretch, units, before, _mode_at(seen, node, begin), [*notes, *units.notes])
@@ -89,20 +98,52 @@ def records_of(
             left += 1
         else:
             made.append(record)
+    early = _before_the_setup(log, seen, node)
+    taken = sum(len(record.table.columns["t_s"]) for record in made)
+    balance = _balance(log, rows, early, taken, len(made))
     if not made:
+        standing = " or give the SYNC's rate with --rate" if rows.clock.standing.any() else ""
         raise DataError(
-            f"{log.file} holds no move: of {len(rows.frames)} rows of node {node} none lasts {_SHORTEST_S:g} s with the stage on and the "
-            "axis moving; record while the axis moves"
+            f"{log.file} holds no move of node {node} that lasts {_SHORTEST_S:g} s with the stage on and the axis moving ({balance}); "
+            f"record while the axis moves, from before the drive is set up{standing}"
         )
-    if left:
-        made[0] = _with_note(made[0], f"{left} stretches with the stage on in which nothing moves or that are homing were left out")
+    lost = [f"{early} frames with the position before the set-up"] * (early > _FEWEST_SYNCS)
+    lost += [f"{int(rows.clock.standing.sum())} rows with standing stamps"] * bool(rows.clock.standing.any())
+    made[0] = _with_note(made[0], balance, " and ".join(lost))
     return made
 
 
-def _with_note(record: BusRecord, note: str) -> BusRecord:
+def _cycle_s(seen: list[Seen]) -> float | None:
+    """The SYNC's period by 1006h, us, where the log shows one and the same, s."""
+    found = {int.from_bytes(item.value, "little") for item in seen if item.place == (0x1006, 0)} - {0}
+    return 1e-6 * found.pop() if len(found) == 1 else None
+
+
+def _before_the_setup(log: FrameLog, seen: list[Seen], node: int) -> int:
+    """Frames that would carry the position had the log shown so by then."""
+    carriers = [change for change in pdos(seen, node) if change.direction == "sent" and any(e[0] == _POSITION for e in change.entries)]
+    first = min((change.frame for change in carriers), default=0)
+    known = [change.cob_id for change in carriers if change.frame == first]
+    return int(np.isin(log.identifier[:first], known).sum())
+
+
+def _balance(log: FrameLog, rows: _Rows, early: int, taken: int, moves: int) -> str:
+    """Where all frames and rows of a log went, in words."""
+    size = len(log.t_s)
+    read = f"all {size}" if log.in_file == size else f"{size} of {log.in_file}" if log.in_file else f"{size}"
+    standing = int(rows.clock.standing.sum())
+    there = int(np.isfinite(rows.columns[("sent", (_POSITION, 0))]).sum())
+    words = [f"{read} frames of the file were read"]
+    words += [f"not read are {early} frames with the position before the set-up, which the log does not explain"] * (early > 0)
+    words += [f"{standing} rows have standing stamps and no known period, and were left out"] * (standing > 0)
+    where = f"{max(there - standing - taken, 0)} with the stage off, at rest or homing"
+    return "; ".join([*words, f"of {there} rows with the position {taken} are in moves ({moves}), {where}"])
+
+
+def _with_note(record: BusRecord, note: str, lost: str) -> BusRecord:
     table = record.table
     noted = Table(table.file, table.columns, table.units, (*table.notes, note), table.clocks)
-    return BusRecord(noted, record.start_s, record.experiment, record.closed_loop, record.excitation)
+    return replace(record, table=noted, lost=lost)
 
 
 def _torque_words(asked: str | None, before: bool, profile: Overheard) -> str:
@@ -111,6 +152,13 @@ def _torque_words(asked: str | None, before: bool, profile: Overheard) -> str:
         why = "which is assumed, for the log does not name the drive: see --torque-acts"
     place = "of the period just ended, so it was moved to the row before" if before else "of the period that follows"
     return f"the torque reported at a SYNC is that {place}, {why}"
+
+
+def readable(log: FrameLog) -> int:
+    """Frames with a position that the log explains before they come, of all nodes."""
+    seen = objects_seen(log)
+    found = (samples(log, seen, number, SIGNED).get(("sent", (_POSITION, 0))) for number in {item.node for item in seen})
+    return sum(len(values.raw) for values in found if values is not None)
 
 
 def _node_with_position(log: FrameLog, seen: list[Seen], node: int | None) -> tuple[int, dict[tuple[str, Place], Samples]]:
@@ -134,7 +182,7 @@ def _rows(log: FrameLog, found: Mapping[tuple[str, Place], Samples]) -> _Rows:
     position = found[("sent", (_POSITION, 0))]
     syncs = np.flatnonzero((log.identifier == 0x80) & ~log.remote)
     synchronous = bool(position.synchronous.mean() > 0.5) and len(syncs) >= _FEWEST_SYNCS
-    rows = _Rows(syncs if synchronous else np.unique(position.frames))
+    rows = _Rows(syncs if synchronous else np.unique(position.frames), synchronous)
     size = len(rows.frames)
     for (direction, place), values in found.items():
         column = np.full(size, np.nan)
@@ -158,10 +206,10 @@ def _held(column: Array) -> Array:
     return np.asarray(column[np.maximum.accumulate(known)])
 
 
-def _stretches(log: FrameLog, rows: _Rows, seen: list[Seen], node: int) -> list[Rows]:
-    """Rows of each move: complete, stage on, control word running, one mode, without a pause."""
+def _stretches(rows: _Rows, seen: list[Seen], node: int, period_s: float | None) -> list[Rows]:
+    """Rows of each move: complete, stage on, control word running, one mode, without a pause; with a rate alone no row may be lost."""
     position = rows.columns[("sent", (_POSITION, 0))]
-    kept = np.isfinite(position)
+    kept = np.isfinite(position) & ~rows.clock.standing
     status = rows.columns.get(("sent", (_STATUSWORD, 0)))
     if status is not None and np.isfinite(status).any():
         kept &= (np.nan_to_num(status).astype(np.int64) & _STATE_MASK) == _ENABLED
@@ -173,17 +221,18 @@ def _stretches(log: FrameLog, rows: _Rows, seen: list[Seen], node: int) -> list[
         return []
     modes = np.array([item.frame for item in seen if item.node == node and item.place[0] in (_MODE, 0x6040) and item.written])
     epochs = np.array([change.frame for change in pdos(seen, node)])
-    t_s = log.t_s[rows.frames[chosen]]
-    steps = np.diff(t_s)
+    steps = np.diff(rows.clock.t_s[chosen])
     usual = float(np.median(steps)) if len(steps) else 0.0
-    breaks = (steps > max(_PAUSE_PERIODS * usual, _PAUSE_S)) | ~np.isfinite(steps)
+    breaks = (steps > max(PAUSE_PERIODS * usual, PAUSE_S)) | (np.diff(np.cumsum(rows.clock.broken)[chosen]) > 0)
+    if period_s is not None:
+        breaks |= np.diff(chosen) > 1
     for changes in (modes, epochs):
         if len(changes):
             breaks |= np.diff(np.searchsorted(changes, rows.frames[chosen])) > 0
     # rows between that were left out because the stage was off part two records as well
     between = np.add.reduceat(~kept & np.isfinite(position), chosen)[:-1] if len(chosen) > 1 else np.zeros(0)
     breaks |= between > 0
-    return [part for part in np.split(chosen, np.flatnonzero(breaks) + 1) if len(part) > 2 and log.t_s[rows.frames[part[-1]]] > 0.0]
+    return [part for part in np.split(chosen, np.flatnonzero(breaks) + 1) if len(part) > 2]
 
 
 def _mode_at(seen: list[Seen], node: int, frame: int) -> int | None:
@@ -200,9 +249,9 @@ def _mode_at(seen: list[Seen], node: int, frame: int) -> int | None:
 def _record(
     log: FrameLog, rows: _Rows, stretch: Rows, units: Units, before: bool, mode: int | None, notes: Sequence[str]
 ) -> BusRecord | None:
-    t_s = log.t_s[rows.frames[stretch]]
+    t_s = rows.clock.t_s[stretch]
     position = rows.columns[("sent", (_POSITION, 0))][stretch]
-    if mode == _HOMING or np.ptp(position) == 0.0 or not np.isfinite(t_s).all() or t_s[-1] - t_s[0] < _SHORTEST_S:
+    if mode == _HOMING or np.ptp(position) == 0.0 or t_s[-1] - t_s[0] < _SHORTEST_S:
         return None
     raw = {key: column[stretch] for key, column in rows.columns.items()}
     if before:  # the value of the next row of the bus, not of the next row that is left

@@ -37,6 +37,7 @@ class Part:
     """One recording's worth of a file.   number : from 1, of the moves in a log of frames; None for a table.
 
     sha256 : of the file.   start_s : s after the file's first row.   experiment, closed_loop, excitation : what a log shows was done.
+    lost : what of a log may hold moves that were not read, in words.
     """
 
     table: Table
@@ -46,6 +47,7 @@ class Part:
     experiment: str = "free"
     closed_loop: bool = False
     excitation: ExcitationNote | None = None
+    lost: str = ""
 
 
 def parts_of(path: Path, reading: Reading, axis: Axis) -> list[Part]:
@@ -61,18 +63,19 @@ def parts_of(path: Path, reading: Reading, axis: Axis) -> list[Part]:
             path, separator=reading.separator, decimal=reading.decimal, skip_lines=reading.skip_lines, torn_rows=reading.drop_incomplete
         )
         return [Part(table, sha256)]
-    log = read_frames(path, reading.channel)
+    from beltcomm.foreign.busrecords import readable, records_of
+    from beltcomm.foreign.logclock import in_order
+
+    log = in_order(read_frames(path, reading.channel), readable)
     if reading.signals or reading.dbc:
         from beltcomm.foreign.signals import by_hand, of_dbc, table_of_signals
 
         signals = [by_hand(text) for text in reading.signals] + (of_dbc(Path(reading.dbc)) if reading.dbc else [])
         return [Part(table_of_signals(log, signals), sha256)]
-    if not np.isfinite(log.t_s).all():
-        raise DataError(f"{path} has no time stamps; record with candump -L, or -t a")
-    from beltcomm.foreign.busrecords import records_of
-
-    found = records_of(log, axis, reading.node, reading.torque_acts)
-    parts = [Part(r.table, sha256, k, r.start_s, r.experiment, r.closed_loop, r.excitation) for k, r in enumerate(found, start=1)]
+    if not np.isfinite(log.t_s).all() and reading.period_s is None:
+        raise DataError(f"{path} has no time stamps; record with candump -L, or -t a, or give the SYNC's rate with --rate")
+    found = records_of(log, axis, reading.node, reading.torque_acts, reading.period_s)
+    parts = [Part(r.table, sha256, k, r.start_s, r.experiment, r.closed_loop, r.excitation, r.lost) for k, r in enumerate(found, start=1)]
     if reading.record is not None:
         if not 1 <= reading.record <= len(parts):
             raise UsageError(f"{path} holds {len(parts)} moves, there is no --record {reading.record}")

@@ -1,11 +1,11 @@
-"""Logs of CAN frames as arrays: candump (``-L`` and plain), and by python-can's readers Vector ``.asc``, ``.blf`` and PEAK ``.trc``."""
+"""Logs of CAN frames as arrays: candump (``-L`` and plain), Vector ``.asc``, and by python-can's readers ``.blf`` and PEAK ``.trc``."""
 
 from __future__ import annotations
 
 import gzip
 import re
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,25 +15,37 @@ from numpy.typing import NDArray
 from beltcomm.errors import DataError, UsageError
 from beltcomm.foreign.table import words_of
 
-_READ_BY_PYTHON_CAN = {".asc": "ASCReader", ".blf": "BLFReader", ".trc": "TRCReader"}
+_READ_BY_PYTHON_CAN = {".blf": "BLFReader", ".trc": "TRCReader"}
 #: ``candump -L``: (1436509052.249713) can0 181#0011223344556677
-_COMPACT = re.compile(r"\((\d+\.\d+)\)\s+(\S+)\s+([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})#(R\d?|#?[0-9A-Fa-f.]*)(?:\s+[TR])?\s*$")
+_COMPACT = re.compile(r"\((-?\d+\.\d+)\)\s+(\S+)\s+([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})#(R\d?|#?[0-9A-Fa-f.]*)(?:\s+[TR])?\s*$")
 #: ``candump``:  (1436509052.249713)  can0  181   [8]  00 11 22 33 44 55 66 77; the stamp only with -t
 _SPACED = re.compile(
-    r"(?:\((\d+\.\d+)\)\s+)?(\S+)\s+(?:(?:RX|TX)\s+\S+\s+)?([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})\s+\[(\d{1,2})\]\s*"
+    r"(?:\((-?\d+\.\d+)\)\s+)?(\S+)\s+(?:(?:RX|TX)\s+\S+\s+)?([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})\s+\[(\d{1,2})\]\s*"
     r"((?:[0-9A-Fa-f]{2}\s?)*|remote request)\s*(?:'.*')?$"
 )
+#: Spans after which counters of loggers begin anew, ns: 16 and 32 bits of ns to ms, a day of the time of day.
+_TURNS_NS = tuple(sorted({(1 << bits) * unit for bits in (16, 31, 32) for unit in (1, 100, 1000, 10_000, 1_000_000)} | {86_400 * 10**9}))
+_SHORTEST_TURN_NS = 1_000_000_000
+#: ns within which both sides of a turn lie to it.
+_AT_TURN_NS = 1_000_000_000
+#: Damaged stamps end here, that differences of two fit.
+_LAST_NS = 1 << 61
 #: Lines from which a text file is recognised as a log.
 _LOOKED_AT = 20
 _LONGEST = 8
-#: s, at which stamps of text logs begin anew while they are read.
-_TURN = 1_000_000
+#: .asc:   0.001000 1  181             Rx   d 8 00 11 22 33 44 55 66 77; stamps may lie before the trigger, below zero
+_ASC = re.compile(
+    r"\s*(-?\d+\.\d+)\s+(\d+)\s+([0-9A-Fa-f]+)(x?)\s+(?:Rx|Tx)\s+([dr])(?:\s+([0-9A-Fa-f]+)((?:\s+[0-9A-Fa-f]+)*))?(?:\s|$)", re.I
+)
+_ASC_EVENT = re.compile(r"\s*(?:-?\d+\.\d+)\s+(?:CANFD\s+)?\d+\s+\S")
+_ASC_STAMP = re.compile(r"\s*(-?\d+\.\d+)\s")
+_ASC_BASE = re.compile(r"\s*base\s+(hex|dec)(?:\s+timestamps\s+(absolute|relative))?", re.I)
 
 
 class Frame(NamedTuple):
-    """One classic frame; time_s is NaN without a stamp, identifier has bit 31 set when it is an extended one."""
+    """One classic frame; time_ns is None without a stamp, identifier has bit 31 set when it is an extended one."""
 
-    time_s: float
+    time_ns: int | None
     channel: str
     identifier: int
     remote: bool
@@ -44,6 +56,7 @@ class Frame(NamedTuple):
 class FrameLog:
     """file : where it came from.   t_s : ndarray (n,).   identifier : ndarray (n,), bit 31 marks an extended one.   remote : (n,).
     length : ndarray (n,), bytes.   data : ndarray (n, 8), uint8, zero behind the length.   notes : sentences on what was left out.
+    in_file : frames that the file holds, those that were not read too; 0 when not counted.
     """
 
     file: str
@@ -53,6 +66,7 @@ class FrameLog:
     length: NDArray[np.int64]
     data: NDArray[np.uint8]
     notes: tuple[str, ...] = ()
+    in_file: int = 0
 
     def summary(self, most: int = 12) -> str:
         """What is on the bus: identifier, frames, bytes and rate of the most frequent ones, in words."""
@@ -69,7 +83,7 @@ class FrameLog:
 
 def is_frame_log(path: Path) -> bool:
     """Whether a file is a log of CAN frames: by its ending, or text whose first lines are candump's."""
-    if path.suffix.lower() in _READ_BY_PYTHON_CAN:
+    if path.suffix.lower() in {".asc", *_READ_BY_PYTHON_CAN}:
         return True
     try:
         with _opened(path) as file:
@@ -86,9 +100,14 @@ def read_frames(path: Path, channel: str | None = None) -> FrameLog:
     channel : the interface, such as can0; None takes the one with the most frames and says so.
     Raises DataError for a file that cannot be read or holds no frame, UsageError for an interface that is not in it.
     """
-    reader = _READ_BY_PYTHON_CAN.get(path.suffix.lower())
-    notes: list[str] = []
-    frames = list(_by_python_can(path, reader, notes) if reader else _candump(path, notes))
+    others = _Others()
+    ending = path.suffix.lower()
+    reader = _READ_BY_PYTHON_CAN.get(ending)
+    frames = list(_by_python_can(path, reader, others) if reader else (_asc if ending == ".asc" else _candump)(path, others))
+    notes = others.notes
+    if others.count:
+        notes.append(f"{others.count} {others.what} left out{f', the first is line {others.first}' if others.first else ''}")
+    in_file = len(frames) + others.count
     if not frames:
         raise DataError(f"{path} holds no CAN frames that can be read{'; ' + notes[0] if notes else ''}; is it cut off?")
     names = sorted({frame.channel for frame in frames}, key=lambda name: -sum(frame.channel == name for frame in frames))
@@ -103,13 +122,27 @@ def read_frames(path: Path, channel: str | None = None) -> FrameLog:
     data[:] = flat.reshape(len(frames), _LONGEST)
     return FrameLog(
         str(path),
-        _risen(np.array([frame.time_s for frame in frames]), notes),
+        _risen([frame.time_ns for frame in frames], notes),
         np.array([frame.identifier for frame in frames], dtype=np.int64),
         np.array([frame.remote for frame in frames], dtype=np.bool_),
         np.array([len(frame.data) for frame in frames], dtype=np.int64),
         data,
         tuple(notes),
+        in_file,
     )
+
+
+@dataclass
+class _Others:
+    """What a file holds beside frames that are read.   count : of them.   what : they are.   first : line, 0 when not known."""
+
+    count: int = 0
+    what: str = "lines that are no classic CAN frames"
+    first: int = 0
+    notes: list[str] = field(default_factory=list)
+
+    def line(self, number: int) -> None:
+        self.count, self.first = self.count + 1, self.first or number
 
 
 def _opened(path: Path) -> Any:
@@ -135,65 +168,129 @@ def _matched(line: str) -> Frame | None:
     data = b"" if remote else bytes.fromhex(payload)
     if not remote and (len(data) != int(length) or len(data) > _LONGEST):
         return None
-    return Frame(_stamp(stamp) if stamp else np.nan, channel, _identifier(identifier), remote, data)
+    return Frame(_stamp(stamp) if stamp else None, channel, _identifier(identifier), remote, data)
 
 
-def _stamp(text: str) -> float:
-    """Seconds below :data:`_TURN`: of those since 1970 a float holds no microseconds."""
-    seconds, _, fraction = text.partition(".")
-    return int(seconds) % _TURN + float(f"0.{fraction}")
+def _stamp(text: str) -> int:
+    """Nanoseconds: of the seconds since 1970 a float holds no microseconds."""
+    seconds, _, fraction = text.lstrip("-").partition(".")
+    whole = int(seconds) * 1_000_000_000 + int(fraction[:9].ljust(9, "0"))
+    return -whole if text.startswith("-") else whole
 
 
 def _identifier(text: str) -> int:
     return int(text, 16) | (1 << 31 if len(text) == 8 else 0)
 
 
-def _candump(path: Path, notes: list[str]) -> Iterator[Frame]:
-    others, first = 0, 0
+def _lines(path: Path, others: _Others) -> Iterator[tuple[int, str]]:
     try:
         with _opened(path) as file:
-            for number, line in enumerate(file, start=1):
-                frame = _matched(line.strip())
-                if frame is not None:
-                    yield frame
-                elif line.strip():
-                    others, first = others + 1, first or number
+            yield from enumerate(file, start=1)
     except (OSError, EOFError, ValueError) as error:
-        notes.append(f"the file breaks off ({words_of(error)}): what came before is taken")
-    if others:
-        notes.append(f"{others} lines that are no classic CAN frames left out, the first is line {first}")
+        others.notes.append(f"the file breaks off ({words_of(error)}): what came before is taken")
 
 
-def _by_python_can(path: Path, reader: str, notes: list[str]) -> Iterator[Frame]:
+def _candump(path: Path, others: _Others) -> Iterator[Frame]:
+    for number, line in _lines(path, others):
+        frame = _matched(line.strip())
+        if frame is not None:
+            yield frame
+        elif line.strip():
+            others.line(number)
+
+
+def _asc(path: Path, others: _Others) -> Iterator[Frame]:
+    """Frames of a log by Vector's tools.   Stamps may be the times since the event before ("timestamps relative")."""
+    base, relative, now = 16, False, 0
+    for number, line in _lines(path, others):
+        head = _ASC_BASE.match(line)
+        if head:
+            base, relative = (16 if head[1].lower() == "hex" else 10), (head[2] or "").lower() == "relative"
+            continue
+        stamp = _ASC_STAMP.match(line)
+        now = _stamp(stamp[1]) + now * relative if stamp else now
+        if not _ASC_EVENT.match(line):
+            continue
+        try:
+            frame = _asc_frame(line, base, now)
+        except ValueError:  # hexadecimal digits under "base dec", a byte above 255
+            frame = None
+        if frame is not None:
+            yield frame
+        else:
+            others.line(number)
+
+
+def _asc_frame(line: str, base: int, now: int) -> Frame | None:
+    match = _ASC.match(line)
+    if match is None:
+        return None
+    _, channel, identifier, extended, kind, length, rest = match.groups()
+    remote = kind.lower() == "r"
+    size = 0 if remote else min(int(length or "0", base), _LONGEST)
+    words = (rest or "").split()[:size]
+    if len(words) < size or (not remote and length is None):
+        return None
+    return Frame(now, channel, int(identifier, base) | (1 << 31 if extended else 0), remote, bytes(int(word, base) for word in words))
+
+
+def _by_python_can(path: Path, reader: str, others: _Others) -> Iterator[Frame]:
     import can
 
-    number, others = 0, 0
+    number, taken, there = 0, 0, 0
+    others.what = "error, CAN FD and other entries that are no classic CAN frames"
     try:
         # opened here, for a reader that fails in its first line leaves the file open
         with open(path, "rb") if reader == "BLFReader" else _opened(path) as file:
-            for message in getattr(can, reader)(file):
+            messages = getattr(can, reader)(file)
+            there = int(getattr(messages, "object_count", 0))
+            for message in messages:
                 number += 1
                 if message.is_error_frame or message.is_fd or len(message.data) > _LONGEST:
-                    others += 1
                     continue
                 extended = 1 << 31 if message.is_extended_id else 0
                 remote = bool(message.is_remote_frame)
                 data = b"" if remote else bytes(message.data)
-                yield Frame(float(message.timestamp), str(message.channel), message.arbitration_id | extended, remote, data)
+                taken += 1
+                yield Frame(round(message.timestamp * 1e9), str(message.channel), message.arbitration_id | extended, remote, data)
     except Exception as error:  # on damaged bytes these readers raise whatever they stumble over
-        notes.append(f"the file breaks off behind frame {number} ({type(error).__name__}: {words_of(error)}): what came before is taken")
-    if others:
-        notes.append(f"{others} error and CAN FD frames left out")
+        others.notes.append(
+            f"the file breaks off behind frame {number} ({type(error).__name__}: {words_of(error)}): what came before is taken"
+        )
+    if reader == "TRCReader":  # it passes over what it does not understand, remote frames too, and does not say so
+        there = sum(bool(line.strip()) and not line.lstrip().startswith(";") for _, line in _lines(path, others))
+    others.count = max(there, number) - taken
 
 
-def _risen(stamps: NDArray[np.float64], notes: list[str]) -> NDArray[np.float64]:
-    """Stamps since the first; those of ``candump -t d``, each since the one before, are added up."""
-    if np.all(np.isfinite(stamps)) and len(stamps) > 2:
-        steps = np.diff(stamps)
-        if np.mean((steps < 0.0) & (steps > -0.5 * _TURN)) > 0.1:
-            notes.append("the stamps are the times between frames (candump -t d); they were added up")
-            stamps = np.cumsum(stamps)
-        else:
-            stamps = np.unwrap(stamps, period=_TURN)
-    since: NDArray[np.float64] = np.round(stamps - stamps[0], 9)
+def _risen(stamps: Sequence[int | None], notes: list[str]) -> NDArray[np.float64]:
+    """Stamps since the first; those of ``candump -t d``, each since the one before, are added up; a counter's turns are taken out."""
+    if any(stamp is None for stamp in stamps):
+        return np.array([np.nan if stamp is None else stamp * 1e-9 for stamp in stamps])
+    exact = np.array([min(max(stamp, -_LAST_NS), _LAST_NS) for stamp in stamps if stamp is not None], dtype=np.int64)
+    if len(exact) > 2 and np.mean(np.diff(exact) < 0) > 0.1:
+        notes.append("the stamps are the times between frames (candump -t d); they were added up")
+        exact = np.cumsum(exact)
+    exact, turned = _without_turns(exact)
+    notes += [turned] * bool(turned)
+    since: NDArray[np.float64] = np.round((exact - exact[0]) * 1e-9, 9)
     return since
+
+
+def _without_turns(stamps_ns: NDArray[np.int64]) -> tuple[NDArray[np.int64], str]:
+    """Stamps of a counter that begins anew, as if it did not, and a sentence; "" when none does.   stamps_ns : ndarray (n,)."""
+    steps = np.diff(stamps_ns)
+    added = np.zeros(len(stamps_ns), dtype=np.int64)
+    spans = []
+    for k in np.flatnonzero(steps < -_SHORTEST_TURN_NS // 2).tolist():
+        span = next((s for s in _TURNS_NS if s >= _SHORTEST_TURN_NS and _turns(int(stamps_ns[k]), int(stamps_ns[k + 1]), s)), 0)
+        if span:
+            added[k + 1 :] += span
+            spans.append(span)
+    if not spans:
+        return stamps_ns, ""
+    return stamps_ns + added, f"the logger's counter begins anew {len(spans)} times, after {spans[0] * 1e-9:.9g} s: its stamps were joined"
+
+
+def _turns(before: int, after: int, span: int) -> bool:
+    near = min(_AT_TURN_NS, span // 10)
+    return span - near <= before < span and 0 <= after < near

@@ -6,6 +6,7 @@ is asked: at a terminal, or by a file of mappings that is edited and given back.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -42,6 +43,9 @@ class Guess:
     needed: bool = True
 
 
+#: What tells columns of one name apart: an index behind it.
+_INDEX = re.compile(r"[_ ]?\d+$")
+
 Ask = Callable[[Guess], str | None]
 """Puts a guess to a person: the mapping that holds, or None for none of them."""
 
@@ -63,9 +67,12 @@ def completed(
     timed : a time column is needed.   Raises NeedsAnswers when a needed column is not sure and nobody can be asked, UsageError.
     """
     sources = sources_for(table, written, KNOWN_COLUMNS)
-    if _makes_a_recording(sources, timed):
+    twins = _twins_of_ours(table, sources)
+    sources = {name: source for name, source in sources.items() if name not in {guess.column for guess in twins}}
+    if not twins and _makes_a_recording(sources, timed):
         return tuple(written), ()
-    guesses = guesses_for(table, sources, axis, timed=timed)
+    asked = {guess.column for guess in twins}
+    guesses = [*twins, *(g for g in guesses_for(table, sources, axis, timed=timed) if g.column not in asked)]
     if ask is None and any(guess.needed and guess.confidence != "sure" for guess in guesses):
         raise NeedsAnswers(_open_words(table, guesses), template(table, written, guesses))
     taken = list(written)
@@ -84,6 +91,19 @@ def completed(
 
 def _makes_a_recording(sources: Mapping[str, Source], timed: bool) -> bool:
     return any(c["torque"] in sources and c["position"] in sources for c in CHANNELS.values()) and ("t_s" in sources or not timed)
+
+
+def _twins_of_ours(table: Table, sources: Mapping[str, Source]) -> list[Guess]:
+    """Columns of the file that have a name of ours, and others that differ from it by case or an index alone: which one is to be asked."""
+    found = []
+    for column, source in sources.items():
+        if source.theirs != column or source.written != column:  # the user's word
+            continue
+        twins = [name for name in table.columns if name != column and _INDEX.sub("", Table.bare(name)).lower() == column]
+        if twins:
+            why = f"{', '.join(_with_place(table, name) for name in (column, *twins[:3]))} could be meant"
+            found.append(Guess(column, tuple(f"{column}={_quoted(name)}" for name in (column, *twins)), "likely", why))
+    return found
 
 
 def guesses_for(table: Table, sources: Mapping[str, Source], axis: Axis, *, timed: bool) -> list[Guess]:
@@ -200,11 +220,16 @@ def _signal(table: Table, column: str, meanings: Sequence[Meaning], axis: Axis, 
     if not scaled:
         return Guess(column, (), "unsure", "no column of the file is called so")
     first, choices, confidence, why = scaled[0]
-    rivals = [m for m, _, c, _ in scaled[1:] if m.role == first.role and (c == confidence or c == "sure")]
+    rivals = [m for m, *_ in scaled[1:] if m.role == first.role and m.by_name >= first.by_name]
     others = tuple(item[1][0] for item in scaled[1:4] if item[1])
-    if rivals and confidence == "sure":
-        return Guess(column, (*choices, *others), "likely", f"{why}; {', '.join(m.name for m in rivals[:3])} could be meant as well")
+    if rivals:
+        words = f"{why}; {', '.join(_with_place(table, m.name) for m in (first, *rivals[:3]))} could be meant"
+        return Guess(column, (*choices, *others), "likely" if confidence == "sure" else confidence, words)
     return Guess(column, (*choices, *others), confidence, why)
+
+
+def _with_place(table: Table, name: str) -> str:
+    return f"{name!r} (c{list(table.columns).index(name) + 1})"
 
 
 def _scaled(table: Table, column: str, meaning: Meaning, axis: Axis, ratio: float | None) -> tuple[tuple[str, ...], Confidence, str]:

@@ -91,7 +91,7 @@ def _parts_imported(
     refused: list[DataError] = []
     for part in parts:
         own = name if part.number is None or len(parts) == 1 else f"{name}_{part.number}"
-        done = _what_was_done(sidecar, part, found, axis)
+        done = _what_was_done(sidecar, part, parts[0], reading, axis)
         noted = replace(part, table=replace(part.table, notes=(*guessed, *part.table.notes) if part is parts[0] else _new(part, parts[0])))
         try:
             found.append(store.imported(file, own, reading, done, axis, noted))
@@ -113,16 +113,22 @@ def _timed(reading: Reading, sidecar: Sidecar) -> bool:
     return sidecar.experiment != "static_map" and reading.period_s is None
 
 
-def _what_was_done(sidecar: Sidecar, part: Part, before: Sequence[store.Imported], axis: Axis) -> Sidecar:
+def _what_was_done(sidecar: Sidecar, part: Part, first: Part, reading: Reading, axis: Axis) -> Sidecar:
     """The user's words, and what a log shows where the user said nothing; moves of one log share its clock and its carriage."""
     if part.number is None:
         return sidecar
     experiment = part.experiment if sidecar.experiment == "free" else sidecar.experiment
     start = sidecar.start_position_m
-    if start is not None and before:
-        place = part.table.columns.get("position_rad")
-        known = place is not None and axis.get("pulley.effective_radius_m") is not None and before[0].recording.side != "load"
-        start = start + axis.transmission_m_rad * float(place[0] - before[0].recording.position[0]) if known and place is not None else None
+    if start is not None and first.lost and reading.record is None:
+        raise DataError(
+            f"{part.table.file}: --start-position is that of the log's first move, which may be among what was not read ({first.lost}); "
+            "give it with the move that it belongs to, --record K (1 is the first that was read), or leave it out"
+        )
+    if start is not None and part is not first:
+        here, there = (p.table.columns.get("position_rad") for p in (part, first))
+        known = here is not None and there is not None and axis.get("pulley.effective_radius_m") is not None
+        turned = -1.0 if "position" in reading.flip else 1.0
+        start = start + turned * axis.transmission_m_rad * float(here[0] - there[0]) if known else None  # type: ignore[index]
     return replace(
         sidecar,
         experiment=experiment,

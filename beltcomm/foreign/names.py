@@ -114,7 +114,7 @@ def meaning_of(table: Table, name: str) -> Meaning | None:
     if number and number[1].upper() in _OBJECTS:
         known = _OBJECTS[number[1].upper()]
         return Meaning(name, known[0], known[1], True, special=known[2])
-    words, ending = _words(Table.bare(name))
+    words, ending = _words(re.sub(r"[_ ]\d+$", "", Table.bare(name)))
     if not stated and ending:
         stated = ending
     if any(_fits(word, _OTHERS) for word in words):

@@ -15,7 +15,8 @@ Column = NDArray[Any]
 Separator = Literal["comma", "semicolon", "tab", "space"]
 Decimal = Literal["point", "comma"]
 
-_UNIT_IN_NAME = re.compile(r"^(.*\S)\s*[\[(]\s*([^\[\]()]*?)\s*[\])]$")
+#: A number behind the brackets tells apart columns of one name.
+_UNIT_IN_NAME = re.compile(r"^(.*\S)\s*[\[(]\s*([^\[\]()]*?)\s*[\])](_\d+)?$")
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +59,7 @@ class Table:
     def bare(name: str) -> str:
         """The name without a unit in brackets."""
         match = _UNIT_IN_NAME.match(name)
-        return match[1] if match else name
+        return match[1] + (match[3] or "") if match else name
 
     def no_such_column(self, name: str) -> str:
         """The sentence for a name that is no column: the nearest one, and all there are."""

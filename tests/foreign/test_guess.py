@@ -121,7 +121,7 @@ def test_two_torques_are_not_sure() -> None:
     two = table("t", "Torque A1 [Nm]", "pos [°]", **{"Torque A2 [Nm]": CURRENT})
     completed(two, (), AXIS, timed=True, ask=lambda guess: asked.append(guess) or guess.choices[1])  # type: ignore[func-returns-value]
     assert [guess.column for guess in asked] == ["torque_nm"]
-    assert "Torque A2 [Nm] could be meant as well" in asked[0].why
+    assert "'Torque A1 [Nm]' (c2), 'Torque A2 [Nm]' (c4) could be meant" in asked[0].why
 
 
 def test_time_without_a_unit_is_told_by_its_steps() -> None:

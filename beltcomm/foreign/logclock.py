@@ -1,0 +1,182 @@
+"""The clock of a logger: parts of a log that were joined in the wrong order, a clock that is set, turns over or stands still.
+
+A log's frames stand in the order in which they came, so it is the stamps that are mended, never the frames; only whole parts change
+their places.  What a SYNC's period does not tell is not made up: such rows are counted and left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltcomm.foreign.framelog import FrameLog
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+#: s, by which stamps of frames in the right order may go back: queues of a controller, not another file.
+_QUEUE_S = 5e-3
+#: s between two files of one logger that follow each other.
+_SEAM_S = 1.0
+_MOST_PARTS = 1000
+#: Rows on one stamp that are a clock that stands, not a coarse one.
+_STANDING = 20
+#: Clean steps from which a period is known.
+_FEWEST_STEPS = 50
+#: Rows on either side by which motion is seen to go on.
+_BESIDE = 10
+#: A pause longer than this many periods, and than this time, parts two moves.
+PAUSE_PERIODS, PAUSE_S = 20.0, 0.05
+
+
+def in_order(log: FrameLog, readable: Callable[[FrameLog], int]) -> FrameLog:
+    """The log with its parts in the order of their stamps, where they were joined in another one, and a note on it.
+
+    readable : counts the frames of a log that are understood in their order: the set-up must come before what it explains.  It decides
+    between a clock that was set back, whose frames stand in the right order, and files joined in the wrong one.
+    """
+    if not np.isfinite(log.t_s).all():
+        return log
+    starts = [0, *(np.flatnonzero(np.diff(log.t_s) < -_QUEUE_S) + 1).tolist()]
+    if not 1 < len(starts) <= _MOST_PARTS:
+        return log
+    parts = [np.arange(a, b) for a, b in zip(starts, [*starts[1:], len(log.t_s)], strict=True)]
+    by_stamp = sorted(parts, key=lambda part: float(log.t_s[part[0]]))
+    gaps = [float(log.t_s[b[0]] - log.t_s[a[-1]]) for a, b in pairwise(by_stamp)]
+    if min(gaps) < -_QUEUE_S:  # the parts overlap: a clock that was set, or begins at zero again
+        return log
+    sorted_log = _picked(log, np.concatenate(by_stamp))
+    gain = readable(sorted_log) - readable(log)
+    if gain < 0 or (gain == 0 and max(gaps) > _SEAM_S):
+        return log
+    first = log.t_s[starts[1] - 1] - log.t_s[starts[1]]
+    note = (
+        f"the file's stamps go back by {first:.6g} s at frame {starts[1] + 1}: it is {len(parts)} parts joined in another order than they "
+        "were logged; they were put in the order of their stamps"
+    )
+    return replace(sorted_log, notes=(*log.notes, note))
+
+
+def _picked(log: FrameLog, frames: NDArray[np.intp]) -> FrameLog:
+    t_s = log.t_s[frames]
+    columns = {name: getattr(log, name)[frames] for name in ("identifier", "remote", "length", "data")}
+    return replace(log, t_s=np.round(t_s - t_s[0], 9), **columns)
+
+
+@dataclass(frozen=True, eq=False)
+class RowTimes:
+    """t_s : ndarray (n,), s, never falling but where it is not known.   broken : (n,), whether time before a row is not known.
+
+    standing : (n,), rows whose time cannot be told.   notes : a sentence on each thing that was mended.
+    """
+
+    t_s: Array
+    broken: Mask
+    standing: Mask
+    notes: tuple[str, ...] = ()
+
+
+def row_times(t_s: Array, position: Array, synchronous: bool, cycle_s: float | None, period_s: float | None) -> RowTimes:
+    """Times of rows whose stamps may stand still or jump.
+
+    t_s : ndarray (n,), stamps of the rows, s.   position : ndarray (n,), in any unit, NaN where none came: motion that goes on over a
+    jump of the stamps shows that it was the clock.   synchronous : the rows are SYNCs.   cycle_s : the SYNC's period, s, when the
+    log shows it (1006h).   period_s : the time between rows that the user gave instead of stamps.
+    """
+    size = len(t_s)
+    broken, standing = np.zeros(size, dtype=bool), np.zeros(size, dtype=bool)
+    if period_s is not None:
+        counted: Array = np.arange(size, dtype=np.float64)
+        counted *= period_s
+        return RowTimes(counted, broken, standing, (f"the stamps are not used: rows are {period_s:.6g} s apart as given",))
+    if size < 3:
+        return RowTimes(t_s, broken, standing)
+    steps = np.diff(t_s)
+    zeros = steps == 0.0
+    runs = _runs(zeros)
+    clean = ~zeros & (steps > 0.0)
+    clean[[b for _, b in runs if b < size - 1]] = False  # a step behind a stand holds what was missed
+    period = _period(steps[clean], synchronous, cycle_s)
+    notes: list[str] = []
+    mended = np.array(steps)
+    if period is not None:
+        _stands_filled(mended, runs, period, notes)
+        _jumps_bridged(mended, steps, position, period, broken, notes)
+    else:
+        for a, b in runs:
+            standing[a : b + 1] |= b - a >= _STANDING
+        broken[1:] |= steps < 0.0
+    if not notes and not broken.any():
+        return RowTimes(t_s, broken, standing)
+    mended[broken[1:]] = period or 0.0
+    return RowTimes(np.round(t_s[0] + np.concatenate(([0.0], np.cumsum(mended))), 9), broken, standing, tuple(notes))
+
+
+def _runs(zeros: Mask) -> list[tuple[int, int]]:
+    """First and last row of each run of rows on one stamp."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], zeros, [False])).astype(np.int8)))
+    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def _period(clean: Array, synchronous: bool, cycle_s: float | None) -> float | None:
+    """The time between rows, s; None when the log does not show it."""
+    if len(clean) < _FEWEST_STEPS:
+        return cycle_s if synchronous else None
+    usual = float(np.median(clean))
+    even = synchronous or float(np.mean(np.abs(clean / usual - 1.0) < 0.2)) > 0.9
+    return usual if even else None
+
+
+def _stands_filled(mended: Array, runs: list[tuple[int, int]], period: float, notes: list[str]) -> None:
+    rows, lost = 0, 0.0
+    for a, b in runs:
+        missed = (b - a) * period
+        behind = float(mended[b]) if b < len(mended) else 0.0
+        if behind > 0.5 * missed:  # the clock caught up
+            even = behind / (b - a + 1)
+            if abs(even / period - 1.0) < 0.1:
+                mended[a : b + 1] = even
+            else:
+                mended[a:b] = period
+                mended[b] = max(behind - missed, period)
+        else:
+            mended[a:b] = period
+            lost += missed
+        rows += b - a
+    if rows:
+        words = f"{rows} rows have standing stamps: they were set {period:.6g} s apart, as the others are; lost ones cannot be seen"
+        notes.append(words + (f". The clock stood for {lost:.6g} s, by which all that follows is later than its stamps" if lost else ""))
+
+
+def _jumps_bridged(mended: Array, steps: Array, position: Array, period: float, broken: Mask, notes: list[str]) -> None:
+    """Steps of the clock over which motion goes on become one period; where time goes back and it does not, time is not known."""
+    back, ahead = 0, 0
+    for k in np.flatnonzero((steps < 0.0) | (steps > max(PAUSE_PERIODS * period, PAUSE_S))).tolist():
+        if mended[k] != steps[k]:  # filled already
+            continue
+        if _goes_on(position, k):
+            mended[k] = period
+            back, ahead = back + (steps[k] < 0.0), ahead + (steps[k] > 0.0)
+        elif steps[k] < 0.0:
+            broken[k + 1] = True
+    if back or ahead:
+        notes.append(f"the clock was set {back + ahead} times ({back} back) while the motion went on evenly: {period:.6g} s were put there")
+    if broken.any():
+        notes.append(f"the clock goes back {int(broken.sum())} times: how much time passed there is not known, a move is cut there")
+
+
+def _goes_on(position: Array, k: int) -> bool:
+    """Whether the axis moves on from row k to k+1 as it does beside them."""
+    part = position[max(0, k - _BESIDE) : k + 2 + _BESIDE]
+    if len(part) < 2 * _BESIDE + 2 or not np.isfinite(part).all():
+        return False
+    moves = np.diff(part)
+    at = k - max(0, k - _BESIDE)
+    beside = np.delete(moves, at)
+    room = 0.25 * float(np.ptp(beside)) + 1.0
+    usual = float(np.median(np.abs(beside)))
+    return usual >= 3.0 and room < 2.0 * usual and bool(beside.min() - room <= moves[at] <= beside.max() + room)
