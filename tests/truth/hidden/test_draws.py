@@ -42,6 +42,7 @@ CATALOGUE = [
     "tooth_ripple",
     "pulley_eccentricity",
     "encoder_eccentricity",
+    "encoder_interpolation",
     "backlash",
     "belt_slack",
     "payload_mode",
