@@ -67,7 +67,8 @@ class Ground:
     largest torque in the records; peak_force_n : N, largest belt force in them; offset_m, pulley_distance_m : m, geometry of the belt, 0
     when not known; stiffness_at : (place m, amplitude N m, stiffness N/m) of every record that stays at one place, everything else as in
     the base model; fastest : rad/s, of the motor in them; side : of the records, "motor", "load" or "ampere"; belt : whether the axis has
-    one; gear : turns of the motor per turn of the pulley; counts : of the encoder per turn of the motor, 0 when not known;
+    one; gear : turns of the motor per turn of the pulley; counts : of the encoder per turn of the motor, by its data sheet, 0 when not
+    known; step_rad : of the angle in the records, 0 when not known;
     explained_m : stretch of the belt to the negative and to the positive side up to which the base model explains the records, 0 when not
     known.
     """
@@ -92,6 +93,7 @@ class Ground:
     belt: bool = True
     gear: float = 1.0
     counts: float = 0.0
+    step_rad: float = 0.0
     explained_m: tuple[float, float] = (0.0, 0.0)
 
 

@@ -13,7 +13,7 @@ LINES = (16, 32, 64, 100, 128, 180, 200, 250, 256, 360, 400, 500, 512, 600, 720,
          3000, 3600, 4000, 4096, 5000, 8192, 9000)  # fmt: skip
 #: Steps into which a drive divides a line: its counts over one of these are a number of lines as well.
 FACTORS = tuple(2**k for k in range(3, 17))
-#: Counts per line below which the rounding hides where in its line the encoder stands: both orders need four.
+#: Steps of the angle per line below which the rounding hides where in its line the encoder stands: both orders need four.
 COUNTS_PER_LINE = 8.0
 #: Amplitude on trial, rad, and share of a radian of the line that it is at most.
 TYPICAL_RAD, TYPICAL_SHARE = 1e-4, 0.1
@@ -52,9 +52,9 @@ def slope(theta: float, lines: float, sine: float, cosine: float, sine_2: float,
 
 
 def trials(ground: Ground) -> list[Trial]:
-    """Every number of lines that the counts resolve, both orders of sine and cosine as columns of their own."""
+    """Every number of lines that the angle in the records resolves, both orders of sine and cosine as columns of their own."""
     divided = {int(ground.counts) // factor for factor in FACTORS if ground.counts and ground.counts % factor == 0.0}
-    most = ground.counts / COUNTS_PER_LINE if ground.counts else math.inf
+    most = 2.0 * math.pi / (COUNTS_PER_LINE * ground.step_rad) if ground.step_rad else math.inf
     names = ("sine", "cosine", "sine_2", "cosine_2")
     return [
         Trial({"lines": float(n), **dict.fromkeys(names, min(TYPICAL_RAD, TYPICAL_SHARE / n))}, amplitudes=names, signed=True)
@@ -84,8 +84,8 @@ EFFECT = Effect(
     slope=slope,
     trials=trials,
     harmonic="angle",
-    seen="noise of the speed and of the torque command as soon as the axis moves, gone at rest; the error tends to change sign from one sample "
-    "to the next; at one speed it is a tone at lines times turns per second, or its alias",
+    seen="noise of the speed and of the torque command as soon as the axis moves, gone at rest; the error tends to change sign from one "
+    "sample to the next; at one speed it is a tone at lines times turns per second, or its alias",
     causes="offset of the sine or cosine track (once per line), unequal amplitudes or a phase that is not 90° (twice per line); "
     "dirt on the disc, a scanning gap out of tolerance, a broken shield of the encoder cable",
     check="look at both tracks with an oscilloscope in X-Y while the motor turns slowly: the figure must be a circle around zero; compare "

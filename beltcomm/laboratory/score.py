@@ -6,7 +6,6 @@ objective falls with the best amount of it.  Finite changes and not derivatives:
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -320,5 +319,6 @@ def ground_of(fitted: Fitted, pieces: Sequence[Stretch], axis: Axis) -> Ground:
         belt="cart" in model.base_bodies,
         gear=axis.gearbox.ratio,
         explained_m=explained_stretch(fitted),
-        counts=float(round(math.tau / pieces[0].step_rad)) if pieces[0].step_rad > 0.0 else 0.0,
+        counts=float(axis.get("motor.encoder_counts_per_rev") or 0),
+        step_rad=pieces[0].step_rad,
     )
