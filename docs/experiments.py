@@ -259,15 +259,18 @@ def move(base: Model, changed: Model, acceleration: float = 12.0) -> Symptom:
     )
 
 
-def by_angle(base: Model, changed: Model, cases: Mapping[str, tuple[float, float]], words: str) -> Symptom:
-    """Torque over turns of the motor.   cases : by label, (speed m/s, acceleration m/s²) at the start."""
+def by_angle(base: Model, changed: Model, cases: Mapping[str, tuple[float, float]], words: str, most: int | None = None) -> Symptom:
+    """Torque over turns of the motor.   cases : by label, (speed m/s, acceleration m/s²) at the start.   most : samples from the middle."""
     panels = []
     for label, (speed, acceleration) in cases.items():
         t = fine_time(math.sqrt(0.6 / acceleration) if acceleration else min(0.42 / speed, 4.0))
         x = 0.02 + speed * t + 0.5 * acceleration * t * t
         turns = (x - x[0])[::FINE] / RATIO / (2.0 * math.pi)
+        first = (len(turns) - most) // 2 if most else 0
+        part = slice(first, first + most if most else None)
         lines = [
-            line(WITH if effect else WITHOUT, effect, turns, needed(model, x / RATIO)) for effect, model in ((False, base), (True, changed))
+            line(WITH if effect else WITHOUT, effect, turns[part], needed(model, x / RATIO)[part])
+            for effect, model in ((False, base), (True, changed))
         ]
         panels.append(Panel(f"turns of the motor, {label}", "torque in mN m", tuple(lines)))
     return Symptom(words, tuple(panels))

@@ -202,4 +202,11 @@ SYMPTOMS: Mapping[str, Callable[[], Symptom]] = {
         {"at 0.5 m/s": (0.5, 0.0), "at 1 m/s": (1.0, 0.0)},
         "torque over the motor angle at two speeds",
     ),
+    "encoder_interpolation": lambda: by_angle(
+        calm(),
+        having("encoder_interpolation", calm(), lines=512.0, sine=8e-5, cosine=6e-5, sine_2=4e-5),
+        {"at 5 mm/s": (0.005, 0.0), "at 50 mm/s": (0.05, 0.0)},
+        "torque over the motor angle at two speeds, ten lines and a hundred",
+        300,
+    ),
 }

@@ -23,6 +23,7 @@ WITHOUT_A_FORCE = {
     "measurement_lag": "what is read of a torque; moves nothing",
     "encoder_eccentricity": "what is read of an angle; moves nothing",
     "encoder_eccentricity_2": "what is read of an angle; moves nothing",
+    "encoder_interpolation": "what is read of an angle; moves nothing",
 }
 #: Forces of the place alone: what they give on the way out they take on the way back.
 OF_PLACE = {"tilt", "constant_offset", "cable_chain", "tooth_ripple", "travel_ripple"} | {

@@ -20,6 +20,7 @@ from beltcomm.effects import (
     dead_time,
     elastic_shaft,
     encoder_eccentricity,
+    encoder_interpolation,
     end_pulley,
     feed_constant,
     friction_dip,
@@ -123,6 +124,7 @@ EFFECTS: tuple[Effect, ...] = (
     *pulley_eccentricity.EFFECTS,
     feed_constant.EFFECT,
     *encoder_eccentricity.EFFECTS,
+    encoder_interpolation.EFFECT,
 )
 
 _BY_NAME = {effect.name: effect for effect in EFFECTS}

@@ -67,8 +67,10 @@ class Ground:
     largest torque in the records; peak_force_n : N, largest belt force in them; offset_m, pulley_distance_m : m, geometry of the belt, 0
     when not known; stiffness_at : (place m, amplitude N m, stiffness N/m) of every record that stays at one place, everything else as in
     the base model; fastest : rad/s, of the motor in them; side : of the records, "motor", "load" or "ampere"; belt : whether the axis has
-    one; gear : turns of the motor per turn of the pulley; explained_m : stretch of the belt to the negative and to the positive side up to
-    which the base model explains the records, 0 when not known.
+    one; gear : turns of the motor per turn of the pulley; counts : of the encoder per turn of the motor, by its data sheet, 0 when not
+    known; step_rad : of the angle in the records, 0 when not known;
+    explained_m : stretch of the belt to the negative and to the positive side up to which the base model explains the records, 0 when not
+    known.
     """
 
     inertia: float
@@ -90,6 +92,8 @@ class Ground:
     side: str = "motor"
     belt: bool = True
     gear: float = 1.0
+    counts: float = 0.0
+    step_rad: float = 0.0
     explained_m: tuple[float, float] = (0.0, 0.0)
 
 
@@ -221,10 +225,11 @@ class Effect:
     that need data of their own).    twins : effects that no motion of this axis can tell from it, or hardly.    separate : the
     experiment that tells the twins apart.    apart : the same by twin, as records and as changes by hand.    alike : what else looks
     like it to a person, by name, each with the experiment that tells them apart; no diagnosis uses these.
-    harmonic : a sine and a cosine of the motor angle times the first parameter, added to the load or to the gain of the torque
-    (so that all orders can be searched in one pass).    state : what it remembers beside what its slot and its bodies do.    bound : it
-    only says how much any law of its kind could explain; a diagnosis never adds it.    linear : its law is affine in positions and speeds
-    (a friction level: constant), the same at every place and time, for any values of its parameters: it is simulated without an integrator.
+    harmonic : sines and cosines of the motor angle times the first parameter, added to the load or to the gain of the torque (so that all
+    orders can be searched in one pass), or to the angle shown.    state : what it remembers beside what its slot and its bodies do.
+    bound : it only says how much any law of its kind could explain; a diagnosis never adds it.
+    linear : its law is affine in positions and speeds (a friction level: constant), the same at every place and time, for any values of its
+    parameters: it is simulated without an integrator.
     least : of its first parameter; up to this it is nothing to be named, because every axis has as much or no sensor shows it.
     completed_by : effects that belong to it and mean nothing without it; put on trial once it is named.
     behind_gap : put on trial only where the carriage may move free of the motor; without that it is the same as one of its twins.
@@ -247,7 +252,7 @@ class Effect:
     bodies: tuple[Body, ...] = ()
     group: str = ""
     trials: Callable[[Ground], list[Trial]] | None = None
-    harmonic: Literal["", "load", "gain"] = ""
+    harmonic: Literal["", "load", "gain", "angle"] = ""
     state: tuple[State, ...] = ()
     twins: tuple[str, ...] = ()
     separate: str = ""

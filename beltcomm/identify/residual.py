@@ -29,7 +29,16 @@ from beltcomm.identify.whitening import Whitener, whiten
 from beltcomm.linear import matrices, operating_point
 from beltcomm.model import Model
 from beltcomm.recording import Recording
-from beltcomm.simulate.inverse import FineMotion, acting_cells, begins_in_motion, coarse, fine_load, reconstruct, torque_residuals
+from beltcomm.simulate.inverse import (
+    FineMotion,
+    acting_cells,
+    begins_in_motion,
+    coarse,
+    fine_load,
+    reconstruct,
+    torque_residuals,
+    true_motion,
+)
 from beltcomm.simulate.mean import ABSURD_NM
 
 Array = NDArray[np.float64]
@@ -206,10 +215,11 @@ def rebuilt(
     motion: FineMotion, model: Model, position: Array, torque: Array, start_rad: float, *, lacking: Array | float = 0.0
 ) -> FineMotion:
     """The motion between the samples with the load that it gives rise to, and one that is lacking there, N m, mean over each fine step."""
-    load, _ = fine_load(model, motion)
+    true = true_motion(model, motion)
+    load, _ = fine_load(model, true)
     if not np.all(np.abs(load) < ABSURD_NM):  # the model lets its bodies fly off and says nothing of the motor
         return motion
-    acting = acting_cells(model, motion, torque)
+    acting = acting_cells(model, true, torque)
     push = coarse(acting, len(acting) // (len(motion.theta) - 1)) - lacking
     found = reconstruct(position, push, motion.sample_s, model["motor.inertia"], start_rad=start_rad, substeps=motion.substeps, load=load)
     return replace(found, time_s=motion.time_s, within=motion.within)

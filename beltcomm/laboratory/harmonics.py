@@ -42,6 +42,21 @@ def gain_means(piece: Stretch, powers: Array, orders: int) -> Iterator[tuple[Arr
         yield means[0], means[1]
 
 
+def line_columns(piece: Stretch, inertia: float, lines: float) -> Array:
+    """What errors of the angle shown, 1 rad once and twice per line, ask of the inertia alone, N m; (n, 4), ends 0.
+
+        J (θ[n+1] - 2 θ[n] + θ[n-1])/T²  of  -sin Nθ, -cos Nθ, -sin 2Nθ, -cos 2Nθ
+
+    A line passes in so short a time that nothing behind the motor follows; at the samples, above half their rate as well.
+    inertia : kg m², motor side.
+    """
+    once = lines * piece.motion.theta[:: piece.motion.substeps]
+    error = np.stack([np.sin(once), np.cos(once), np.sin(2.0 * once), np.cos(2.0 * once)], axis=1)
+    columns = np.zeros_like(error)
+    columns[1:-1] = -inertia / piece.motion.sample_s**2 * np.diff(error, 2, axis=0)
+    return columns
+
+
 @compiled
 def load_kernel(sine: Array, cosine: Array, power_sine: Array, power_cosine: Array, m: int, means: Array) -> None:
     """Raise the powers by one order; their triangular means by Simpson's rule (see ``triangular_mean``)."""

@@ -21,7 +21,7 @@ from beltcomm.identify.residual import Stretch, dressed_each, followed, in_noise
 from beltcomm.laboratory.acceptance import loudness
 from beltcomm.laboratory.data import SUBSTEPS
 from beltcomm.laboratory.fitting import BLOCK_S, Fitted
-from beltcomm.laboratory.harmonics import gain_means, load_means, powers_of
+from beltcomm.laboratory.harmonics import gain_means, line_columns, load_means, powers_of
 from beltcomm.laboratory.hints import explained_stretch, stiffness_by_record
 from beltcomm.model import Model, on_side
 from beltcomm.simulate.inverse import (
@@ -113,6 +113,8 @@ class Scorer:
     def trials(self, effect: Effect, ground: Ground) -> Iterator[tuple[list[Trial], Array]]:
         """All trials of an effect and their columns, some at a time."""
         trials = [trial for trial in self.listed(effect, ground) if not trial.swallowed]
+        if effect.harmonic == "angle":
+            return self.lines(effect, trials)
         return self.harmonics(effect, trials) if effect.harmonic and len(trials) > 3 else self.batches(effect, trials)
 
     def listed(self, effect: Effect, ground: Ground) -> list[Trial]:
@@ -160,8 +162,21 @@ class Scorer:
                 sizes = [(1.0 if load else -1.0) * trial.values[name] for trial in some for name in trial.amplitudes]
                 yield some, np.concatenate(parts) * sizes
 
+    def lines(self, effect: Effect, trials: Sequence[Trial]) -> Iterator[tuple[list[Trial], Array]]:
+        """The same for the lines of an encoder, by what they ask of the motor's inertia."""
+        key, inertia = effect.parameters[0].name, self.model["motor.inertia"]
+        for trial in trials:
+            sizes = [trial.values[name] for name in trial.amplitudes]
+            parts = []
+            for i, piece in enumerate(self.rough):
+                asked = line_columns(piece, inertia, trial.values[key]).T
+                parts.append(in_noise(piece, self.model, self.vector, np.stack([self.shown(i, one) for one in asked], axis=1)))
+            yield [trial], np.concatenate(parts) * sizes
+
     def judged(self, effect: Effect, trial: Trial, columns: Array) -> Scored:
-        """One trial by its columns."""
+        """One trial by its columns; by what the whole axis does to an error of the angle, where the columns only said which to look at."""
+        if effect.harmonic == "angle":
+            columns = self.columns(effect, [self.grown(effect, values, trial) for values in switched_on(effect, trial)])
         if trial.base:
             return self.looked_at(effect, trial, trial.values)
         near = self.nearby.best(columns=columns)
@@ -304,4 +319,6 @@ def ground_of(fitted: Fitted, pieces: Sequence[Stretch], axis: Axis) -> Ground:
         belt="cart" in model.base_bodies,
         gear=axis.gearbox.ratio,
         explained_m=explained_stretch(fitted),
+        counts=float(axis.get("motor.encoder_counts_per_rev") or 0),
+        step_rad=pieces[0].step_rad,
     )

@@ -30,6 +30,7 @@ from beltcomm.model import Model, body_list
 from beltcomm.simulate.ahead import after_waiting
 from beltcomm.simulate.cached import VERSION, folder
 from beltcomm.simulate.fences import indented, needed
+from beltcomm.simulate.imperfect import LEAST_STEEP, ROUNDS
 from beltcomm.simulate.observer import Watch
 from beltcomm.simulate.plain_belt import PLAIN
 from beltcomm.simulate.writer import LOOK_AHEAD, MOVING_RAD_S, Writer, acts_on_motor
@@ -152,8 +153,16 @@ def kernel_source(base_bodies: tuple[str, ...], effects: tuple[str, ...]) -> str
 
 def _shown(writer: Writer) -> list[str]:
     """Lines that say what the motor's encoder shows; the laws give the error at the angle shown, see ``imperfect.angle_sensor``."""
-    errors = [f"{writer.law(e.law)}(shown{writer.arguments(e)})" for e in writer.chosen("sensor") if e.law is not None]
-    return ["shown = q[0]", *(["for _ in range(6):", f"    shown = q[0] - ({' + '.join(errors)})"] if errors else [])]
+    chosen = [(e.law, e.slope, writer.arguments(e)) for e in writer.chosen("sensor") if e.law is not None and e.slope is not None]
+    if not chosen:
+        return ["shown = q[0]"]
+    error, steep = (" + ".join(f"{writer.law(f)}(shown{given})" for f, given in some) for some in
+                    ([(law, given) for law, _, given in chosen], [(slope, given) for _, slope, given in chosen]))  # fmt: skip
+    return [
+        "shown = q[0]",
+        f"for _ in range({ROUNDS}):",
+        f"    shown -= (shown + {error} - q[0]) / max({LEAST_STEEP}, 1.0 + {steep})",
+    ]
 
 
 def _acted(writer: Writer) -> list[str]:
@@ -193,7 +202,7 @@ class Inverse:
     motor(theta, omega, p, on, t, h, bristle, load, level): the same for effects that act on the motor alone, one after the other over
         the whole motion; ``level`` is memory, as long as ``load``.
     torque(cells, theta, p, on, t, h, out): acting torque of each cell between two points of ``theta``.
-    angle(theta, omega, p, on): measured motion made true, in place.
+    angle(shown, correction, p, on): true minus shown angle, rad, at every angle shown.
     """
 
     load: Callable[..., None]
@@ -294,18 +303,16 @@ def motor_side_source() -> str:
             effect, [f"push = {writer.law(effect.law)}(push, 0.5 * (theta[k] + theta[k + 1]), t{writer.arguments(effect)})"]
         )
     torque = ["for k in range(cells.shape[0]):", *indented(["push = cells[k]", *path, "out[k] = push", "t += h"], 1)]
-    fix = []
+    fix = ["correction[:] = 0.0"]
     for effect in writer.chosen("sensor"):
         assert effect.law is not None
-        assert effect.slope is not None
-        slope, law = writer.law(effect.slope, in_lanes=True), writer.law(effect.law, in_lanes=True)
-        true = [f"omega[k] *= 1.0 + {slope}(theta[k]{writer.arguments(effect)})", f"theta[k] += {law}(theta[k]{writer.arguments(effect)})"]
-        fix += writer.when(effect, ["for k in range(theta.shape[0]):", *indented(true, 1)])
+        law = f"{writer.law(effect.law, in_lanes=True)}(shown[k]{writer.arguments(effect)})"
+        fix += writer.when(effect, ["for k in range(shown.shape[0]):", *indented([f"correction[k] += {law}"], 1)])
     constants = writer.constants()
     return writer.assemble([
         _function("motor(theta, omega, p, on, t, h, bristle, load, level)", constants, motor),
         _function("torque(cells, theta, p, on, t, h, out)", constants, torque),
-        _function("angle(theta, omega, p, on)", constants, fix, "in_lanes"),
+        _function("angle(shown, correction, p, on)", constants, fix, "in_lanes"),
     ])  # fmt: skip
 
 

@@ -16,6 +16,10 @@ Array = NDArray[np.float64]
 
 #: A lag is forgotten after this many time constants: e⁻¹⁵ = 3e-7.
 _FORGOTTEN = 15.0
+#: Rounds in which the angle shown is found: an error of 0.4 rad per radian, as the lines of an encoder may have, needs four.
+ROUNDS = 6
+#: Least rise of the true angle over the one shown that a round counts on; one that falls has no angle of its own.
+LEAST_STEEP = 0.25
 
 
 def late_torque(model: Model, cells: Array, h: float) -> Array:
@@ -45,13 +49,19 @@ def memory_s(model: Model) -> float:
 
 
 def angle_sensor(model: Model) -> Callable[[float], float]:
-    """The angle a sensor shows for a true one, rad; the laws give the error at the measured angle, so it is found by iteration."""
-    laws = [(effect.law, _values(model, effect)) for effect in model.effect_list() if effect.slot == "sensor" and effect.law is not None]
+    """The angle a sensor shows for a true one, rad; the laws give the error at the angle shown, so it is found by Newton's iteration."""
+    laws = [
+        (effect.law, effect.slope, _values(model, effect))
+        for effect in model.effect_list()
+        if effect.slot == "sensor" and effect.law is not None and effect.slope is not None
+    ]
 
     def measured(theta: float) -> float:
         shown = theta
-        for _ in range(6):  # the error is some milliradians, and as much per radian: each round gains two to three digits
-            shown = theta - sum(law(shown, *values) for law, values in laws)
+        for _ in range(ROUNDS):
+            error = sum(law(shown, *values) for law, _, values in laws)
+            steep = sum(cast("float", slope(shown, *values)) for _, slope, values in laws)
+            shown -= (shown + error - theta) / max(LEAST_STEEP, 1.0 + steep)
         return shown
 
     return measured if laws else _as_it_is

@@ -118,13 +118,17 @@ def reconstruct(
     faster = push / inertia * h
     speed = np.concatenate(([0.0], np.cumsum(faster)))
     known = np.concatenate(([0.0], np.cumsum((speed[:-1] + 0.5 * faster) * h)))
-    spline = CubicSpline(
-        np.arange(n), position - known[::substeps]
-    )  # not-a-knot: at rest the load that friction carries bends the rest at its ends
-    place = np.arange(len(known)) / substeps
-    theta = spline(place) + known
-    omega = spline(place, 1) / sample_s + speed
+    rest, rate = between(position - known[::substeps], substeps)
+    theta = rest + known
+    omega = rate / sample_s + speed
     return FineMotion(theta - position[0] + start_rad, omega, n, sample_s, substeps, time_s, within=within)
+
+
+def between(values: Array, substeps: int) -> tuple[Array, Array]:
+    """Samples, (n,), and their rate per sample on the fine grid, (fine,) each, by a cubic spline."""
+    spline = CubicSpline(np.arange(len(values)), values)  # not-a-knot: at rest the load that friction carries bends the rest at its ends
+    place = np.arange((len(values) - 1) * substeps + 1) / substeps
+    return spline(place), spline(place, 1)
 
 
 def _cells(torque: Array, per_sample: int, within: Intersample | None) -> Array:
@@ -165,17 +169,23 @@ _SCRATCH = _Scratch()
 
 
 def true_motion(model: Model, motion: FineMotion, vector: Array | None = None) -> FineMotion:
-    """The motion with the errors of the angle sensor taken out; the same object where the model knows of none."""
+    """The motion with the errors of the angle sensor taken out; the same object where the model knows of none.
+
+    An error is one of the angle shown, at the samples, and between them runs as the spline of :func:`reconstruct` does: one that goes
+    faster than the samples, as that of an encoder with many lines, is not there between them.
+    """
     board = switchboard(model.base_bodies, model.effects)
     if not board.sensor:
         return motion
     values = model.vector() if vector is None else vector
     key = (model.effects, *(float(values[i]) for i in board.sensor))
     if key not in motion.made_true:
-        theta, omega = motion.theta.copy(), motion.omega.copy()
-        inverse_kernel().angle(theta, omega, board.spread(values), board.on)
+        shown = np.ascontiguousarray(motion.theta[:: motion.substeps])
+        correction = np.empty_like(shown)
+        inverse_kernel().angle(shown, correction, board.spread(values), board.on)
+        way, rate = between(correction, motion.substeps)
         motion.made_true.clear()
-        motion.made_true[key] = replace(motion, theta=theta, omega=omega)
+        motion.made_true[key] = replace(motion, theta=motion.theta + way, omega=motion.omega + rate / motion.sample_s)
     return motion.made_true[key]
 
 

@@ -6,7 +6,7 @@ the answer, and the diagnosis gets that folder only.
     python tests/benchmarks/hidden_effects.py run FILE SET FIRST COUNT    draws of a set with seeds FIRST …, one line of JSON each
     python tests/benchmarks/hidden_effects.py table FILE …                confusion matrix, shares with their 95 % intervals
 
-Sets: effects (each of the 23 in turn, strength 0.4 to 1.0), weak (0.1 and 0.2), healthy, outside (not in the catalogue), pairs,
+Sets: effects (each of the 24 in turn, strength 0.4 to 1.0), weak (0.1 and 0.2), healthy, outside (not in the catalogue), pairs,
 backlash (pairs with it).  It goes on where it was stopped; several may run side by side with files of their own.  Draws that the motor
 cannot see are marked before the diagnosis, by ``truth.hidden.visibility``.  Thresholds must be set on other seeds than are reported.
 """

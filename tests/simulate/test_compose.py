@@ -24,7 +24,8 @@ HIDDEN = ("belt_stiffness", "stiffness_position", "end_pulley", "payload_mode", 
           "warmup", "quadratic_drag", "coulomb", "stribeck", "stribeck_cart", "friction_position", "friction_position_cart", "presliding",
           "constant_offset", "cable_chain", "cogging",
           *(f"cogging_{n}" for n in range(2, COUNT + 1)), "tooth_ripple", "torque_ripple", "torque_saturation", "dead_time", "current_lag",
-          "pulley_eccentricity", "pulley_eccentricity_2", "encoder_eccentricity", "encoder_eccentricity_2")  # fmt: skip
+          "pulley_eccentricity", "pulley_eccentricity_2", "encoder_eccentricity", "encoder_eccentricity_2",
+          "encoder_interpolation")  # fmt: skip
 SPANS = ("belt_spans", "belt_damping", "viscous_cart")
 REAL = ("belt_stiffness", "belt_damping", "elastic_shaft", "viscous", "viscous_asymmetry", "viscous_load", "coulomb", "coulomb_load",
         "friction_dip", "friction_freeform", "holding_brake", "load_friction", "travel_ripple", "measurement_lag",

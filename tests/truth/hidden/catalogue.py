@@ -1,4 +1,4 @@
-"""The 23 effects of the catalogue, drawn at random, in forms of their own.
+"""The 24 effects of the catalogue, drawn at random, in forms of their own.
 
 Each function takes the random numbers, the healthy machine, the strength (1: the ranges of the method sheet, section 8) and
 the vector p to change, and returns the parameters that were drawn.  Its docstring is the form.  At strength 0 every one is
@@ -170,6 +170,20 @@ def encoder_eccentricity(rng: np.random.Generator, base: Base, strength: float, 
     return {"amplitude_rad": float(p[at.DISC])}
 
 
+def encoder_interpolation(rng: np.random.Generator, base: Base, strength: float, p: Array) -> Mapping[str, Any]:
+    """Error of the disc's true angle once, twice and three times per line (catalogue: of the shown angle, once and twice).
+
+    512 to 2048 lines; once per line 20 to 60 urad + 3 to 6 % of a radian of the line, twice half of that or less, three times 3 to 10 %.
+    """
+    lines = int(rng.choice([512, 1000, 1024, 2000, 2048]))
+    once = strength * (rng.uniform(2e-5, 6e-5) + rng.uniform(0.03, 0.06) / lines)
+    second, third = once * rng.uniform(0.2, 0.5), once * rng.uniform(0.03, 0.1)
+    p[at.LINES], p[at.LINE], p[at.LINE_PHASE] = lines, once, phase(rng)
+    p[at.LINE_SECOND], p[at.LINE_SECOND_PHASE] = second, phase(rng)
+    p[at.LINE_THIRD], p[at.LINE_THIRD_PHASE] = third, phase(rng)
+    return {"lines": lines, "amplitude_rad": once, "second_rad": second, "third_rad": third}
+
+
 def backlash(rng: np.random.Generator, base: Base, strength: float, p: Array) -> Mapping[str, Any]:
     """Loose clamp, rough contact whose force grows as a square at first (catalogue: ln(1 + e^x)), 2 to 5 % of the gap."""
     gap, soft = strength * rng.uniform(40e-6, 150e-6), rng.uniform(0.02, 0.05)
@@ -269,6 +283,7 @@ EFFECTS: Final[Mapping[str, Draw]] = {
         tooth_ripple,
         pulley_eccentricity,
         encoder_eccentricity,
+        encoder_interpolation,
         backlash,
         belt_slack,
         payload_mode,

@@ -211,11 +211,15 @@ def pulley(angle: float, p: Array) -> Two:
 
 @compiled
 def encoder(angle: float, p: Array) -> float:
-    """Angle that the encoder disc shows, rad: eccentric and a little oval."""
-    if p[at.DISC] == 0.0:
-        return angle
-    shown = angle + p[at.DISC] * math.sin(angle + p[at.DISC_PHASE])
-    return shown + p[at.DISC_OVAL] * math.sin(2.0 * angle + p[at.DISC_OVAL_PHASE])
+    """Angle that the encoder shows, rad: a disc that is eccentric and a little oval, read by its lines."""
+    disc = angle
+    if p[at.DISC] != 0.0:
+        disc += p[at.DISC] * math.sin(angle + p[at.DISC_PHASE]) + p[at.DISC_OVAL] * math.sin(2.0 * angle + p[at.DISC_OVAL_PHASE])
+    if p[at.LINES] == 0.0:
+        return float(disc)
+    within = p[at.LINES] * disc
+    error = p[at.LINE] * math.sin(within + p[at.LINE_PHASE]) + p[at.LINE_SECOND] * math.sin(2.0 * within + p[at.LINE_SECOND_PHASE])
+    return float(disc + error + p[at.LINE_THIRD] * math.sin(3.0 * within + p[at.LINE_THIRD_PHASE]))
 
 
 @compiled
