@@ -8,6 +8,7 @@ torque_error : over all samples, rms of the error over rms.
 from __future__ import annotations
 
 import shlex
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +25,7 @@ from beltcomm.simulate.imperfect import path_response
 
 CHECKOUT = Path(__file__).parents[2]
 DATA = CHECKOUT.parent / "shared" / "data"
+CASES = CHECKOUT.parent / "shared" / "cases"
 Array = NDArray[np.float64]
 
 
@@ -36,6 +38,17 @@ def imported(name: str, folder: Path, data: Path = DATA) -> Path:
             outcome = CliRunner().invoke(cli, words[1:])
             assert outcome.exit_code == 0, outcome.output
     return folder / name
+
+
+def as_run(files: Mapping[str, Path], folder: Path, inertia_kg_m2: float, counts: int = 0) -> Path:
+    """The run folder of CSV files of a rigid motor; the one called held is held out."""
+    first = ["--set", "name=motor", "--set", f"motor.inertia_kg_m2={inertia_kg_m2}"]
+    first += ["--set", f"motor.encoder_counts_per_rev={counts}"] if counts else []
+    for name, file in files.items():
+        words = ["import", str(file), "--run", str(folder), *first, *(["--held-out"] if name == "held" else [])]
+        outcome, first = CliRunner().invoke(cli, words), []
+        assert outcome.exit_code == 0, outcome.output
+    return folder
 
 
 def reconstructed(model: Model, record: Recording, step: float) -> list[tuple[Stretch, Array, Array]]:
