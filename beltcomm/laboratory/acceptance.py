@@ -7,6 +7,9 @@ O is a logarithm far above the noise: there every share of it is small, and what
 An effect of the torque path bends the reported torque itself.  Bent to nothing, it would fit everything: a density that is seen
 through acting = g(reported) has the factor |g'|, so O has -2 Σ ln g' more.  A lag of the reading smooths the encoder's rounding:
 its noise is less, and what is left over must be less, too.
+
+Whatever it explains in units of the noise, an effect must lower the plain error (``plain_error``) as well, of the fitted records and of
+those held out.  Chance, the standard error over blocks of 0.2 s, is all that it may rise by where the error over the noise falls.
 """
 
 from __future__ import annotations
@@ -21,8 +24,9 @@ from beltcomm.effects import Effect
 from beltcomm.identify.following import follows
 from beltcomm.identify.problem import Problem
 from beltcomm.identify.residual import Stretch
-from beltcomm.laboratory.data import rewhitened
+from beltcomm.laboratory.data import Data, rewhitened
 from beltcomm.laboratory.fitting import BLOCK_S, Fitted
+from beltcomm.laboratory.plain_error import changes
 from beltcomm.model import Model
 from beltcomm.simulate.inverse import acting_torque, true_motion
 
@@ -72,6 +76,37 @@ def left_as_a_whole(before: Fitted, after: Fitted) -> float:
 
 def _left(before: float, after: float) -> float:
     return (after**2 - 1.0) / (before**2 - 1.0) if before > 1.0 and after > 1.0 else float(after >= before)
+
+
+def lowers(data: Data, before: Fitted, after: Fitted, ahead: Data | None = None) -> bool:
+    """Whether the plain error falls from one model to the next, on the fitted records and on those held out; see :func:`falls`.
+
+    ahead : records as the model after sees them, where the one before sees ``data``.
+    """
+    fitted, held = changes(data, before, after, ahead)
+    ratios = (before.held_ratio, after.held_ratio)
+    return falls(fitted, before.ratio, after.ratio) and (None in ratios or falls(held, *ratios))  # type: ignore[arg-type]
+
+
+def falls(change: tuple[float, float], before: float, after: float) -> bool:
+    """Whether a plain error falls; where it rises by no more than chance, whether the error over the noise does.
+
+    change : of the squares, and its standard error.   before, after : errors over the noise.
+    """
+    rise, chance = change
+    return rise <= chance and (rise < 0.0 or after < before)
+
+
+def confirmed(data: Data, before: Fitted, after: Fitted, ahead: Data | None = None) -> bool | None:
+    """Whether the held-out records confirm a change of the model; None without any.
+
+    The error over the noise must fall, in the mean square and without its outliers, and the plain error must not rise by more than chance.
+    """
+    if after.held_ratio is None or before.held_ratio is None:
+        return None
+    if not (after.held_objective < before.held_objective and after.held_ratio < before.held_ratio):
+        return False
+    return falls(changes(data, before, after, ahead)[1], before.held_ratio, after.held_ratio)
 
 
 def impossible(model: Model) -> list[str]:

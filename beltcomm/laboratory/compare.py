@@ -1,4 +1,4 @@
-"""Model against measurement: every number is the rms of the residual over the rms of the noise."""
+"""Model against measurement: the rms of the residual over the rms of the noise, and beside it in plain units (``plain_error``)."""
 
 from __future__ import annotations
 
@@ -9,10 +9,12 @@ from numpy.typing import NDArray
 
 from beltcomm.errors import Refused, UsageError
 from beltcomm.identify.problem import OFFSET_M
-from beltcomm.identify.residual import Stretch, evaluate
+from beltcomm.identify.residual import Stretch, dressed_each, evaluate
 from beltcomm.laboratory.data import Data
+from beltcomm.laboratory.figures import PlainError
 from beltcomm.laboratory.fitting import Fitted
 from beltcomm.laboratory.places import Place, worst_places
+from beltcomm.laboratory.plain_error import band_of, in_band, plain_error
 from beltcomm.laboratory.samples import Judged, units_of
 from beltcomm.linear import modes, operating_point
 from beltcomm.model import Model
@@ -27,42 +29,52 @@ WHOLE, LEAST_WEIGHT, CLEAR_CONTRAST = 1.03, 0.01, 1.5
 
 @dataclass(frozen=True)
 class RecordRatio:
-    """One record.   ratio : rms of the residual over rms of the noise, 1 when nothing is missing.   samples : that counted."""
+    """One record.   ratio : rms of the residual over rms of the noise, 1 when nothing is missing.   samples : that counted.
+    plain : the same in plain units."""
 
     name: str
     held_out: bool
     ratio: float
     samples: int
+    plain: PlainError | None = None
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """ratio, held_out : over all fitted and all held-out records.   places : the worst first, over all records."""
+    """ratio, held_out : over all fitted and all held-out records.   places : the worst first, over all records.
+    plain, plain_held_out : ratio and held_out in plain units."""
 
     ratio: float
     held_out: float | None
     records: tuple[RecordRatio, ...]
     places: tuple[Place, ...]
     judged: tuple[Judged, ...]
+    plain: PlainError | None = None
+    plain_held_out: PlainError | None = None
 
 
 def compare(data: Data, fitted: Fitted) -> Comparison:
     """How far the fitted model is from every record, and where."""
     judged: list[Judged] = []
+    model, band = fitted.model, band_of(data, fitted.model)
     vector = fitted.problem.full(fitted.x)
     for i, piece in enumerate(fitted.problem.pieces):
         white = fitted.residual[fitted.problem.ends[i] : fitted.problem.ends[i + 1]]
         judged.append(_judged(piece, fitted, vector, white, OFFSET_M * float(fitted.offsets[i])))
-    for piece, white in zip(data.held_out, fitted.held_residual, strict=True):
+    held_out = dressed_each(data.held_out, [model] * len(data.held_out))
+    for piece, white in zip(held_out, fitted.held_residual, strict=True):
         judged.append(_judged(piece, fitted, vector, white, 0.0))
+    parts = [in_band(j.piece, model, j.whole, band) for j in judged]
     records = []
     for name in dict.fromkeys(j.piece.record for j in judged):
-        parts = [j for j in judged if j.piece.record == name]
-        white = np.concatenate([j.white for j in parts])
+        white = np.concatenate([j.white for j in judged if j.piece.record == name])
+        own = [part for part in parts if part.record == name]
         if not len(white):
             continue
-        records.append(RecordRatio(name, parts[0].piece.held_out, float(np.sqrt(np.mean(white**2))), len(white)))
-    return Comparison(fitted.ratio, fitted.held_ratio, tuple(records), tuple(worst_places(judged)), tuple(judged))
+        plain = plain_error(own, model, band)
+        records.append(RecordRatio(name, own[0].held_out, float(np.sqrt(np.mean(white**2))), len(white), plain))
+    whole, held = (plain_error([part for part in parts if part.held_out is out], model, band) for out in (False, True))
+    return Comparison(fitted.ratio, fitted.held_ratio, tuple(records), tuple(worst_places(judged)), tuple(judged), whole, held)
 
 
 def _judged(piece: Stretch, fitted: Fitted, vector: Array, white: Array, offset_m: float) -> Judged:

@@ -12,7 +12,7 @@ from beltcomm.compiled import in_one_thread
 from beltcomm.effects import EFFECTS, effect_named
 from beltcomm.identify.following import follows
 from beltcomm.identify.problem import OFFSET_M
-from beltcomm.laboratory.acceptance import EVIDENCE, drop_by, impossible, left_as_a_whole, refuted
+from beltcomm.laboratory.acceptance import EVIDENCE, drop_by, impossible, left_as_a_whole, lowers, refuted
 from beltcomm.laboratory.compare import compare
 from beltcomm.laboratory.data import SUBSTEPS, Data, agitated, made, prepare, remade
 from beltcomm.laboratory.fitting import AT_A_TIME, Fitted, fit, gone_on, out_of_valley
@@ -75,7 +75,8 @@ class Step:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """What was found.   data : as the last model sees it.   twins : names between which the data cannot tell.   scorer : at the base."""
+    """What was found.   data : as the last model sees it.   twins : names between which the data cannot tell.
+    scorer : at the base.   first : data as that sees them."""
 
     base: Fitted
     data: Data
@@ -83,6 +84,7 @@ class Diagnosis:
     verdict: Verdict
     twins: tuple[str, ...]
     scorer: Scorer
+    first: Data
 
     @property
     def after(self) -> Fitted:
@@ -162,7 +164,7 @@ def diagnose(
     steps: list[Step] = []
     seen: list[Data] = []  # what each step began with
     current = base
-    at_base = Scorer(base)
+    at_base, at_first = Scorer(base), data
     limit = most + len(EFFECTS)
     doubted: int | None = None  # step in which a gap was taken that a straying carriage can do without; looked behind once
     patient = True
@@ -221,7 +223,10 @@ def diagnose(
         data, last = settled(data, current)
         steps = [replace(step, after=last) if step.after is current else step for step in steps]
         current = last
-    return Diagnosis(base, data, tuple(steps), verdict_of(base, steps, twins, remaining_structure(data, current)), twins, at_base)
+        if not lowers(at_first, base, current, data):
+            data, current, twins, steps = at_first, base, (), [withdrawn(steps, base)]
+    verdict = verdict_of(base, steps, twins, remaining_structure(data, current))
+    return Diagnosis(base, data, tuple(steps), verdict, twins, at_base, at_first)
 
 
 def looked_for(
@@ -260,6 +265,13 @@ def taken_back(
     return data, step.before, [refused if c is best else c for c in step.candidates]
 
 
+def withdrawn(steps: Sequence[Step], base: Fitted) -> Step:
+    """The first step with its effect refused: with all that was added the error in plain units is no less than without."""
+    first = steps[0]
+    refused = [replace(c, accepted=False, idle=True) if c.effect.name == first.added else c for c in first.candidates]
+    return Step(base, tuple(refused), "", (), base)
+
+
 @dataclass(frozen=True)
 class Taken:
     """candidates : with what the fits said of them.   best : the one taken, None for none.   data, grown : with it, all fitted again."""
@@ -283,9 +295,10 @@ def on_trial(data: Data, current: Fitted, candidates: list[Candidate], trying: C
             return Taken(candidates, None, data)
         trying(best)
         ahead, grown = again(data, best.fitted, NEXT_ITERATIONS)
-        if grown.ratio <= GROWN * current.ratio or left_as_a_whole(current, grown) < 1.0:
+        less = grown.ratio <= GROWN * current.ratio or left_as_a_whole(current, grown) < 1.0
+        if less and lowers(data, current, grown, ahead):
             return Taken(candidates, best, ahead, grown)
-        refused = replace(best, accepted=False, grows=True)
+        refused = replace(best, accepted=False, grows=not less, idle=less)
         trying(refused)
         candidates = [refused if c is best else c for c in candidates]
 
@@ -329,7 +342,7 @@ def shorter(seen: Sequence[Data], steps: Sequence[Step]) -> tuple[int, Step] | N
         if not step.added or set(last.after.model.effects) != {*step.before.model.effects, last.added, *last.forms}:
             continue
         straight = fit(seen[number], last.after.model, FIRST_ITERATIONS, offsets=last.after.offsets)
-        found = candidate(step.before, effect_named(last.added), 0.0, straight, len(steps) - number)
+        found = candidate(seen[number], step.before, effect_named(last.added), 0.0, straight, len(steps) - number)
         candidates = merged(step.candidates, [found])
         if standing(candidates)[0] is found and found.accepted:
             detour = tuple(name for name in last.removed if name not in step.before.model.effects)

@@ -47,7 +47,7 @@ def behind_a_delay(data: Data, current: Fitted, held: Fitted) -> Candidate | Non
     evidence, explained = drop - price(gap, current, ways) - price(delay, current, 1), explained_share(drop, current)
     if evidence <= EVIDENCE or explained <= MOSTLY or best.ratio >= current.ratio or impossible(best.model):
         return None
-    alone = candidate(current, gap, 0.0, fit(data, best.model.without_effect(delay.name), 0), 1)
+    alone = candidate(data, current, gap, 0.0, fit(data, best.model.without_effect(delay.name), 0), 1)
     if alone.fitted is None or alone.fitted.ratio >= current.ratio:
         return None
     held_gain = current.held_objective - best.held_objective

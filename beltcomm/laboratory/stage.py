@@ -27,6 +27,7 @@ from beltcomm.laboratory.acceptance import (
     grown_out_of_bounds,
     impossible,
     left_as_a_whole,
+    lowers,
     refuted,
 )
 from beltcomm.laboratory.data import Data
@@ -59,7 +60,8 @@ class Candidate:
     evidence, explained : see the module.   promised : drop by the score test.   fitted : with the effect, None where it was not
     refitted.   held_gain : drop of O on the held-out records.   hollow : it explains much, but only as no axis can be.
     accepted : by the rule of this module.   grows : it makes the error as a whole larger, from one bad model to the next.
-    unneeded : a carriage that strays as freely without it explains as much, see ``freedom``.   beside : effect that hides it and with
+    unneeded : a carriage that strays as freely without it explains as much, see ``freedom``.   idle : the plain error does not fall, of
+    the fitted records or of those held out.   beside : effect that hides it and with
     which it was judged, see ``masked``; "" where it explains that alone.
     """
 
@@ -73,12 +75,15 @@ class Candidate:
     hollow: bool = False
     grows: bool = False
     unneeded: bool = False
+    idle: bool = False
     beside: str = ""
 
     @property
     def stands(self) -> bool:
-        """Whether neither held-out records, nor the error as a whole, nor its own values, nor a carriage that strays speak against it."""
-        return self.fitted is None or not (self.hollow or self.grows or self.unneeded or refuted(self.evidence, self.held_gain))
+        """Whether nothing speaks against it: records held out, error as a whole or in plain units, own values, a carriage that strays."""
+        return self.fitted is None or not (
+            self.hollow or self.grows or self.unneeded or self.idle or refuted(self.evidence, self.held_gain)
+        )
 
     @property
     def against(self) -> str:
@@ -91,6 +96,8 @@ class Candidate:
             return "with all fitted again the error as a whole grows"
         if self.unneeded:
             return "a carriage that strays as far without it explains as much"
+        if self.idle:
+            return "the error in plain units does not fall"
         if refuted(self.evidence, self.held_gain):
             return "records held out speak against it"
         return f"evidence below {EVIDENCE:.0f}" if self.evidence <= EVIDENCE else "explains too little"
@@ -161,7 +168,7 @@ def swallowed(data: Data, scorer: Scorer, effect: Effect, ground: Ground, candid
             model = scorer.grown(effect, trial.values, trial)
             goal = scorer.fitted.objective - before - price(effect, scorer.fitted, starts + 1)
             best = fit(data, model, SWALLOWED_ITERATIONS, offsets=scorer.fitted.offsets, enough=ENOUGH, goal=goal)
-            found = candidate(scorer.fitted, effect, 0.0, best, starts + 1)
+            found = candidate(data, scorer.fitted, effect, 0.0, best, starts + 1)
             if found.evidence > before:
                 candidates, before = [c for c in candidates if c.effect is not effect] + [found], found.evidence
     return candidates
@@ -199,7 +206,7 @@ def price(effect: Effect, base: Fitted, starts: int) -> float:
 
 def refitted(data: Data, base: Fitted, way: Scored, starts: int, against: Fitted) -> Candidate:
     """Everything fitted again with the effect, from its best way."""
-    return candidate(against, way.effect, way.drop, grown(data, base, way, against.objective), starts)
+    return candidate(data, against, way.effect, way.drop, grown(data, base, way, against.objective), starts)
 
 
 def strayed(base: Fitted, start: Model, above: float = MISSING) -> bool:
@@ -235,7 +242,7 @@ def rank(item: Candidate) -> tuple[bool, bool, float]:
     return item.accepted, item.fitted is not None and item.stands, -item.fitted.objective if item.fitted is not None else item.evidence
 
 
-def candidate(base: Fitted, effect: Effect, promised: float, best: Fitted, starts: int) -> Candidate:
+def candidate(data: Data, base: Fitted, effect: Effect, promised: float, best: Fitted, starts: int) -> Candidate:
     """What a model fitted with the effect says for it; as one that was not refitted where a body flies off in it."""
     if not math.isfinite(best.objective + best.held_objective):
         return Candidate(effect, promised, promised, 0.0, 0.0, None, False)
@@ -245,7 +252,8 @@ def candidate(base: Fitted, effect: Effect, promised: float, best: Fitted, start
     hollow = bool(impossible(best.model)) or grown_out_of_bounds(best.model, effect) or fitted_to_nothing(best.model, effect)
     grows = left_as_a_whole(base, best) >= 1.0
     accepted = enough(evidence, explained, drop, held_gain, base) and not (hollow or grows)
-    return Candidate(effect, promised, evidence, explained, held_gain, best, accepted, hollow, grows)
+    idle = accepted and not lowers(data, base, best)
+    return Candidate(effect, promised, evidence, explained, held_gain, best, accepted and not idle, hollow, grows, idle=idle)
 
 
 def grown(data: Data, base: Fitted, way: Scored, goal: float = math.inf) -> Fitted:

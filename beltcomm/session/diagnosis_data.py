@@ -6,23 +6,28 @@ import math
 from typing import Any
 
 from beltcomm.laboratory.diagnosis import Diagnosis
+from beltcomm.laboratory.figures import PlainError
+from beltcomm.laboratory.fitting import Fitted
 from beltcomm.laboratory.intervals import with_intervals
 from beltcomm.laboratory.stage import Candidate
 from beltcomm.laboratory.visible import Sight
 from beltcomm.model import Model
+from beltcomm.result import plain
 from beltcomm.session.next_plan import by_hand_of
 
+#: Errors in plain units, of the fitted records and of those held out.
+Plain = tuple[PlainError | None, PlainError | None]
 
-def diagnosis_data(found: Diagnosis) -> dict[str, Any]:
-    """Everything of a diagnosis for ``--json``."""
+
+def diagnosis_data(found: Diagnosis, before: Plain, after: Plain) -> dict[str, Any]:
+    """Everything of a diagnosis for ``--json``.   before, after : errors in plain units, fitted and held out."""
     first = found.steps[0].candidates if found.steps else ()
     return {
         "verdict": found.verdict,
         "named": list(found.named),
         "base": {
             "effects": list(found.base.model.effects),
-            "ratio": found.base.ratio,
-            "held_out": found.base.held_ratio,
+            **error_data(found.base, before),
             "parameters": values_of(with_intervals(found.base)),
         },
         "ranking": [ranked(c) for c in first],
@@ -42,10 +47,18 @@ def diagnosis_data(found: Diagnosis) -> dict[str, Any]:
         ],
         "after": {
             "effects": list(found.after.model.effects),
-            "ratio": found.after.ratio,
-            "held_out": found.after.held_ratio,
+            **error_data(found.after, after),
             "parameters": values_of(with_intervals(found.after)),
         },
+    }
+
+
+def error_data(fitted: Fitted, both: Plain) -> dict[str, Any]:
+    """What a model leaves over: over the noise, and in plain units, of the fitted records and of those held out."""
+    return {
+        "ratio": fitted.ratio,
+        "held_out": fitted.held_ratio,
+        "plain": {"overall": plain(both[0]), "held_out": plain(both[1])},
     }
 
 

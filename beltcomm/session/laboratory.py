@@ -12,6 +12,7 @@ from beltcomm.errors import UsageError
 from beltcomm.given import Place, pasted, place, word
 from beltcomm.identify.following import follows
 from beltcomm.identify.noise_level import noise_doubt
+from beltcomm.laboratory.acceptance import confirmed
 from beltcomm.laboratory.compare import Comparison, compare, landmarks, worst
 from beltcomm.laboratory.data import Data
 from beltcomm.laboratory.diagnosis import NEXT_ITERATIONS, Diagnosis, Step, again, diagnose, settled
@@ -20,6 +21,7 @@ from beltcomm.laboratory.forms import formed, placed
 from beltcomm.laboratory.freedom import unneeded
 from beltcomm.laboratory.intervals import with_intervals
 from beltcomm.laboratory.place_words import in_words
+from beltcomm.laboratory.plain_error import of_run
 from beltcomm.laboratory.prepared import last_compiled
 from beltcomm.laboratory.scope import lacking, not_named, within_scope
 from beltcomm.laboratory.score import ground_of
@@ -32,7 +34,7 @@ from beltcomm.session import ladder_words as words
 from beltcomm.session import pictures as drawn
 from beltcomm.session.already import Before, shown_already
 from beltcomm.session.cross_check_words import as_data, check_lines, cross_checked, sheet_lines
-from beltcomm.session.diagnosis_data import diagnosis_data, seen_as, values_of
+from beltcomm.session.diagnosis_data import diagnosis_data, error_data, seen_as, values_of
 from beltcomm.session.kept_cost import cost_of, priced
 from beltcomm.session.kept_fit import fitted_to
 from beltcomm.session.kept_result import answered
@@ -46,10 +48,9 @@ from beltcomm.session.revisions import (
     current_model,
     current_revision,
     keep_cost,
-    new_revision,
-    not_contradicted,
     revisions,
 )
+from beltcomm.session.rungs import base_revision, plain_of, revision_of
 from beltcomm.session.together import together
 from beltcomm.session.told_before import better, named_beside
 from beltcomm.simulate import ahead
@@ -145,16 +146,17 @@ def diagnosed(folder: RunFolder, run: Path, auto: bool, cost: bool, following: b
     explainable(found.base.ratio, run)
     found, doubts = within_scope(found, recordings)
     crossed = cross_checked(found, recordings, folder.axis)
+    before, after = plain_of(found)
     data: dict[str, Any] = {
         "run": str(run),
-        **diagnosis_data(found),
+        **diagnosis_data(found, before, after),
         **as_data(crossed),
         "remarks": list(records.remarks),
         "doubts": doubts,
     }
     belonging = together(found.after, found.named)
     data["together"] = [plain(one) for one in belonging]
-    text = words.remark_lines(records.remarks) + words.diagnosis_lines(found) + [one.text for one in belonging] + doubts
+    text = words.remark_lines(records.remarks) + words.diagnosis_lines(found, before, after) + [one.text for one in belonging] + doubts
     text += check_lines(crossed)
     if cost and found.named:
         talk.phase(1, 1, "what it costs in tracking")
@@ -235,18 +237,18 @@ def climb(folder: RunFolder, found: Diagnosis, known: bool, command: str, when: 
     """
     made = []
     if not (known and current_revision(folder)):
-        made.append(base_revision(folder, found.base, command, when))
-    before, parts = found.base, list[Step]()
+        made.append(base_revision(folder, found.first, found.base, command, when))
+    before, seen, parts = found.base, found.first, list[Step]()
     for number, step in enumerate(found.steps):
         if not step.added:
             continue
         # Forms belong to what was named before them, as with ``add``.
         parts += [step, *takewhile(lambda other: not other.added, found.steps[number + 1 :])]
         after = parts[-1].after
-        if confirmed(before, after):
+        if confirmed(seen, before, after, found.data):
             change = change_of([name for s in parts for name in (s.added, *s.forms) if name], [name for s in parts for name in s.removed])
-            made.append(revision_of(folder, after, before, change, command, when))
-            before, parts = after, []
+            made.append(revision_of(folder, (found.data, after), (seen, before), change, command, when))
+            before, seen, parts = after, found.data, []
     return made
 
 
@@ -285,8 +287,9 @@ def add_to_run(
     shaped = formed(data, on_body.fitted, here.fitted.model)
     data, after = settled(data, shaped.fitted)
     if current_revision(here.folder) is None:
-        base_revision(here.folder, here.fitted, command, when)
-    rung = revision_of(here.folder, after, here.fitted, change_of((effect, *on_body.new, *shaped.new)), command, when)
+        base_revision(here.folder, here.data, here.fitted, command, when)
+    change = change_of((effect, *on_body.new, *shaped.new))
+    rung = revision_of(here.folder, (data, after), (here.data, here.fitted), change, command, when)
     notes = words.added_notes(asked, effect, unneeded(data, after, effect_named(effect)))
     result = change_result(here, data, after, rung, notes, command, pictures)
     if not cost:
@@ -306,10 +309,10 @@ def remove_from_run(
     if effect not in here.fitted.model.effects:
         raise UsageError(f"the model of {run} has no {effect}; it has {', '.join(here.fitted.model.effects)}")
     if current_revision(here.folder) is None:
-        base_revision(here.folder, here.fitted, command, when)
+        base_revision(here.folder, here.data, here.fitted, command, when)
     smaller = fit(here.data, here.fitted.model.without_effect(effect), NEXT_ITERATIONS, offsets=here.fitted.offsets)
     data, after = settled(*again(here.data, smaller, NEXT_ITERATIONS))
-    rung = revision_of(here.folder, after, here.fitted, f"-{effect}", command, when)
+    rung = revision_of(here.folder, (data, after), (here.data, here.fitted), f"-{effect}", command, when)
     return change_result(here, data, after, rung, [], command, pictures)
 
 
@@ -328,41 +331,6 @@ def ladder_of_run(run: Place, *, pictures: bool = True, command: str = "") -> Re
     return Result(data, words.ladder_lines(rungs, changed) + drawn.lines(folder, made, remarks))
 
 
-def confirmed(before: Fitted, after: Fitted) -> bool | None:
-    """Whether the error on the held-out records fell, in the mean square and without its outliers; None without any."""
-    if after.held_ratio is None or before.held_ratio is None:
-        return None
-    return after.held_objective < before.held_objective and after.held_ratio < before.held_ratio
-
-
-def base_revision(folder: RunFolder, fitted: Fitted, command: str, when: str) -> Revision:
-    """The first rung."""
-    model = with_intervals(fitted)
-    return new_revision(folder, model, "base", ratio=fitted.ratio, held_out=fitted.held_ratio, confirmed=None, command=command, when=when)
-
-
-def revision_of(folder: RunFolder, after: Fitted, before: Fitted, change: str, command: str, when: str) -> Revision:
-    """A rung for a refitted model.
-
-    What stands on a rung that is not confirmed must be better than the last one that is, too.
-    """
-    fell = None if change.startswith("-") else confirmed(before, after)  # who takes one out has decided
-    parent = current_revision(folder)
-    if fell and parent is not None and after.held_ratio is not None:
-        trusted = not_contradicted(parent, revisions(folder))
-        fell = trusted.held_out is None or after.held_ratio < trusted.held_out
-    return new_revision(
-        folder,
-        with_intervals(after),
-        change,
-        ratio=after.ratio,
-        held_out=after.held_ratio,
-        confirmed=fell,
-        command=command,
-        when=when,
-    )
-
-
 def change_result(here: Opened, grown: Data, after: Fitted, rung: Revision, notes: Sequence[str], command: str, pictures: bool) -> Result:
     """What ``add`` and ``remove`` say.   grown : the records as the new model sees them."""
     run = here.folder.path
@@ -370,25 +338,28 @@ def change_result(here: Opened, grown: Data, after: Fitted, rung: Revision, note
     remarks: list[str] = []
     if pictures:
         made, remarks = drawn.change_picture(here.folder, rung, compare(here.data, here.fitted), compare(grown, after), command)
-    model = with_intervals(after)
+    model, before = with_intervals(after), of_run(here.data, here.fitted)
     data = {
         "run": str(run),
         "revision": rung.name,
         "change": rung.change,
         "confirmed": rung.confirmed,
-        "before": {"ratio": here.fitted.ratio, "held_out": here.fitted.held_ratio},
-        "after": {"ratio": after.ratio, "held_out": after.held_ratio},
+        "before": error_data(here.fitted, before),
+        "after": error_data(after, (rung.plain, rung.plain_held_out)),
         "parameters": values_of(model),
         "pictures": made,
         "notes": list(notes),
         "remarks": list(here.records.remarks),
     }
     text = words.remark_lines(here.records.remarks) + words.change_lines(
-        here.fitted, model, after, rung, notes, run, named_beside(here.folder, model)
+        (here.fitted, before), model, after, rung, notes, run, named_beside(here.folder, model)
     )
     return Result(data, text[:-1] + drawn.lines(here.folder, made, remarks) + text[-1:])
 
 
 def ratios(comparison: Comparison) -> dict[str, Any]:
-    """``ratio`` : overall and held out."""
-    return {"ratio": {"overall": comparison.ratio, "held_out": comparison.held_out}}
+    """``ratio`` and ``plain`` : overall and held out."""
+    return {
+        "ratio": {"overall": comparison.ratio, "held_out": comparison.held_out},
+        "plain": {"overall": plain(comparison.plain), "held_out": plain(comparison.plain_held_out)},
+    }

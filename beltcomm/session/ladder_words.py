@@ -11,6 +11,7 @@ from beltcomm.effects.tilt import GRAVITY_M_S2
 from beltcomm.given import pasted
 from beltcomm.laboratory.compare import Comparison
 from beltcomm.laboratory.diagnosis import NONE_EXPLAINS, Diagnosis, structures
+from beltcomm.laboratory.figures import PlainError
 from beltcomm.laboratory.fitting import Fitted
 from beltcomm.laboratory.intervals import with_intervals
 from beltcomm.laboratory.plausible import KNOWN, undetermined, unlikely
@@ -20,6 +21,7 @@ from beltcomm.laboratory.visible import Sight
 from beltcomm.model import Model, effect_parameters
 from beltcomm.result import table, with_unit
 from beltcomm.session.cost import cost_rows
+from beltcomm.session.diagnosis_data import Plain
 from beltcomm.session.next_plan import families, hands_of
 from beltcomm.session.revisions import Revision
 
@@ -42,14 +44,13 @@ def remark_lines(remarks: Sequence[str]) -> list[str]:
 
 def comparison_lines(comparison: Comparison, places: Sequence[str], model: Model, run: Path, doubt: str = "") -> list[str]:
     """``beltcomm compare``.   doubt : why the error says nothing."""
-    held = "" if comparison.held_out is None else f", on records that were not fitted {comparison.held_out:.2f}"
+    error = error_words((comparison.ratio, comparison.held_out), (comparison.plain, comparison.plain_held_out))
     lines = [
         f"Model: {', '.join(model.effects)}.",
-        f"The error is {comparison.ratio:.2f} times the noise{held}" + (f". {doubt}" if doubt else "; 1.00 means that nothing is missing."),
+        f"The error is {error}" + (f". {doubt}" if doubt else "; 1.00 means that nothing is missing."),
         "",
+        *table(*record_table(comparison)),
     ]
-    records = [[r.name, f"{r.ratio:.2f}", f"{r.samples}", "held out" if r.held_out else ""] for r in comparison.records]
-    lines += table(["record", ">error/noise", ">samples", ""], records)
     lines.append("")
     lines += ["Where it fails most:", *(f"  {place}" for place in places)] if places else ["No place stands out."]
     return [*lines, f"Next: beltcomm diagnose {pasted(run)}"]
@@ -57,16 +58,16 @@ def comparison_lines(comparison: Comparison, places: Sequence[str], model: Model
 
 def trial_line(candidate: Candidate) -> str:
     """What is said while a diagnosis goes on."""
-    if candidate.grows or candidate.unneeded:
+    if candidate.grows or candidate.unneeded or candidate.idle:
         return f"{candidate.effect.name} taken back, {candidate.against}; the next best is asked"
     share = 100.0 * min(1.0, candidate.explained)
     together = f" together with {candidate.beside}, which hides it" if candidate.beside else ""
     return f"{candidate.effect.name} on trial: it explains {share:.0f} %{together}; all is fitted with it, then looked at for more"
 
 
-def diagnosis_lines(found: Diagnosis) -> list[str]:
-    """``beltcomm diagnose``."""
-    lines = [f"Error before: {found.base.ratio:.2f} times the noise{held_words(found.base)}."]
+def diagnosis_lines(found: Diagnosis, before: Plain = (None, None), after: Plain = (None, None)) -> list[str]:
+    """``beltcomm diagnose``.   before, after : errors of the first and of the last model in plain units."""
+    lines = [f"Error before: {error_words((found.base.ratio, found.base.held_ratio), before)}."]
     known = [name for name in found.base.model.effects if name not in (*BELT_BASE, *RIGID_BASE)]
     if known:
         lines.append(f"The model has already: {', '.join(known)}.")
@@ -95,10 +96,10 @@ def diagnosis_lines(found: Diagnosis) -> list[str]:
         lines += ["", *effect_lines(effect_named(name), model)]
     lines += ["", f"Verdict: {found.verdict}."]
     if found.named:
-        lines.append(f"With {', '.join(found.named)} the error is {found.after.ratio:.2f} times the noise{held_words(found.after)}.")
-        before, after = found.base.held_ratio, found.after.held_ratio
-        if before is not None and after is not None and after >= before:
-            lines.append(f"Not confirmed: on records that were not fitted the error was {before:.2f} without it.")
+        lines.append(f"With {', '.join(found.named)} the error is {error_words((found.after.ratio, found.after.held_ratio), after)}.")
+        held, then = found.base.held_ratio, found.after.held_ratio
+        if held is not None and then is not None and then >= held:
+            lines.append(f"Not confirmed: on records that were not fitted the error was {held:.2f} without it.")
     if open_ := undetermined(model, found.base.model):
         lines.append(
             f"But these data say nothing certain of {' and '.join(open_)}: every number of it is open by more than {100 * KNOWN:.0f} %, so "
@@ -231,16 +232,17 @@ def added_notes(asked: str, effect: str, strays: bool) -> list[str]:
 
 
 def change_lines(
-    before: Fitted, model: Model, after: Fitted, rung: Revision, notes: Sequence[str], run: Path, beside: Sequence[str] = ()
+    was: tuple[Fitted, Plain], model: Model, after: Fitted, rung: Revision, notes: Sequence[str], run: Path, beside: Sequence[str] = ()
 ) -> list[str]:
-    """``beltcomm add`` and ``beltcomm remove``.   notes : sentences before all else.
+    """``beltcomm add`` and ``beltcomm remove``.   was : the model before, and what it left in plain units.
 
-    beside : effects that the last diagnosis names and the model does not have yet.
+    notes : sentences before all else.   beside : effects that the last diagnosis names and the model does not have yet.
     """
-    lines = list(notes)
-    lines.append(f"{rung.change}: error {before.ratio:.2f} → {after.ratio:.2f} times the noise")
+    lines, (before, (plain, plain_held)) = list(notes), was
+    lines.append(f"{rung.change}: error {before.ratio:.2f} → {after.ratio:.2f} times the noise{fall(plain, rung.plain, 'of the torque')}")
     if before.held_ratio is not None and after.held_ratio is not None:
-        lines.append(f"  on records that were not fitted {before.held_ratio:.2f} → {after.held_ratio:.2f}")
+        held = fall(plain_held, rung.plain_held_out)
+        lines.append(f"  on records that were not fitted {before.held_ratio:.2f} → {after.held_ratio:.2f}{held}")
     if rung.change.startswith("+"):
         for name in (word[1:] for word in rung.change.split() if word.startswith("+")):
             lines += effect_lines(effect_named(name), model)
@@ -266,13 +268,14 @@ def ladder_lines(rungs: Sequence[Revision], changed: Sequence[str]) -> list[str]
             rung.change,
             f"{rung.ratio:.2f}",
             "" if rung.held_out is None else f"{rung.held_out:.2f}",
+            " / ".join(f"{one.percent:.3g}" for one in (rung.plain, rung.plain_held_out) if one is not None),
             "█" * max(1, round(BAR * rung.ratio / highest)),
             "not confirmed" if rung.confirmed is False else "nothing held out" if rung.confirmed is None and rung.change[0] == "+" else "",
         ]
         for rung in rungs
     ]
-    rows.append(["noise", "", "1.00", "", "█" * max(1, round(BAR / highest)), ""])
-    lines: list[str] = [*table(["revision", "change", ">error", ">held out", "", ""], rows), "", "Where they come from:"]
+    rows.append(["noise", "", "1.00", "", "", "█" * max(1, round(BAR / highest)), ""])
+    lines: list[str] = [*table(["revision", "change", ">error", ">held out", ">% of torque", "", ""], rows), "", "Where they come from:"]
     for rung in rungs:
         lines += provenance_lines(rung)
     if changed:
@@ -306,6 +309,26 @@ def climb_lines(made: Sequence[Revision], named: Sequence[str], held_out: bool, 
     return lines
 
 
-def held_words(fitted: Fitted) -> str:
-    """ ", held out 1.23" where there are such records."""
-    return "" if fitted.held_ratio is None else f", on records that were not fitted {fitted.held_ratio:.2f}"
+def error_words(ratios: tuple[float, float | None], plain: Plain) -> str:
+    """An error over the noise and in plain units, of the fitted records and of those held out where there are any."""
+    (ratio, held), (whole, whole_held) = ratios, plain
+    own = "" if whole is None else f", {with_unit(f'{whole.error:.3g}', whole.unit)} or {whole.percent:.2g} % of the torque"
+    theirs = "" if whole_held is None else f", {whole_held.percent:.2g} %"
+    return f"{ratio:.2f} times the noise{own}" + ("" if held is None else f", on records that were not fitted {held:.2f}{theirs}")
+
+
+def record_table(comparison: Comparison) -> tuple[list[str], list[list[str]]]:
+    """Titles and rows: what each record leaves over, in plain units and over its noise."""
+    first = comparison.plain or comparison.plain_held_out
+    titles = [f">error {first.unit}", ">% of torque", f">noise {first.unit}"] if first is not None else []
+    rows = []
+    for r in comparison.records:
+        own = [] if r.plain is None else [f"{r.plain.error:.3g}", f"{r.plain.percent:.3g}", f"{r.plain.noise:.3g}"]
+        rows.append([r.name, *(own or [""] * len(titles)), f"{r.ratio:.2f}", "held out" if r.held_out else ""])
+    upto = f"up to {first.band_hz:g} Hz" if first is not None else ""
+    return ["record", *titles, ">error/noise", upto], rows
+
+
+def fall(before: PlainError | None, after: PlainError | None, of: str = "") -> str:
+    """By how much a plain error changes, in per cent; nothing where it is not known."""
+    return "" if before is None or after is None else f", {before.percent:.3g} → {after.percent:.3g} %{of and f' {of}'}"

@@ -9,8 +9,9 @@ from typing import Any
 
 from beltcomm.errors import DataError, UsageError
 from beltcomm.given import pasted
+from beltcomm.laboratory.figures import PlainError
 from beltcomm.model import Model, load_model
-from beltcomm.result import plain
+from beltcomm.result import plain as as_plain
 from beltcomm.runfolder import RunFolder
 
 #: Name under which every command finds the model that counts.
@@ -21,6 +22,7 @@ LADDER = "ladder"
 @dataclass(frozen=True)
 class Revision:
     """One rung.   name : of the file in ``models/``.   change : "base", "+effect" or "-effect".   ratio, held_out : error over noise.
+    plain, plain_held_out : the same in plain units, None where an earlier version made the rung.
 
     confirmed : the error on held-out records fell (None: there are none, or an effect was taken out).
     command : that made it.   data : SHA-256 of every recording.
@@ -38,6 +40,8 @@ class Revision:
     when: str
     data: Mapping[str, str]
     cost: Mapping[str, Any] | None = None
+    plain: PlainError | None = None
+    plain_held_out: PlainError | None = None
 
     @property
     def data_hash(self) -> str:
@@ -51,9 +55,14 @@ def revisions(folder: RunFolder) -> list[Revision]:
     if saved is None:
         return []
     try:
-        return [Revision(**{**rung, "effects": tuple(rung["effects"])}) for rung in saved["revisions"]]
+        return [Revision(**{**rung, "effects": tuple(rung["effects"]), **_plain_of(rung)}) for rung in saved["revisions"]]
     except (KeyError, TypeError) as error:
         raise DataError(f"results/{LADDER}.yaml in {folder.path} is damaged ({error}); delete it, the models themselves stay") from error
+
+
+def _plain_of(rung: Mapping[str, Any]) -> dict[str, PlainError | None]:
+    found = {name: rung.get(name) for name in ("plain", "plain_held_out")}
+    return {name: None if said is None else PlainError(**said) for name, said in found.items()}
 
 
 def current_model(folder: RunFolder) -> Model | None:
@@ -107,25 +116,33 @@ def trusted_model(folder: RunFolder) -> tuple[Model | None, str, str]:
 
 
 def new_revision(
-    folder: RunFolder, model: Model, change: str, *, ratio: float, held_out: float | None, confirmed: bool | None, command: str, when: str
+    folder: RunFolder,
+    model: Model,
+    change: str,
+    *,
+    ratio: float,
+    held_out: float | None,
+    confirmed: bool | None,
+    command: str,
+    when: str,
+    plain: tuple[PlainError | None, PlainError | None] = (None, None),
 ) -> Revision:
-    """Save a model as a new rung and make it the one that counts."""
+    """Save a model as a new rung and make it the one that counts.   plain : errors in plain units, fitted and held out."""
     rungs = revisions(folder)
     parent = current_revision(folder)
     name = f"revision_{len(rungs) + 1}"
-    rung = Revision(
-        name, parent.name if parent else "", change, model.effects, ratio, held_out, confirmed, command, when, recording_hashes(folder)
-    )
+    above, data = parent.name if parent else "", recording_hashes(folder)
+    rung = Revision(name, above, change, model.effects, ratio, held_out, confirmed, command, when, data, None, *plain)
     folder.save_model(name, model.to_dict())
     folder.save_model(CURRENT, model.to_dict())
-    folder.save_result(LADDER, {"revisions": [plain(r) for r in [*rungs, rung]]})
+    folder.save_result(LADDER, {"revisions": [as_plain(r) for r in [*rungs, rung]]})
     return rung
 
 
 def keep_cost(folder: RunFolder, name: str, cost: Mapping[str, Any] | None) -> None:
     """Write down with a revision what not knowing its effects costs."""
     rungs = [replace(rung, cost=cost) if rung.name == name else rung for rung in revisions(folder)]
-    folder.save_result(LADDER, {"revisions": [plain(r) for r in rungs]})
+    folder.save_result(LADDER, {"revisions": [as_plain(r) for r in rungs]})
 
 
 def recording_hashes(folder: RunFolder) -> dict[str, str]:
@@ -141,4 +158,4 @@ def changed_recordings(folder: RunFolder, rung: Revision) -> list[str]:
 
 def as_mapping(rung: Revision) -> dict[str, Any]:
     """A rung for ``--json``."""
-    return {**plain(rung), "data_hash": rung.data_hash}
+    return {**as_plain(rung), "data_hash": rung.data_hash}

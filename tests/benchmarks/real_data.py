@@ -12,26 +12,21 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-import numpy as np
-
 from beltcomm.laboratory.cross_checks import map_checks, resonances
 from beltcomm.laboratory.diagnosis import diagnose
 from beltcomm.laboratory.start import start_model
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 from beltcomm.runfolder import RunFolder
-from foreign.judged import force_error, imported, response_error, torque_error
+from foreign.judged import BENCH, COGGING, EMPS, banded_of, imported, least_squares, record_error, response_error
 
-STEP_RAD = 2.0 * np.pi / 8192
+#: Encoder step and band by data set.
+BANDS = {"emps": EMPS, "bench": BENCH, "cogging": COGGING}
 
 
 def judged(name: str, model: Model, record: Recording) -> float:
     """Error of a model on a record, per cent."""
-    if name == "emps":
-        return 100.0 * force_error(model, record)
-    if name == "bench":
-        return 100.0 * response_error(model, record) if len(model.bodies()) > 1 else float("nan")
-    return 100.0 * torque_error(model, record, STEP_RAD)
+    return 100.0 * record_error(model, record, *BANDS[name])
 
 
 def main(names: list[str]) -> None:
@@ -56,9 +51,16 @@ def main(names: list[str]) -> None:
                 if change != "+":
                     errors = "  ".join(f"{judged(name, fitted.model, r):6.2f} %" for r in timed)
                     print(f"  {change:24} {errors}   {fitted.ratio:7.2f} {fitted.held_ratio or 0.0:7.2f} times the noise")
+            base = {r.name: banded_of(found.base.model, r, *BANDS[name]) for r in timed}
+            plain = least_squares([base[r.name] for r in timed if not r.sidecar.held_out], [base[r.name] for r in timed], BANDS[name][1])
+            print(f"  {'least squares, base':24} {'  '.join(f'{100.0 * error:6.2f} %' for error in plain)}")
+            if name == "bench" and len(found.after.model.bodies()) > 1:
+                print("  response, angle:", ", ".join(f"{100.0 * response_error(found.after.model, r):.2f} %" for r in timed))
             for step in found.steps:
                 refused = [c for c in step.candidates if c.fitted is not None and not c.accepted]
-                print("  refused:", ", ".join(f"{c.effect.name} ({c.evidence:.0f}, held out {c.held_gain:.0f})" for c in refused))
+                print(
+                    "  refused:", ", ".join(f"{c.effect.name} ({c.evidence:.0f}, held out {c.held_gain:.0f}; {c.against})" for c in refused)
+                )
             model = found.after.model
             print("  " + ", ".join(f"{key} {value.value:.4g} {value.unit}" for key, value in model.parameters.items()))
             print(f"  twins {found.twins}; {resonances(model, 0.0)}")

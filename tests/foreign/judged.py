@@ -1,22 +1,22 @@
 """Real measurements: run folders by the recipe of docs/import.md, and errors that do not depend on the laboratory's noise.
 
-force_error : as the authors of EMPS judge: force over all samples, decimated by 10 forward and backward, rms of the error over rms.
+record_error : the product's own, ``laboratory.plain_error``; EMPS up to 40 Hz, where its authors decimate by 10 forward and backward.
 response_error : of the motor's angle at the excited lines, mean over the periods behind the transient, rms over rms.
-torque_error : over all samples, rms of the error over rms.
 """
 
 from __future__ import annotations
 
 import shlex
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 from click.testing import CliRunner
 from numpy.typing import NDArray
-from scipy.signal import decimate
 
 from beltcomm.cli.main import cli
 from beltcomm.identify.residual import Stretch, evaluate, stretches
+from beltcomm.laboratory.plain_error import Banded, in_band, low_passed, plain_error
 from beltcomm.linear import operating_point, state_space
 from beltcomm.model import Model
 from beltcomm.recording import Recording
@@ -24,7 +24,12 @@ from beltcomm.simulate.imperfect import path_response
 
 CHECKOUT = Path(__file__).parents[2]
 DATA = CHECKOUT.parent / "shared" / "data"
+#: Step of the encoder, rad or m, and band of the judgement, Hz.
+EMPS, COGGING, BENCH = (2.5e-8, 40.0), (2.0 * np.pi / 8192, 240.0), (5e-6, 240.0)
+CASES = CHECKOUT.parent / "shared" / "cases"
 Array = NDArray[np.float64]
+#: The stretches of a record, each with what a model leaves of it in a band.
+Parts = list[tuple[Stretch, Banded]]
 
 
 def imported(name: str, folder: Path, data: Path = DATA) -> Path:
@@ -38,26 +43,53 @@ def imported(name: str, folder: Path, data: Path = DATA) -> Path:
     return folder / name
 
 
-def reconstructed(model: Model, record: Recording, step: float) -> list[tuple[Stretch, Array, Array]]:
-    """(stretch, error of the torque, torque), all samples of each stretch without its ends."""
-    found = []
-    for piece in stretches(record, model, step, 1.0, fitted=True, substeps=4):
-        mean = 0.5 * (piece.torque[:-2] + piece.torque[1:-1])
-        found.append((piece, evaluate(piece, model, model.vector())[1:-1], mean))
-    return found
+def as_run(files: Mapping[str, Path], folder: Path, inertia_kg_m2: float, counts: int = 0) -> Path:
+    """The run folder of CSV files of a rigid motor; the one called held is held out."""
+    first = ["--set", "name=motor", "--set", f"motor.inertia_kg_m2={inertia_kg_m2}"]
+    first += ["--set", f"motor.encoder_counts_per_rev={counts}"] if counts else []
+    for name, file in files.items():
+        words = ["import", str(file), "--run", str(folder), *first, *(["--held-out"] if name == "held" else [])]
+        outcome, first = CliRunner().invoke(cli, words), []
+        assert outcome.exit_code == 0, outcome.output
+    return folder
 
 
-def torque_error(model: Model, record: Recording, step: float) -> float:
-    """Share, all samples."""
-    parts = reconstructed(model, record, step)
-    return float(np.sqrt(sum(np.sum(e**2) for _, e, _ in parts) / sum(np.sum(t**2) for _, _, t in parts)))
+def banded_of(model: Model, record: Recording, step: float, band_hz: float) -> Parts:
+    """Every stretch of a record, and what a model leaves of it in a band."""
+    pieces = stretches(record, model, step, 1.0, fitted=True, substeps=4)
+    return [(piece, in_band(piece, model, evaluate(piece, model, model.vector()), band_hz)) for piece in pieces]
 
 
-def force_error(model: Model, record: Recording) -> float:
-    """Share, as EMPS is judged."""
-    ((_, error, force),) = reconstructed(model, record, 2.5e-8)
-    left, asked = (decimate(signal[48:-48], 10, 8, "iir", zero_phase=True) for signal in (error, force))
-    return float(np.linalg.norm(left) / np.linalg.norm(asked))
+def record_error(model: Model, record: Recording, step: float, band_hz: float) -> float:
+    """Share of the torque or force in a band, as ``plain_error`` defines it."""
+    found = plain_error([part for _, part in banded_of(model, record, step, band_hz)], model, band_hz)
+    assert found is not None
+    return found.percent / 100.0
+
+
+def least_squares(
+    fitted: Sequence[list[tuple[Stretch, Banded]]], judged: Sequence[list[tuple[Stretch, Banded]]], band_hz: float
+) -> list[float]:
+    """Share that inertia, viscous and Coulomb friction leave by least squares on filtered signals, of each judged record.
+
+    The samples, the filter and the torque are those of ``plain_error``; angles are differenced, torques averaged over the two periods.
+    """
+
+    def regressors(parts: Parts) -> tuple[Array, Array]:
+        rows, torques = [], []
+        for piece, part in parts:
+            q, sample = piece.position, part.sample_s
+            speed, acceleration = np.gradient(q, sample), np.pad(np.diff(q, 2) / sample**2, 1)
+            direction = np.sign(low_passed(speed, piece.keep, band_hz, sample)[0])
+            mean = np.concatenate(([0.0], 0.5 * (piece.torque[1:] + piece.torque[:-1])))
+            columns = [low_passed(signal, piece.keep, band_hz, sample)[0][part.keep] for signal in (acceleration, speed, direction, mean)]
+            rows.append(np.column_stack(columns[:3]))
+            torques.append(columns[3])
+        return np.concatenate(rows), np.concatenate(torques)
+
+    given = [regressors(parts) for parts in fitted]
+    values = np.linalg.lstsq(np.concatenate([r for r, _ in given]), np.concatenate([t for _, t in given]), rcond=None)[0]
+    return [float(np.linalg.norm(t - r @ values) / np.linalg.norm(t)) for r, t in map(regressors, judged)]
 
 
 def response_error(model: Model, record: Recording) -> float:

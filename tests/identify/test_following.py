@@ -163,7 +163,7 @@ def test_a_body_that_flies_off_is_no_candidate(rattling: tuple[Data, Model]) -> 
     light = model.with_effect("end_pulley", {"share": 0.9}).with_values({"end_pulley.mass": 2e-3})
     lost = fitting.fit(few, light, 3)
     assert lost.objective == np.inf
-    found = candidate(base, effect_named("end_pulley"), 50.0, lost, 1)
+    found = candidate(few, base, effect_named("end_pulley"), 50.0, lost, 1)
     assert (found.fitted, found.accepted, found.evidence) == (None, False, 50.0)
 
 

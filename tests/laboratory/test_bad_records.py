@@ -269,13 +269,13 @@ def test_strokes_alone_bear_no_name_of_the_belt_or_of_a_delay(run: tuple[list[Re
     records, axis = run
     slow = [r for r in records if "slow_p1" in r.name]
     data, base = fitted_base(slow, axis, start_model(axis, slow))
-    found = Diagnosis(base, data, (Step(base, (), "current_lag", (), base),), "explained", (), Scorer(base))
+    found = Diagnosis(base, data, (Step(base, (), "current_lag", (), base),), "explained", (), Scorer(base), data)
     kept, sentences = within_scope(found, slow)
     assert kept.verdict == "cannot tell"
     assert not kept.steps[-1].added
     assert "no record is excited" in sentences[0]
     assert within_scope(found, records) == (found, [])
-    friction = Diagnosis(base, data, (Step(base, (), "stribeck", (), base),), "explained", (), Scorer(base))
+    friction = Diagnosis(base, data, (Step(base, (), "stribeck", (), base),), "explained", (), Scorer(base), data)
     assert within_scope(friction, slow) == (friction, [])
     assert [line.partition(":")[0].partition(" (")[0] for line in lacking(slow, axis.transmission_m_rad)] == [
         "no excited record",
@@ -291,7 +291,7 @@ def test_an_error_far_below_the_noise_is_no_verdict(run: tuple[list[Recording], 
     data, base = fitted_base(records[1:3], axis, start_model(axis, records[1:3]))
     quiet = replace(base, residual=0.1 * base.residual)
     for verdict in ("nothing missing", "explained", "none of the known effects explains this"):
-        kept, (sentence,) = within_scope(Diagnosis(quiet, data, (), verdict, (), Scorer(base)), records)
+        kept, (sentence,) = within_scope(Diagnosis(quiet, data, (), verdict, (), Scorer(base), data), records)
         assert kept.verdict == "cannot tell"
         assert "less than noise can leave" in sentence
         assert "--period-samples" in sentence

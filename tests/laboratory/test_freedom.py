@@ -139,6 +139,7 @@ def searched(monkeypatch: pytest.MonkeyPatch, found: list[list[str]], own: Calla
     monkeypatch.setattr(diagnosis, "placed", lambda *_: SimpleNamespace(new=()))
     for name in ("Scorer", "beyond", "shorter", "remaining_structure", "verdict_of"):
         monkeypatch.setattr(diagnosis, name, lambda *_: None)
+    monkeypatch.setattr(diagnosis, "lowers", lambda *_: True)
     begun: Any = SimpleNamespace(fitted=(), held_out=()), fitted(BASE)
     nothing: Any = SimpleNamespace()
     after = diagnosis.diagnose([], nothing, nothing, begun=begun, trying=heard.append)

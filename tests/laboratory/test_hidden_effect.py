@@ -100,7 +100,7 @@ def test_a_detour_is_judged_again(apart: tuple[Data, Fitted, dict[str, Fitted]])
     data, base, fits = apart
 
     def steps(first: str, second: str) -> list[Step]:
-        tried = candidate(base, effect_named(first), 0.0, fits[first], 1)
+        tried = candidate(data, base, effect_named(first), 0.0, fits[first], 1)
         return [Step(base, (tried,), first, (), fits[first]), Step(fits[first], (), second, (first,), fits[second])]
 
     found = shorter([data, data], steps("quadratic_drag", "cogging"))

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from beltcomm.effects import Trial, effect_named
@@ -19,7 +18,7 @@ from beltcomm.laboratory.stage import search
 from beltcomm.laboratory.start import start_model
 from beltcomm.model import Model
 from beltcomm.runfolder import RunFolder
-from foreign.judged import DATA, force_error, imported, response_error, torque_error
+from foreign.judged import COGGING, DATA, EMPS, imported, record_error, response_error
 
 pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason="the real measurements are not beside the checkout")
 
@@ -44,11 +43,11 @@ def grown(data: Data, fitted: Fitted, effects: dict[str, dict[str, float]], roun
 def test_emps_falls_below_three_per_cent_on_the_record_that_was_not_fitted(emps: tuple[RunFolder, Data, Fitted]) -> None:
     folder, data, base = emps
     pulses = folder.recording("emps_pulses")
-    assert force_error(base.model, pulses) > 0.055
+    assert record_error(base.model, pulses, *EMPS) > 0.055
     effects = {"viscous_asymmetry": {"share": 0.0}, "friction_dip": {"amount": 5.0, "speed_scale": 0.02}, "current_lag": {"time": 1e-4}}
     _, after = grown(data, base, effects)
-    assert force_error(after.model, pulses) < 0.030
-    assert force_error(after.model, folder.recording("emps_train")) < 0.025
+    assert record_error(after.model, pulses, *EMPS) < 0.030
+    assert record_error(after.model, folder.recording("emps_train"), *EMPS) < 0.025
     model = after.model
     # Each number is one that a screw axis may have, and none stands at a bound.
     assert -0.4 < model["viscous_asymmetry.share"] < -0.1
@@ -96,17 +95,17 @@ def test_the_bench_is_two_masses_on_a_shaft(tmp_path: Path) -> None:
 def test_cogging_and_the_lag_of_its_reading_hold_at_another_speed(tmp_path: Path) -> None:
     folder = RunFolder.open(imported("cogging", tmp_path))
     recordings = folder.recordings()
-    slower, step = folder.recording("slower"), 2.0 * np.pi / 8192
+    slower = folder.recording("slower")
     start = start_model(folder.axis, recordings)
     data = prepare(recordings, folder.axis, start)
     base = fit(data, start, 10)
-    assert torque_error(base.model, slower, step) > 0.8
+    assert record_error(base.model, slower, *COGGING) > 0.8
     model: Model = start.with_effect("measurement_lag", {"time": 0.05})
     for number, order in enumerate((7, 28, 14, 12, 36, 84, 21, 56, 60, 35), start=1):  # as the diagnosis names them, tests/benchmarks
         name = "cogging" if number == 1 else f"cogging_{number}"
         model = model.with_effect(name, {"order": float(order), "sine": 1e-3, "cosine": 1e-3})
     after = fit(data, model, 20)
-    assert torque_error(after.model, slower, step) < 0.11
+    assert record_error(after.model, slower, *COGGING) < 0.11
     assert after.model["measurement_lag.time"] == pytest.approx(0.125, rel=0.1)  # 1/(8 kHz · 0.001), the drive's report filter
     checks = {check.record: check for check in map_checks(recordings, after.model)}
     assert checks["cogging_map_forward"].confirmed

@@ -101,6 +101,7 @@ def test_the_search_goes_on_from_the_better_valley(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(diagnosis, "placed", lambda *_: SimpleNamespace(new=()))
     for name in ("Scorer", "ground_of", "strayed", "remaining_structure", "verdict_of"):
         monkeypatch.setattr(diagnosis, name, lambda *_: None)
+    monkeypatch.setattr(diagnosis, "lowers", lambda *_: True)
     begun: Any = SimpleNamespace(fitted=(), held_out=()), model("base")
     nothing: Any = SimpleNamespace()
     after = diagnosis.diagnose([], nothing, nothing, begun=begun)

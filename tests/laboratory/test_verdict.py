@@ -13,7 +13,7 @@ import pytest
 
 from beltcomm.cli.talk import PlainTalk
 from beltcomm.effects import effect_named
-from beltcomm.laboratory import diagnosis, superfluous
+from beltcomm.laboratory import acceptance, diagnosis, superfluous
 from beltcomm.laboratory.acceptance import fitted_to_nothing, left_as_a_whole
 from beltcomm.laboratory.diagnosis import Step, verdict_of
 from beltcomm.laboratory.fitting import Fitted
@@ -143,8 +143,8 @@ def test_nothing_is_superfluous_whose_loss_leaves_much_more(
 
 def test_every_form_that_followed_an_effect_is_saved_with_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(laboratory, "current_revision", lambda _folder: "there")
-    monkeypatch.setattr(laboratory, "confirmed", lambda _before, _after: True)
-    monkeypatch.setattr(laboratory, "revision_of", lambda _folder, after, before, change, *_: (before, after, change))
+    monkeypatch.setattr(laboratory, "confirmed", lambda *_: True)
+    monkeypatch.setattr(laboratory, "revision_of", lambda _folder, new, old, change, *_: (old[1], new[1], change))
     step: Any = Step  # names stand for models
     named = [
         step("base", (), "end_pulley", (), "X"),
@@ -154,7 +154,7 @@ def test_every_form_that_followed_an_effect_is_saved_with_it(monkeypatch: pytest
         step("last", (), "", (), "last"),
     ]
     folder: Any = SimpleNamespace()
-    found: Any = SimpleNamespace(base="base", steps=named)
+    found: Any = SimpleNamespace(base="base", steps=named, first=None, data=None)
     made: Any = laboratory.climb(folder, found, True, "", "")
     assert made == [("base", "Z", "+end_pulley +viscous_end_pulley -warmup with its form"), ("Z", "last", "+cogging")]
 
@@ -180,12 +180,13 @@ def test_only_what_held_out_records_confirm_is_added_by_itself(
     monkeypatch.setattr(
         laboratory,
         "revision_of",
-        lambda _folder, _after, _before, change, *_: Revision("r", "", change, (change[1:],), 1.0, 1.0, True, "", "", {}),
+        lambda _folder, _new, _old, change, *_: Revision("r", "", change, (change[1:],), 1.0, 1.0, True, "", "", {}),
     )
     step: Any = Step
     steps = [step(base, (), "cogging", (), once), step(once, (), "warmup", (), twice), step(twice, (), "", (), twice)]
     folder: Any = SimpleNamespace()
-    found: Any = SimpleNamespace(base=base, steps=steps)
+    monkeypatch.setattr(acceptance, "changes", lambda *_: ((-1.0, 0.0), (-1.0, 0.0)))
+    found: Any = SimpleNamespace(base=base, steps=steps, first=None, data=None)
     made = laboratory.climb(folder, found, True, "", "")
     assert len(made) == added
     text = "\n".join(climb_lines(made, ["cogging", "warmup"], held[1] is not None, Path("RUN")))
@@ -197,11 +198,12 @@ def test_two_effects_that_only_both_together_are_confirmed_become_one_revision(m
         SimpleNamespace(held_ratio=ratio, held_objective=objective) for ratio, objective in ((3.0, 9.0), (3.1, 9.5), (1.0, 2.0))
     )
     monkeypatch.setattr(laboratory, "current_revision", lambda _folder: "there")
-    monkeypatch.setattr(laboratory, "revision_of", lambda _folder, after, before, change, *_: (before, after, change))
+    monkeypatch.setattr(laboratory, "revision_of", lambda _folder, new, old, change, *_: (old[1], new[1], change))
     step: Any = Step
     steps = [step(base, (), "end_pulley", (), once), step(once, (), "warmup", (), twice), step(twice, (), "", (), twice)]
     folder: Any = SimpleNamespace()
-    found: Any = SimpleNamespace(base=base, steps=steps)
+    monkeypatch.setattr(acceptance, "changes", lambda *_: ((-1.0, 0.0), (-1.0, 0.0)))
+    found: Any = SimpleNamespace(base=base, steps=steps, first=None, data=None)
     made: Any = laboratory.climb(folder, found, True, "", "")
     assert made == [(base, twice, "+end_pulley +warmup")]
 
@@ -305,6 +307,7 @@ def test_an_effect_with_which_the_error_as_a_whole_grows_is_not_taken(
     monkeypatch.setattr(diagnosis, "placed", lambda *_: SimpleNamespace(new=()))
     for name in ("Scorer", "ground_of", "strayed", "remaining_structure", "verdict_of", "beyond"):
         monkeypatch.setattr(diagnosis, name, lambda *_: None)
+    monkeypatch.setattr(diagnosis, "lowers", lambda *_: True)
     begun: Any = SimpleNamespace(fitted=(), held_out=()), fitted(2.0, 2.0)
     nothing: Any = SimpleNamespace()
     after = diagnosis.diagnose([], nothing, nothing, begun=begun)
@@ -342,6 +345,7 @@ def test_each_stage_of_a_search_is_a_phase_of_its_own_and_no_number_of_them_is_p
         (500.0, 50.0, {"fitted": None}, ""),
         (500.0, 50.0, {"hollow": True}, "only as no axis can be"),
         (500.0, 50.0, {"grows": True}, "with all fitted again the error as a whole grows"),
+        (500.0, 50.0, {"idle": True}, "the error in plain units does not fall"),
         (500.0, 50.0, {"unneeded": True}, "a carriage that strays as far without it explains as much"),
         (500.0, -80.0, {}, "records held out speak against it"),
         (119.0, 50.0, {}, "evidence below 120"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -10,11 +11,13 @@ from typing import Any
 import pytest
 
 from beltcomm.axis import load_axis
+from beltcomm.laboratory import acceptance
+from beltcomm.laboratory.figures import PlainError
 from beltcomm.model import load_plant
 from beltcomm.report.page import Table
 from beltcomm.result import plain
 from beltcomm.runfolder import RunFolder
-from beltcomm.session import kept_cost, laboratory
+from beltcomm.session import kept_cost, rungs
 from beltcomm.session.cost import Cost
 from beltcomm.session.ladder_words import ladder_lines
 from beltcomm.session.reporting import missing
@@ -33,6 +36,7 @@ BASE = Revision("revision_1", "", "base", (), 3.2, 3.3, None, "beltcomm fit RUN"
 ADDED = Revision(
     "revision_2", "revision_1", "+backlash", ("backlash",), 1.02, 1.05, True, "beltcomm add backlash RUN", "2026-03-31T09:20:00",
     {"a": "12", "b": "56"}, {"of": "backlash", **plain(RANGED)},
+    *(PlainError(0.02, 0.019, 0.8, percent, "N m", 120.0) for percent in (2.54, 12.6)),
 )  # fmt: skip
 
 
@@ -46,6 +50,7 @@ def test_text_names_time_data_and_command_of_every_revision_within_80_columns() 
     assert BASE.data_hash == replace(ADDED, data=dict(reversed(BASE.data.items()))).data_hash
     assert "411 (400 to 420) → 205 (200 to 210)" in text
     assert "carriage, static  98 → 33" in text
+    assert re.search(r" 1\.05 +2\.54 / 12\.6 ", text)
     assert max(map(len, lines)) <= 80
 
 
@@ -56,8 +61,12 @@ def test_a_cost_is_kept_with_its_revision_and_ladders_from_before_load(tmp_path:
         new_revision(folder, model, change, ratio=1.0, held_out=None, confirmed=None, command="", when="")
     saved = folder.load_result("ladder")
     assert saved is not None
-    folder.save_result("ladder", {"revisions": [{k: v for k, v in rung.items() if k != "cost"} for rung in saved["revisions"]]})
+    folder.save_result(
+        "ladder",
+        {"revisions": [{k: v for k, v in rung.items() if k not in ("cost", "plain", "plain_held_out")} for rung in saved["revisions"]]},
+    )
     assert [rung.cost for rung in revisions(folder)] == [None, None]
+    assert [rung.plain for rung in revisions(folder)] == [None, None]
     keep_cost(folder, "revision_2", {"of": "backlash", **plain(COST)})
     kept = [as_mapping(rung)["cost"] for rung in revisions(folder)]
     assert kept[0] is None
@@ -109,11 +118,15 @@ def test_what_stands_on_a_rung_that_is_not_confirmed_is_held_against_the_one_bel
     folder, model = RunFolder.create(tmp_path / "run", load_axis("egc-70-600")), load_plant("g_a").model
     new_revision(folder, model, "base", ratio=2.0, held_out=2.0, confirmed=None, command="", when="")
     new_revision(folder, model, "+cogging", ratio=1.5, held_out=3.0, confirmed=False, command="", when="")
-    before: Any = SimpleNamespace(held_ratio=3.0, held_objective=9.0)
+    nothing: Any = None
+    before: Any = SimpleNamespace(model=model, held_ratio=3.0, held_objective=9.0)
     after: Any = SimpleNamespace(model=model, ratio=1.0, held_ratio=held, held_objective=2.0)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(laboratory, "with_intervals", lambda fitted: fitted.model)
-        assert laboratory.revision_of(folder, after, before, "+warmup", "", "").confirmed is confirmed
+        patch.setattr(rungs, "with_intervals", lambda fitted: fitted.model)
+        patch.setattr(rungs, "of_run", lambda *_: (None, None))
+        patch.setattr(rungs, "band_of", lambda *_: 60.0)
+        patch.setattr(acceptance, "changes", lambda *_: ((-1.0, 0.0), (-1.0, 0.0)))
+        assert rungs.revision_of(folder, (nothing, after), (nothing, before), "+warmup", "", "").confirmed is confirmed
 
 
 @pytest.mark.parametrize(

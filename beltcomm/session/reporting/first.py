@@ -8,6 +8,7 @@ from typing import Any
 from beltcomm.given import pasted
 from beltcomm.identify.noise_level import too_little
 from beltcomm.report.page import Fact, State
+from beltcomm.session.ladder_words import error_words
 from beltcomm.session.reporting.gather import Gathered
 
 #: Error over noise up to which a model explains a run.
@@ -47,8 +48,7 @@ def _model(run: Gathered) -> Fact:
     if found is None:
         return Fact("Model error", "not compared", run.remarks[0] if run.remarks else "beltcomm compare says why", "note")
     ratio = found.ratio if found.held_out is None else max(found.ratio, found.held_out)
-    held = "" if found.held_out is None else f", {found.held_out:.2f} on records that were not fitted"
-    words = f"{found.ratio:.2f} times the noise on the records that were fitted{held}; "
+    words = f"{error_words((found.ratio, found.held_out), (found.plain, found.plain_held_out))}; "
     doubt = too_little(found.ratio)
     good = ratio <= EXPLAINED and not doubt
     return Fact("Model error", f"{ratio:.2f} × noise", words + (doubt or "1.00: nothing is missing"), "good" if good else "bad")

@@ -96,6 +96,7 @@ def numbers_of(found: Gathered, page: Page, before: Gathered | None = None) -> d
         "next": list(page.next_steps),
         "sections": [section.key for section in page.sections],
         "ratio": None if comparison is None else {"overall": comparison.ratio, "held_out": comparison.held_out},
+        "plain": None if comparison is None else plain({"overall": comparison.plain, "held_out": comparison.plain_held_out}),
         "data_sheet": [plain(doubt) for doubt in doubts],
         "data_sheet_words": sheet_lines(doubts),
         "costs": [{"revision": rung.name, "change": rung.change, **rung.cost} for rung in found.rungs if rung.cost is not None],

@@ -1,0 +1,173 @@
+"""The error of a model in plain units: N m (N, A) and per cent of the torque, with the size of its noise beside it.
+
+    error² = mean (g * e)²,   torque² = mean (g * τ)²,   percent = 100 error/torque        over the samples that count
+
+e : residual torque of :func:`beltcomm.identify.residual.evaluate`, N m at the motor shaft.   τ : the torque that was reported.
+g : Gaussian low-pass without phase, 3 dB at the band's edge, one for both; samples that do not count take no part in it.
+
+Without a band e of a coarse encoder is little but rounding, J times its second difference.  So the band is the widest of
+:data:`BANDS_HZ`, at most a quarter of the sample rate, in which torque noise and rounding are predicted to stay below
+:data:`QUIET_SHARE` of the torque.  It is the figure that least squares on filtered signals leaves, and that papers quote.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import correlate1d
+
+from beltcomm.identify.problem import OFFSET_M
+from beltcomm.identify.residual import Stretch, dressed_each, evaluate, way_of
+from beltcomm.identify.whitening import noises
+from beltcomm.laboratory.data import Data
+from beltcomm.laboratory.figures import PlainError
+from beltcomm.laboratory.fitting import BLOCK_S, Fitted
+from beltcomm.laboratory.samples import units_of
+from beltcomm.model import Model
+
+Array = NDArray[np.float64]
+
+#: Hz, from wide to narrow.
+BANDS_HZ = (240.0, 120.0, 60.0, 30.0, 15.0, 8.0, 4.0)
+#: Largest share of the torque that noise may have in a band, and of the sample rate that a band may have.
+QUIET_SHARE, RATE_SHARE = 0.1, 0.25
+#: Share of the filter's weights that must stand on samples that count.
+WEIGHT = 0.98
+#: Deviations at which the Gaussian ends, and frequencies at which the noise is worked out.
+REACH, LINES = 4.0, 400
+
+
+@dataclass(frozen=True)
+class Banded:
+    """A stretch in the band.   error, torque : (n,), N m.   keep : (n,) bool, samples that count.   noise : predicted rms, N m.
+    sample_s : s."""
+
+    record: str
+    held_out: bool
+    error: Array
+    torque: Array
+    keep: NDArray[np.bool_]
+    noise: float
+    sample_s: float
+
+
+def band_of(data: Data, model: Model) -> float:
+    """Edge of the band for the records of a run, Hz.   model : as a fit has it, for inertia and belt."""
+    pieces = data.fitted
+    rate = min(1.0 / piece.motion.sample_s for piece in pieces)
+    bands = [band for band in BANDS_HZ if band <= RATE_SHARE * rate] or [RATE_SHARE * rate]
+    spectra = [noise_spectrum(piece, model) for piece in pieces]
+    for band in bands:
+        noise = torque = 0.0
+        for piece, spectrum in zip(pieces, spectra, strict=True):
+            passed, counts = low_passed(piece.torque, piece.keep, band, piece.motion.sample_s)
+            torque += float(np.sum(passed[counts] ** 2))
+            noise += np.count_nonzero(counts) * noise_in(piece, spectrum, band) ** 2
+        if noise <= QUIET_SHARE**2 * torque and torque > 0.0:
+            return band
+    return bands[-1]
+
+
+def banded(data: Data, fitted: Fitted, band_hz: float) -> list[Banded]:
+    """All stretches of the records, those held out last, as a model leaves them in the band."""
+    pieces = (*data.fitted, *data.held_out)
+    offsets = [*(OFFSET_M * fitted.offsets), *np.zeros(len(data.held_out))]
+    vector, watched = fitted.model.vector(), dressed_each(pieces, [fitted.model] * len(pieces))
+    left = [evaluate(piece, fitted.model, vector, float(offset)) for piece, offset in zip(watched, offsets, strict=True)]
+    return [in_band(piece, fitted.model, torque, band_hz) for piece, torque in zip(pieces, left, strict=True)]
+
+
+def in_band(piece: Stretch, model: Model, torque: Array, band_hz: float) -> Banded:
+    """One stretch.   torque : its residual, N m, (n,)."""
+    sample = piece.motion.sample_s
+    (error, counts), (reported, _) = (low_passed(signal, piece.keep, band_hz, sample) for signal in (torque, piece.torque))
+    return Banded(piece.record, piece.held_out, error, reported, counts, noise_in(piece, noise_spectrum(piece, model), band_hz), sample)
+
+
+def plain_error(parts: Sequence[Banded], model: Model, band_hz: float) -> PlainError | None:
+    """Over all samples of some stretches that count; None without any."""
+    count = sum(int(np.count_nonzero(part.keep)) for part in parts)
+    if not count:
+        return None
+    error = math.sqrt(sum(float(np.sum(part.error[part.keep] ** 2)) for part in parts) / count)
+    torque = math.sqrt(sum(float(np.sum(part.torque[part.keep] ** 2)) for part in parts) / count)
+    noise = math.sqrt(sum(part.noise**2 * np.count_nonzero(part.keep) for part in parts) / count)
+    return PlainError(error, noise, torque, 100.0 * error / torque if torque > 0.0 else math.inf, units_of(model).force, band_hz)
+
+
+def of_run(data: Data, fitted: Fitted, band_hz: float | None = None) -> tuple[PlainError | None, PlainError | None]:
+    """Over the fitted records and over those held out; None where there are none.   band_hz : :func:`band_of` without one."""
+    band = band_of(data, fitted.model) if band_hz is None else band_hz
+    parts = banded(data, fitted, band)
+    fitted_parts, held = ([part for part in parts if part.held_out is out] for out in (False, True))
+    return plain_error(fitted_parts, fitted.model, band), plain_error(held, fitted.model, band)
+
+
+def changes(data: Data, before: Fitted, after: Fitted, ahead: Data | None = None) -> tuple[tuple[float, float], tuple[float, float]]:
+    """:func:`change` on the fitted records and on those held out, in the band of the model before.
+
+    data : records as that model sees them.   ahead : as the model after does; the same without it.
+    """
+    band = band_of(data, before.model)
+    pairs = list(zip(banded(data, before, band), banded(ahead or data, after, band), strict=True))
+    fitted, held = ([pair for pair in pairs if pair[0].held_out is out] for out in (False, True))
+    return change(fitted), change(held)
+
+
+def change(pairs: Sequence[tuple[Banded, Banded]]) -> tuple[float, float]:
+    """Sum of the squared errors after less before, and its standard error, N² m²; of samples that count in both.
+
+    The standard error is that of a sum over blocks of 0.2 s, which takes neighbouring samples for what they are: one.
+    """
+    blocks: list[Array] = [np.zeros(0)]
+    for old, new in pairs:
+        both = np.flatnonzero(old.keep & new.keep)
+        differences = new.error[both] ** 2 - old.error[both] ** 2
+        blocks.append(np.asarray(np.bincount(both // max(int(BLOCK_S / new.sample_s), 1), differences)))
+    sums = np.concatenate(blocks)
+    sums = sums[sums != 0.0]
+    return float(np.sum(sums)), math.sqrt(len(sums)) * float(np.std(sums)) if len(sums) else 0.0
+
+
+def low_passed(signal: Array, keep: NDArray[np.bool_], band_hz: float, sample_s: float) -> tuple[Array, NDArray[np.bool_]]:
+    """The signal by a Gaussian low-pass over the samples that count, and where :data:`WEIGHT` of its weights stand on such; (n,) each.
+
+    Beside a standstill, where e says nothing, what is left of the weights no longer takes the differences out of the rounding.
+    """
+    weights = gaussian(band_hz, sample_s)
+    total = correlate1d(np.where(keep, signal, 0.0), weights, mode="constant")
+    share = correlate1d(keep.astype(np.float64), weights, mode="constant")
+    return np.asarray(total / np.where(share > 0.0, share, 1.0)), keep & (share >= WEIGHT)
+
+
+def gaussian(band_hz: float, sample_s: float) -> Array:
+    """Weights of the low-pass, their sum 1, (2 k + 1,)."""
+    deviation = math.sqrt(math.log(2.0)) / (math.tau * band_hz * sample_s)
+    reach = math.ceil(REACH * deviation)
+    weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) / deviation) ** 2)
+    return np.asarray(weights / weights.sum())
+
+
+def noise_spectrum(piece: Stretch, model: Model) -> tuple[Array, Array]:
+    """Frequencies from 0 to half the sample rate, Hz, (k,), and the predicted power of e's noise there, N² m² a sample, (k,)."""
+    found = way_of(piece, model)
+    usual = int(np.bincount(found.level).argmax())
+    path, variances, _ = noises(found.paths[usual], piece.step_rad, piece.noise_nm, piece.rounding)
+    freq = (np.arange(LINES) + 0.5) * 0.5 / LINES / path.sample_s
+    z = np.exp(1j * math.tau * freq * path.sample_s)
+    answers = np.linalg.solve(z[:, None, None] * np.eye(len(path.H)) - path.F, np.broadcast_to(path.G + 0j, (LINES, *path.G.shape)))
+    passed = np.einsum("i,kij->kj", path.H, answers) + path.D
+    return freq, np.asarray(np.abs(passed) ** 2 @ variances)
+
+
+def noise_in(piece: Stretch, spectrum: tuple[Array, Array], band_hz: float) -> float:
+    """rms of the noise behind the low-pass, N m."""
+    freq, power = spectrum
+    weights = gaussian(band_hz, piece.motion.sample_s)
+    places = np.arange(len(weights)) - len(weights) // 2
+    passed = np.cos(math.tau * piece.motion.sample_s * np.outer(freq, places)) @ weights
+    return math.sqrt(float(np.mean(power * passed**2)))
