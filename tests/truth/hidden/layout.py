@@ -56,7 +56,9 @@ _next = DRIFT_PHASE + DRIFT_SINES
 (K_CREEP, CREEP_TIME) = range(_next + 20, _next + 22)
 (AGEING, AGEING_LENGTH, AGEING_TIME) = range(_next + 22, _next + 25)
 (CODE_PERIOD, CODE_WIDTH, CODE_PLACE) = range(_next + 25, _next + 28)
-PARAMETERS: Final = _next + 28
+#: Turns of the pulley per turn of the motor.
+PULLEY_TURNS = _next + 28
+PARAMETERS: Final = _next + 29
 
 #: Kinds of belt: two strands side by side; idler with mass; idler without mass but with a bearing.
 TWO_STRANDS, HEAVY_IDLER, LIGHT_IDLER = range(3)
