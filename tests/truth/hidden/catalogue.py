@@ -2,7 +2,7 @@
 
 Each function takes the random numbers, the healthy machine, the strength (1: the ranges of the method sheet, section 8) and
 the vector p to change, and returns the parameters that were drawn.  Its docstring is the form.  At strength 0 every one is
-the healthy machine.
+the healthy machine.  Sizes are those of the method sheet's machine; ``Base.scale`` makes them suit another one.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 
 from truth.hidden import layout as at
 from truth.hidden.layout import Array
-from truth.hidden.machines import PEAK_TORQUE_NM, TEETH, Base, set_micro_slip, set_spans
+from truth.hidden.machines import Base, set_micro_slip, set_spans
 
 Draw = Callable[[np.random.Generator, Base, float, Array], Mapping[str, Any]]
 STANDARD_GRAVITY_M_S2 = 9.80665
@@ -26,10 +26,10 @@ def phase(rng: np.random.Generator) -> float:
     return float(rng.uniform(0.0, math.tau))
 
 
-def order(rng: np.random.Generator) -> int:
-    """A ripple order, 6 to 36, never the number of teeth."""
+def order(rng: np.random.Generator, base: Base) -> int:
+    """A ripple order, 6 to 36, never that of the teeth."""
     drawn = int(rng.integers(6, 36))
-    return drawn if drawn < TEETH else drawn + 1
+    return drawn if drawn < base.teeth / base.gear - 0.5 else drawn + 1
 
 
 def belt_damping(rng: np.random.Generator, base: Base, strength: float, p: Array) -> Mapping[str, Any]:
@@ -41,8 +41,11 @@ def end_pulley(rng: np.random.Generator, base: Base, strength: float, p: Array) 
     """Idler with mass between two unlike springs (catalogue: equal ones), with a bearing that brakes it.
 
     Return share alpha of the stiffness; the spring at the carriage has 35 to 65 % of the compliance of the return.
+    0.3 to 0.9 kg; in the family ``wide`` 3 to 10 % of the carriage.
     """
-    mass, alpha, idler_at, drag = strength * rng.uniform(0.3, 0.9), rng.uniform(0.2, 0.35), rng.uniform(0.35, 0.65), rng.uniform(0.5, 3.0)
+    low, high = (0.03 * base.mass_kg, 0.1 * base.mass_kg) if base.family == "wide" else (0.3, 0.9)
+    mass, alpha, idler_at = strength * rng.uniform(low, high), rng.uniform(0.2, 0.35), rng.uniform(0.35, 0.65)
+    drag = rng.uniform(0.5, 3.0) * base.scale.force / base.scale.speed
     set_spans(p, base.stiffness_n_m, base.belt_damping_n_s_m, alpha, idler_at)
     p[at.ME], p[at.IDLER_DRAG] = mass, drag * strength
     p[at.TOPOLOGY] = at.HEAVY_IDLER if mass > 1e-4 else at.LIGHT_IDLER
@@ -56,6 +59,7 @@ def stiffness_position(rng: np.random.Generator, base: Base, strength: float, p:
     """
     share, distance = strength * rng.uniform(0.5, 1.0), base.pulley_distance_m * rng.uniform(0.97, 1.03)
     offset, drag = base.driven_side_offset_m * rng.uniform(0.8, 1.25), rng.uniform(0.5, 3.0)
+    drag *= base.scale.force / base.scale.speed
     l1 = offset + 0.5 * base.stroke_m
     l2 = distance - l1
     whole = 1.0 / l1 + 1.0 / (l2 + distance)
@@ -71,7 +75,7 @@ def stribeck(rng: np.random.Generator, base: Base, strength: float, p: Array) ->
     """LuGre level with exp(-(v/vs)^n), n 0.8 to 2, or 1/(1 + (v/vs)^2), or sech(v/vs) (catalogue: exp(-(v/vs)^2))."""
     shape = int(rng.choice([at.EXPONENTIAL, at.EXPONENTIAL, at.RATIONAL, at.SECH]))
     exponent = rng.uniform(0.8, 2.0) if shape == at.EXPONENTIAL else 2.0
-    rise, speed = strength * rng.uniform(0.3, 0.7), rng.uniform(0.01, 0.06)
+    rise, speed = strength * rng.uniform(0.3, 0.7), rng.uniform(0.01, 0.06) * base.scale.length
     p[at.STRIBECK], p[at.STRIBECK_SPEED], p[at.STRIBECK_EXPONENT], p[at.STRIBECK_SHAPE] = rise, speed, exponent, shape
     return {"rise_nm": rise * base.coulomb_nm, "speed_m_s": speed, "exponent": exponent, "shape": ["exp", "rational", "sech"][shape]}
 
@@ -85,7 +89,8 @@ def coulomb_asymmetry(rng: np.random.Generator, base: Base, strength: float, p: 
 
 def tilt(rng: np.random.Generator, base: Base, strength: float, p: Array) -> Mapping[str, Any]:
     """Gravity on every mass on the carriage (catalogue: a constant torque at the motor)."""
-    torque = strength * rng.uniform(0.01, 0.05) * rng.choice([-1.0, 1.0])
+    most = 0.5 * STANDARD_GRAVITY_M_S2 * base.mass_kg * base.radius_m  # 30 degrees
+    torque = strength * min(rng.uniform(0.01, 0.05) * base.scale.torque, most) * rng.choice([-1.0, 1.0])
     p[at.GRAVITY] = -torque / (base.mass_kg * base.radius_m)
     return {"offset_nm": torque, "angle_rad": math.asin(-p[at.GRAVITY] / STANDARD_GRAVITY_M_S2)}
 
@@ -93,12 +98,13 @@ def tilt(rng: np.random.Generator, base: Base, strength: float, p: Array) -> Map
 def quadratic_drag(rng: np.random.Generator, base: Base, strength: float, p: Array) -> Mapping[str, Any]:
     """c |v|^n on the carriage, n 1.8 to 2.2 (catalogue: n = 2 at the motor angle)."""
     p[at.AIR], p[at.AIR_EXPONENT] = strength * rng.uniform(1.5, 4.0), rng.uniform(1.8, 2.2)
+    p[at.AIR] *= base.scale.force / base.scale.speed**2
     return {"drag_n_at_1_m_s": float(p[at.AIR]), "exponent": float(p[at.AIR_EXPONENT])}
 
 
 def friction_position(rng: np.random.Generator, base: Base, strength: float, p: Array) -> Mapping[str, Any]:
     """Trapezoid with rounded flanks or a raised cosine (catalogue: Gaussian), by the place of the carriage."""
-    width = rng.uniform(0.02, 0.08)
+    width = rng.uniform(0.02, 0.08) * base.scale.width
     flat = rng.random() < 0.5
     half = width * (1.1 if flat else 1.7)  # base width of the shape that has the Gaussian's area
     flank = half * rng.uniform(0.25, 0.6) if flat else half
@@ -110,7 +116,7 @@ def friction_position(rng: np.random.Generator, base: Base, strength: float, p: 
 
 def presliding(rng: np.random.Generator, base: Base, strength: float, p: Array) -> Mapping[str, Any]:
     """LuGre bristle of 30 to 100 um with micro-damping (catalogue: Dahl).   At strength s the way is 1.3 um + (L - 1.3) s^0.4."""
-    full, damping = rng.uniform(30e-6, 100e-6), rng.uniform(0.05, 0.3)
+    full, damping = rng.uniform(30e-6, 100e-6) * base.scale.length, rng.uniform(0.05, 0.3)
     way = base.micro_slip_m + (full - base.micro_slip_m) * strength**0.4
     damping = base.micro_damping + (damping - base.micro_damping) * strength**0.4
     set_micro_slip(p, base, way, damping)
@@ -129,13 +135,14 @@ def warmup(rng: np.random.Generator, base: Base, strength: float, p: Array) -> M
 def cable_chain(rng: np.random.Generator, base: Base, strength: float, p: Array) -> Mapping[str, Any]:
     """c L tanh((x - x0)/L), L 0.8 to 1.5 strokes: a chain that softens (catalogue: straight line)."""
     p[at.CABLE], p[at.CABLE_PLACE] = strength * rng.uniform(5.0, 15.0), base.stroke_m * rng.uniform(0.2, 0.8)
+    p[at.CABLE] *= base.scale.force / base.scale.width
     p[at.CABLE_LENGTH] = base.stroke_m * rng.uniform(0.8, 1.5)
     return {"stiffness_n_m": float(p[at.CABLE]), "place_m": float(p[at.CABLE_PLACE]), "length_m": float(p[at.CABLE_LENGTH])}
 
 
 def cogging(rng: np.random.Generator, base: Base, strength: float, p: Array) -> Mapping[str, Any]:
     """A sin(N angle + p) with 5 to 15 % of its second harmonic (catalogue: one sine)."""
-    n, size = order(rng), strength * rng.uniform(0.015, 0.040)
+    n, size = order(rng, base), strength * rng.uniform(0.015, 0.040) * base.scale.torque
     p[at.COG], p[at.COG_ORDER], p[at.COG_PHASE] = size, n, phase(rng)
     p[at.COG_SECOND], p[at.COG_SECOND_ORDER], p[at.COG_SECOND_PHASE] = size * rng.uniform(0.05, 0.15), 2 * n, phase(rng)
     return {"amplitude_nm": size, "order": n, "second_harmonic_nm": float(p[at.COG_SECOND])}
@@ -143,17 +150,18 @@ def cogging(rng: np.random.Generator, base: Base, strength: float, p: Array) -> 
 
 def torque_ripple(rng: np.random.Generator, base: Base, strength: float, p: Array) -> Mapping[str, Any]:
     """torque (1 + A sin(N angle + p)), A falling by 2 to 5 % per N m (catalogue: A constant)."""
-    n = order(rng)
+    n = order(rng, base)
     p[at.RIPPLE], p[at.RIPPLE_ORDER], p[at.RIPPLE_PHASE] = strength * rng.uniform(0.04, 0.10), n, phase(rng)
-    p[at.RIPPLE_FADE] = rng.uniform(0.02, 0.05)
+    p[at.RIPPLE_FADE] = rng.uniform(0.02, 0.05) / base.scale.torque
     return {"share": float(p[at.RIPPLE]), "order": n, "fade_per_nm": float(p[at.RIPPLE_FADE])}
 
 
 def tooth_ripple(rng: np.random.Generator, base: Base, strength: float, p: Array) -> Mapping[str, Any]:
-    """A sin(26 angle + p) whose size goes by 5 to 12 % once per revolution (catalogue: A constant)."""
-    p[at.TOOTH], p[at.TOOTH_ORDER], p[at.TOOTH_PHASE] = strength * rng.uniform(0.015, 0.040), TEETH, phase(rng)
+    """A sin(26 angle + p), 26 teeth over the gear, whose size goes by 5 to 12 % once per revolution (catalogue: A constant)."""
+    p[at.TOOTH], p[at.TOOTH_ORDER], p[at.TOOTH_PHASE] = strength * rng.uniform(0.015, 0.040), base.teeth / base.gear, phase(rng)
+    p[at.TOOTH] *= base.scale.torque
     p[at.TOOTH_WOBBLE], p[at.TOOTH_WOBBLE_PHASE] = rng.uniform(0.05, 0.12), phase(rng)
-    return {"amplitude_nm": float(p[at.TOOTH]), "order": TEETH, "wobble": float(p[at.TOOTH_WOBBLE])}
+    return {"amplitude_nm": float(p[at.TOOTH]), "order": float(p[at.TOOTH_ORDER]), "wobble": float(p[at.TOOTH_WOBBLE])}
 
 
 def pulley_eccentricity(rng: np.random.Generator, base: Base, strength: float, p: Array) -> Mapping[str, Any]:
@@ -199,7 +207,7 @@ def belt_slack(rng: np.random.Generator, base: Base, strength: float, p: Array) 
     Unlike strands: the two directions differ. The preload is such that the mean knee lies at
     25 to 55 % of the largest belt force.
     """
-    largest = min(PEAK_TORQUE_NM / base.radius_m, base.belt_force_limit_n)
+    largest = min(base.peak_torque_nm / base.radius_m, base.belt_force_limit_n)
     share_direct, knee = rng.uniform(0.42, 0.58), rng.uniform(0.25, 0.55) * largest
     if p[at.TOPOLOGY] == at.TWO_STRANDS and p[at.SPANS_MOVE] == 0.0:
         set_spans(p, base.stiffness_n_m, base.belt_damping_n_s_m, 1.0 - share_direct)
@@ -211,7 +219,8 @@ def belt_slack(rng: np.random.Generator, base: Base, strength: float, p: Array) 
 def payload_mode(rng: np.random.Generator, base: Base, strength: float, p: Array) -> Mapping[str, Any]:
     """Second mass on a spring that hardens by 1 to 4 % at 1 mm, later less (catalogue: cubic), damping ratio 1 to 5 %."""
     mass = strength * rng.uniform(0.2, 0.8) * base.mass_kg
-    frequency = 5.0 * (0.75 * base.antiresonance_hz / 5.0) ** rng.uniform(0.0, 1.0)
+    slowest = min(5.0, 0.4 * base.antiresonance_hz)
+    frequency = slowest * (0.75 * base.antiresonance_hz / slowest) ** rng.uniform(0.0, 1.0)
     ratio = rng.uniform(0.01, 0.05)
     stiffness = mass * (math.tau * frequency) ** 2
     p[at.M2], p[at.K_PAYLOAD], p[at.D_PAYLOAD] = mass, stiffness, 2.0 * ratio * mass * math.tau * frequency
@@ -224,13 +233,13 @@ def torque_saturation(rng: np.random.Generator, base: Base, strength: float, p: 
     loss, law = strength * rng.uniform(0.08, 0.25), int(rng.integers(at.TANH, at.KNEE + 1))
     knee = rng.uniform(2.5, 4.0)
     if loss > 0.0:
-        p[at.SATURATION_LAW], p[at.SATURATION_KNEE], p[at.SATURATION] = law, knee, saturation_scale(law, loss, knee)
+        p[at.SATURATION_LAW], p[at.SATURATION_KNEE], p[at.SATURATION] = law, knee, saturation_scale(law, loss, knee, base.peak_torque_nm)
     return {"loss_at_peak": loss, "law": ["", "tanh", "arctan", "knee"][law], "knee": knee}
 
 
-def saturation_scale(law: int, loss: float, knee: float) -> float:
+def saturation_scale(law: int, loss: float, knee: float, peak_nm: float) -> float:
     """The torque a at which a law of saturation loses ``loss`` of the peak torque, N m."""
-    x = PEAK_TORQUE_NM
+    x = peak_nm
     if law == at.KNEE:
         return float(x / ((1.0 - loss) ** -knee - 1.0) ** (1.0 / knee))
     function = math.tanh if law == at.TANH else math.atan

@@ -12,7 +12,7 @@ import numba
 P = ParamSpec("P")
 R = TypeVar("R")
 
-_SOURCES = ("layout.py", "laws.py", "kernel.py", "recorder.py", "visibility.py", "compilation.py")
+_SOURCES = ("layout.py", "laws.py", "kernel.py", "drive.py", "recorder.py", "visibility.py", "compilation.py")
 _STAMP = hashlib.sha256(b"".join((Path(__file__).parent / name).read_bytes() for name in _SOURCES)).hexdigest()
 
 

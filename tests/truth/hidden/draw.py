@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
 
 from truth.hidden.catalogue import EFFECTS
-from truth.hidden.machines import Machine, data_sheet, draw_base
+from truth.hidden.families import data_sheet, draw_base
+from truth.hidden.instruments import Instruments, draw_instruments
+from truth.hidden.machines import Machine
 from truth.hidden.outside import OUTSIDE
 
 ALL: Final = {**EFFECTS, **OUTSIDE}
@@ -23,12 +26,15 @@ def draw(
     strength: float = 1.0,
     family: str = "sheet",
     outside: bool = False,
+    instruments: Instruments | None = None,
+    drawn_instruments: bool = False,
 ) -> Machine:
     """A machine with hidden effects; none for a healthy one.
 
     The healthy part depends on seed and family only, each effect on seed and its name: the same seed gives the same machine
     with other things hidden in it.   strength : 0 to 1, of every effect.   outside : one effect that the catalogue does not
     hold is drawn in addition, unless ``effects`` names one.
+    instruments : given; None for ideal ones, or, with ``drawn_instruments``, drawn from random numbers of their own.
     Raises ValueError for an unknown effect or family, a strength outside 0..1, or two effects that exclude each other.
     """
     names = list(effects)
@@ -39,9 +45,15 @@ def draw(
         raise ValueError(f"no effect is called {', '.join(unknown)}; there are {', '.join(ALL)}")
     if not 0.0 <= strength <= 1.0:
         raise ValueError(f"strength {strength} is not within 0 to 1")
+    if family == "rigid" and names:
+        raise ValueError(f"{', '.join(names)} cannot be hidden in an axis without a belt: only healthy ones are made")
     if any(len(group & set(names)) > 1 for group in EXCLUSIVE):
         raise ValueError(f"{', '.join(names)} cannot be in one machine")
     base = draw_base(np.random.default_rng((seed, 0)), family)
+    if instruments is None:
+        instruments = draw_instruments(seed, base) if drawn_instruments else Instruments.ideal()
+    if instruments.counts_per_rev is not None:
+        base = replace(base, counts_per_rev=instruments.counts_per_rev)
     sheet = data_sheet(base, np.random.default_rng((seed, 1)))
     p = base.vector()
     hidden: dict[str, dict[str, Any]] = {}
@@ -49,4 +61,4 @@ def draw(
         rng = np.random.default_rng((seed, 10, zlib.crc32(name.encode())))
         hidden[name] = dict(ALL[name](rng, base, strength, p))
     bursts = np.array(hidden.get("load_bursts", {}).get("bursts", []), dtype=float).reshape(-1, 3)
-    return Machine(seed, base, tuple(hidden), strength, hidden, p, sheet, bursts)
+    return Machine(seed, base, tuple(hidden), strength, hidden, p, sheet, bursts, instruments)

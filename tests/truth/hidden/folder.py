@@ -8,17 +8,18 @@ from typing import Any
 
 import yaml
 
+from truth.hidden.instruments import Instruments
 from truth.hidden.machines import Machine
-from truth.hidden.recorder import PERIOD_S
 from truth.hidden.session import Record, run_session
 
 
-def sidecar(record: Record, radius_m: float) -> dict[str, Any]:
-    """What the recorder knows of a record."""
-    task = record.task
+def sidecar(record: Record, machine: Machine) -> dict[str, Any]:
+    """What the recorder knows of a record; without a belt no place of a carriage."""
+    task, base = record.task, machine.base
+    place = {} if base.rigid else {"start_position_m": round(float(record.position_rad[0]) * base.radius_m, 7)}
     data: dict[str, Any] = {
         "experiment": task.experiment,
-        "start_position_m": round(float(record.position_rad[0]) * radius_m, 7),
+        **place,
         "session_time_s": round(record.session_time_s, 6),
         "closed_loop": task.reference is not None,
         "held_out": task.held_out,
@@ -28,11 +29,16 @@ def sidecar(record: Record, radius_m: float) -> dict[str, Any]:
     return data
 
 
-def csv_text(record: Record) -> str:
-    """The signals, 1 uN m and 0.1 urad fine."""
-    columns = record.torque_nm.tolist(), record.setpoint_nm.tolist(), record.position_rad.tolist()
-    rows = [f"{i * PERIOD_S:.3f},{t:.6f},{s:.6f},{q:.7f}" for i, (t, s, q) in enumerate(zip(*columns, strict=True))]
-    return "\n".join(["t_s,torque_nm,torque_setpoint_nm,position_rad", *rows, ""])
+def csv_text(record: Record, instruments: Instruments | None = None) -> str:
+    """The signals, 1 ms, 1 uN m and 0.1 urad fine; with instruments that are not ideal 0.1 us, 0.01 uN m and 1 nrad."""
+    instruments = instruments or Instruments.ideal()
+    time, torque, angle = (".3f", ".6f", ".7f") if instruments == Instruments.ideal() else (".7f", ".8f", ".9f")
+    columns = [(record.t_s, time), (record.torque_nm, torque), (record.setpoint_nm, torque), (record.position_rad, angle)]
+    names = ["t_s", "torque_nm", "torque_setpoint_nm", "position_rad"]
+    if not instruments.setpoint_column:
+        del columns[2], names[2]
+    texts = [[format(value, form) for value in column.tolist()] for column, form in columns]
+    return "\n".join([",".join(names), *map(",".join, zip(*texts, strict=True)), ""])
 
 
 def write_session(machine: Machine, folder: Path | str, plan: str = "thorough") -> list[str]:
@@ -52,8 +58,8 @@ def write_records(machine: Machine, records: Iterable[Record], folder: Path | st
     names = []
     for record in records:
         name = f"{len(names) + 1:02d}_{record.task.name}"
-        (recordings / f"{name}.csv").write_text(csv_text(record), encoding="utf-8")
-        text = yaml.safe_dump(sidecar(record, machine.base.radius_m), sort_keys=False, default_flow_style=None)
+        (recordings / f"{name}.csv").write_text(csv_text(record, machine.instruments), encoding="utf-8")
+        text = yaml.safe_dump(sidecar(record, machine), sort_keys=False, default_flow_style=None)
         (recordings / f"{name}.yaml").write_text(text, encoding="utf-8")
         names.append(name)
     return names

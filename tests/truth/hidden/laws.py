@@ -200,12 +200,16 @@ def level_factor(t: float, age: float, p: Array) -> float:
 
 @compiled
 def pulley(angle: float, p: Array) -> Two:
-    """Belt position at the motor pulley, m, and its lever, m:  u = R (angle + run-out),  lever = du/dangle."""
+    """Belt position at the motor pulley, m, and its lever, m:  u = R (angle + run-out),  lever = du/dangle.
+
+    R : carriage travel per radian of the motor; the run-out turns with the pulley, behind the gearbox.
+    """
     r = p[at.LEVER]
     if p[at.RUNOUT] == 0.0:
         return r * angle, r
-    one, two = angle + p[at.RUNOUT_PHASE], 2.0 * angle + p[at.RUNOUT_OVAL_PHASE]
-    u = r * (angle + p[at.RUNOUT] * math.sin(one) + p[at.RUNOUT_OVAL] * math.sin(two))
+    turns = p[at.PULLEY_TURNS]
+    one, two = turns * angle + p[at.RUNOUT_PHASE], 2.0 * turns * angle + p[at.RUNOUT_OVAL_PHASE]
+    u = r * (angle + p[at.RUNOUT] * math.sin(one) / turns + p[at.RUNOUT_OVAL] * math.sin(two) / turns)
     return u, r * (1.0 + p[at.RUNOUT] * math.cos(one) + 2.0 * p[at.RUNOUT_OVAL] * math.cos(two))
 
 

@@ -58,7 +58,9 @@ _next = DRIFT_PHASE + DRIFT_SINES
 (CODE_PERIOD, CODE_WIDTH, CODE_PLACE) = range(_next + 25, _next + 28)
 # Interpolation of a sin/cos encoder.
 (LINES, LINE, LINE_PHASE, LINE_SECOND, LINE_SECOND_PHASE, LINE_THIRD, LINE_THIRD_PHASE) = range(_next + 28, _next + 35)
-PARAMETERS: Final = _next + 35
+#: Turns of the pulley per turn of the motor.
+PULLEY_TURNS = _next + 35
+PARAMETERS: Final = _next + 36
 
 #: Kinds of belt: two strands side by side; idler with mass; idler without mass but with a bearing.
 TWO_STRANDS, HEAVY_IDLER, LIGHT_IDLER = range(3)

@@ -1,4 +1,4 @@
-"""Machines: random healthy axes of two families, and what their data sheets say."""
+"""Machines: random healthy axes, and what their data sheets say.  Two families are drawn here, the others in ``families``."""
 
 from __future__ import annotations
 
@@ -10,18 +10,42 @@ from typing import Any
 import numpy as np
 
 from truth.hidden import layout as at
+from truth.hidden.instruments import Instruments
 from truth.hidden.layout import Array
 
 #: m, way over which the friction of any real machine builds up (micro-slip).
 MICRO_SLIP_M = 1.3e-6
 TEETH = 26
 PEAK_TORQUE_NM = 3.1
+RATED_TORQUE_NM = 1.43
 FAMILIES = ("sheet", "rig")
 
 
 @dataclass(frozen=True)
+class Scale:
+    """Size of a machine over that of the method sheet's, for the session and the effects.
+
+    torque, force, speed : of the motor, of the belt, of the carriage.   length : of short strokes and of bristles (the motor turns
+    by the same angle).   width : of what changes with the place.   sweep_m : longest stroke of a friction sweep.
+    acceleration : of the largest that is asked for.
+    """
+
+    torque: float = 1.0
+    force: float = 1.0
+    speed: float = 1.0
+    length: float = 1.0
+    width: float = 1.0
+    sweep_m: float = math.inf
+    acceleration: float = 1.0
+
+
+@dataclass(frozen=True)
 class Base:
-    """A healthy machine.   Friction at the motor shaft, drag at the carriage, stiffness and damping along the belt."""
+    """A healthy machine.   Friction at the motor shaft, drag at the carriage, stiffness and damping along the belt.
+
+    radius_m : carriage travel per radian of the motor; the pulley's radius is ``gear`` times that.   teeth : of the pulley.
+    counts_per_rev : None for counts of 2.5 um at the belt.   Without a belt the "travel" is the motor's angle, rad (radius 1).
+    """
 
     family: str
     inertia_kg_m2: float
@@ -39,11 +63,22 @@ class Base:
     pulley_distance_m: float
     driven_side_offset_m: float
     belt_force_limit_n: float
+    rated_torque_nm: float = RATED_TORQUE_NM
+    peak_torque_nm: float = PEAK_TORQUE_NM
+    gear: float = 1.0
+    teeth: int = TEETH
+    counts_per_rev: int | None = None
+    scale: Scale = field(default_factory=Scale)
+
+    @property
+    def rigid(self) -> bool:
+        """Whether the axis has no belt."""
+        return self.stiffness_n_m == 0.0
 
     @property
     def quantum_rad(self) -> float:
-        """One encoder count: 2.5 um at the belt."""
-        return 2.5e-6 / self.radius_m
+        """One encoder count."""
+        return 2.5e-6 / self.radius_m if self.counts_per_rev is None else math.tau / self.counts_per_rev
 
     @property
     def rigid_inertia_kg_m2(self) -> float:
@@ -70,9 +105,18 @@ class Base:
         p = np.zeros(at.PARAMETERS)
         p[at.J], p[at.M], p[at.LEVER] = self.inertia_kg_m2, self.mass_kg, self.radius_m
         p[at.VISCOUS], p[at.DRAG], p[at.COULOMB] = self.viscous_nm_s_rad, self.drag_n_s_m, self.coulomb_nm
-        set_spans(p, self.stiffness_n_m, self.belt_damping_n_s_m, 0.5)
+        p[at.PULLEY_TURNS] = 1.0 / self.gear
+        if self.rigid:  # a carriage of no weight stands beside the motor, tied by nothing
+            p[at.M] = NO_MASS_KG
+            set_spans(p, NO_STIFFNESS_N_M, NO_STIFFNESS_N_M, 0.5)
+        else:
+            set_spans(p, self.stiffness_n_m, self.belt_damping_n_s_m, 0.5)
         set_micro_slip(p, self, self.micro_slip_m, self.micro_damping)
         return p
+
+
+#: Carriage of an axis without a belt: no division by zero, and less than 1e-9 of any motor's inertia.
+NO_MASS_KG, NO_STIFFNESS_N_M = 1e-15, 1e-30
 
 
 def set_spans(p: Array, stiffness: float, damping: float, return_share: float, idler_at: float = 0.5) -> None:
@@ -167,6 +211,7 @@ class Machine:
 
     effects : names, empty for a healthy machine.   strength : 0.1 to 1.   hidden : parameters by effect, in the units of
     their names.   p, bursts : for the kernel.   sheet : axis.yaml.   seed : of the draw, also of its noise.
+    instruments : how it is driven and read.
     """
 
     seed: int
@@ -177,6 +222,7 @@ class Machine:
     p: Array
     sheet: Mapping[str, Any]
     bursts: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    instruments: Instruments = field(default_factory=Instruments)
 
     @property
     def moved_mass_kg(self) -> float:

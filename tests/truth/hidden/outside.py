@@ -14,7 +14,7 @@ import numpy as np
 from truth.hidden import layout as at
 from truth.hidden.catalogue import Draw, phase
 from truth.hidden.layout import Array
-from truth.hidden.machines import PEAK_TORQUE_NM, Base
+from truth.hidden.machines import Base
 
 #: s, longest session for which bursts are drawn.
 SESSION_S = 240.0
@@ -22,7 +22,7 @@ SESSION_S = 240.0
 
 def iwan_belt(rng: np.random.Generator, base: Base, strength: float, p: Array) -> Mapping[str, Any]:
     """Frictional belt damping: four springs with sliders beside the belt, slipping between 2 and 60 % of the largest force."""
-    largest = min(PEAK_TORQUE_NM / base.radius_m, base.belt_force_limit_n)
+    largest = min(base.peak_torque_nm / base.radius_m, base.belt_force_limit_n)
     share = strength * rng.uniform(0.15, 0.35)
     limits = np.geomspace(rng.uniform(0.02, 0.05), rng.uniform(0.3, 0.6), at.SLIDERS) * largest * share
     p[at.SLIDER_STIFFNESS : at.SLIDER_STIFFNESS + at.SLIDERS] = share * base.stiffness_n_m / at.SLIDERS
@@ -81,6 +81,7 @@ def missing_codes(rng: np.random.Generator, base: Base, strength: float, p: Arra
     """The encoder sticks at a code for the next 10 to 30 counts, 30 to 60 times per revolution."""
     counts = math.tau / base.quantum_rad
     period, width = round(counts / rng.uniform(30.0, 60.0)), round(strength * rng.uniform(10.0, 30.0))
+    width = min(width, period // 3)  # of a coarse encoder
     p[at.CODE_PERIOD], p[at.CODE_WIDTH], p[at.CODE_PLACE] = period if width else 0, width, int(rng.integers(0, period))
     return {"period_counts": period, "width_counts": width}
 

@@ -11,19 +11,29 @@ import numpy as np
 from truth.hidden.layout import Array
 from truth.hidden.recorder import PERIOD_S
 
-#: Samples of one period of a multisine, and its highest frequency.
+#: Samples of one period of a multisine at 1 kHz, and its highest frequency.
 PERIOD_SAMPLES = 2048
 HIGHEST_HZ = 250.0
 LOWEST_HZ = 2.0
+#: Share of the sample rate that no excitation exceeds.
+HIGHEST_SHARE = 0.4
 
 
-def multisine(rng: np.random.Generator, weights: Array | None = None) -> tuple[Array, list[int], list[int]]:
+def samples_per_period(period_s: float) -> int:
+    """Samples of one period of a multisine: 2.048 s."""
+    return round(PERIOD_SAMPLES * PERIOD_S / period_s)
+
+
+def multisine(rng: np.random.Generator, weights: Array | None = None, period_s: float = PERIOD_S) -> tuple[Array, list[int], list[int]]:
     """One period of an odd random-phase multisine with largest value 1, its excited lines and its detection lines.
 
     Lines are multiples of 1/2.048 s between 2 and 250 Hz; even ones stay empty, of every four odd ones one at random.
-    weights : (PERIOD_SAMPLES//2 + 1,), relative size of the lines, all equal when None.
+    weights : (samples//2 + 1,), relative size of the lines, all equal when None.   period_s : of the samples; below 2.5 kHz / 250 Hz
+    the highest frequency is 0.4 of the rate.
     """
-    first, last = math.ceil(LOWEST_HZ * PERIOD_SAMPLES * PERIOD_S), math.floor(HIGHEST_HZ * PERIOD_SAMPLES * PERIOD_S)
+    samples = samples_per_period(period_s)
+    highest = min(HIGHEST_HZ, HIGHEST_SHARE / period_s)
+    first, last = math.ceil(LOWEST_HZ * samples * period_s), math.floor(highest * samples * period_s)
     odd = [k for k in range(first, last + 1) if k % 2 == 1]
     excited, empty = [], []
     for group in range(0, len(odd), 4):
@@ -31,9 +41,9 @@ def multisine(rng: np.random.Generator, weights: Array | None = None) -> tuple[A
         left_out = int(rng.integers(0, 4))
         empty += four[left_out : left_out + 1]
         excited += [k for i, k in enumerate(four) if i != left_out]
-    spectrum = np.zeros(PERIOD_SAMPLES // 2 + 1, dtype=complex)
+    spectrum = np.zeros(samples // 2 + 1, dtype=complex)
     spectrum[excited] = np.exp(1j * rng.uniform(0.0, math.tau, len(excited)))
-    period = np.fft.irfft(spectrum if weights is None else spectrum * weights)
+    period = np.fft.irfft(spectrum if weights is None else spectrum * weights, samples)
     return period / np.abs(period).max(), excited, empty
 
 
@@ -49,18 +59,18 @@ class Reference:
 class Path:
     """Builds a reference piece by piece at the sample rate; every ramp of the speed is a smoothstep of third order."""
 
-    def __init__(self, start_m: float) -> None:
-        self.now_m = start_m
+    def __init__(self, start_m: float, period_s: float = PERIOD_S) -> None:
+        self.now_m, self.period_s = start_m, period_s
         self._pieces: list[Reference] = []
 
     @property
     def duration_s(self) -> float:
         """Of everything so far."""
-        return sum(len(piece.position_m) for piece in self._pieces) * PERIOD_S
+        return sum(len(piece.position_m) for piece in self._pieces) * self.period_s
 
     def rest(self, seconds: float) -> Path:
         """Stand still."""
-        n = round(seconds / PERIOD_S)
+        n = round(seconds / self.period_s)
         self._pieces.append(Reference(np.full(n, self.now_m), np.zeros(n), np.zeros(n)))
         return self
 
@@ -70,10 +80,10 @@ class Path:
         if way == 0.0:
             return self
         speed = min(speed, math.sqrt(way * acceleration / 1.5))  # a smoothstep ramp lasts 1.5 speed/acceleration
-        ramp = max(round(1.5 * speed / acceleration / PERIOD_S), 4) * PERIOD_S
-        whole = max(round((way / speed + ramp) / PERIOD_S), round(2 * ramp / PERIOD_S)) * PERIOD_S
+        ramp = max(round(1.5 * speed / acceleration / self.period_s), 4) * self.period_s
+        whole = max(round((way / speed + ramp) / self.period_s), round(2 * ramp / self.period_s)) * self.period_s
         top = way / (whole - ramp) * math.copysign(1.0, to_m - self.now_m)
-        t = np.arange(round(whole / PERIOD_S)) * PERIOD_S
+        t = np.arange(round(whole / self.period_s)) * self.period_s
         up, down = np.clip(t / ramp, 0.0, 1.0), np.clip((whole - t) / ramp, 0.0, 1.0)
         shape = (3 * up**2 - 2 * up**3) * (3 * down**2 - 2 * down**3)
         slope = 6 * (up - up**2) / ramp - 6 * (down - down**2) / ramp
@@ -85,11 +95,11 @@ class Path:
 
     def triangle(self, amplitude: float, speed: float, cycles: int) -> Path:
         """Back and forth around the position at constant speed, corners without ramp."""
-        n = max(round(4.0 * amplitude / speed / PERIOD_S), 4)
+        n = max(round(4.0 * amplitude / speed / self.period_s), 4)
         t = np.arange(cycles * n) / n % 1.0
         wave = np.where(t < 0.25, 4 * t, np.where(t < 0.75, 2 - 4 * t, 4 * t - 4))
         sign = np.where((t < 0.25) | (t >= 0.75), 1.0, -1.0)
-        true_speed = 4.0 * amplitude / (n * PERIOD_S)
+        true_speed = 4.0 * amplitude / (n * self.period_s)
         self._pieces.append(Reference(self.now_m + amplitude * wave, true_speed * sign, np.zeros(len(t))))
         return self
 
@@ -99,9 +109,9 @@ class Path:
         return Reference(*(np.concatenate(part) for part in parts))
 
 
-def sweep(start: float, low: float, high: float, speeds: Sequence[float], acceleration: float) -> Path:
+def sweep(start: float, low: float, high: float, speeds: Sequence[float], acceleration: float, period_s: float = PERIOD_S) -> Path:
     """Full strokes both ways at each speed."""
-    path = Path(start).rest(0.25)
+    path = Path(start, period_s).rest(0.25)
     for speed in speeds:
         path.move(high, speed, acceleration).rest(0.1).move(low, speed, acceleration).rest(0.1)
     return path.rest(0.35)

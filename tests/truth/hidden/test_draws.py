@@ -212,7 +212,7 @@ def seen(machine: Machine) -> float:
     session.place(0.5)
     signal = 2.0 * np.tile(multisine(np.random.default_rng(1))[0], 2)
     record = session.record(Task("frf", "frf", 0.5, excitation=np.concatenate((np.zeros(400), signal, np.zeros(600)))))
-    return information_in(spectra_of([record], machine.base), machine)[0]
+    return information_in(spectra_of([record], machine), machine)[0]
 
 
 def test_the_motor_sees_an_end_pulley_but_not_one_in_unison_with_the_carriage() -> None:

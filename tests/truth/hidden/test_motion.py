@@ -91,7 +91,7 @@ def test_multisine_obeys_the_closed_form(name: str, family: str) -> None:
     level = amplitudes(machine)
     signal = level.steps_nm[2] * np.tile(multisine(np.random.default_rng(1), level.weights)[0], 2)
     task = Task("frf", "frf", 0.5 * machine.base.stroke_m, excitation=np.concatenate((np.zeros(500), signal, np.zeros(2500))))
-    spectra = spectra_of([session.record(task)], machine.base)
+    spectra = spectra_of([session.record(task)], machine)
     p, s, torque = machine.p, 2j * math.pi * spectra.freq_hz, spectra.torque
     torque = torque * np.exp(-s * p[at.DEAD_TIME]) / ((1.0 + s * p[at.LAG]) * (1.0 + s * p[at.LAG_SECOND]))
     torque += spectra.constant * p[at.M] * p[at.GRAVITY] * p[at.LEVER]
@@ -187,9 +187,9 @@ def test_plant_and_recorder_are_the_same_machine() -> None:
     session.state[:] = plant._state
     n = 400
     fine, still = np.zeros(n), np.column_stack((np.full(n, plant._state[at.ANGLE]), np.zeros(n)))
-    torque = recorder.run(
-        session.state, machine.p, NO_BURSTS, session._centring, session.memory, still, 1.5 * np.sin(np.arange(n) * 0.11), fine, 40e-6
-    )[2]
+    drive, unsteady, forward = machine.instruments.vector(1.0), np.zeros((n, 3)), 1.5 * np.sin(np.arange(n) * 0.11)
+    system = session.state, machine.p, NO_BURSTS, session._centring, session.memory, drive
+    torque = recorder.run(*system, still, forward, unsteady, fine, np.zeros(n), 40e-6)[2]
     shown = []
     for value in torque:
         shown.append(plant.position_rad)

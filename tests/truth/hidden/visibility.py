@@ -24,8 +24,9 @@ from truth.hidden.layout import Array
 from truth.hidden.machines import Base, Machine
 from truth.hidden.recorder import PERIOD_S
 from truth.hidden.session import SUBSTEP_S, Record, run_session
+from truth.hidden.signals import HIGHEST_SHARE
 
-#: Instants per sample at which the angle is looked at.
+#: Instants per sample of 1 ms at which the angle is looked at.
 PER_SAMPLE = round(PERIOD_S / SUBSTEP_S)
 HIGHEST_HZ = 250.0
 #: Sum of squares below which an effect counts as invisible: three parameters cost 3 ln(100 000) = 35, chance twice its root.
@@ -76,42 +77,50 @@ def _bristle(angle: Array, step_s: float, level: float, stiffness: float, micro_
     return z, speeds
 
 
-def _spectra(record: Record, base: Base) -> Spectra:
+def instants(machine: Machine) -> int:
+    """Instants per sample at which the angle of a machine is looked at: every 40 us, whatever its sample period."""
+    return round(PER_SAMPLE * machine.instruments.period_s / PERIOD_S)
+
+
+def _spectra(record: Record, machine: Machine) -> Spectra:
     """Transform a record; the angle goes from rest to rest, so its speed is periodic."""
+    base, instruments, per_sample = machine.base, machine.instruments, instants(machine)
+    period = instruments.period_s
     angle, samples = record.fine, len(record.acting_nm)
-    n, step = len(angle), PERIOD_S / PER_SAMPLE
-    lines = math.floor(HIGHEST_HZ * samples * PERIOD_S) + 1
+    n, step = len(angle), period / per_sample
+    lines = math.floor(min(HIGHEST_HZ, HIGHEST_SHARE / period) * samples * period) + 1
     x = np.arange(n) / n
     rise = x**4 * (35.0 - 84.0 * x + 70.0 * x**2 - 20.0 * x**3)
     slope = 140.0 * x**3 * (1.0 - x) ** 3 / (n * step)
     whole = angle[-1] - angle[0]
     freq = np.arange(lines) / (n * step)
-    speed = 2j * math.pi * freq * _lines(angle - angle[0] - whole * rise, lines) + whole * _lines(slope, lines)
+    speed = 2j * math.pi * freq * _lines(angle - angle[0] - whole * rise, lines, per_sample) + whole * _lines(slope, lines, per_sample)
     p = base.vector()
     start = min(max(record.bristle_nm, -base.coulomb_nm), base.coulomb_nm)
     z, micro = _bristle(angle, step, base.coulomb_nm, p[at.BRISTLE], p[at.MICRO_SPEED], start)
     held = np.exp(-1j * math.pi * freq * step)  # the torque acts on from each instant to the next
-    torque, constant = held * _lines(np.repeat(record.acting_nm, PER_SAMPLE), lines), np.zeros(lines, dtype=complex)
+    torque, constant = held * _lines(record.fine_torque, lines, per_sample), np.zeros(lines, dtype=complex)
     constant[0] = samples
     stiffness = np.zeros(lines)
     stiffness[1:] = np.abs(control.dynamic_stiffness(freq[1:], 0.5 * base.stroke_m, p)[0])
-    noise = samples * (base.torque_noise_nm**2 + stiffness**2 * base.quantum_rad**2 / 12.0)
-    spectra = speed, _lines(z, lines), _lines(micro, lines), torque, constant
+    known = instruments.process_share * base.rated_torque_nm
+    noise = samples * (known**2 + base.torque_noise_nm**2 + stiffness**2 * base.quantum_rad**2 / 12.0)
+    spectra = speed, _lines(z, lines, per_sample), _lines(micro, lines, per_sample), torque, constant
     return Spectra(freq, *spectra, np.sqrt(2.0 / noise), (0, lines))
 
 
-def spectra_of(records: Iterable[Record], base: Base) -> Spectra:
-    """The lines of all records one after the other."""
-    parts = [_spectra(record, base) for record in records]
+def spectra_of(records: Iterable[Record], machine: Machine) -> Spectra:
+    """The lines of all records of a machine one after the other."""
+    parts = [_spectra(record, machine) for record in records]
     starts = np.cumsum([0, *(len(part.freq_hz) for part in parts)])
     names = [item.name for item in fields(Spectra) if item.name != "starts"]
     columns = [np.concatenate([getattr(part, name) for part in parts]) for name in names]
     return Spectra(*columns, tuple(int(k) for k in starts))
 
 
-def _lines(signal: Array, lines: int) -> Complex:
-    """The first lines of the spectrum, scaled to samples of 1 ms."""
-    return np.asarray(scipy.fft.rfft(signal)[:lines] / PER_SAMPLE)
+def _lines(signal: Array, lines: int, per_sample: int) -> Complex:
+    """The first lines of the spectrum, scaled to samples of the record."""
+    return np.asarray(scipy.fft.rfft(signal)[:lines] / per_sample)
 
 
 def _residual(factors: Array, one: Spectra, base: Base, twin: str, size: float) -> Array:
@@ -190,7 +199,7 @@ def information_in(spectra: Spectra, machine: Machine) -> tuple[float, float | N
 
 def visibility(machine: Machine, plan: str = "thorough") -> Visibility:
     """What the motor can see of the effects of a machine in a plan; takes a few seconds."""
-    spectra = spectra_of(run_session(machine, plan, fine=PER_SAMPLE), machine.base)
+    spectra = spectra_of(run_session(machine, plan, fine=instants(machine)), machine)
     information, beyond = information_in(spectra, machine)
     visible = information >= LEAST_INFORMATION or machine.effects == ("belt_damping",)
     if machine.effects == ("belt_damping",):

@@ -1,6 +1,6 @@
 """Writes the run folder of a hidden machine, and the answer beside it:  FOLDER and FOLDER.answer.yaml.
 
-    python -m truth.hidden.write SEED EFFECT[+EFFECT...] STRENGTH FOLDER [--family rig] [--plan default]
+    python -m truth.hidden.write SEED EFFECT[+EFFECT...] STRENGTH FOLDER [--family rig] [--plan default] [--instruments]
 
 with ``tests`` on the path (PYTHONPATH=tests).  EFFECT is ``healthy``, a name of the catalogue or one from outside it.
 """
@@ -17,14 +17,15 @@ import yaml
 
 from truth.hidden.draw import ALL, draw
 from truth.hidden.folder import write_session
-from truth.hidden.machines import FAMILIES, Machine
+from truth.hidden.families import FAMILIES
+from truth.hidden.machines import Machine
 from truth.hidden.session import PLANS
 from truth.hidden.visibility import visibility
 
 
 def answer(machine: Machine, plan: str) -> dict[str, Any]:
     """What is hidden in a machine, and for each effect alone whether the motor can see it in a plan."""
-    alone = {name: draw(machine.seed, (name,), machine.strength, machine.base.family) for name in machine.effects}
+    alone = {name: draw(machine.seed, (name,), machine.strength, machine.base.family, instruments=machine.instruments) for name in machine.effects}
     return {
         "seed": machine.seed,
         "effects": list(machine.effects),
@@ -32,6 +33,7 @@ def answer(machine: Machine, plan: str) -> dict[str, Any]:
         "hidden": {name: dict(values) for name, values in machine.hidden.items()},
         "visible": {name: asdict(visibility(single, plan)) for name, single in alone.items()},
         "base": asdict(machine.base),
+        "instruments": machine.instruments.describe(),
     }
 
 
@@ -53,9 +55,10 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--family", choices=FAMILIES, default="sheet")
     parser.add_argument("--plan", choices=PLANS, default="thorough")
+    parser.add_argument("--instruments", action="store_true", help="draw drive, readings, encoder and clock, too")
     args = parser.parse_args()
     names = () if args.effects == "healthy" else tuple(args.effects.split("+"))
-    machine = draw(args.seed, names, args.strength, args.family)
+    machine = draw(args.seed, names, args.strength, args.family, drawn_instruments=args.instruments)
     write_session(machine, args.folder, args.plan)
     answered = yaml.safe_dump(plain(answer(machine, args.plan)), sort_keys=False)
     args.folder.with_name(f"{args.folder.name}.answer.yaml").write_text(answered, encoding="utf-8")
