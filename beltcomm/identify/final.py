@@ -13,10 +13,10 @@ from beltcomm.axis import Axis
 from beltcomm.effects import effect_named
 from beltcomm.effects.belt_spans import stiffness as stiffness_at
 from beltcomm.errors import DataError
-from beltcomm.identify.first_estimate import data_sheet_model, first_estimate
+from beltcomm.fit.first_estimate import data_sheet_model, first_estimate
 from beltcomm.identify.inverse_fit import SUSPECT_MISFIT, InverseFit, fit_inverse
-from beltcomm.identify.jumps import proven_jumps, refuse
-from beltcomm.identify.residual import OUTLIER, Stretch, stretches, whitened
+from beltcomm.fit.jumps import proven_jumps, refuse
+from beltcomm.fit.segment import OUTLIER, Stretch, stretches, whitened
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 

@@ -1,6 +1,6 @@
 """The final estimate: explains torque from measured motion, with friction and the belt damper inside the model, all records at once.
 
-Minimises the whitened residual of ``beltcomm.identify.residual`` over the free parameters.  Blocks of half a second whose residual is
+Minimises the whitened residual of ``beltcomm.fit.segment`` over the free parameters.  Blocks of half a second whose residual is
 larger than the noise are weighted down (a likelihood with unknown scale in bad blocks), so that one disturbed stretch cannot
 outvote the rest.  Intervals come from the scatter of the gradient between groups of two seconds (sandwich form), so they hold
 for correlated and uneven residuals too, and they grow with the misfit.
@@ -17,10 +17,10 @@ from scipy.special import stdtrit
 
 from beltcomm.errors import DataError
 from beltcomm.identify.bounded_step import bounded_step
-from beltcomm.identify.noise_level import torque_noise
-from beltcomm.identify.residual import Stretch, squares_left, stretches, whitened, whitened_beside
-from beltcomm.identify.reversals import turns_at_once
-from beltcomm.identify.uncertainty import remark_on, remark_on_rounding, remarks_on_pairs, sandwich
+from beltcomm.fit.noise_level import torque_noise
+from beltcomm.fit.segment import Stretch, squares_left, stretches, whitened, whitened_beside
+from beltcomm.fit.reversals import turns_at_once
+from beltcomm.fit.remarks import remark_on, remark_on_rounding, remarks_on_pairs, sandwich
 from beltcomm.model import Model, expected_parameters
 from beltcomm.recording import Recording
 

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from beltcomm.errors import BeltcommError, DataError
 from beltcomm.identify.friction import FrictionFit
 from beltcomm.identify.magnitude_fit import MagnitudeFit, fit_magnitude
-from beltcomm.identify.noise_level import torque_noise
-from beltcomm.identify.residual import stretches
+from beltcomm.fit.noise_level import torque_noise
+from beltcomm.fit.segment import stretches
 from beltcomm.model import Model, Value
 from beltcomm.recording import Recording
 from beltcomm.response import estimate_response

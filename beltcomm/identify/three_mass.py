@@ -18,7 +18,7 @@ from beltcomm.effects.belt_spans import stiffness as stiffness_at
 from beltcomm.errors import DataError, Refused
 from beltcomm.identify.final import FinalModel, PlaceStiffness, by_position, evidence, final_model
 from beltcomm.identify.inverse_fit import SUSPECT_MISFIT, InverseFit, fit_inverse
-from beltcomm.identify.residual import stretches, whitened
+from beltcomm.fit.segment import stretches, whitened
 from beltcomm.linear import modes, operating_point
 from beltcomm.model import Model, build_model
 from beltcomm.recording import Recording

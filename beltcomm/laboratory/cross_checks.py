@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from beltcomm.axis import Axis
 from beltcomm.effects import EFFECTS, Ground
-from beltcomm.laboratory.fitting import Fitted
+from beltcomm.fit.estimate import Fitted
 from beltcomm.laboratory.score import Scorer
 from beltcomm.linear import modes, operating_point, values_of
 from beltcomm.model import Model

@@ -10,20 +10,18 @@ from typing import Final, Literal
 from beltcomm.axis import Axis
 from beltcomm.compiled import in_one_thread
 from beltcomm.effects import EFFECTS, effect_named
-from beltcomm.identify.following import follows
-from beltcomm.identify.problem import OFFSET_M
+from beltcomm.fit.observer import follows
+from beltcomm.fit.base import NEXT_ITERATIONS, PUBLISHED_SUBSTEPS, again, fit_base
 from beltcomm.laboratory.acceptance import EVIDENCE, drop_by, impossible, left_as_a_whole, lowers, refuted
 from beltcomm.laboratory.compare import compare
-from beltcomm.laboratory.data import SUBSTEPS, Data, agitated, made, prepare, remade
-from beltcomm.laboratory.fitting import AT_A_TIME, Fitted, fit, gone_on, out_of_valley
+from beltcomm.fit.records import Data, prepare
+from beltcomm.fit.estimate import Fitted, out_of_valley
 from beltcomm.laboratory.forms import formed, placed
 from beltcomm.laboratory.freedom import unneeded
-from beltcomm.laboratory.intervals import with_intervals
+from beltcomm.fit.intervals import with_intervals
 from beltcomm.laboratory.masked import behind_a_delay
-from beltcomm.laboratory.path_choice import choose_path
 from beltcomm.laboratory.plausible import run_away, undetermined, unlikely
 from beltcomm.laboratory.score import FAR_OFF, Scorer, ground_of
-from beltcomm.laboratory.sensor_noise import split_noise
 from beltcomm.laboratory.stage import MISSING, MOSTLY, Candidate, candidate, held_at, merged, search, strayed
 from beltcomm.laboratory.structure import structure
 from beltcomm.laboratory.superfluous import superfluous
@@ -33,10 +31,8 @@ from beltcomm.recording import Recording
 NONE_EXPLAINS: Final = "none of the known effects explains this"
 Verdict = Literal["nothing missing", "explained", "partly explained", "none of the known effects explains this", "cannot tell"]
 
-#: Iterations of the first fit from start values, and of one that goes on from a neighbouring model.
-FIRST_ITERATIONS, NEXT_ITERATIONS = 25, 12
-#: The same, and fine steps a sample, for the model that the search ends with.
-SETTLED_ITERATIONS, SETTLED_SUBSTEPS = 4, 2 * SUBSTEPS
+#: Iterations for the model that the search ends with.
+SETTLED_ITERATIONS = 4
 #: O per sample from which on, beside added effects, it is asked what the base may have swallowed: laws may be others than the machine's.
 BESIDE_ADDED = 1.08
 #: Structure of the rest from which on it is not noise: where nothing was added (a simulated healthy machine stays below 3), and beside
@@ -50,10 +46,6 @@ MOSTLY_LEFT = 0.9
 GROWN = 1.02
 #: Effects that a diagnosis adds at most.
 MOST_EFFECTS = 4
-#: How often a short fit and what an observer does not know are found anew, each by the other, before the fit.
-ROUNDS = 3
-#: Share of the values that must be left where a model rebuilds the motion, and factor by which the error may be larger with it.
-LEAST_LEFT, WORSE = 0.5, 1.5
 #: Two effects whose evidence differs by less than this, or by less than this share, are not told apart when they are twins.
 TWIN_GAP, TWIN_SHARE = 50.0, 0.002
 
@@ -98,48 +90,19 @@ class Diagnosis:
         return [name for name in dict.fromkeys(every) if name in self.after.model.effects]
 
 
-@in_one_thread
 def fitted_base(recordings: Sequence[Recording], axis: Axis, start: Model) -> tuple[Data, Fitted]:
     """The start model fitted to the records, and the records as it sees them."""
-    data = prepare(recordings, axis, start)
-    first = fit(data, start, FIRST_ITERATIONS)
-    choice = choose_path(data, first, start)
-    if choice.path != data.path:
-        data = made(data.recordings, start, data.noise_nm, data.step_rad, {}, path=choice.path)
-        first = fit(data, start, FIRST_ITERATIONS)
-    data, fitted = again(data, first, NEXT_ITERATIONS)
-    split = split_noise(data, fitted)
-    if split is not None:
-        data = replace(data, noise_nm=split.sensor_nm)
-        data, fitted = again(data, fitted, NEXT_ITERATIONS)
-    return data, fitted
+    return fit_base(prepare(recordings, axis, start), start)
+
+
+def as_searched(data: Data, fitted: Fitted) -> tuple[Data, Fitted]:
+    """The fit of a base with the steps of time of a search."""
+    return (data, fitted) if follows(fitted.model) else again(data, fitted, SETTLED_ITERATIONS)
 
 
 def settled(data: Data, fitted: Fitted) -> tuple[Data, Fitted]:
     """The last model of a search at its best, with the steps of time halved: they cost stiffness 0.05 % and belt damping 0.5 %."""
-    return (data, fitted) if follows(fitted.model) else again(data, fitted, SETTLED_ITERATIONS, SETTLED_SUBSTEPS)
-
-
-def again(data: Data, fitted: Fitted, iterations: int, substeps: int = SUBSTEPS) -> tuple[Data, Fitted]:
-    """Motion and noise rebuilt by a fitted model, and the model fitted to them; as they were where nothing comes of it."""
-    ahead = remade(data, fitted.model, OFFSET_M * fitted.offsets, substeps)
-    if sum(len(piece.counted) for piece in ahead.fitted) < LEAST_LEFT * fitted.problem.samples:
-        return data, fitted  # by a model that is far off the motor rests nearly all the time
-    begun = fitted
-    for _ in range(ROUNDS if follows(fitted.model) else 0):
-        begun = fit(ahead, begun.model, AT_A_TIME)
-        calmer = agitated(ahead, begun.model)  # what a better model does not tell is less
-        if calmer.fitted[0].agitation == ahead.fitted[0].agitation:
-            found = gone_on(ahead, begun, iterations)
-            break
-        ahead = calmer
-    else:
-        found = fit(ahead, begun.model, iterations, offsets=begun.offsets)
-    for piece in (*data.fitted, *data.held_out):
-        piece.motion.forget()  # these records are looked at as they were once more at most
-    # Behind an observer a light body may fly off; a motion rebuilt by a model far off makes it worse.
-    sound = math.isfinite(found.objective) and found.ratio < WORSE * fitted.ratio
-    return (ahead, found) if sound else (data, fitted)
+    return (data, fitted) if follows(fitted.model) else again(data, fitted, SETTLED_ITERATIONS, PUBLISHED_SUBSTEPS)
 
 
 @in_one_thread
@@ -160,7 +123,7 @@ def diagnose(
 
     Raises DataError when the records cannot be used.
     """
-    data, base = begun or fitted_base(recordings, axis, start)
+    data, base = as_searched(*(begun or fitted_base(recordings, axis, start)))
     steps: list[Step] = []
     seen: list[Data] = []  # what each step began with
     current = base

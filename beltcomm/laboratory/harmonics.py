@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.compiled import compiled
-from beltcomm.identify.residual import Stretch
+from beltcomm.fit.segment import Stretch
 
 Array = NDArray[np.float64]
 

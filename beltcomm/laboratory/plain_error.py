@@ -2,7 +2,7 @@
 
     error² = mean (g * e)²,   torque² = mean (g * τ)²,   percent = 100 error/torque        over the samples that count
 
-e : residual torque of :func:`beltcomm.identify.residual.evaluate`, N m at the motor shaft.   τ : the torque that was reported.
+e : residual torque of :func:`beltcomm.fit.segment.evaluate`, N m at the motor shaft.   τ : the torque that was reported.
 g : Gaussian low-pass without phase, 3 dB at the band's edge, one for both; samples that do not count take no part in it.
 
 Without a band e of a coarse encoder is little but rounding, J times its second difference.  So the band is the widest of
@@ -20,12 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import correlate1d
 
-from beltcomm.identify.problem import OFFSET_M
-from beltcomm.identify.residual import Stretch, dressed_each, evaluate, way_of
-from beltcomm.identify.whitening import noises
-from beltcomm.laboratory.data import Data
+from beltcomm.fit.likelihood import OFFSET_M
+from beltcomm.fit.segment import Stretch, dressed_each, evaluate, way_of
+from beltcomm.fit.whitening import noises
+from beltcomm.fit.records import Data
 from beltcomm.laboratory.figures import PlainError
-from beltcomm.laboratory.fitting import BLOCK_S, Fitted
+from beltcomm.fit.estimate import BLOCK_S, Fitted
 from beltcomm.laboratory.samples import units_of
 from beltcomm.model import Model
 

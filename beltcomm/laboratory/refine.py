@@ -1,6 +1,6 @@
 """The best values of an effect's own parameters near a fitted model, before anything is refitted.
 
-What is fitted already gives way to first order (``beltcomm.laboratory.nearby``), so one look costs one evaluation of the effect; the
+What is fitted already gives way to first order (``beltcomm.fit.local_quadratic``), so one look costs one evaluation of the effect; the
 few parameters of its own are searched without derivatives, because gap and slack have none.
 """
 
@@ -15,7 +15,7 @@ from scipy.optimize import minimize
 
 from beltcomm.effects import Effect
 from beltcomm.effects._effect import BELT_STIFFNESS
-from beltcomm.identify.following import follows
+from beltcomm.fit.observer import follows
 from beltcomm.laboratory.score import Scored, Scorer
 from beltcomm.model import Model
 

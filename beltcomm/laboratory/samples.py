@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beltcomm.identify.residual import Stretch
+from beltcomm.fit.segment import Stretch
 from beltcomm.model import Model
 
 Array = NDArray[np.float64]

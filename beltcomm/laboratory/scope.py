@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from beltcomm.effects import EFFECTS
-from beltcomm.identify.noise_level import noise_doubt
+from beltcomm.fit.noise_level import noise_doubt
 from beltcomm.laboratory.diagnosis import NONE_EXPLAINS, Diagnosis, Step
 from beltcomm.model import Model
 from beltcomm.recording import Recording

@@ -1,6 +1,6 @@
 """Score test: how far would the error fall if one more effect were there, with everything else fitted again to first order?
 
-An effect switched on at a typical size changes the whitened residual by a column; ``beltcomm.laboratory.nearby`` says how far the
+An effect switched on at a typical size changes the whitened residual by a column; ``beltcomm.fit.local_quadratic`` says how far the
 objective falls with the best amount of it.  Finite changes and not derivatives: right for gap and slack, too.
 """
 
@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 
 from beltcomm.axis import Axis
 from beltcomm.effects import Effect, Ground, Trial
-from beltcomm.identify.following import follows
-from beltcomm.identify.problem import OFFSET_M, Parts, Problem
-from beltcomm.identify.residual import Stretch, dressed_each, followed, in_noise, whitened
+from beltcomm.fit.observer import follows
+from beltcomm.fit.likelihood import OFFSET_M, Parts, Problem
+from beltcomm.fit.segment import Stretch, dressed_each, followed, in_noise, whitened
 from beltcomm.laboratory.acceptance import loudness
-from beltcomm.laboratory.data import SUBSTEPS
-from beltcomm.laboratory.fitting import BLOCK_S, Fitted
+from beltcomm.fit.records import SUBSTEPS
+from beltcomm.fit.estimate import BLOCK_S, Fitted
 from beltcomm.laboratory.harmonics import gain_means, line_columns, load_means, powers_of
 from beltcomm.laboratory.hints import explained_stretch, stiffness_by_record
 from beltcomm.model import Model, on_side

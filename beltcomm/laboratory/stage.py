@@ -16,7 +16,7 @@ import numpy as np
 from beltcomm.compiled import in_one_thread
 from beltcomm.effects import EFFECTS, Effect, Ground
 from beltcomm.errors import UsageError
-from beltcomm.identify.following import follows
+from beltcomm.fit.observer import follows
 from beltcomm.laboratory.acceptance import (
     EVIDENCE,
     STIFFNESS,
@@ -30,8 +30,8 @@ from beltcomm.laboratory.acceptance import (
     lowers,
     refuted,
 )
-from beltcomm.laboratory.data import Data
-from beltcomm.laboratory.fitting import Fitted, fit, fit_of, problem_of
+from beltcomm.fit.records import Data
+from beltcomm.fit.estimate import Fitted, fit, fit_of, problem_of
 from beltcomm.laboratory.refine import refined
 from beltcomm.laboratory.score import Scored, Scorer
 from beltcomm.model import Model

@@ -19,8 +19,8 @@ from beltcomm.laboratory.cross_checks import (
     resonances,
     sheet_doubts,
 )
-from beltcomm.laboratory.fitting import Fitted
-from beltcomm.laboratory.intervals import with_intervals
+from beltcomm.fit.estimate import Fitted
+from beltcomm.fit.intervals import with_intervals
 from beltcomm.laboratory.score import ground_of
 from beltcomm.recording import Recording
 from beltcomm.session.words import number

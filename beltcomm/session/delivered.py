@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.errors import DriveError, Refused
-from beltcomm.identify.within import taps
+from beltcomm.fit.within import taps
 from beltcomm.recording import Recording
 
 Array = NDArray[np.float64]

@@ -19,9 +19,9 @@ from beltcomm.design.spread import MarginSpread, margin_spread
 from beltcomm.errors import DataError, Refused, UsageError
 from beltcomm.identify.dead_time import DeadTime
 from beltcomm.identify.inverse_fit import SUSPECT_MISFIT, fit_inverse
-from beltcomm.identify.noise_level import torque_noise
-from beltcomm.identify.residual import dressed, squares_left, stretches, whitened
-from beltcomm.identify.uncertainty import joint_draws
+from beltcomm.fit.noise_level import torque_noise
+from beltcomm.fit.segment import dressed, squares_left, stretches, whitened
+from beltcomm.fit.remarks import joint_draws
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 from beltcomm.response import FrequencyResponse

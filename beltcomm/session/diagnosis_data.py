@@ -7,8 +7,8 @@ from typing import Any
 
 from beltcomm.laboratory.diagnosis import Diagnosis
 from beltcomm.laboratory.figures import PlainError
-from beltcomm.laboratory.fitting import Fitted
-from beltcomm.laboratory.intervals import with_intervals
+from beltcomm.fit.estimate import Fitted
+from beltcomm.fit.intervals import with_intervals
 from beltcomm.laboratory.stage import Candidate
 from beltcomm.laboratory.visible import Sight
 from beltcomm.model import Model

@@ -8,10 +8,10 @@ from collections.abc import Sequence
 
 from beltcomm.configfiles import write_text
 from beltcomm.errors import BeltcommError
-from beltcomm.laboratory.data import Data
-from beltcomm.laboratory.fitting import Fitted
-from beltcomm.laboratory.kept import kept, key_of, restored
-from beltcomm.laboratory.start import start_model
+from beltcomm.fit.records import Data
+from beltcomm.fit.estimate import Fitted
+from beltcomm.fit.stored import kept, key_of, restored
+from beltcomm.fit.start import start_model
 from beltcomm.model import Model, model_from_dict
 from beltcomm.recording import Recording
 from beltcomm.runfolder import RunFolder

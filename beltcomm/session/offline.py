@@ -18,7 +18,7 @@ from beltcomm.identify.final import final_model
 from beltcomm.identify.magnitude_fit import Solver
 from beltcomm.identify.standstill import largest
 from beltcomm.laboratory.cross_checks import sheet_doubts
-from beltcomm.laboratory.data import smallest_step
+from beltcomm.fit.records import smallest_step
 from beltcomm.laboratory.run_checks import Checked, checked
 from beltcomm.model import Model
 from beltcomm.recording import Recording, common_side

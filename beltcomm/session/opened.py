@@ -9,8 +9,8 @@ from pathlib import Path
 from beltcomm.errors import DataError
 from beltcomm.given import pasted
 from beltcomm.laboratory.cross_checks import SheetDoubt
-from beltcomm.laboratory.data import Data
-from beltcomm.laboratory.fitting import Fitted
+from beltcomm.fit.records import Data
+from beltcomm.fit.estimate import Fitted
 from beltcomm.laboratory.run_checks import Checked, checked
 from beltcomm.runfolder import RunFolder
 from beltcomm.session.cross_check_words import doubts_of

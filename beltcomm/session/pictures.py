@@ -14,8 +14,8 @@ from beltcomm.identify.friction import FrictionFit
 from beltcomm.identify.standstill import Standstill
 from beltcomm.identify.sweeps import Drift, LoadDependence, Sweep
 from beltcomm.laboratory.compare import Comparison, landmarks, worst
-from beltcomm.laboratory.data import Data
-from beltcomm.laboratory.fitting import Fitted
+from beltcomm.fit.records import Data
+from beltcomm.fit.estimate import Fitted
 from beltcomm.laboratory.place_words import in_words
 from beltcomm.recording import Recording
 from beltcomm.runfolder import RunFolder

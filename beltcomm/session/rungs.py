@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from beltcomm.laboratory.acceptance import confirmed
-from beltcomm.laboratory.data import Data
+from beltcomm.fit.records import Data
 from beltcomm.laboratory.diagnosis import Diagnosis
 from beltcomm.laboratory.figures import PlainError
-from beltcomm.laboratory.fitting import Fitted
-from beltcomm.laboratory.intervals import with_intervals
+from beltcomm.fit.estimate import Fitted
+from beltcomm.fit.intervals import with_intervals
 from beltcomm.laboratory.plain_error import band_of, of_run
 from beltcomm.runfolder import RunFolder
 from beltcomm.session.diagnosis_data import Plain

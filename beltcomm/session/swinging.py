@@ -17,7 +17,7 @@ from beltcomm.design.margins import margins
 from beltcomm.effects.payload_mode import unlikely
 from beltcomm.errors import DataError, Refused
 from beltcomm.identify.final import FinalModel, evidence, final_model
-from beltcomm.identify.residual import OUTLIER, stretches, whitened
+from beltcomm.fit.segment import OUTLIER, stretches, whitened
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 from beltcomm.session import analyse

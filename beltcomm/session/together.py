@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from beltcomm.laboratory.fitting import Fitted
-from beltcomm.laboratory.intervals import spread_of
+from beltcomm.fit.estimate import Fitted
+from beltcomm.fit.intervals import spread_of
 
 #: Delays in a row: what they do to a phase adds up, at low frequency only as their sum.
 DELAYS = ("dead_time", "current_lag", "measurement_lag")

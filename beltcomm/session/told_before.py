@@ -5,9 +5,9 @@ from __future__ import annotations
 from beltcomm.effects import effect_named
 from beltcomm.errors import BeltcommError
 from beltcomm.laboratory.acceptance import drop_by
-from beltcomm.laboratory.data import Data
+from beltcomm.fit.records import Data
 from beltcomm.laboratory.diagnosis import NEXT_ITERATIONS
-from beltcomm.laboratory.fitting import Fitted, fit
+from beltcomm.fit.estimate import Fitted, fit
 from beltcomm.laboratory.forms import held
 from beltcomm.laboratory.stage import MISSING
 from beltcomm.model import Model

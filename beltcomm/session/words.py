@@ -12,7 +12,7 @@ from beltcomm.drive import simulated
 from beltcomm.identify.friction import FrictionFit
 from beltcomm.identify.inverse_fit import InverseFit
 from beltcomm.identify.magnitude_fit import MagnitudeFit
-from beltcomm.identify.noise_level import too_little
+from beltcomm.fit.noise_level import too_little
 from beltcomm.model import Model
 from beltcomm.session.analyse import Characteristic, Nonlinearity
 from beltcomm.verify import Demand, Verdict

@@ -14,7 +14,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from beltcomm.laboratory.cross_checks import map_checks, resonances
 from beltcomm.laboratory.diagnosis import diagnose
-from beltcomm.laboratory.start import start_model
+from beltcomm.fit.start import start_model
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 from beltcomm.runfolder import RunFolder

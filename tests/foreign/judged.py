@@ -15,7 +15,7 @@ from click.testing import CliRunner
 from numpy.typing import NDArray
 
 from beltcomm.cli.main import cli
-from beltcomm.identify.residual import Stretch, evaluate, stretches
+from beltcomm.fit.segment import Stretch, evaluate, stretches
 from beltcomm.laboratory.plain_error import Banded, in_band, low_passed, plain_error
 from beltcomm.linear import operating_point, state_space
 from beltcomm.model import Model

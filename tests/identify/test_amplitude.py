@@ -23,7 +23,7 @@ from beltcomm.identify.amplitude import (
     unknown_masses_kg,
     unknown_payload,
 )
-from beltcomm.identify.first_estimate import data_sheet_model
+from beltcomm.fit.first_estimate import data_sheet_model
 from beltcomm.model import Model
 from beltcomm.stopping import Braking
 from identify.records import PERIOD_S, true_model

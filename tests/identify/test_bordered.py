@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from beltcomm.identify.bordered import Bordered
+from beltcomm.fit.arrowhead import Bordered
 
 
 @pytest.mark.parametrize("lengths", [(5, 0, 7, 3), ()])

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from beltcomm.identify.noise_path import Way, noise_path, way
-from beltcomm.identify.residual import (
+from beltcomm.fit.noise_path import Way, noise_path, way
+from beltcomm.fit.segment import (
     RUN_IN_S,
     RUN_IN_TRAVEL_M,
     STICK_SPEED_RAD_S,
@@ -22,7 +22,7 @@ from beltcomm.identify.residual import (
     way_of,
     whitened,
 )
-from beltcomm.identify.whitening import whiten, whitener
+from beltcomm.fit.whitening import whiten, whitener
 from beltcomm.model import Model, build_model
 from beltcomm.recording import Recording
 from beltcomm.simulate.inverse import FineMotion, torque_residual

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from beltcomm.identify.reversals import missed, passages, samples_at
+from beltcomm.fit.reversals import missed, passages, samples_at
 from beltcomm.simulate.inverse import FineMotion
 from beltcomm.simulate.mean import triangular_mean
 

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from beltcomm.identify.noise_path import Way, noise_path
-from beltcomm.identify.whitening import whiten
+from beltcomm.fit.noise_path import Way, noise_path
+from beltcomm.fit.whitening import whiten
 from beltcomm.model import build_model
 
 PERIOD_S, STEP_RAD, NOISE_NM = 1e-3, 2.0 * math.pi / 65536, 2e-3

@@ -10,7 +10,7 @@ from scipy.signal import lfilter
 
 from beltcomm.axis import load_axis
 from beltcomm.identify.final import final_model
-from beltcomm.identify.within import change_of, taps
+from beltcomm.fit.within import change_of, taps
 from beltcomm.session.delivered import delivered
 from beltcomm.simulate.change import Change
 from identify.records import COUNTS, NOISE_NM, Recorder, true_model

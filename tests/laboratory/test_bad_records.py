@@ -23,7 +23,7 @@ from beltcomm.laboratory.diagnosis import Diagnosis, Step, fitted_base
 from beltcomm.laboratory.run_checks import checked
 from beltcomm.laboratory.scope import lacking, within_scope
 from beltcomm.laboratory.score import Scorer
-from beltcomm.laboratory.start import start_model
+from beltcomm.fit.start import start_model
 from beltcomm.model import build_model
 from beltcomm.recording import Recording
 from beltcomm.recording_checks import RigidInertia

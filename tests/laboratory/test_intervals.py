@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from beltcomm.identify.bordered import Bordered
-from beltcomm.laboratory.fitting import Fitted
-from beltcomm.laboratory.intervals import LAW, Spread, spread_of
+from beltcomm.fit.arrowhead import Bordered
+from beltcomm.fit.estimate import Fitted
+from beltcomm.fit.intervals import LAW, Spread, spread_of
 
 Array = NDArray[np.float64]
 RECORDS, SAMPLES, SAMPLE_S = 12, 2000, 0.004

@@ -8,9 +8,9 @@ from typing import cast
 import numpy as np
 import pytest
 
-from beltcomm.identify.bordered import Bordered
-from beltcomm.identify.problem import Problem
-from beltcomm.laboratory.nearby import Nearby
+from beltcomm.fit.arrowhead import Bordered
+from beltcomm.fit.likelihood import Problem
+from beltcomm.fit.local_quadratic import Nearby
 
 SAMPLES, BLOCKS = 4000, 20
 

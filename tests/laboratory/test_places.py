@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from beltcomm.identify.residual import Stretch
+from beltcomm.fit.segment import Stretch
 from beltcomm.laboratory.compare import Comparison, worst
 from beltcomm.laboratory.place_words import in_words
 from beltcomm.laboratory.places import worst_places

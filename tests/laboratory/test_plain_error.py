@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 
 from beltcomm.laboratory import acceptance
 from beltcomm.laboratory.acceptance import confirmed, falls
-from beltcomm.laboratory.data import prepare
+from beltcomm.fit.records import prepare
 from beltcomm.laboratory.diagnosis import NONE_EXPLAINS, diagnose, fitted_base
-from beltcomm.laboratory.fitting import fit
+from beltcomm.fit.estimate import fit
 from beltcomm.laboratory.plain_error import Banded, band_of, banded, change, low_passed, of_run, plain_error
-from beltcomm.laboratory.start import start_model
+from beltcomm.fit.start import start_model
 from beltcomm.runfolder import RunFolder
 from foreign.judged import CASES, as_run
 

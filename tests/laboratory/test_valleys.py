@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from beltcomm.laboratory import diagnosis
-from beltcomm.laboratory.data import Data
+from beltcomm.fit.records import Data
 from beltcomm.laboratory.diagnosis import beyond, fitted_base
-from beltcomm.laboratory.fitting import Fitted, fit
-from beltcomm.laboratory.start import start_model
+from beltcomm.fit.estimate import Fitted, fit
+from beltcomm.fit.start import start_model
 from beltcomm.model import build_model
 from beltcomm.runfolder import RunFolder
 from truth.hidden import draw

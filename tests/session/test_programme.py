@@ -11,7 +11,7 @@ import pytest
 from beltcomm.axis import Axis, load_axis
 from beltcomm.drive import Capabilities, open_drive
 from beltcomm.excitation import choose_prbs, prbs
-from beltcomm.identify.first_estimate import data_sheet_model
+from beltcomm.fit.first_estimate import data_sheet_model
 from beltcomm.recording import Recording
 from beltcomm.session import analyse, foresight, foresight_kept, phases, programme
 from beltcomm.session.bounds import bounds_of, course_before

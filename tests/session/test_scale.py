@@ -18,7 +18,7 @@ from beltcomm.axis import Axis, load_axis
 from beltcomm.cli.main import cli
 from beltcomm.drive import Capabilities, Drive, Limits, Motion, open_drive
 from beltcomm.errors import Refused, UsageError
-from beltcomm.identify.first_estimate import data_sheet_model
+from beltcomm.fit.first_estimate import data_sheet_model
 from beltcomm.recording import Recording
 from beltcomm.session import commission
 from beltcomm.session.foresight import sheet_model

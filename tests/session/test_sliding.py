@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from beltcomm.axis import load_axis
 from beltcomm.control import Cascade, Feedforward
-from beltcomm.identify.first_estimate import data_sheet_model
+from beltcomm.fit.first_estimate import data_sheet_model
 from beltcomm.recording import Recording
 from beltcomm.session import making, sliding, stops
 from beltcomm.sidecar import Sidecar

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from beltcomm.errors import DataError
-from beltcomm.laboratory.start import BELT_BASE
+from beltcomm.fit.start import BELT_BASE
 from beltcomm.model import build_model
 from beltcomm.session.analyse import characteristic_hz
 

@@ -9,10 +9,10 @@ import pytest
 from numpy.typing import NDArray
 
 from beltcomm.effects import EFFECTS as CATALOGUE
-from beltcomm.identify.following import Follower, Seen, innovations, learned, unlearned
-from beltcomm.identify.noise_path import way
-from beltcomm.identify.residual import Stretch, grouped
-from beltcomm.identify.whitening import whitener
+from beltcomm.fit.observer import Follower, Seen, innovations, learned, unlearned
+from beltcomm.fit.noise_path import way
+from beltcomm.fit.segment import Stretch, grouped
+from beltcomm.fit.whitening import whitener
 from beltcomm.model import Model, build_model
 from beltcomm.simulate.inverse import (
     FineMotion,

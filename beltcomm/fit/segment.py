@@ -1,9 +1,9 @@
 """Recordings as residuals of one equation: what torque is left over when the measured motion goes backwards through a model.
 
-The residual e[n] of ``beltcomm.simulate.inverse`` is divided by its own noise (``beltcomm.identify.whitening``).
+The residual e[n] of ``beltcomm.simulate.inverse`` is divided by its own noise (``beltcomm.fit.whitening``).
 
 Left out are samples near standstill: a sticking motor carries any torque up to its friction, so the equation says nothing there.
-Samples with a reversal through which the motor surely went are kept where asked for (``beltcomm.identify.reversals``); a motor without
+Samples with a reversal through which the motor surely went are kept where asked for (``beltcomm.fit.reversals``); a motor without
 Coulomb friction cannot stick.
 """
 
@@ -20,12 +20,12 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from beltcomm.compiled import compiled
-from beltcomm.identify.following import Follower, Seen, follows, innovations, learned, unlearned
-from beltcomm.identify.noise_path import Way, way
-from beltcomm.identify.reversals import LEVEL, passed, turns_at_once
-from beltcomm.identify.slack import stiffness_left
-from beltcomm.identify.torque_path import TorquePath
-from beltcomm.identify.whitening import Whitener, whiten
+from beltcomm.fit.observer import Follower, Seen, follows, innovations, learned, unlearned
+from beltcomm.fit.noise_path import Way, way
+from beltcomm.fit.reversals import LEVEL, passed, turns_at_once
+from beltcomm.fit.slack import stiffness_left
+from beltcomm.fit.torque_path import TorquePath
+from beltcomm.fit.whitening import Whitener, whiten
 from beltcomm.linear import matrices, operating_point
 from beltcomm.model import Model
 from beltcomm.recording import Recording

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from beltcomm.errors import DamagedRecord
-from beltcomm.identify.residual import stretches, whitened
+from beltcomm.fit.segment import stretches, whitened
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 

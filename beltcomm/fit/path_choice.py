@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
-from beltcomm.identify.reading_fit import CLEAR, COMMAND, ReadingFit, fit_reading
-from beltcomm.identify.torque_path import DriveLaw, Lag, ReadingLaw, TorquePath
-from beltcomm.laboratory.data import Data, made
-from beltcomm.laboratory.fitting import Fitted, fit
+from beltcomm.fit.reading_fit import CLEAR, COMMAND, ReadingFit, fit_reading
+from beltcomm.fit.torque_path import DriveLaw, Lag, ReadingLaw, TorquePath
+from beltcomm.fit.records import Data, made
+from beltcomm.fit.estimate import Fitted, fit
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.compiled import compiled, in_lanes
-from beltcomm.identify.noise_path import ROUNDING, NoisePath, Way
+from beltcomm.fit.noise_path import ROUNDING, NoisePath, Way
 from beltcomm.simulate.observer import filtered, lanes_for
 
 Array = NDArray[np.float64]

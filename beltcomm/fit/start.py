@@ -12,8 +12,8 @@ from scipy.ndimage import gaussian_filter1d
 
 from beltcomm.axis import Axis
 from beltcomm.errors import DataError
-from beltcomm.identify.first_estimate import first_estimate
-from beltcomm.laboratory.data import smallest_step
+from beltcomm.fit.first_estimate import first_estimate
+from beltcomm.fit.records import smallest_step
 from beltcomm.model import Model, build_model
 from beltcomm.recording import Recording
 

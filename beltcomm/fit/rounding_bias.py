@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.compiled import compiled
-from beltcomm.identify.noise_path import NoisePath, noise_path
-from beltcomm.identify.residual import Stretch
-from beltcomm.identify.whitening import gains_of, noises
+from beltcomm.fit.noise_path import NoisePath, noise_path
+from beltcomm.fit.segment import Stretch
+from beltcomm.fit.whitening import gains_of, noises
 from beltcomm.model import Model
 
 Array = NDArray[np.float64]

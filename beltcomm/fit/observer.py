@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from beltcomm.identify.noise_path import course, path_of
-from beltcomm.identify.whitening import noises
+from beltcomm.fit.noise_path import course, path_of
+from beltcomm.fit.whitening import noises
 from beltcomm.linear import matrices, operating_point
 from beltcomm.model import Model
 from beltcomm.simulate.inverse import FineMotion, acting_torque, followed, followed_beside, motor_load, true_motion

@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
-from beltcomm.identify.problem import Problem, time_blocks
-from beltcomm.laboratory.fitting import Fitted
+from beltcomm.fit.likelihood import Problem, time_blocks
+from beltcomm.fit.estimate import Fitted
 from beltcomm.model import Model
 
 Array = NDArray[np.float64]

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from beltcomm.identify.torque_path import DriveLaw, Kind, Lag
+from beltcomm.fit.torque_path import DriveLaw, Kind, Lag
 from beltcomm.recording import Recording
 
 Array = NDArray[np.float64]

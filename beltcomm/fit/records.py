@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 from beltcomm.axis import Axis
 from beltcomm.errors import DataError
-from beltcomm.identify.following import follows
-from beltcomm.identify.noise_level import torque_noise
-from beltcomm.identify.residual import Stretch, creeping, dressed_each, evaluate, stretches, way_of
-from beltcomm.identify.torque_path import TorquePath
-from beltcomm.identify.whitening import whitener
+from beltcomm.fit.observer import follows
+from beltcomm.fit.noise_level import torque_noise
+from beltcomm.fit.segment import Stretch, creeping, dressed_each, evaluate, stretches, way_of
+from beltcomm.fit.torque_path import TorquePath
+from beltcomm.fit.whitening import whitener
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 

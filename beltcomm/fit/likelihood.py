@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 
 from beltcomm.compiled import in_one_thread
 from beltcomm.effects import effect_named
-from beltcomm.identify.bordered import Bordered
-from beltcomm.identify.following import Step, slopes
-from beltcomm.identify.residual import Stretch, dressed_each, followed, in_noise
-from beltcomm.identify.rounding_bias import RoundingBias
+from beltcomm.fit.arrowhead import Bordered
+from beltcomm.fit.observer import Step, slopes
+from beltcomm.fit.segment import Stretch, dressed_each, followed, in_noise
+from beltcomm.fit.rounding_bias import RoundingBias
 from beltcomm.model import Model, expected_parameters
 from beltcomm.simulate.inverse import (
     FineMotion,

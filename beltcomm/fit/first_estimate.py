@@ -11,9 +11,9 @@ from scipy.optimize import minimize, nnls
 
 from beltcomm.axis import Axis
 from beltcomm.errors import DataError
-from beltcomm.identify.jumps import CERTAIN, Jump, refuse, striking_step
-from beltcomm.identify.noise_level import torque_noise
-from beltcomm.identify.residual import Stretch, evaluate, stretches
+from beltcomm.fit.jumps import CERTAIN, Jump, refuse, striking_step
+from beltcomm.fit.noise_level import torque_noise
+from beltcomm.fit.segment import Stretch, evaluate, stretches
 from beltcomm.model import Model, build_model
 from beltcomm.recording import Recording
 

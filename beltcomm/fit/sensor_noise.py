@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beltcomm.identify.residual import Stretch
-from beltcomm.laboratory.data import Data
-from beltcomm.laboratory.fitting import Fitted
+from beltcomm.fit.segment import Stretch
+from beltcomm.fit.records import Data
+from beltcomm.fit.estimate import Fitted
 from beltcomm.recording import Recording
 
 Array = NDArray[np.float64]

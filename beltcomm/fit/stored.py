@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from beltcomm.axis import Axis
-from beltcomm.identify.following import follows
-from beltcomm.laboratory.data import Data, made
-from beltcomm.laboratory.fitting import Fitted, held_objective, judged, problem_of
+from beltcomm.fit.observer import follows
+from beltcomm.fit.records import Data, made
+from beltcomm.fit.estimate import Fitted, held_objective, judged, problem_of
 from beltcomm.model import Model, model_from_dict
 from beltcomm.programs import source_hash
 from beltcomm.recording import Recording
