@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import takewhile
 from pathlib import Path
 from typing import Any
@@ -14,14 +14,13 @@ from beltcomm.identify.following import follows
 from beltcomm.identify.noise_level import noise_doubt
 from beltcomm.laboratory.compare import Comparison, compare, landmarks, worst
 from beltcomm.laboratory.data import Data
-from beltcomm.laboratory.diagnosis import NEXT_ITERATIONS, Diagnosis, Step, again, diagnose, settled
+from beltcomm.laboratory.diagnosis import NEXT_ITERATIONS, Diagnosis, Step, again, settled
 from beltcomm.laboratory.fitting import Fitted, fit
 from beltcomm.laboratory.forms import formed, placed
 from beltcomm.laboratory.freedom import unneeded
 from beltcomm.laboratory.intervals import with_intervals
 from beltcomm.laboratory.place_words import in_words
-from beltcomm.laboratory.prepared import last_compiled
-from beltcomm.laboratory.scope import lacking, not_named, within_scope
+from beltcomm.laboratory.scope import lacking, not_named
 from beltcomm.laboratory.score import ground_of
 from beltcomm.laboratory.stage import may_add, with_effect
 from beltcomm.laboratory.visible import visible
@@ -33,11 +32,11 @@ from beltcomm.session import pictures as drawn
 from beltcomm.session.already import Before, shown_already
 from beltcomm.session.cross_check_words import as_data, check_lines, cross_checked, sheet_lines
 from beltcomm.session.diagnosis_data import diagnosis_data, seen_as, values_of
+from beltcomm.session.effect_search import search_of
 from beltcomm.session.kept_cost import cost_of, priced
-from beltcomm.session.kept_fit import fitted_to
 from beltcomm.session.kept_result import answered
 from beltcomm.session.next_plan import NAME, plan_for
-from beltcomm.session.opened import Opened, explainable, opened, records_of
+from beltcomm.session.opened import Opened, explainable, opened
 from beltcomm.session.response_table import table_lines, table_of
 from beltcomm.session.revisions import (
     Revision,
@@ -52,7 +51,6 @@ from beltcomm.session.revisions import (
 )
 from beltcomm.session.together import together
 from beltcomm.session.told_before import better, named_beside
-from beltcomm.simulate import ahead
 from beltcomm.stopping import total_friction
 from beltcomm.talk import Silence, Talk
 
@@ -128,22 +126,9 @@ def diagnose_run(
 
 def diagnosed(folder: RunFolder, run: Path, auto: bool, cost: bool, following: bool, command: str, when: str, talk: Talk) -> Result:
     """:func:`diagnose_run` with everything worked out."""
-    ahead.begin(last_compiled())
-    records = records_of(folder)
-    recordings = records.recordings
     model = current_model(folder)
-    talk.phase(1, 0, "search for missing effects")
-    start, seen_so, base = fitted_to(folder, recordings, model)
-    found = diagnose(
-        recordings,
-        folder.axis,
-        start,
-        begun=(seen_so, base),
-        progress=staged(talk),
-        trying=lambda candidate: talk.say(words.trial_line(candidate)),
-    )
-    explainable(found.base.ratio, run)
-    found, doubts = within_scope(found, recordings)
+    records, found, doubts = search_of(folder, talk)
+    recordings = records.recordings
     crossed = cross_checked(found, recordings, folder.axis)
     data: dict[str, Any] = {
         "run": str(run),
@@ -174,20 +159,6 @@ def diagnosed(folder: RunFolder, run: Path, auto: bool, cost: bool, following: b
         data,
         [*text, *words.climb_lines(added, found.named, found.after.held_ratio is not None, run), f"Next: beltcomm design {pasted(run)}"],
     )
-
-
-def staged(talk: Talk) -> Callable[[int, float], None]:
-    """Progress of a search, each stage after the first a phase of its own."""
-    last = 1
-
-    def progress(stage: int, fraction: float) -> None:
-        nonlocal last
-        if stage > last:
-            last = stage
-            talk.phase(stage, 0, "search for what is still missing")
-        talk.progress(fraction, None)
-
-    return progress
 
 
 def unkept(folder: RunFolder, name: str, found: Mapping[str, Any]) -> list[str]:
