@@ -89,7 +89,7 @@ def early_end(folder: RunFolder, problem: BeltcommError, talk: Talk) -> Mapping[
         if known is None:
             talk.say(
                 f"This session ends here. Its {len(names)} record{'s' if len(names) > 1 else ''} are searched for what is wrong with the "
-                f"axis, some 10 s; nothing moves (Ctrl-C skips it)."
+                f"axis, 10 to 60 s; nothing moves (Ctrl-C skips it)."
             )
             known = {**_search(folder, talk), "repeated": False}
         told = {**known, **command}
@@ -119,7 +119,8 @@ def _search(folder: RunFolder, talk: Talk) -> dict[str, Any]:
     except BeltcommError as trouble:
         return {"found": f"cannot tell: {trouble}", "check": "", "verdict": "", "named": []}
     model = with_intervals(found.after)
-    odd = [str(line) for line in sheet_lines(doubts_of(found.after, folder.axis, records.recordings))]
+    sheets = () if found.named else doubts_of(found.after, folder.axis, records.recordings)
+    odd = [str(line) for line in sheet_lines(sheets)]
     error = f"the error falls from {found.base.ratio:.3g} to {found.after.ratio:.3g} times the noise"
     if found.named:
         said = []
