@@ -22,7 +22,7 @@ from beltcomm.given import Place, number, pasted, place
 from beltcomm.model import load_plant
 from beltcomm.result import Result, plain
 from beltcomm.runfolder import RunFolder
-from beltcomm.session import analyse, calibrate_job, friction_job, offline, outcome, referencing, short_move, words
+from beltcomm.session import analyse, calibrate_job, early_end, friction_job, offline, outcome, referencing, short_move, words
 from beltcomm.session import commission as sequence
 from beltcomm.session.agreement import Agreement, planned
 from beltcomm.session.backups import chosen
@@ -63,6 +63,7 @@ from beltcomm.talk import Silence, Talk
 compare, diagnose, add, remove, ladder = compare_run, diagnose_run, add_to_run, remove_from_run, ladder_of_run
 
 
+@early_end.searched
 def commission(drive: str, axis: Axis | Place, run: Place, *, options: Options | None = None, talk: Talk | None = None) -> Result:
     """The whole job: identify, fit, friction, design, verify.   Exit code 1 for a missed target or a model that does not explain the data.
 
@@ -87,11 +88,8 @@ def commission(drive: str, axis: Axis | Place, run: Place, *, options: Options |
             settings = settings_of(options)
             referencing.reference(machine, settings)
             agreed(plan, machine)
-            try:
+            with early_end.kept(machine, findings):
                 sequence.commission(machine, settings, findings)
-            finally:  # an interrupted run keeps what it found
-                findings.remarks += machine.remarks
-                outcome.save(folder, findings)
     text = outcome.commission_text(folder, findings, drive)
     outcome.keep_text(folder, text.whole())
     page = None
@@ -104,6 +102,7 @@ def commission(drive: str, axis: Axis | Place, run: Place, *, options: Options |
     return Result(found, text.short(), 0 if findings.succeeded else 1)
 
 
+@early_end.searched
 def identify(drive: str, axis: Axis | Place, run: Place, *, options: Options | None = None, talk: Talk | None = None) -> Result:
     """Sign check, rising excitation, one open-loop response here, a first model; without a reference inside ``Options.window_m``.
 
@@ -130,13 +129,9 @@ def _identify(connected: Drive, drive: str, axis: Axis, run: Path, options: Opti
         agreed = Agreement(options, talk, lambda name, at, asked: identify(name, axis, at, options=asked), goes_on=False)
         agreed(identify_plan(axis, connected.capabilities, window), machine)
         machine.titles, machine.excitation = sequence.TITLES[1:4], options.excitation
-        try:
+        with early_end.kept(machine, findings):
             sequence.identify_here(machine, findings)
-            known = machine.place_known
-        finally:
-            findings.machine_seconds = machine.machine_seconds
-            findings.remarks += machine.remarks
-            outcome.save(folder, findings)
+        known = machine.place_known
     split = analyse.nonlinearities(folder.recordings())
     text = outcome.identify_text(folder, findings, drive, known)
     text[-1:] = [*words.nonlinearity_lines(split), text[-1]]

@@ -8,7 +8,8 @@
     │   └── ObjectLocked    an object that is never written (index and subindex kept)
     ├── UsageError   2  wrong option, wrong axis file, impossible limits
     ├── DataError    3  a recording or run folder that the method cannot use
-    │   └── DamagedRecord   one recording spoils the rest (its name kept)
+    │   ├── DamagedRecord   one recording spoils the rest (its name kept)
+    │   └── NoMotion        the torque of a record did not move the axis (the torque kept)
     ├── SafetyStop   4  a limit was reached; the axis was stopped
     └── DriveError   5  no answer, wrong answer, drive fault
         ├── BusError        nobody answers, frames lost, adapter gone
@@ -20,15 +21,24 @@ A message says what, which value, which limit, and what to do next.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from pathlib import Path
+
 
 class LeaveNow(KeyboardInterrupt):
     """A second Ctrl-C right after the first: the axis is still stopped, but nothing else is waited for or put back."""
 
 
 class BeltcommError(Exception):
-    """Base of everything this package raises on purpose; ``str(error)`` is one or two plain sentences."""
+    """Base of everything this package raises on purpose; ``str(error)`` is one or two plain sentences.
+
+    run : folder of the session that it ended, None outside of one.   diagnosis : what the records of that session show, where they were
+    searched; see :mod:`beltcomm.session.early_end`.
+    """
 
     exit_code = 1
+    run: Path | None = None
+    diagnosis: Mapping[str, object] | None = None
 
 
 class Refused(BeltcommError):
@@ -68,6 +78,14 @@ class DamagedRecord(DataError):
     def __init__(self, message: str, record: str) -> None:
         super().__init__(message)
         self.record = record
+
+
+class NoMotion(DataError):
+    """The torque of a record did not move the axis.   torque_nm : the largest in it, N m at the motor."""
+
+    def __init__(self, message: str, torque_nm: float) -> None:
+        super().__init__(message)
+        self.torque_nm = torque_nm
 
 
 class SafetyStop(BeltcommError):

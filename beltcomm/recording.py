@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from beltcomm.axis import Axis
 from beltcomm.configfiles import to_yaml, write_text
-from beltcomm.errors import DataError
+from beltcomm.errors import DataError, NoMotion
 from beltcomm.quantities import unit_of
 from beltcomm.recording_checks import CLIPPED_SHARE, clipped_share, gaps, jitter, reference_unit_fault, usual_step, velocity_unit_fault
 from beltcomm.recording_columns import CHANNELS, COMMON, INERTIA_UNIT, KNOWN_COLUMNS, Side, side_of
@@ -214,18 +214,20 @@ class Recording:
                 raise self._fault(f"{column} in row {row + 1} is {values[row]}; leave out the rows without a value")
         if not self.is_static_map:
             self._check_time()
-        lasts = "" if self.is_static_map else f" ({float(self.t_s[-1] - self.t_s[0]):.3g} s)"
-        for signal, remedy in (
-            ("position", f"the axis did not move, the record{lasts} is too short or the column is wrong"),
-            ("torque", "the column is wrong"),
-        ):
+        for signal in ("torque", "position"):
             values = getattr(self, signal)
             if np.ptp(values) == 0.0:
-                unit = unit_of(channels[signal])
-                raise self._fault(f"{channels[signal]} is {values[0]:.6g} {unit} in every row: {remedy}; record it again")
-        note = self.sidecar.excitation
-        amplitude = note.amplitude_nm if note is not None and not self.sidecar.closed_loop else None
-        share = 0.0 if self.is_static_map else clipped_share(self.torque, self.torque_setpoint, amplitude)
+                constant = f"{channels[signal]} is {values[0]:.6g} {unit_of(channels[signal])} in every row"
+                if signal == "torque" or self.is_static_map:
+                    raise self._fault(f"{constant}: the column is wrong; record it again")
+                most, lasts = float(np.abs(self.torque).max()), float(self.t_s[-1] - self.t_s[0])
+                raise NoMotion(
+                    f"{self._label()}: {constant}: the axis did not move, {most:.3g} {self.torque_unit} at most in {lasts:.3g} s did not "
+                    "break it away: friction, a brake or a clamp holds more. Record it again with more torque, or longer; if it did move, "
+                    "the column or the encoder is wrong",
+                    self._excited_nm() or most,
+                )
+        share = 0.0 if self.is_static_map else clipped_share(self.torque, self.torque_setpoint, self._excited_nm())
         if share >= CLIPPED_SHARE:
             raise self._fault(
                 f"{channels['torque']} is clipped at {np.abs(self.torque).max():.4g} {self.torque_unit} in {100.0 * share:.0f} % "
@@ -241,6 +243,11 @@ class Recording:
             fault = reference_unit_fault(values, asked) if values is not None and asked is not None else ""
             if fault:
                 raise self._fault(f"{channels[signal]} and {channels[reference]} contradict each other: {fault}; convert the column")
+
+    def _excited_nm(self) -> float | None:
+        """Amplitude of the torque that excited the axis, N m, in open loop; None where there was none."""
+        note = self.sidecar.excitation
+        return note.amplitude_nm if note is not None and not self.sidecar.closed_loop else None
 
     def _check_time(self) -> None:
         steps = np.diff(self.t_s)

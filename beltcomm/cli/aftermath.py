@@ -6,7 +6,7 @@ import shlex
 from collections.abc import Sequence
 from pathlib import Path
 
-from beltcomm.errors import DriveError
+from beltcomm.errors import BeltcommError, Declined, DriveError
 from beltcomm.given import pasted
 
 #: How the last word of a journal begins when somebody could not wait.
@@ -35,33 +35,38 @@ def aftermath(
     run: Path,
     journal: Sequence[str],
     drive: str,
-    code: int,
+    error: BeltcommError,
     *,
     resumes: bool,
-    sentence: str = "",
-    declined: bool = False,
 ) -> dict[str, str]:
-    """Three labelled sentences.   words : of the command line.   journal : lines that it wrote.   code : its exit code.
-
-    resumes : the verb knows ``--resume``.   sentence : of the error.   declined : somebody said no, so nothing is to be mended.
-    """
+    """Labelled sentences.   words : of the command line.   journal : lines that it wrote.   resumes : the verb knows ``--resume``."""
+    sentence, declined = str(error), isinstance(error, Declined)  # somebody said no, so nothing is to be mended
     kept = sum(1 for _ in (run / "recordings").glob("*.csv"))
     records = f"{kept} record{'s' if kept != 1 else ''} kept" if kept else "nothing recorded yet"
     if not kept and declined:
         records += "; --run takes it again, or delete it"
-    told = [state for line in journal for begin, state in _STATES.items() if line.startswith(begin)]
+    states = [state for line in journal for begin, state in _STATES.items() if line.startswith(begin)]
     rollback = f"beltcomm rollback --drive {pasted(drive or 'DRIVE')} --run {pasted(run)}"
-    state = told[-1].format(rollback=rollback) if told else "nothing was written to it"
+    state = states[-1].format(rollback=rollback) if states else "nothing was written to it"
     again = again_command(words, None if resumes and not kept else run, resumes=resumes)
     following = f"{again}   ({'asks again' if declined else 'when what is said above is mended'})"
     if resumes and kept and AXIS_FILE in sentence:  # a run goes on with the axis that it was begun with, and no other
         anew = again_command(_with_axis(words, run), None, resumes=True)
         following = f"{anew}   (a new run, when {AXIS_FILE} is mended); when it is right and the machine is mended: {again}"
-    if kept and "`beltcomm diagnose" in sentence:
+    told = error.diagnosis
+    if told is not None:
+        if told["named"] or told["repeated"]:  # records of a machine before and after it was mended are of two machines
+            mended = _with_axis(words, run) if resumes and AXIS_FILE in sentence else words
+            following = f"{again_command(mended, None, resumes=resumes)}   (a new run, when the machine is mended)"
+            if told["repeated"]:
+                following += "; --resume was tried: it ended with the same records as before and will again"
+        following = f"{told['command']}   (shows all of it); then {following}"
+    elif kept and "`beltcomm diagnose" in sentence:
         following = f"beltcomm diagnose {pasted(run)}   (says what these records show); then {following}"
-    if code == DriveError.exit_code:
+    if isinstance(error, DriveError):
         following = f"beltcomm doctor --drive {pasted(drive or 'DRIVE')}   (finds what is wrong), then {again}"
-    return {"folder": f"{run} ({records})", "drive": state, "next": following}
+    shown = {} if told is None else {name: str(told[name]) for name in ("found", "check") if told[name]}
+    return {**shown, "folder": f"{run} ({records})", "drive": state, "next": following}
 
 
 def _with_axis(words: Sequence[str], run: Path) -> list[str]:

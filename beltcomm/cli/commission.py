@@ -36,5 +36,5 @@ def command(frame: Frame, /, drive: str, axis: str | None, run: Path | None, res
     """
     known = axis_for(axis, drive, run, resume)
     frame.run = run_folder(run, known.name)
-    options = frame.options(resume=resume, **given)
+    options = frame.options(resume=resume, search=True, **given)
     return frame.show(api().commission(drive, known, frame.run, options=options, talk=frame.talk()))

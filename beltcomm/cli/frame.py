@@ -21,7 +21,7 @@ import click
 from beltcomm import __version__
 from beltcomm.cli.aftermath import LEFT_AT_ONCE, aftermath, again_command, journal_of
 from beltcomm.cli.terminal import echo, failure
-from beltcomm.errors import BeltcommError, Declined, UsageError
+from beltcomm.errors import BeltcommError, UsageError
 from beltcomm.given import pasted
 
 if TYPE_CHECKING:
@@ -112,7 +112,7 @@ class Frame:
             sys.stdout.flush()
             return outcome if isinstance(outcome, int) else 0
         except BeltcommError as error:
-            return self._failed(str(error), error.exit_code, self._aftermath(error.exit_code, str(error), isinstance(error, Declined)))
+            return self._failed(str(error), error.exit_code, self._aftermath(error), error.diagnosis)
         except click.ClickException as error:
             context = getattr(error, "ctx", None)
             remedy = f" (see {context.command_path} --help)" if context is not None else ""
@@ -203,21 +203,24 @@ class Frame:
             f"; it goes on with: {again_command(self.words, self.run, resumes=True)}" if verb in RESUMABLE else ""
         )
 
-    def _aftermath(self, code: int, sentence: str = "", declined: bool = False) -> Mapping[str, str]:
-        """What a failed verb on a machine leaves behind; nothing where it has no folder yet."""
+    def _aftermath(self, error: BeltcommError) -> Mapping[str, str]:
+        """What a failed verb on a machine leaves behind; nothing where it has no folder yet, or a wrong word kept it from beginning."""
         verb = self.words[0] if self.words else ""
-        if verb not in RECORDING or self.run is None or not self.run.is_dir() or code == UsageError.exit_code:
+        unbegun = error.exit_code == UsageError.exit_code and error.run is None
+        if verb not in RECORDING or self.run is None or not self.run.is_dir() or unbegun:
             return {}
-        resumes = verb in RESUMABLE
-        return aftermath(self.words, self.run, self._journal(), self.drive, code, resumes=resumes, sentence=sentence, declined=declined)
+        return aftermath(self.words, self.run, self._journal(), self.drive, error, resumes=verb in RESUMABLE)
 
-    def _failed(self, sentence: str, code: int, left: Mapping[str, str] = MappingProxyType({})) -> int:
+    def _failed(
+        self, sentence: str, code: int, left: Mapping[str, str] = MappingProxyType({}), diagnosis: Mapping[str, object] | None = None
+    ) -> int:
         try:
             self._end_talk()
             failure(f"beltcomm: {sentence}", sys.stderr)
             echo([f"{label.capitalize() + ':':8}{words}" for label, words in left.items()], sys.stderr)
             if self.json:
-                click.echo(json.dumps({"error": sentence, "exit_code": code, **left}, ensure_ascii=False))
+                told = {} if diagnosis is None else {"diagnosis": diagnosis}
+                click.echo(json.dumps({"error": sentence, "exit_code": code, **left, **told}, ensure_ascii=False))
         except OSError:
             if not self.ended:
                 raise

@@ -54,5 +54,5 @@ def command(frame: Frame, /, drive: str, axis: str | None, run: Path | None, res
         return frame.show(api().follow(drive, run, plan, options=frame.options(**given), talk=frame.talk()))
     known = axis_for(axis, drive, run, resume or closed)
     frame.run = run_folder(run, known.name)
-    options = frame.options(resume=resume, **given)
+    options = frame.options(resume=resume, search=True, **given)
     return frame.show(api().identify(drive, known, frame.run, options=options, talk=frame.talk()))

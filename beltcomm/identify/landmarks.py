@@ -1,9 +1,11 @@
-"""Antiresonance and resonance of one measured response, with intervals, whatever friction makes of it elsewhere."""
+"""Antiresonance and resonance of the belt: those of a model, chosen by their shape, and of one measured response, with intervals."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations_with_replacement
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +13,8 @@ from scipy.optimize import least_squares
 from scipy.special import stdtrit
 
 from beltcomm.errors import DataError
+from beltcomm.linear import Matrices, matrices, operating_point
+from beltcomm.model import Model
 from beltcomm.response import FrequencyResponse
 
 Array = NDArray[np.float64]
@@ -21,6 +25,8 @@ BELOW, ABOVE, FARTHEST = 0.5, 1.5, 1.7
 LARGEST_NOISE, FEWEST_LINES = 0.3, 16
 #: An interval larger than this share of its frequency says that there is nothing to see.
 LOST = 0.25
+#: Hz: what swings more slowly is no resonance of a belt.
+LOWEST_HZ = 0.5
 #: Damping ratios beyond this are no resonance.
 MOST_DAMPING = 1.0
 
@@ -43,14 +49,88 @@ class Landmarks:
     scatter: float
 
 
-def find_landmarks(response: FrequencyResponse, antiresonance_hz: float, resonance_hz: float) -> Landmarks:
+@dataclass(frozen=True)
+class Pair:
+    """An antiresonance and a resonance of the motor's response, undamped, Hz, and their damping ratios.   Near each other they cancel."""
+
+    antiresonance_hz: float
+    resonance_hz: float
+    damping: tuple[float, float]
+
+    @property
+    def width(self) -> float:
+        """|log(f_r/f_z)|: what the pair changes of the response."""
+        return abs(math.log(self.resonance_hz / self.antiresonance_hz))
+
+    def response(self, freq_hz: Array) -> NDArray[np.complex128]:
+        """(f_z² - f² + 2j ζ_z f_z f)/(f_r² - f² + 2j ζ_r f_r f), the pair's factor of the motor's response, (m,)."""
+        (z, r), (d_z, d_r) = (self.antiresonance_hz, self.resonance_hz), self.damping
+        return np.asarray((z**2 - freq_hz**2 + 2j * d_z * z * freq_hz) / (r**2 - freq_hz**2 + 2j * d_r * r * freq_hz))
+
+
+@dataclass(frozen=True)
+class Shape:
+    """The motor's response as  rigid axis · Π pairs.   belt : in which the carriage swings on the belt.   beside : what else swings."""
+
+    belt: Pair
+    beside: tuple[Pair, ...]
+
+    @property
+    def lowest_hz(self) -> float:
+        """The lowest resonance of all."""
+        return min(pair.resonance_hz for pair in (self.belt, *self.beside))
+
+
+def shape_of(model: Model, position_m: float) -> Shape | None:
+    """How a model's sliding axis swings with the carriage at a place, m; None where nothing does, as on a belt that is too soft.
+
+    K v = λ M v of all bodies, and with the motor held:  λ_1 <= μ_1 <= λ_2 <= μ_2 ... <= λ_n  (Cauchy).  λ_1 is the axis as a whole, free
+    or on what depends on its place (cogging, a cable).  To the belt belong the μ_a and the λ_b above it with the largest
+
+        s_a log(f_b/f_a) - 2 Σ widths of the pairs that the others make,   s : share of the carriage in the kinetic energy of mode a
+
+    Payload, coupling or end pulley take less inertia along than the carriage, or move in its place.
+    Raises UsageError and Refused as :func:`beltcomm.linear.matrices`.     Source: Golub, Van Loan, Matrix Computations, 4th ed., 8.1.7.
+    """
+    m = matrices(model, operating_point(model, position_m, 1.0))
+    if "motor" not in m.bodies or len(m.bodies) < 2:
+        return None
+    held = m.hold(("motor",))
+    (mu, low, vectors), (lam, high, _) = _undamped(held), _undamped(m)
+    shares = vectors[held.bodies.index("cart")] ** 2 if "cart" in held.bodies else np.ones(len(mu))
+    kept = [i for i in range(len(mu)) if mu[i] > 0.0]
+
+    def pair(zero: int, pole: int) -> Pair:
+        z, r = math.sqrt(mu[zero]), math.sqrt(lam[pole + 1])
+        return Pair(z / math.tau, r / math.tau, (float(low[zero]) / (2.0 * z), float(high[pole + 1]) / (2.0 * r)))
+
+    best, most = None, -math.inf
+    for a, b in combinations_with_replacement(kept, 2):
+        beside = [pair(i, i) for i in kept if i < a or i > b] + [pair(i + 1, i) for i in range(a, b)]
+        belt = pair(a, b)
+        score = float(shares[a]) * belt.width - 2.0 * sum(one.width for one in beside)
+        if score > most:
+            best, most = Shape(belt, tuple(beside)), score
+    return best if best is not None and best.belt.antiresonance_hz > LOWEST_HZ and max(best.belt.damping) < MOST_DAMPING else None
+
+
+def _undamped(m: Matrices) -> tuple[Array, Array, Array]:
+    """Eigenvalues, (rad/s)², ascending, the damping of each, 2 ζ ω, rad/s, and the eigenvectors in mass-normalised coordinates."""
+    scale = 1.0 / np.sqrt(np.diag(m.M))
+    values, vectors = np.linalg.eigh(m.K * np.outer(scale, scale))
+    return values, np.einsum("ji,jk,ki->i", vectors, m.D * np.outer(scale, scale), vectors), vectors
+
+
+def find_landmarks(response: FrequencyResponse, expected: Pair, beside: Sequence[Pair] = ()) -> Landmarks:
     """Fit  ω^n a (f_z² - f² + 2j ζ_z f_z f)/(f_r² - f² + 2j ζ_r f_r f)  to log h, every line with the same weight.
 
     a complex and n real take up the rigid part, whose damping friction decides.  Friction's wrong lines scatter about the fit and widen the
     intervals (linearised, variance J*/(n - p)); a bias that all lines share they do not hold.
 
-    antiresonance_hz, resonance_hz : expected, Hz.   Raises DataError when too few lines lie around them.     Source: (2.42), 3.5.
+    expected : where about.   beside : what else the model has, taken out of h first.   Raises DataError when too few lines lie around it.
+    Source: (2.42), 3.5.
     """
+    antiresonance_hz, resonance_hz = expected.antiresonance_hz, expected.resonance_hz
     if not antiresonance_hz < resonance_hz:
         raise DataError(f"the model's antiresonance, {antiresonance_hz:.3g} Hz, is not below its resonance, {resonance_hz:.3g} Hz")
     band = (response.freq_hz >= BELOW * antiresonance_hz) & (response.freq_hz <= ABOVE * resonance_hz)
@@ -63,6 +143,8 @@ def find_landmarks(response: FrequencyResponse, antiresonance_hz: float, resonan
         )
     freq = response.freq_hz[band]
     h = response.h[band] * np.exp(1j * np.pi * freq * response.sample_period_s)  # a torque held for a period acts half of it later
+    for pair in beside:
+        h = h / pair.response(freq)
     middle = math.sqrt(freq[0] * freq[-1])
 
     def flexible(x: Array) -> NDArray[np.complex128]:

@@ -13,10 +13,10 @@ from beltcomm.fit.segment import Stretch, dressed_each, evaluate
 from beltcomm.fit.records import Data
 from beltcomm.laboratory.figures import PlainError
 from beltcomm.fit.estimate import Fitted
+from beltcomm.identify.landmarks import shape_of
 from beltcomm.laboratory.places import Place, worst_places
 from beltcomm.laboratory.plain_error import band_of, in_band, plain_error
 from beltcomm.laboratory.samples import Judged, units_of
-from beltcomm.linear import modes, operating_point
 from beltcomm.model import Model
 
 Array = NDArray[np.float64]
@@ -91,10 +91,9 @@ def worst(comparison: Comparison, count: int = 5) -> list[Place]:
 
 
 def landmarks(model: Model, position_m: float) -> dict[str, float]:
-    """Resonance and antiresonance of the model with the carriage there, Hz; {} without a belt."""
-    at = operating_point(model, position_m, 1.0)
+    """Resonance and antiresonance of the belt with the carriage there, Hz; {} without a belt."""
     try:
-        found = {"resonance": modes(model, at), "antiresonance": modes(model, at, held=("motor",))}
+        shape = shape_of(model, position_m)
     except (UsageError, Refused):
         return {}
-    return {name: item[-1].freq_hz for name, item in found.items() if item}
+    return {} if shape is None else {"resonance": shape.belt.resonance_hz, "antiresonance": shape.belt.antiresonance_hz}

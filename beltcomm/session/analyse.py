@@ -27,10 +27,11 @@ from beltcomm.errors import DataError, Refused
 from beltcomm.identify.dead_time import DeadTime, dead_time_between
 from beltcomm.identify.friction import FrictionFit, Plateau, fit_friction
 from beltcomm.identify.inverse_fit import InverseFit
+from beltcomm.identify.landmarks import Shape, shape_of
 from beltcomm.identify.loop_response import seen
 from beltcomm.identify.magnitude_fit import MagnitudeFit, Solver, fit_magnitude
 from beltcomm.identify.sweeps import plateaus_of
-from beltcomm.linear import modes, operating_point
+from beltcomm.linear import operating_point
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 from beltcomm.response import FrequencyResponse
@@ -314,13 +315,15 @@ def apparent_damping(fits: Mapping[str, MagnitudeFit]) -> float:
     return max(values)
 
 
-def characteristic_hz(model: Model, position_m: float) -> tuple[float, float]:
-    """Antiresonance and first resonance of a model with the carriage at a place, Hz, from its undamped modes.
-
-    Raises DataError for a model with a belt so soft that it has none.
-    """
-    free = [m.freq_hz for m in modes(model, operating_point(model, position_m, 1.0)) if m.freq_hz > 0.5]
-    held = [m.freq_hz for m in modes(model, operating_point(model, position_m, 1.0), held=("motor",)) if m.freq_hz > 0.5]
-    if not held or not free:
+def swinging(model: Model, position_m: float) -> Shape:
+    """:func:`beltcomm.identify.landmarks.shape_of`.   Raises DataError for a model whose belt is so soft that nothing swings on it."""
+    shape = shape_of(model, position_m)
+    if shape is None:
         raise DataError("the model has no resonance: its carriage does not swing on the belt; look at it (beltcomm compare RUN)")
-    return min(held), min(free)
+    return shape
+
+
+def characteristic_hz(model: Model, position_m: float) -> tuple[float, float]:
+    """Antiresonance and resonance of the belt with the carriage at a place, Hz.   Raises DataError as :func:`swinging`."""
+    belt = swinging(model, position_m).belt
+    return belt.antiresonance_hz, belt.resonance_hz

@@ -11,7 +11,7 @@ import numpy as np
 from beltcomm.axis import Axis
 from beltcomm.control import Cascade, CascadeStructure
 from beltcomm.design.cascade import DesignResult
-from beltcomm.errors import DataError, Refused, SafetyStop
+from beltcomm.errors import DataError, NoMotion, Refused, SafetyStop
 from beltcomm.identify.amplitude import AmplitudeStep, around, unknown_masses_kg
 from beltcomm.identify.final import FinalModel, evidence, final_model
 from beltcomm.identify.standstill import largest
@@ -107,12 +107,15 @@ def identify_here(machine: Machine, findings: Findings, *, brief: bool = False) 
 def first_response(machine: Machine, findings: Findings, excited: raising.Excited, seconds: float) -> None:
     """The frequency response at the present place; where the carriage wanders too far again where it then stands, with less torque.
 
-    Then no response after it is louder, either.   Raises SafetyStop when stops have used up what the session goes on after.
+    Then no response after it is louder, either.   One that does not move the axis is made louder.   Raises SafetyStop when stops have
+    used up what the session goes on after, NoMotion when no torque allowed moves the axis.
     """
+    above_nm = 0.0
     while True:
         # A carriage that went too far is not held by friction: no sequence is tried that is louder for leaving out the resonance.
         chosen = partial(phases.response_to_come, machine, excited.model, excited.at_most_nm, loud=not machine.wanderings)
         choice, step = making.short_if_possible(chosen, seconds)
+        phases.louder(machine, step, above_nm)
         try:
             phases.planned_response(machine, "frf_1", excited.model, choice, step)
             return
@@ -122,6 +125,10 @@ def first_response(machine: Machine, findings: Findings, excited: raising.Excite
             most_nm = QUIETER * step.amplitude_nm
             excited = findings.excited = replace(excited, step=replace(step, amplitude_nm=most_nm), at_most_nm=most_nm)
             findings.remarks.append(f"frf_1 is made with at most ±{most_nm:.3f} N m, after this: {problem}")
+        except NoMotion:
+            above_nm = step.amplitude_nm
+            if not machine.wanderings:
+                excited = replace(excited, at_most_nm=raising.GROWTH * above_nm)
 
 
 def first_model(machine: Machine, findings: Findings) -> Model:
@@ -251,7 +258,7 @@ def record_steps(machine: Machine, findings: Findings, model: Model, cascade: Ca
                     continue
                 findings.remarks.append(f"{left_out}: {problem}")
             except (DataError, Refused) as problem:  # the result does not rest on this record
-                if step in needed:
+                if step in needed and not (isinstance(problem, NoMotion) and step.kind == "response"):
                     raise
                 findings.remarks.append(f"{left_out}: {problem}")
             break
@@ -338,38 +345,33 @@ def known_model(findings: Findings) -> Model:
 
 def commission(machine: Machine, settings: Settings, findings: Findings) -> Findings:
     """The whole job on a connected, referenced axis.  ``findings`` is filled as it goes, so an interruption loses nothing."""
-    machine.titles = TITLES
+    machine.titles, brief = TITLES, settings.extent == "quick"
     machine.begin(TITLES[0])
-    brief = settings.extent == "quick"
-    try:
-        model = identify_here(machine, findings, brief=brief)
-        cascade = close_first_loop(machine, findings, model, ask=settings.ask)
-        if brief:
-            speeds = programme.quick_speeds_m_s(phases.gentle_limits(machine, model, np.inf).acceleration_m_s2)
-            measure_friction(machine, model, speeds_m_s=speeds, longest_s=programme.QUICK_PLATEAU_S)
-        else:
-            record_steps(machine, findings, model, cascade, settings.extent)
-        cascade = fit_and_design(machine, findings, settings)
-        machine.begin(TITLES[7])
-        model = known_model(findings)
-        stops.count_on_loop(machine, [model], cascade, delay(findings))
-        if settings.move is not None:
-            trajectory = settings.move
-        else:
-            standard = verification.standard_move(machine, model)
-            standard = verification.kept_by_belt(machine, model, cascade, delay(findings), standard)
-            trajectory, remark = verification.within_target(machine, model, cascade, delay(findings), standard)
-            if remark:
-                findings.remarks.append(remark)
-            if trajectory.duration_s > standard.at(1.0, trajectory.sample_period_s).duration_s:
-                findings.reservations.append("this drive cannot follow the standard move within the target, only slower ones")
-        findings.proof = proof(cascade, trajectory, settings.payloads_kg)
-        name = move_name(machine.folder, findings.proof)
-        verdict, findings.demand = verify_move(machine, model, cascade, delay(findings), trajectory, name, settings.payloads_kg)
-        findings.verdict, findings.move_name = verdict, name
-        dispose(machine, settings, findings, cascade)
-    finally:
-        findings.machine_seconds = machine.machine_seconds
+    model = identify_here(machine, findings, brief=brief)
+    cascade = close_first_loop(machine, findings, model, ask=settings.ask)
+    if brief:
+        speeds = programme.quick_speeds_m_s(phases.gentle_limits(machine, model, np.inf).acceleration_m_s2)
+        measure_friction(machine, model, speeds_m_s=speeds, longest_s=programme.QUICK_PLATEAU_S)
+    else:
+        record_steps(machine, findings, model, cascade, settings.extent)
+    cascade = fit_and_design(machine, findings, settings)
+    machine.begin(TITLES[7])
+    model = known_model(findings)
+    stops.count_on_loop(machine, [model], cascade, delay(findings))
+    if settings.move is not None:
+        trajectory = settings.move
+    else:
+        standard = verification.standard_move(machine, model)
+        standard = verification.kept_by_belt(machine, model, cascade, delay(findings), standard)
+        trajectory, remark = verification.within_target(machine, model, cascade, delay(findings), standard)
+        if remark:
+            findings.remarks.append(remark)
+        if trajectory.duration_s > standard.at(1.0, trajectory.sample_period_s).duration_s:
+            findings.reservations.append("this drive cannot follow the standard move within the target, only slower ones")
+    findings.proof = proof(cascade, trajectory, settings.payloads_kg)
+    findings.move_name = name = move_name(machine.folder, findings.proof)
+    findings.verdict, findings.demand = verify_move(machine, model, cascade, delay(findings), trajectory, name, settings.payloads_kg)
+    dispose(machine, settings, findings, cascade)
     return findings
 
 

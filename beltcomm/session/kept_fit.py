@@ -25,7 +25,7 @@ def fitted_to(folder: RunFolder, recordings: Sequence[Recording], model: Model |
 
     model : the run's present one; None begins with what the axis file and the records tell.
     """
-    path, key = folder.path.joinpath(*FILE), key_of(_hashes(folder), folder.axis, model)
+    path, key = folder.path.joinpath(*FILE), key_of(hashes(folder), folder.axis, model)
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
         if found["key"] == key:
@@ -46,7 +46,7 @@ def fitted_to(folder: RunFolder, recordings: Sequence[Recording], model: Model |
     return start, data, fitted
 
 
-def _hashes(folder: RunFolder) -> dict[str, str]:
+def hashes(folder: RunFolder) -> dict[str, str]:
     """SHA-256 of every file of every complete recording."""
     stems = set(folder.finished_names())
     files = (path for path in folder.recordings_folder.iterdir() if path.stem in stems and path.suffix in (".csv", ".yaml"))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import takewhile
 from pathlib import Path
 from typing import Any
@@ -16,15 +16,14 @@ from beltcomm.laboratory.acceptance import confirmed
 from beltcomm.laboratory.compare import Comparison, compare, landmarks, worst
 from beltcomm.fit.records import Data
 from beltcomm.fit.base import NEXT_ITERATIONS, again
-from beltcomm.laboratory.diagnosis import Diagnosis, Step, diagnose, settled
+from beltcomm.laboratory.diagnosis import Diagnosis, Step, settled
 from beltcomm.fit.estimate import Fitted, fit
 from beltcomm.laboratory.forms import formed, placed
 from beltcomm.laboratory.freedom import unneeded
 from beltcomm.fit.intervals import with_intervals
 from beltcomm.laboratory.place_words import in_words
 from beltcomm.laboratory.plain_error import of_run
-from beltcomm.laboratory.prepared import last_compiled
-from beltcomm.laboratory.scope import lacking, not_named, within_scope
+from beltcomm.laboratory.scope import lacking, not_named
 from beltcomm.laboratory.score import ground_of
 from beltcomm.laboratory.stage import may_add, with_effect
 from beltcomm.laboratory.visible import visible
@@ -36,11 +35,11 @@ from beltcomm.session import pictures as drawn
 from beltcomm.session.already import Before, shown_already
 from beltcomm.session.cross_check_words import as_data, check_lines, cross_checked, sheet_lines
 from beltcomm.session.diagnosis_data import diagnosis_data, error_data, seen_as, values_of
+from beltcomm.session.effect_search import search_of
 from beltcomm.session.kept_cost import cost_of, priced
-from beltcomm.session.kept_fit import fitted_to
 from beltcomm.session.kept_result import answered
 from beltcomm.session.next_plan import NAME, plan_for
-from beltcomm.session.opened import Opened, explainable, opened, records_of
+from beltcomm.session.opened import Opened, explainable, opened
 from beltcomm.session.response_table import table_lines, table_of
 from beltcomm.session.revisions import (
     Revision,
@@ -54,7 +53,6 @@ from beltcomm.session.revisions import (
 from beltcomm.session.rungs import base_revision, plain_of, revision_of
 from beltcomm.session.together import together
 from beltcomm.session.told_before import better, named_beside
-from beltcomm.simulate import ahead
 from beltcomm.stopping import total_friction
 from beltcomm.talk import Silence, Talk
 
@@ -130,22 +128,9 @@ def diagnose_run(
 
 def diagnosed(folder: RunFolder, run: Path, auto: bool, cost: bool, following: bool, command: str, when: str, talk: Talk) -> Result:
     """:func:`diagnose_run` with everything worked out."""
-    ahead.begin(last_compiled())
-    records = records_of(folder)
-    recordings = records.recordings
     model = current_model(folder)
-    talk.phase(1, 0, "search for missing effects")
-    start, seen_so, base = fitted_to(folder, recordings, model)
-    found = diagnose(
-        recordings,
-        folder.axis,
-        start,
-        begun=(seen_so, base),
-        progress=staged(talk),
-        trying=lambda candidate: talk.say(words.trial_line(candidate)),
-    )
-    explainable(found.base.ratio, run)
-    found, doubts = within_scope(found, recordings)
+    records, found, doubts = search_of(folder, talk)
+    recordings = records.recordings
     crossed = cross_checked(found, recordings, folder.axis)
     before, after = plain_of(found)
     data: dict[str, Any] = {
@@ -177,20 +162,6 @@ def diagnosed(folder: RunFolder, run: Path, auto: bool, cost: bool, following: b
         data,
         [*text, *words.climb_lines(added, found.named, found.after.held_ratio is not None, run), f"Next: beltcomm design {pasted(run)}"],
     )
-
-
-def staged(talk: Talk) -> Callable[[int, float], None]:
-    """Progress of a search, each stage after the first a phase of its own."""
-    last = 1
-
-    def progress(stage: int, fraction: float) -> None:
-        nonlocal last
-        if stage > last:
-            last = stage
-            talk.phase(stage, 0, "search for what is still missing")
-        talk.progress(fraction, None)
-
-    return progress
 
 
 def unkept(folder: RunFolder, name: str, found: Mapping[str, Any]) -> list[str]:

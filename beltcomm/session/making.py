@@ -11,12 +11,13 @@ from typing import TypeVar
 import numpy as np
 
 from beltcomm.control import Cascade
-from beltcomm.errors import Refused
+from beltcomm.errors import NoMotion, Refused
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 from beltcomm.session import analyse, phases, verification
 from beltcomm.session.machine import Machine
 from beltcomm.session.paths import Course, path_of, start_of
+from beltcomm.session.raising import GROWTH
 from beltcomm.session.steps import LOUD, Step
 from beltcomm.sidecar import EXPERIMENTS, Sidecar, load_sidecar
 from beltcomm.stopping import total_friction
@@ -87,18 +88,26 @@ def respond(machine: Machine, model: Model, step: Step, name: str, loudest_nm: f
     if step.share < LOUD:
         amplitude = quieter(loudest_made(machine) or loudest_nm, total_friction(model), step.share)
     wanted = step.seconds or RESPONSE_S
-    respond_for = partial(
+    respond_for: Callable[..., object] = partial(
         phases.frequency_response,
         machine,
         name,
         model,
-        amplitude,
         share=share,
         held_out=step.held_out,
         loud=step.share >= LOUD and not (machine.wanderings or step.held_out or step.up_to_hz),
         up_to_hz=step.up_to_hz,
     )
-    short_if_possible(respond_for, wanted)
+    above_nm = 0.0
+    while True:
+        try:
+            short_if_possible(partial(respond_for, amplitude, above_nm=above_nm), wanted)
+            return
+        except NoMotion as still:
+            if share < 1.0 or still.torque_nm <= above_nm:  # what lets the carriage wander is no more than this
+                raise
+            above_nm, amplitude = still.torque_nm, GROWTH * still.torque_nm
+            machine.talk.say(f"±{above_nm:.3f} N m did not move the axis; once more, louder")
 
 
 def short_if_possible(respond_for: Callable[[float], Answer], wanted_s: float) -> Answer:

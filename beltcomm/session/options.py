@@ -53,6 +53,7 @@ class Options:
     hold : a key that must stay held while the axis moves.   simulate_first : the plan is played on a twin before anything moves.
     wall_clock : date and time in s, to know how much later a run goes on; the core has no clock of its own.
     report : a page on the run at the end of ``commission``; the command line asks for it.
+    search : records of a session that cannot go on are searched for what is wrong with the axis; the command line asks for it.
     sample_period_s : of records; None is the shortest that drive and bus allow.   drive : further options for the adapter, by name.
     """
 
@@ -73,6 +74,7 @@ class Options:
     base_speed_m_s: float | None = None
     pictures: bool = True
     report: bool = False
+    search: bool = False
     force: bool = False
     prefilter: PrefilterKind | None = None
     feedforward: SentFeedforward | None = None

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from beltcomm.axis import Axis
 from beltcomm.axis_entries import TrajectoryLimits
 from beltcomm.drive import Capabilities
-from beltcomm.errors import Refused, SafetyStop, UsageError
+from beltcomm.errors import NoMotion, Refused, SafetyStop, UsageError
 from beltcomm.excitation import Choice, Excitation, PrbsChoice, choose, choose_prbs
 from beltcomm.identify.amplitude import (
     AmplitudeStep,
@@ -55,6 +55,8 @@ ASTRAY_M = 2e-2
 POSITIONING_TRIES = 4
 #: Shares of speed that a motion is slowed down by until every stop ends inside the travel.
 STOPPABLE_SHARES = tuple(float(share) for share in np.geomspace(1.0, 0.1, 16))
+#: An excitation after one that did not move the axis is louder by this factor at least.
+LOUDER = 1.05
 #: m: a loop that is further off its reference has lost it; until it is tuned, all that is asked.  Share of the speed that axis and
 #: drive allow which a reference may use: what overshoots it must not be stopped.
 LOST_M = 5e-2
@@ -144,18 +146,32 @@ def frequency_response(
     held_out: bool = False,
     loud: bool = True,
     up_to_hz: float = 0.0,
+    above_nm: float = 0.0,
 ) -> tuple[Recording, Excitation, AmplitudeStep]:
     """Excite at the present place with an amplitude that the limits allow there, long enough for a frequency response.
 
     share : of that amplitude.   held_out : only to judge with; another sequence than those that are fitted, and one measured period of it.
     loud : where friction hardly lets the carriage move, the sequence may leave the resonance out to be louder.
-    up_to_hz : power up to there at least, also above the resonance.
+    up_to_hz : power up to there at least, also above the resonance.   above_nm : what did not move the axis: raises NoMotion where the
+    limits allow no more.
     """
     chosen = partial(response_to_come, machine, model, seconds=seconds, held_out=held_out, loud=loud, up_to_hz=up_to_hz)
     choice, step = chosen(amplitude_nm=amplitude_nm)
     if share < 1.0:
         choice, step = chosen(amplitude_nm=share * step.amplitude_nm)
+    louder(machine, step, above_nm)
     return planned_response(machine, name, model, choice, step, held_out=held_out)
+
+
+def louder(machine: Machine, step: AmplitudeStep, above_nm: float) -> None:
+    """Raise NoMotion where a step is no louder than what did not move the axis, N m."""
+    if step.amplitude_nm > LOUDER * above_nm:
+        return
+    raise NoMotion(
+        f"±{above_nm:.3f} N m did not move the axis at {machine.where(machine.position_m)}, and the limit on {step.binds} allows only "
+        f"±{step.amplitude_nm:.3f} N m: friction holds more than that there; look for a tight spot, a brake or dry guides",
+        above_nm,
+    )
 
 
 def planned_response(

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from beltcomm.errors import Refused, SafetyStop
+from beltcomm.errors import NoMotion, Refused, SafetyStop
 from beltcomm.excitation import prbs
 from beltcomm.identify.amplitude import UNKNOWN_MASSES_KG, AmplitudeStep, MotionLimits, around, largest_amplitude, unknown_payload
 from beltcomm.fit.first_estimate import data_sheet_model, first_estimate, moved_enough, stiffness_range
@@ -100,6 +100,18 @@ def raise_amplitude(
             louder = following.step.amplitude_nm  # the model does not know it well enough: no louder than what stayed inside
             machine.talk.say(f"±{louder:.3f} N m let the carriage wander too far; the search ends with ±{found.at_most_nm:.3f} N m")
             return found
+        except NoMotion:
+            if following.step.binds == "step":
+                at_most = GROWTH * following.step.amplitude_nm
+            elif len(shapes) > 1:
+                shapes = shapes[1:]
+            else:
+                raise Refused(
+                    f"±{following.step.amplitude_nm:.3f} N m of excitation, all that the limit on {following.step.binds} allows, did not "
+                    f"move the axis, which broke away at {breakaway.coulomb_nm:.3f} N m: friction holds it; reduce the friction, or "
+                    f"{_remedy(machine, following.step, breakaway)}"
+                ) from None
+            continue
         step = as_made(following.step, recordings[-1]) if kept else following.step
         if len(recordings) < MOST_STEPS and not moved_enough(recordings[-1], sheet, counts):
             if step.binds == "step":  # an axis without Coulomb friction breaks away long before it moves visibly

@@ -232,6 +232,7 @@ def _options_for(options: Options, machine: Machine, twin: _Twin, place_m: float
         resume=False,
         apply="restore",
         simulate_first=False,
+        search=False,
         position_m=None,
         home=False,
         hold=None,

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from beltcomm.control import Cascade
 from beltcomm.drive import Motion, Row
 from beltcomm.errors import SafetyStop
-from beltcomm.linear import modes, operating_point
+from beltcomm.identify.landmarks import shape_of
 from beltcomm.model import Model
 from beltcomm.trajectory import Trajectory
 from beltcomm.verify import Loop, predict_move
@@ -48,8 +48,8 @@ def band_of(model: Model, window_m: tuple[float, float], period_s: float) -> tup
     """Around the first resonance at both ends of a window and above, Hz, as far as rows with this period can show it."""
     lowest = math.inf
     for place in window_m:
-        free = [m.freq_hz for m in modes(model, operating_point(model, place, 1.0)) if m.freq_hz > 0.5]
-        lowest = min([lowest, *free])
+        shape = shape_of(model, place)
+        lowest = min(lowest, math.inf if shape is None else shape.lowest_hz)
     return min(BELOW * lowest, LOWEST_OF_RATE / period_s), HIGHEST_OF_RATE / period_s
 
 

@@ -102,7 +102,8 @@ def table_of(recordings: Sequence[Recording], model: Model) -> Table:
         condition = condition_of(recording, model["transmission.ratio"])
         marks: Landmarks | None = None
         try:
-            marks = find_landmarks(response, *analyse.characteristic_hz(model, condition.place_m or 0.0))
+            shape = analyse.swinging(model, condition.place_m or 0.0)
+            marks = find_landmarks(response, shape.belt, shape.beside)
         except (DataError, UsageError, Refused, ValueError) as problem:
             remarks.append(f"{recording.name}: no antiresonance or resonance ({problem})")
         rows.append(Row(condition, response, marks, math.nan, math.nan))

@@ -34,6 +34,8 @@ SOFTEST, STIFFEST = 0.3, 2.0
 #: m: a ruler is read to this; share of a way that may be missing beside that; the shortest way that is worth it.
 RULER_M, RULER_SHARE, SHORTEST_M = 1e-3, 0.01, 0.02
 STIFFNESS = "belt_stiffness.stiffness"
+#: kg: no carriage is lighter; a fit that ends there has found none.
+LIGHTEST_KG = 0.03
 
 
 def accelerating_share(recording: Recording, inertia_kg_m2: float) -> float:
@@ -148,6 +150,12 @@ def check_fitted(machine: Machine, model: Model, first: Model, response: Recordi
     first : what the excitation before it showed; where that agrees with the data sheets, it is not the scale that is wrong.  Nor is it
     where the steps of the torque show about the data sheets' inertia and a fit, of a machine with more bodies, say, somewhat less.
     """
+    if model["cart.mass"] < LIGHTEST_KG:
+        raise Refused(
+            f"by {response.name} the carriage weighs {1e3 * model['cart.mass']:.2g} g: the motor turns as if nothing hung on it, and no "
+            "loop is closed on such a model. Look whether the belt is slack or off, and whether clamp, key or coupling are loose; where "
+            f"the carriage hardly moved: {machine.more_room}, or allow more torque"
+        )
     if inertia_share(machine.axis, model) > FITTED_FACTOR and 1.0 / FIRST_FACTOR <= inertia_share(machine.axis, first) <= FIRST_FACTOR:
         raise Refused(not_told_apart(machine.axis, model, first, response, machine.more_room))
     share, shown = inertia_share(machine.axis, model), jumping_inertia(response) / machine.axis.motor_side_inertia_kg_m2

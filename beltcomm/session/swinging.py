@@ -28,6 +28,8 @@ LOWEST_HZ, ABOVE, TRIALS = 4.0, 1.5, 18
 MASS_SHARE, DAMPING_RATIO = 0.3, 0.04
 #: N s/m: a belt damper that the swing drove to nothing begins with this.
 LEAST_DAMPING_NS_M = 1.0
+#: kg: nothing lighter is looked for, as on a carriage that a fit made a feather because its belt is slack.
+LEAST_MASS_KG = 0.01
 #: Starts that are fitted, the likeliest first; evidence that a payload must have.
 STARTS, CLEAR_EVIDENCE = 2, 150.0
 
@@ -53,6 +55,8 @@ def with_swing(found: FinalModel, recordings: Sequence[Recording], axis: Axis, c
 
 def _starts(model: Model) -> Iterator[Model]:
     mass = MASS_SHARE * model["cart.mass"]
+    if mass < LEAST_MASS_KG:
+        return
     belt = {"belt_damping.damping": max(model["belt_damping.damping"], LEAST_DAMPING_NS_M)}
     for freq_hz in np.geomspace(LOWEST_HZ, ABOVE * analyse.characteristic_hz(model, 0.0)[0], TRIALS):
         omega = 2.0 * math.pi * float(freq_hz)

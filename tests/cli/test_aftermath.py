@@ -6,6 +6,7 @@ from pathlib import Path
 
 from beltcomm.cli.aftermath import aftermath
 from beltcomm.cli.frame import Frame
+from beltcomm.errors import Declined, DriveError, Refused, SafetyStop
 
 
 def test_how_an_earlier_command_left_the_drive_is_not_told_as_todays_state(tmp_path: Path) -> None:
@@ -13,21 +14,23 @@ def test_how_an_earlier_command_left_the_drive_is_not_told_as_todays_state(tmp_p
     journal.write_text("connected\nall parameters restored\n", encoding="utf-8")
     frame = Frame(["verify", "--drive", "can0", "--run", str(tmp_path)])
     frame.run = tmp_path
-    assert frame._aftermath(5)["drive"] == "nothing was written to it"
+    assert frame._aftermath(DriveError("no answer"))["drive"] == "nothing was written to it"
     with journal.open("a", encoding="utf-8") as file:
         file.write("connected\nrestoring the drive failed: no answer\n")
-    assert frame._aftermath(5)["drive"].startswith("NOT restored: `beltcomm rollback --drive")
+    assert frame._aftermath(DriveError("no answer"))["drive"].startswith("NOT restored: `beltcomm rollback --drive")
 
 
 def test_a_run_without_a_record_is_begun_anew(tmp_path: Path) -> None:
     """The folder is there, so the same command would be refused; its axis file is a copy, so what was mended would not count."""
     words = ["commission", "--drive", "can0", "--run", str(tmp_path), "--resume", "--yes"]
-    assert aftermath(words, tmp_path, [], "can0", 1, resumes=True)["next"].startswith("beltcomm commission --drive can0 --yes   (when")
+    assert aftermath(words, tmp_path, [], "can0", Refused("no"), resumes=True)["next"].startswith(
+        "beltcomm commission --drive can0 --yes   (when"
+    )
     (tmp_path / "recordings").mkdir()
     (tmp_path / "recordings" / "frf_1.csv").touch()
-    assert f"--run {tmp_path} --resume" in aftermath(words, tmp_path, [], "can0", 1, resumes=True)["next"]
+    assert f"--run {tmp_path} --resume" in aftermath(words, tmp_path, [], "can0", Refused("no"), resumes=True)["next"]
     words = ["verify", "--drive", "can0", "--run", str(tmp_path)]
-    assert f"--run {tmp_path}   (when" in aftermath(words, tmp_path, [], "can0", 1, resumes=False)["next"]
+    assert f"--run {tmp_path}   (when" in aftermath(words, tmp_path, [], "can0", Refused("no"), resumes=False)["next"]
 
 
 def with_record(run: Path) -> Path:
@@ -41,17 +44,34 @@ def test_a_run_whose_axis_file_is_in_doubt_is_begun_anew(tmp_path: Path) -> None
     run = with_record(tmp_path / "a run")
     words = ["commission", "--drive", "virtual", "--axis", "mine.yaml", "--yes", "--run", str(run)]
     doubt = "by axis.yaml the inertia is 0.000162 kg m²"
-    new = aftermath(words, run, [], "virtual", 1, resumes=True, sentence=doubt)["next"]
+    new = aftermath(words, run, [], "virtual", Refused(doubt), resumes=True)["next"]
     assert new.startswith("beltcomm commission --drive virtual --axis mine.yaml --yes   (a new run, when axis.yaml is mended)")
     assert new.endswith(f"when it is right and the machine is mended: beltcomm {' '.join(words[:-1])} '{run}' --resume")
-    unnamed = aftermath(["commission", "--drive", "virtual"], run, [], "virtual", 1, resumes=True, sentence=doubt)["next"]
+    unnamed = aftermath(["commission", "--drive", "virtual"], run, [], "virtual", Refused(doubt), resumes=True)["next"]
     assert unnamed.startswith(f"beltcomm commission --drive virtual --axis '{run}/axis.yaml'   (a new run")
-    gap = aftermath(words, run, [], "virtual", 4, resumes=True, sentence=f"{doubt}; `beltcomm diagnose RUN` looks for it")["next"]
+    gap = aftermath(words, run, [], "virtual", SafetyStop(f"{doubt}; `beltcomm diagnose RUN` looks for it"), resumes=True)["next"]
     assert gap.startswith(f"beltcomm diagnose '{run}'   (says what these records show); then beltcomm commission")
 
 
 def test_after_a_no_nothing_is_to_be_mended(tmp_path: Path) -> None:
     words = ["commission", "--drive", "virtual", "--run", str(tmp_path)]
-    left = aftermath(words, tmp_path, [], "virtual", 1, resumes=True, declined=True)
+    left = aftermath(words, tmp_path, [], "virtual", Declined("no"), resumes=True)
     assert left["next"].endswith("(asks again)")
     assert left["folder"].endswith("(nothing recorded yet; --run takes it again, or delete it)")
+
+
+def test_what_was_found_stands_above_and_a_run_that_got_no_further_is_not_resumed(tmp_path: Path) -> None:
+    run = with_record(tmp_path / "run")
+    words = ["commission", "--drive", "virtual", "--run", str(run), "--resume"]
+    problem = Refused("the loop would not hold")
+    told = {"found": "backlash", "check": "hold the motor", "named": ["backlash"], "repeated": False, "command": "beltcomm diagnose RUN"}
+    problem.diagnosis = told
+    left = aftermath(words, run, [], "virtual", problem, resumes=True)
+    assert list(left)[:2] == ["found", "check"]
+    assert left["next"].startswith("beltcomm diagnose RUN   (shows all of it); then beltcomm commission --drive virtual   (a new run")
+    problem.diagnosis = {**told, "named": [], "check": ""}
+    assert "--resume" in aftermath(words, run, [], "virtual", problem, resumes=True)["next"]
+    problem.diagnosis = {**told, "named": [], "repeated": True}
+    again = aftermath(words, run, [], "virtual", problem, resumes=True)["next"]
+    assert f"--run {run}" not in again
+    assert "--resume was tried" in again

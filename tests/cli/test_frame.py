@@ -55,6 +55,7 @@ class Options:
     base_speed_m_s: float | None = None
     pictures: bool = True
     report: bool = True
+    search: bool = False
     force: bool = False
     prefilter: str | None = None
     feedforward: str | None = None
@@ -124,7 +125,7 @@ def test_options_reach_the_api(api: StandIn) -> None:
     assert (name, drive, axis.name, run) == ("commission", "virtual:g_a", "EGC-70-600", Path("R"))
     assert given["options"] == Options(
         yes=True, seed=7, dry_run=True, home=True, position_m=0.25, payload_kg=11.2, apply="save", quick=True, visible=True,
-        profile="cmmp-as", node=3, bitrate=500000, realtime=True,
+        profile="cmmp-as", node=3, bitrate=500000, realtime=True, search=True,
     )  # fmt: skip
     assert outcome.stdout == "Verdict: pass\n"
 
@@ -135,7 +136,7 @@ def test_options_reach_the_api(api: StandIn) -> None:
         ("design R --prefilter notch --feedforward linear", Options(prefilter="notch", feedforward="linear")),
         ("verify --drive can0 --run R --feedforward none", Options(feedforward="none")),
         ("friction --drive can0 --run R --order iii --repeat 3 --payload-mounted 11200g", Options(order="III", repeat=3, mounted_kg=11.2)),
-        ("commission --drive virtual --prefilter none --feedforward nonlinear", Options(prefilter="none", feedforward="nonlinear")),
+        ("commission --drive virtual --prefilter none", Options(prefilter="none", search=True)),
     ],
 )
 def test_the_parts_of_the_controller_can_be_chosen(api: StandIn, words: str, options: Options) -> None:

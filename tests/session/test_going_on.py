@@ -216,7 +216,7 @@ def test_after_a_stop_there_is_no_other_sequence_that_is_louder(monkeypatch: pyt
     machine: Any = SimpleNamespace(full_room=lambda: SimpleNamespace(window_m=(0.0, 1.0)), folder=folder, wanderings=wanderings)
     model: Any = None  # nobody asks it anything
     making.respond(machine, model, Step("response", place=0.5, share=1.0), "frf_2", 0.4, 0.7)
-    assert asked == {"amplitude_nm": 0.4, "share": 0.7, "held_out": False, "loud": loud, "up_to_hz": 0.0}
+    assert asked == {"amplitude_nm": 0.4, "share": 0.7, "held_out": False, "loud": loud, "up_to_hz": 0.0, "above_nm": 0.0}
 
 
 def test_less_torque_is_less_than_what_the_place_allows(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,8 +12,8 @@ import pytest
 from beltcomm.effects.belt_spans import stiffness as stiffness_at
 from beltcomm.errors import DataError
 from beltcomm.excitation import prbs
-from beltcomm.identify.landmarks import find_landmarks
-from beltcomm.linear import modes, operating_point, sampled_response
+from beltcomm.identify.landmarks import Pair, find_landmarks, shape_of
+from beltcomm.linear import modes, operating_point, sampled_response, state_space
 from beltcomm.model import Model, load_plant
 from beltcomm.recording import ExcitationNote, Recording, Sidecar
 from beltcomm.report.responses import responses_figure
@@ -59,7 +59,9 @@ def test_landmarks_of_a_linear_axis_are_its_own(noise: float) -> None:
     h = sampled_response(model, operating_point(model, 0.25, 1.0), freq, 1e-3)
     random = np.random.default_rng(1).standard_normal((2, len(freq)))
     noisy = h * (1.0 + noise * (random[0] + 1j * random[1]) / math.sqrt(2.0))
-    found = find_landmarks(FrequencyResponse(freq, noisy, noise * np.abs(h), np.ones(len(freq)), 4, 1e-3), 1.2 * 19.6, 0.85 * 107.2)
+    found = find_landmarks(
+        FrequencyResponse(freq, noisy, noise * np.abs(h), np.ones(len(freq)), 4, 1e-3), Pair(1.2 * 19.6, 0.85 * 107.2, (0.05, 0.05))
+    )
     for mark, true in zip((found.antiresonance, found.resonance), marks(model, 0.25), strict=True):
         assert mark is not None
         # (2.42) with n free is not the sampled response with its belt damper: 0.5 % without any noise.
@@ -68,10 +70,84 @@ def test_landmarks_of_a_linear_axis_are_its_own(noise: float) -> None:
     assert found.scatter == pytest.approx(noise / math.sqrt(2.0), abs=0.02)
 
 
+def payload(mass_kg: float, freq_hz: float) -> Model:
+    swing = {"payload.mass": mass_kg, "stiffness": mass_kg * (math.tau * freq_hz) ** 2, "damping": 2.0, "hardening": 0.0}
+    rig = load_plant("g_a").model
+    return rig.with_values({"cart.mass": rig["cart.mass"] - mass_kg}).with_effect("payload_mode", swing)
+
+
+def rig(effect: str, **values: float) -> Model:
+    return load_plant("g_a").model.with_effect(effect, values)
+
+
+#: Models, and antiresonance and resonance of their belt, Hz, by hand: √(c/m)/2π of what swings on it; the resonance of the motor, or of
+#: what turns with it, against the belt.
+SHAPES = {
+    "plain": (load_plant("g_a").model, 19.6, 107.2),
+    "payload at 8 Hz": (payload(5.0, 8.0), math.sqrt(203740 / 8.44) / math.tau, 107.2),
+    "small payload at 60 Hz": (payload(1.0, 60.0), 19.6, 107.2),
+    "cogging that holds the motor": (rig("cogging", sine=-0.25, order=12.0), 19.6, 110.0),
+    "end pulley heavier than the motor": (rig("end_pulley", **{"end_pulley.mass": 1.5}), 19.6, 120.0),
+    "coupling": (
+        rig("coupling", **{"stiffness": 2000.0, "driving_pulley.inertia": 2e-5}),
+        19.6,
+        19.6 * math.sqrt(1.0 + 13.44 * 0.01242**2 / 9.173e-5),
+    ),
+    "the rig's data sheets": (load_plant("egc_70").model, 26.0, 142.0),
+}
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_the_pair_of_the_belt_is_known_by_its_shape(name: str) -> None:
+    """Among modes of a payload, a pulley, a coupling, and of the axis as a whole on its cogging."""
+    model, antiresonance, resonance = SHAPES[name]
+    shape = shape_of(model, 0.25)
+    assert shape is not None
+    assert shape.belt.antiresonance_hz == pytest.approx(antiresonance, rel=0.06)
+    assert shape.belt.resonance_hz == pytest.approx(resonance, rel=0.06)
+    assert len(shape.beside) == len(model.bodies()) - 2
+    at = operating_point(model, 0.25, 1.0)
+    found = sorted(p.antiresonance_hz for p in (shape.belt, *shape.beside))
+    assert found == pytest.approx([m.freq_hz for m in modes(model, at, held=("motor",))], rel=2e-3)
+
+
+def test_the_pairs_make_up_the_response() -> None:
+    """Rigid axis times all pairs is the response of the whole model."""
+    model = payload(5.0, 8.0)
+    shape = shape_of(model, 0.25)
+    assert shape is not None
+    freq = np.geomspace(2.0, 400.0, 300)
+    at = operating_point(model, 0.25, 1.0)
+    whole = state_space(model, at).response(freq)[:, 0]
+    inertia = model["motor.inertia"] + model["transmission.ratio"] ** 2 * 13.44
+    made = shape.belt.response(freq) * shape.beside[0].response(freq)
+    gain = math.prod((p.resonance_hz / p.antiresonance_hz) ** 2 for p in (shape.belt, *shape.beside))
+    made = -made * gain / (inertia * (math.tau * freq) ** 2)
+    np.testing.assert_allclose(np.abs(made), np.abs(whole), rtol=0.05)
+
+
+@pytest.mark.parametrize("name", ["payload at 8 Hz", "cogging that holds the motor", "end pulley heavier than the motor"])
+def test_landmarks_beside_other_modes(name: str) -> None:
+    """From 15 % beside, with 3 % of noise: the belt's pair, not the other one and not "no resonance"."""
+    model, _, _ = SHAPES[name]
+    shape = shape_of(model, 0.25)
+    assert shape is not None
+    freq = 0.5 * np.arange(4, 700)
+    h = sampled_response(model, operating_point(model, 0.25, 1.0), freq, 1e-3)
+    random = np.random.default_rng(2).standard_normal((2, len(freq)))
+    noisy = h * (1.0 + 0.03 * (random[0] + 1j * random[1]) / math.sqrt(2.0))
+    response = FrequencyResponse(freq, noisy, 0.03 * np.abs(h), np.ones(len(freq)), 4, 1e-3)
+    expected = Pair(1.15 * shape.belt.antiresonance_hz, 0.87 * shape.belt.resonance_hz, shape.belt.damping)
+    found = find_landmarks(response, expected, shape.beside)
+    for mark, true in ((found.antiresonance, shape.belt.antiresonance_hz), (found.resonance, shape.belt.resonance_hz)):
+        assert mark is not None
+        assert mark.freq_hz == pytest.approx(true, rel=0.01)
+
+
 def test_no_lines_no_landmarks() -> None:
     freq = np.array([1.0, 2.0, 3.0])
     with pytest.raises(DataError, match=r"0 clear lines lie between 9\.8 and 161 Hz, 16 are needed"):
-        find_landmarks(FrequencyResponse(freq, freq + 0j, 0.0 * freq, 0.0 * freq, 2, 1e-3), 19.6, 107.2)
+        find_landmarks(FrequencyResponse(freq, freq + 0j, 0.0 * freq, 0.0 * freq, 2, 1e-3), Pair(19.6, 107.2, (0.05, 0.05)))
 
 
 @pytest.fixture(scope="module")
