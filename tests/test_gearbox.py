@@ -18,7 +18,7 @@ from beltcomm.axis_entries import TrajectoryLimits
 from beltcomm.control import Cascade, Feedforward, Prefilter
 from beltcomm.design.structure import loop_model
 from beltcomm.effects import Ground, effect_named
-from beltcomm.identify.inverse_fit import InverseFit, fit_inverse
+from beltcomm.fit.model_fit import ModelFit, fit_model
 from beltcomm.identify.magnitude_fit import fit_magnitude
 from beltcomm.linear import modes, operating_point
 from beltcomm.model import Model
@@ -123,15 +123,15 @@ def shaken() -> Recording:
 
 
 @pytest.fixture(scope="module")
-def fitted(shaken: Recording) -> InverseFit:
-    return fit_inverse([shaken], true_model(nominal("g_b")), counts_per_rev=COUNTS)
+def fitted(shaken: Recording) -> ModelFit:
+    return fit_model([shaken], true_model(nominal("g_b")), counts_per_rev=COUNTS)
 
 
 @pytest.mark.parametrize("ratio", [0.5, 4.0])
-def test_the_fit_finds_the_same_carriage_and_the_scaled_motor(shaken: Recording, fitted: InverseFit, ratio: float) -> None:
+def test_the_fit_finds_the_same_carriage_and_the_scaled_motor(shaken: Recording, fitted: ModelFit, ratio: float) -> None:
     """Which samples count as resting is decided at the motor's own speed, so a few samples differ: a fifth of an interval."""
     start = behind(true_model(nominal("g_b")), ratio)
-    found = fit_inverse([recorded_behind(shaken, ratio)], start, counts_per_rev=round(COUNTS / ratio))
+    found = fit_model([recorded_behind(shaken, ratio)], start, counts_per_rev=round(COUNTS / ratio))
     assert found.misfit == pytest.approx(fitted.misfit, rel=0.05)
     for name in fitted.free:
         scale = ratio ** POWERS.get(name, 0)
@@ -210,7 +210,7 @@ def test_a_geared_axis_is_measured_on_the_drive(tmp_path: Path, ratio: float) ->
     assert truth["coulomb_total_nm"] < breakaway.coulomb_nm < 1.5 * truth["coulomb_total_nm"]
     assert step.prediction.belt_force_n <= phases.BELT_SHARE * axis.belt_force_limit_n
     assert 0.5 * step.prediction.belt_force_n < np.abs(bench.plant.belt_force_n).max() < axis.belt_force_limit_n
-    fit = fit_inverse([record], model.with_values({"cart.mass": 1.05 * model["cart.mass"]}), counts_per_rev=counts)
+    fit = fit_model([record], model.with_values({"cart.mass": 1.05 * model["cart.mass"]}), counts_per_rev=counts)
     assert not fit.suspect
     for name, true in (
         ("motor.inertia", "inertia_kg_m2"),

@@ -13,8 +13,8 @@ from scipy.special import stdtrit
 
 from beltcomm.distortion import distortion
 from beltcomm.excitation import KINDS, Excitation, ExcitationKind, choose
+from beltcomm.fit.model_fit import fit_model
 from beltcomm.identify.amplitude import AmplitudeStep, MotionLimits, largest_amplitude
-from beltcomm.identify.inverse_fit import fit_inverse
 from beltcomm.linear import modes, operating_point, sampled_response
 from beltcomm.model import Model, load_plant
 from beltcomm.recording import Recording
@@ -129,7 +129,7 @@ def one(name: str, model: Model, kind: ExcitationKind) -> tuple[Row, tuple[Array
     )
     records = [recorded(model, signal, seed) for seed in SEEDS]
     start = model.with_values({n: f * model[n] for n, f in BEGIN.items()}, "start")
-    fits = [fit_inverse([record], start, counts_per_rev=COUNTS) for record in records]
+    fits = [fit_model([record], start, counts_per_rev=COUNTS) for record in records]
     deviation = {n: float(np.mean([(f.model.parameters[n].interval or math.inf) / f.quantile for f in fits])) / model[n] for n in MEANT}
     errors = {n: tuple(f.model[n] / model[n] - 1.0 for f in fits) for n in MEANT}
     error = {n: float(np.sqrt(np.mean(np.square(errors[n])))) for n in MEANT}

@@ -8,10 +8,10 @@ from dataclasses import replace
 
 from beltcomm.compiled import in_one_thread
 from beltcomm.fit.estimate import AT_A_TIME, Fitted, fit, gone_on
+from beltcomm.fit.likelihood import OFFSET_M
 from beltcomm.fit.observer import follows
 from beltcomm.fit.path_choice import choose_path
 from beltcomm.fit.records import SUBSTEPS, Data, agitated, made, remade
-from beltcomm.fit.likelihood import OFFSET_M
 from beltcomm.fit.sensor_noise import split_noise
 from beltcomm.fit.torque_path import TorquePath
 from beltcomm.model import Model

@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
-from beltcomm.fit.observer import follows
 from beltcomm.fit.likelihood import OFFSET_M, Minimum, Problem, free_parameters, hopeless, time_blocks
-from beltcomm.fit.segment import Stretch, dressed, dressed_each, whitened
-from beltcomm.fit.records import Data
 from beltcomm.fit.local_quadratic import Nearby
+from beltcomm.fit.observer import follows
+from beltcomm.fit.records import Data
+from beltcomm.fit.segment import Stretch, dressed, dressed_each, whitened
 from beltcomm.model import Model
 
 Array = NDArray[np.float64]

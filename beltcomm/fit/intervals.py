@@ -3,9 +3,11 @@
     over time       V = A⁻¹ (Σ_g s_g s_gᵀ) A⁻¹ G/(G - n)              sandwich form, groups g of :data:`GROUP_S`
     among records   V = (G - 1)/G Σ_r d_r d_rᵀ,  d_r = (A - A_r)⁻¹ s_r   what leaving out a record would move (jackknife, to first order)
 
-A = Σ A_r : information.   s : gradient.   A law that is not quite the machine's makes long stretches pull the same way, each kind of
-record another one; the scatter over time is blind to that.  What all records share of it no record can tell: so much is added
-(:data:`LAW`) to the parameters of every effect but the belt's plain stiffness.
+A = Σ A_r : information, that of the rounding taken off (``rounding_bias``).   s : gradient.
+
+A law that is not quite the machine's makes long stretches pull the same way, each kind of record another one; the scatter over time is
+blind to that.  What all records share of it no record can tell: so much is added (:data:`LAW`) to the parameters of every effect that is
+not one of :data:`EXACT`.
 """
 
 from __future__ import annotations
@@ -18,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
-from beltcomm.fit.likelihood import Problem, time_blocks
 from beltcomm.fit.estimate import Fitted
+from beltcomm.fit.likelihood import Problem, time_blocks
 from beltcomm.model import Model
 
 Array = NDArray[np.float64]
@@ -35,7 +37,9 @@ LAW = 0.005
 NOTHING = 1e-14
 #: Least degrees of freedom of a comparison among records.
 LEAST_FREEDOM = 2.0
-BELT = "belt_stiffness"
+#: Effects whose law is the machine's own, not a likeness of it; error over the noise from which on something else is at work.
+EXACT = ("belt_stiffness", "belt_damping", "belt_spans", "viscous", "viscous_cart", "coulomb", "cart_friction", "tilt", "constant_offset")
+UNEXPLAINED = 1.1
 
 
 @dataclass(frozen=True)
@@ -90,15 +94,22 @@ def spread_of(fitted: Fitted) -> Spread:
     free = np.flatnonzero(~bound[:own] & (np.linalg.norm(columns, axis=0) > 0.0))
     norms = np.linalg.norm(columns[:, free], axis=0)
     columns, scale = columns[:, free] / norms, problem.scale[free] / norms
-    inverse, unknown = inverse_of(columns.T @ columns)
+    slope, curvature = (part[:, free] for part in problem.rounding(fitted.x))
+    of_block = np.zeros(len(problem.count))
+    of_block[problem.blocks] = weights**2
+    by_rounding = np.tensordot(of_block, curvature[:, :, free], 1) / np.outer(norms, norms)
+    inverse, unknown = inverse_of(columns.T @ columns - by_rounding)
     labels = time_blocks(problem.pieces, GROUP_S)
-    scores = gradients(columns, left, labels)
+    pulled = (of_block[:, None] * slope / problem.count[:, None])[problem.blocks] / norms
+    scores = gradients(columns, left, labels) - 0.5 * gradients(pulled, np.ones(len(left)), labels)
     freedom = max(len(scores) - len(free), 3)
     covariance = inverse @ (scores.T @ scores) @ inverse * (len(scores) / freedom) + unknown
     moved, shares = without_each(columns, left, records_of(problem), inverse)
     names = tuple(problem.free[i] for i in free)
-    loose = [f"{effect}." for effect in fitted.model.effects if effect != BELT]
-    law = np.array([LAW * abs(fitted.model[name]) if name.startswith(tuple(loose)) else 0.0 for name in names])
+    loose = tuple(f"{effect}." for effect in fitted.model.effects if effect not in EXACT)
+    law = np.array([LAW * abs(fitted.model[name]) if name.startswith(loose) else 0.0 for name in names])
+    if not loose and fitted.ratio < UNEXPLAINED:  # nothing that pulls long stretches one way: chance is told by time alone
+        moved, shares = moved[:0], shares[:0]
     return Spread(names, covariance * np.outer(scale, scale), freedom, moved * scale, shares * np.outer(scale, scale), law)
 
 

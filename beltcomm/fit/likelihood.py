@@ -20,8 +20,8 @@ from beltcomm.compiled import in_one_thread
 from beltcomm.effects import effect_named
 from beltcomm.fit.arrowhead import Bordered
 from beltcomm.fit.observer import Step, slopes
-from beltcomm.fit.segment import Stretch, dressed_each, followed, in_noise
 from beltcomm.fit.rounding_bias import RoundingBias
+from beltcomm.fit.segment import Stretch, dressed_each, followed, in_noise
 from beltcomm.model import Model, expected_parameters
 from beltcomm.simulate.inverse import (
     FineMotion,
@@ -289,7 +289,7 @@ class Problem:
         return np.asarray((1.0 / np.sqrt(np.maximum(1.0, self.block_means(residual))))[self.blocks])
 
     def rounding(self, x: Array) -> tuple[Array, Array]:
-        """Slope, (blocks, p), and curvature, (blocks, p, p), of what rounding adds to the squares of each block; p unknowns shared by all."""
+        """Slope, (blocks, p), and curvature, (blocks, p, p), of what rounding adds to the squares of each block; p : shared unknowns."""
         own = len(self.free)
         moved = [j for j in range(own) if self.touches_noise[j]]
         steps, others = [], []
@@ -300,7 +300,8 @@ class Problem:
         slope, curvature = self.bias.responses(self.full(x), others, np.array(steps))
         a, b = np.zeros((len(slope), own)), np.zeros((len(slope), own, own))
         a[:, moved] = slope
-        b[np.ix_(np.arange(len(slope)), moved, moved)] = curvature
+        at = np.array(moved, dtype=np.intp)
+        b[:, at[:, None], at] = curvature
         return self.count[:, None] * a[self.piece_of_block], self.count[:, None, None] * b[self.piece_of_block]
 
     @in_one_thread

@@ -1,8 +1,8 @@
 """Which of setpoint and reading says what torque acts: told by the motion, before any effect is looked for.
 
-Setpoint and reading tell the chain of drive and reading together (``reading_fit``); each filter, and what of the delay is no whole sample,
-may lie before the acting torque or behind it.  Each such split is fitted to the liveliest records, and the one that explains the motion best
-is taken.  A faithful reading that leaves nothing but noise needs no comparison.
+Setpoint and reading tell the chain of drive and reading together (``reading_fit``); each filter, and what of the delay is no whole
+sample, may lie before the acting torque or behind it.  Each such split is fitted to the liveliest records, and the one that explains the
+motion best is taken.  A faithful reading that leaves nothing but noise needs no comparison.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
-from beltcomm.fit.reading_fit import CLEAR, COMMAND, ReadingFit, fit_reading
-from beltcomm.fit.torque_path import DriveLaw, Lag, ReadingLaw, TorquePath
-from beltcomm.fit.records import Data, made
 from beltcomm.fit.estimate import Fitted, fit
+from beltcomm.fit.reading_fit import CLEAR, COMMAND, ReadingFit, fit_reading
+from beltcomm.fit.records import Data, made
+from beltcomm.fit.torque_path import DriveLaw, Lag, ReadingLaw, TorquePath
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 
@@ -39,7 +39,10 @@ EXPLAINED = 0.3
 
 @dataclass(frozen=True)
 class PathChoice:
-    """path : the one taken.   reading : the chain of setpoint and reading, None without setpoint.   rivals : -2 ln L of the others above it."""
+    """path : the one taken.   reading : the chain of setpoint and reading, None without setpoint.
+
+    rivals : the others, with -2 ln L above that of the one taken.
+    """
 
     path: TorquePath
     reading: ReadingFit | None

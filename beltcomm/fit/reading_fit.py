@@ -1,6 +1,6 @@
 """How a torque reading follows its setpoint: the chain of drive and reading together, by least squares; nobody asks the motion here.
 
-    reading[n] = g R(setpoint)[n] + offset + noise,   R : a delay and up to two filters
+reading[n] = g R(setpoint)[n] + offset + noise,   R : a delay and up to two filters
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ Pair = tuple[Array, Array]
 
 #: Samples that are looked at, the liveliest pieces first, and samples that a piece must hold.
 MOST, SHORTEST = 6000, 200
-#: Chains of filters that are tried beside a delay alone, and values to begin with: shares of a sample, time constants of one sampling period.
+#: Chains of filters that are tried beside a delay alone.
 CHAINS: tuple[tuple[Kind, ...], ...] = (
     ("sampled",),
     ("first order",),
@@ -36,6 +36,8 @@ CHAINS: tuple[tuple[Kind, ...], ...] = (
 COARSE = 8
 #: Periods of delay at most; taps of the free response that a chain is held against.
 LONGEST_DELAY, TAPS = 8.0, 12
+#: Step of a difference and evaluations of a search.
+STEP, LONGEST = np.array(1e-4), 40
 #: Gain of -2 ln L beyond ln N for each further value that makes a chain the better one.
 CLEAR = 10.0
 #: A reading that follows its setpoint to this share of it is a command that comes back.
@@ -44,7 +46,10 @@ COMMAND = 1e-4
 
 @dataclass(frozen=True)
 class ReadingFit:
-    """law : of drive and reading together.   rest_nm : rms of what it leaves, N m.   cost : -2 ln L with ln N for each value.   samples : N."""
+    """law : of drive and reading together.   rest_nm : rms of what it leaves, N m.   cost : -2 ln L with ln N for each value.
+
+    samples : N, how many were looked at.
+    """
 
     law: DriveLaw
     rest_nm: float
@@ -134,6 +139,9 @@ def _fitted(pairs: Sequence[Pair], sample_s: float, chain: tuple[Kind, ...]) -> 
         gain = float(shown_0 @ read_0) / max(float(shown_0 @ shown_0), 1e-300)
         return read_0 - gain * shown_0, gain
 
+    def rest_at(x: Array) -> Array:
+        return left(x)[0]
+
     best: tuple[float, Array] | None = None
     tried = []
     for delay in range(5):
@@ -141,21 +149,18 @@ def _fitted(pairs: Sequence[Pair], sample_s: float, chain: tuple[Kind, ...]) -> 
         tried.append((float(np.sum(left(x)[0] ** 2)), x))
     low, high = np.array([0.0, *(item[1] for item in begin)]), np.array([LONGEST_DELAY, *(item[2] for item in begin)])
     for _, x in sorted(tried, key=lambda item: item[0])[:2]:
-        found = least_squares(lambda y: left(y)[0], np.clip(x, low, high), bounds=(low, high), x_scale=0.1, diff_step=1e-4, max_nfev=40)
-        for y in (found.x, np.array([round(found.x[0]), *found.x[1:]])):  # a whole delay is the usual one
-            cost = 2.0 * float(np.sum(left(y)[0] ** 2)) * 0.5
-            price = 1.0 - 2.0 * math.log(samples) / samples if y is not found.x else 1.0
-            if best is None or cost * price < best[0]:
-                best = (cost * price, y)
-    if best is None:
+        found = least_squares(rest_at, np.clip(x, low, high), bounds=(low, high), x_scale=0.1, diff_step=STEP, max_nfev=LONGEST)
+        for y, values in ((found.x, len(x)), (np.array([round(found.x[0]), *found.x[1:]]), len(x) - 1)):  # a whole delay is the usual one
+            cost = samples * math.log(max(float(np.mean(rest_at(y) ** 2)), 1e-300)) + values * math.log(samples)
+            if best is None or cost < best[0]:
+                best = (cost, y)
+    if best is None:  # no start was finite
         return None
     rest, gain = left(best[1])
     if gain <= 0.0:
         return None
     law = _law(chain, best[1], sample_s)
-    rms = float(np.sqrt(np.mean(rest**2)))
-    cost = samples * 2.0 * math.log(max(rms, 1e-12)) + len(best[1]) * math.log(samples)
-    return ReadingFit(DriveLaw(law.delay, law.lags, gain), rms, cost, samples)
+    return ReadingFit(DriveLaw(law.delay, law.lags, gain), float(np.sqrt(np.mean(rest**2))), best[0], samples)
 
 
 def _free_rest(pairs: Sequence[Pair]) -> float:

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from beltcomm.axis import Axis
 from beltcomm.errors import DataError
-from beltcomm.fit.observer import follows
 from beltcomm.fit.noise_level import torque_noise
+from beltcomm.fit.observer import follows
 from beltcomm.fit.segment import Stretch, creeping, dressed_each, evaluate, stretches, way_of
-from beltcomm.fit.torque_path import TorquePath
+from beltcomm.fit.torque_path import FAITHFUL, TorquePath
 from beltcomm.fit.whitening import whitener
 from beltcomm.model import Model
 from beltcomm.recording import Recording
@@ -46,7 +46,7 @@ class Data:
     """Stretches of the records to fit and of those held out.
 
     recordings : all of them.   noise_nm : rms of the torque's noise, N m.   step_rad : step of the encoder, rad.   path : from setpoint and
-    reading to the torque that acts.
+    reading to the torque that acts.   substeps : usual fine steps a sample.
     """
 
     recordings: tuple[Recording, ...]
@@ -54,7 +54,8 @@ class Data:
     held_out: tuple[Stretch, ...]
     noise_nm: float
     step_rad: float
-    path: TorquePath = TorquePath()
+    path: TorquePath = FAITHFUL
+    substeps: int = SUBSTEPS
 
 
 def prepare(recordings: Sequence[Recording], axis: Axis, model: Model) -> Data:
@@ -88,7 +89,7 @@ def made(
     shares : by record, :func:`rounding_shares`; all of it white where it is missing.   usual : fine steps a sample.   path : of the torque;
     None takes the reading.
     """
-    path = path or TorquePath()
+    path = path or FAITHFUL
     pieces = []
     rattles = any(effect.rattles for effect in model.effect_list())
     for recording in recordings:
@@ -104,6 +105,7 @@ def made(
         noise_nm,
         step_rad,
         path,
+        usual,
     )
 
 

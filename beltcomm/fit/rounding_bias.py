@@ -72,7 +72,9 @@ class RoundingBias:
             here, *beside = (kind.response(model) for model in models)
             long = max(len(r) for r in (here, *beside))
             base = _padded(here, long)
-            ahead = np.stack([(_padded(r, long) - base) / step for r, step in zip(beside, steps, strict=True)]) if k else np.zeros((0, long))
+            ahead = (
+                np.stack([(_padded(r, long) - base) / step for r, step in zip(beside, steps, strict=True)]) if k else np.zeros((0, long))
+            )
             slope[number] = 2.0 * ahead @ base
             curvature[number] = ahead @ ahead.T
         return slope[self.of_segment], curvature[self.of_segment]
@@ -156,4 +158,4 @@ def _passed(f: Array, g: Array, h: Array, d: float, f0: Array, h0: Array, gains:
             if block <= NEGLIGIBLE * total:
                 return n + 1
             block = 0.0
-    return out.shape[0]
+    return int(out.shape[0])

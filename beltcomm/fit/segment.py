@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from beltcomm.compiled import compiled
-from beltcomm.fit.observer import Follower, Seen, follows, innovations, learned, unlearned
 from beltcomm.fit.noise_path import Way, way
+from beltcomm.fit.observer import Follower, Seen, follows, innovations, learned, unlearned
 from beltcomm.fit.reversals import LEVEL, passed, turns_at_once
 from beltcomm.fit.slack import stiffness_left
 from beltcomm.fit.torque_path import TorquePath

@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beltcomm.fit.segment import Stretch
-from beltcomm.fit.records import Data
 from beltcomm.fit.estimate import Fitted
+from beltcomm.fit.records import Data
+from beltcomm.fit.segment import Stretch
 from beltcomm.recording import Recording
 
 Array = NDArray[np.float64]

@@ -42,10 +42,16 @@ def start_model(axis: Axis, recordings: Sequence[Recording]) -> Model:
         raise DataError("no recording is left to fit: all are held out or static maps")
     if not is_belt_axis(axis, usable):
         return rigid_start(axis, usable)
-    ratio = axis.transmission_m_rad
     excited = [r for r in usable if r.sidecar.experiment == "frf"] or usable
+    found = belt_start(axis, excited, int(axis.get("motor.encoder_counts_per_rev") or 65536))
+    friction = found["coulomb.level"] + axis.transmission_m_rad * found["cart_friction.level"]
+    return found.without_effect("cart_friction").with_values({"coulomb.level": friction}, "first estimate")
+
+
+def belt_start(axis: Axis, excited: Sequence[Recording], counts_per_rev: int) -> Model:
+    """A belt axis with friction at both ends, found from the loudest record, with what the axis file leaves open as it usually is."""
     loudest = max(excited, key=lambda r: float(np.std(r.torque)) * np.sqrt(len(r.t_s)))
-    place = loudest.sidecar.start_position_m or 0.0
+    place, ratio = loudest.sidecar.start_position_m or 0.0, axis.transmission_m_rad
     known_belt = axis.get("belt.specific_stiffness_n") is not None and axis.get("belt.pulley_distance_m") is not None
     values = {
         "motor.inertia": axis.motor_side_inertia_kg_m2 if axis.get("motor.inertia_kg_m2") else USUAL["motor.inertia"],
@@ -57,13 +63,10 @@ def start_model(axis: Axis, recordings: Sequence[Recording]) -> Model:
         "viscous_cart.damping": 0.0,
     }
     sheet = build_model(axis.name, (*BELT_BASE, "cart_friction"), values, origin="data sheet")
-    counts = axis.get("motor.encoder_counts_per_rev") or 65536
     # Twice, because the share of the carriage in the friction is assumed and not found: first its level must be known.
-    level = first_estimate([loudest], sheet, int(counts))["coulomb.level"]
+    level = first_estimate([loudest], sheet, counts_per_rev)["coulomb.level"]
     shared = {"coulomb.level": MOTOR_SHARE * level, "cart_friction.level": (1.0 - MOTOR_SHARE) * level / ratio}
-    found = first_estimate([loudest], sheet.with_values(shared, "data sheet"), int(counts))
-    friction = found["coulomb.level"] + ratio * found["cart_friction.level"]
-    return found.without_effect("cart_friction").with_values({"coulomb.level": friction}, "first estimate")
+    return first_estimate([loudest], sheet.with_values(shared, "data sheet"), counts_per_rev)
 
 
 def is_belt_axis(axis: Axis, recordings: Sequence[Recording]) -> bool:

@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 
 from beltcomm.axis import Axis
+from beltcomm.fit.estimate import Fitted, held_objective, judged, problem_of
 from beltcomm.fit.observer import follows
 from beltcomm.fit.records import Data, made
-from beltcomm.fit.estimate import Fitted, held_objective, judged, problem_of
+from beltcomm.fit.torque_path import path_from_dict, path_to_dict
 from beltcomm.model import Model, model_from_dict
 from beltcomm.programs import source_hash
 from beltcomm.recording import Recording
@@ -34,6 +35,9 @@ def kept(data: Data, fitted: Fitted) -> dict[str, Any] | None:
         return None
     return {
         "made_by": fitted.problem.model.to_dict(),
+        "fixed": [name for name in fitted.model.parameters if name not in fitted.problem.free],
+        "path": path_to_dict(data.path),
+        "substeps": data.substeps,
         "unknowns": [float(x) for x in fitted.x],
         "shares": {piece.record: [float(share) for share in piece.rounding] for piece in (*data.fitted, *data.held_out)},
         "noise_nm": float(data.noise_nm),
@@ -46,8 +50,9 @@ def restored(recordings: Sequence[Recording], found: Mapping[str, Any]) -> tuple
     model = model_from_dict(found["made_by"])
     shares = {str(name): (float(white), float(slow)) for name, (white, slow) in found["shares"].items()}
     timed = [r for r in recordings if not r.is_static_map]
-    data = made(timed, model, float(found["noise_nm"]), float(found["step_rad"]), shares)
-    problem = problem_of(data, model)
+    path, substeps = path_from_dict(found["path"]), int(found["substeps"])
+    data = made(timed, model, float(found["noise_nm"]), float(found["step_rad"]), shares, substeps, path)
+    problem = problem_of(data, model, found["fixed"])
     x = np.array(found["unknowns"], dtype=np.float64)
     if x.shape != problem.scale.shape:
         raise ValueError(f"{len(x)} unknowns kept, {len(problem.scale)} needed")

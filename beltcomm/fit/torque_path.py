@@ -16,8 +16,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, field
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -124,7 +124,7 @@ class TorquePath:
     """Both laws.   drive : None where no setpoint was recorded.   commanded : whether the reading is only the command."""
 
     drive: DriveLaw | None = None
-    reading: ReadingLaw = ReadingLaw()
+    reading: ReadingLaw = field(default_factory=ReadingLaw)
     commanded: bool = False
 
     def acting(self, torque: Array, setpoint: Array | None, sample_s: float) -> tuple[Array, Intersample | None]:
@@ -149,6 +149,40 @@ class TorquePath:
             undone = (undone - (1.0 - share) * _later(undone, 1)) / share
         whole = round(self.reading.late)
         return np.append(undone[whole:], np.full(whole, undone[-1])) if whole else undone
+
+
+#: The reading is the torque that acts.
+FAITHFUL = TorquePath()
+
+
+def path_to_dict(path: TorquePath) -> dict[str, Any]:
+    """The path as a plain mapping."""
+
+    def lags(law: DriveLaw | ReadingLaw) -> list[dict[str, Any]]:
+        return [{"kind": lag.kind, "values": [float(value) for value in lag.values]} for lag in law.lags]
+
+    drive = path.drive
+    return {
+        "drive": None if drive is None else {"delay": float(drive.delay), "lags": lags(drive), "gain": float(drive.gain)},
+        "reading": {"late": float(path.reading.late), "lags": lags(path.reading)},
+        "commanded": path.commanded,
+    }
+
+
+def path_from_dict(data: Mapping[str, Any]) -> TorquePath:
+    """The path of :func:`path_to_dict`.   Raises KeyError, TypeError or ValueError for a damaged one."""
+
+    def lags(law: Mapping[str, Any]) -> tuple[Lag, ...]:
+        found = []
+        for entry in law["lags"]:
+            if entry["kind"] not in VALUES:
+                raise ValueError(f"no filter of the torque is called {entry['kind']!r}")
+            found.append(Lag(entry["kind"], tuple(float(value) for value in entry["values"])))
+        return tuple(found)
+
+    drive = data["drive"]
+    law = None if drive is None else DriveLaw(float(drive["delay"]), lags(drive), float(drive["gain"]))
+    return TorquePath(law, ReadingLaw(float(data["reading"]["late"]), lags(data["reading"])), bool(data["commanded"]))
 
 
 def _later(row: Array, samples: int) -> Array:

@@ -13,10 +13,10 @@ from beltcomm.axis import Axis
 from beltcomm.effects import effect_named
 from beltcomm.effects.belt_spans import stiffness as stiffness_at
 from beltcomm.errors import DataError
-from beltcomm.fit.first_estimate import data_sheet_model, first_estimate
-from beltcomm.identify.inverse_fit import SUSPECT_MISFIT, InverseFit, fit_inverse
 from beltcomm.fit.jumps import proven_jumps, refuse
+from beltcomm.fit.model_fit import SUSPECT_MISFIT, ModelFit, fit_model
 from beltcomm.fit.segment import OUTLIER, Stretch, stretches, whitened
+from beltcomm.fit.start import belt_start
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 
@@ -34,8 +34,8 @@ PLACES_APART_M = 0.05
 class FinalModel:
     """The chosen fit, the one it was compared with, and in words why it was chosen."""
 
-    fit: InverseFit
-    rejected: InverseFit | None
+    fit: ModelFit
+    rejected: ModelFit | None
     reason: str
 
 
@@ -45,12 +45,11 @@ def final_model(
     counts_per_rev: int,
     *,
     start: Model | None = None,
-    reversals: bool | None = None,
     progress: Callable[[float], None] = lambda _fraction: None,
 ) -> FinalModel:
     """Fit all recordings with a constant belt stiffness, and by position where the places disagree; keep the better.
 
-    ``start`` replaces the start values found from the excited records.   reversals : see :func:`fit_inverse`.
+    ``start`` replaces the start values found from the excited records.
     Raises DataError when there is no excited record to start from, or none is usable; DamagedRecord when the angle of one jumps.
     """
     excited = [r for r in recordings if r.sidecar.experiment == "frf" and not r.sidecar.held_out]
@@ -60,22 +59,19 @@ def final_model(
                 "no recording with an excitation (experiment: frf); record one with `beltcomm identify`, or if one of the recordings "
                 "is excited, say so in its sidecar"
             )
-        longest = max(excited, key=lambda r: len(r.t_s))
-        place = longest.sidecar.start_position_m
-        # Twice, because the share of the carriage in the friction is assumed and not found: first its level must be known.
-        level = first_estimate([longest], data_sheet_model(axis, place, 0.0), counts_per_rev)["coulomb.level"]
-        start = first_estimate([longest], data_sheet_model(axis, place, level), counts_per_rev)
+        axis.require("identify", "motor.inertia_kg_m2", "pulley.effective_radius_m", "belt.specific_stiffness_n", "belt.pulley_distance_m")
+        start = belt_start(axis, excited, counts_per_rev)
     placed = [r for r in excited if not r.sidecar.moving]
     at = [place for r in placed if (place := r.sidecar.start_position_m) is not None]
     apart = max(at) - min(at) >= PLACES_APART_M if at else False
     if apart and len(at) < len(placed):  # a record that does not say where it was made can only disturb a law along the travel
         nowhere = [r.name for r in placed if r.sidecar.start_position_m is None]
         told = [r for r in recordings if r.name not in nowhere]
-        found = final_model(told, axis, counts_per_rev, start=start, reversals=reversals, progress=progress)
+        found = final_model(told, axis, counts_per_rev, start=start, progress=progress)
         return replace(found, reason=f"{found.reason}; left out, because nobody knows where it was made: {', '.join(nowhere)}")
     start = as_constant(start, float(np.median(at)) if at else 0.0)
     share = 0.5 if apart else 1.0
-    constant = fit_inverse(recordings, start, counts_per_rev=counts_per_rev, reversals=reversals, progress=lambda f: progress(share * f))
+    constant = fit_model(recordings, start, counts_per_rev=counts_per_rev, progress=lambda f: progress(share * f))
     refuse_jumps(recordings, constant, counts_per_rev)
     places = stiffness_by_record(recordings, constant.model, counts_per_rev, constant.noise_nm)
     spread = clear_spread(places)
@@ -88,12 +84,12 @@ def final_model(
             reason = "nobody knows where along the travel this was measured: the stiffness holds for that place alone"
         return FinalModel(constant, None, reason)
     varying_start = by_position(constant.model, axis, recordings, places)
-    varying = fit_inverse(
+    varying = fit_model(
         recordings,
         varying_start,
         counts_per_rev=counts_per_rev,
-        fixed=("transmission.ratio", "belt_spans.pulley_distance"),
-        reversals=constant.reversals,  # else the evidence would compare different samples
+        fixed=("belt_spans.pulley_distance",),
+        path=constant.path,
         progress=lambda f: progress(0.5 + 0.5 * f),
     )
     gain = evidence(varying, constant)
@@ -107,7 +103,7 @@ def final_model(
     )
 
 
-def refuse_jumps(recordings: Sequence[Recording], fit: InverseFit, counts_per_rev: int) -> None:
+def refuse_jumps(recordings: Sequence[Recording], fit: ModelFit, counts_per_rev: int) -> None:
     """Raise DamagedRecord when a record that the fit does not explain is explained without a jump of its angle."""
     step = 2.0 * np.pi / counts_per_rev
     for recording in recordings:
@@ -115,7 +111,7 @@ def refuse_jumps(recordings: Sequence[Recording], fit: InverseFit, counts_per_re
             refuse(proven_jumps(recording, fit.model, step, fit.noise_nm), step)
 
 
-def evidence(richer: InverseFit, plainer: InverseFit) -> float:
+def evidence(richer: ModelFit, plainer: ModelFit) -> float:
     """By how much a model with more parameters is the better one: fall of the objective beyond ln n for each parameter more (BIC).
 
     The two keep slightly different samples, so the objective is compared per sample.

@@ -18,10 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.errors import BeltcommError, DataError
-from beltcomm.identify.friction import FrictionFit
-from beltcomm.identify.magnitude_fit import MagnitudeFit, fit_magnitude
 from beltcomm.fit.noise_level import torque_noise
 from beltcomm.fit.segment import stretches
+from beltcomm.identify.friction import FrictionFit
+from beltcomm.identify.magnitude_fit import MagnitudeFit, fit_magnitude
 from beltcomm.model import Model, Value
 from beltcomm.recording import Recording
 from beltcomm.response import estimate_response

@@ -16,9 +16,9 @@ import numpy as np
 from beltcomm.axis import Axis
 from beltcomm.effects.belt_spans import stiffness as stiffness_at
 from beltcomm.errors import DataError, Refused
-from beltcomm.identify.final import FinalModel, PlaceStiffness, by_position, evidence, final_model
-from beltcomm.identify.inverse_fit import SUSPECT_MISFIT, InverseFit, fit_inverse
+from beltcomm.fit.model_fit import SUSPECT_MISFIT, ModelFit, fit_model
 from beltcomm.fit.segment import stretches, whitened
+from beltcomm.identify.final import FinalModel, PlaceStiffness, by_position, evidence, final_model
 from beltcomm.linear import modes, operating_point
 from beltcomm.model import Model, build_model
 from beltcomm.recording import Recording
@@ -73,7 +73,7 @@ class ThreeMass:
     """
 
     two: FinalModel
-    three: InverseFit
+    three: ModelFit
     evidence: float
     reach: tuple[Reach, ...]
     against: tuple[str, ...]
@@ -104,7 +104,7 @@ def compare_masses(
     Raises UsageError when the axis file lacks the belt's data, DataError as :func:`beltcomm.identify.final.final_model`.
     """
     axis.require("the three-mass model", "belt.specific_stiffness_n", "belt.pulley_distance_m")
-    two = final_model(recordings, axis, counts_per_rev, reversals=False, progress=lambda f: progress(0.4 * f))
+    two = final_model(recordings, axis, counts_per_rev, progress=lambda f: progress(0.4 * f))
     three = fit_three_mass(recordings, axis, two.fit, counts_per_rev, progress=lambda f: progress(0.4 + 0.5 * f))
     if "belt_stiffness" in two.fit.model.effects and evidence(three, two.fit) > 0.0:
         two = with_spans(two, axis, recordings, counts_per_rev)
@@ -121,7 +121,7 @@ def with_spans(two: FinalModel, axis: Axis, recordings: Sequence[Recording], cou
     places = {r.name: stiffness for r in recordings if r.sidecar.experiment == "frf" and not r.sidecar.held_out}
     start = by_position(two.fit.model, axis, recordings, places)
     fixed = ("transmission.ratio", "belt_spans.pulley_distance")
-    spans = fit_inverse(recordings, start, counts_per_rev=counts_per_rev, fixed=fixed, noise_nm=two.fit.noise_nm, reversals=False)
+    spans = fit_model(recordings, start, counts_per_rev=counts_per_rev, fixed=fixed, noise_nm=two.fit.noise_nm)
     gain = evidence(spans, two.fit)
     return (
         FinalModel(spans, two.fit, f"spans with a massless end pulley: evidence {gain:+.3g} against one stiffness") if gain > 0.0 else two
@@ -131,11 +131,11 @@ def with_spans(two: FinalModel, axis: Axis, recordings: Sequence[Recording], cou
 def fit_three_mass(
     recordings: Sequence[Recording],
     axis: Axis,
-    two: InverseFit,
+    two: ModelFit,
     counts_per_rev: int,
     *,
     progress: Callable[[float], None] = lambda _fraction: None,
-) -> InverseFit:
+) -> ModelFit:
     """The three-mass model fitted to the excited records from the start values that rank best, until it explains them, then to all.
 
     two : the fitted two-mass model.   Raises DataError when no start value is possible, Refused when no fit stays finite.
@@ -145,10 +145,10 @@ def fit_three_mass(
     if not ranked:
         raise DataError("no start value of the three-mass model is possible; look at belt, pulley and travel in axis.yaml")
     fixed = ("transmission.ratio", GEOMETRY)
-    best: InverseFit | None = None
+    best: ModelFit | None = None
     for number, start in enumerate(ranked[: MOST_STARTS if two.suspect else 1]):
         try:
-            found = fit_inverse(excited, start, counts_per_rev=counts_per_rev, fixed=fixed, noise_nm=two.noise_nm, reversals=False)
+            found = fit_model(excited, start, counts_per_rev=counts_per_rev, fixed=fixed, noise_nm=two.noise_nm)
         except DataError:
             continue
         if best is None or found.objective / found.samples < best.objective / best.samples:
@@ -160,13 +160,12 @@ def fit_three_mass(
         return best
     start = ranked[0] if best is None else best.model
     try:
-        return fit_inverse(
+        return fit_model(
             recordings,
             start,
             counts_per_rev=counts_per_rev,
             fixed=fixed,
             noise_nm=two.noise_nm,
-            reversals=False,
             progress=lambda f: progress(0.5 + 0.5 * f),
         )
     except DataError as problem:
@@ -277,7 +276,7 @@ def _reach(name: str, place_m: float | None, response: FrequencyResponse, model:
 
 
 def judged(
-    two: FinalModel, three: InverseFit, axis: Axis, recordings: Sequence[Recording], responses: Mapping[str, FrequencyResponse]
+    two: FinalModel, three: ModelFit, axis: Axis, recordings: Sequence[Recording], responses: Mapping[str, FrequencyResponse]
 ) -> ThreeMass:
     """Whether the third mass is identified: evidence, intervals, held-out records, what is left over, and its mode within the records."""
     gain = evidence(three, two.fit)
@@ -322,7 +321,7 @@ def _middle_m(recordings: Sequence[Recording]) -> float:
     return float(np.median([r.sidecar.start_position_m or 0.0 for r in recordings]))
 
 
-def _badly_known(three: InverseFit) -> str:
+def _badly_known(three: ModelFit) -> str:
     """What the records say of a mass that they do not tell."""
     item = three.model.parameters[MASS]
     if item.interval is None:

@@ -21,11 +21,11 @@ from dataclasses import replace
 import numpy as np
 
 from beltcomm.effects import Effect
-from beltcomm.fit.observer import follows
-from beltcomm.fit.likelihood import Problem
-from beltcomm.fit.segment import Stretch
-from beltcomm.fit.records import Data, rewhitened
 from beltcomm.fit.estimate import BLOCK_S, Fitted
+from beltcomm.fit.likelihood import Problem
+from beltcomm.fit.observer import follows
+from beltcomm.fit.records import Data, rewhitened
+from beltcomm.fit.segment import Stretch
 from beltcomm.laboratory.plain_error import changes
 from beltcomm.model import Model
 from beltcomm.simulate.inverse import acting_torque, true_motion

@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.errors import Refused, UsageError
-from beltcomm.fit.likelihood import OFFSET_M
-from beltcomm.fit.segment import Stretch, dressed_each, evaluate
-from beltcomm.fit.records import Data
-from beltcomm.laboratory.figures import PlainError
 from beltcomm.fit.estimate import Fitted
+from beltcomm.fit.likelihood import OFFSET_M
+from beltcomm.fit.records import Data
+from beltcomm.fit.segment import Stretch, dressed_each, evaluate
 from beltcomm.identify.landmarks import shape_of
+from beltcomm.laboratory.figures import PlainError
 from beltcomm.laboratory.places import Place, worst_places
 from beltcomm.laboratory.plain_error import band_of, in_band, plain_error
 from beltcomm.laboratory.samples import Judged, units_of

@@ -10,15 +10,15 @@ from typing import Final, Literal
 from beltcomm.axis import Axis
 from beltcomm.compiled import in_one_thread
 from beltcomm.effects import EFFECTS, effect_named
+from beltcomm.fit.base import FIRST_ITERATIONS, NEXT_ITERATIONS, PUBLISHED_SUBSTEPS, again, fit_base
+from beltcomm.fit.estimate import Fitted, fit, out_of_valley
+from beltcomm.fit.intervals import with_intervals
 from beltcomm.fit.observer import follows
-from beltcomm.fit.base import NEXT_ITERATIONS, PUBLISHED_SUBSTEPS, again, fit_base
+from beltcomm.fit.records import Data, prepare
 from beltcomm.laboratory.acceptance import EVIDENCE, drop_by, impossible, left_as_a_whole, lowers, refuted
 from beltcomm.laboratory.compare import compare
-from beltcomm.fit.records import Data, prepare
-from beltcomm.fit.estimate import Fitted, out_of_valley
 from beltcomm.laboratory.forms import formed, placed
 from beltcomm.laboratory.freedom import unneeded
-from beltcomm.fit.intervals import with_intervals
 from beltcomm.laboratory.masked import behind_a_delay
 from beltcomm.laboratory.plausible import run_away, undetermined, unlikely
 from beltcomm.laboratory.score import FAR_OFF, Scorer, ground_of

@@ -18,13 +18,13 @@ import numpy as np
 
 from beltcomm.effects import Effect, effect_named
 from beltcomm.errors import UsageError
-from beltcomm.fit.observer import follows
+from beltcomm.fit.estimate import Fitted, fit
 from beltcomm.fit.likelihood import OFFSET_M
+from beltcomm.fit.observer import follows
+from beltcomm.fit.records import Data
 from beltcomm.fit.segment import whitened
 from beltcomm.laboratory.acceptance import EVIDENCE as TO_BE_NAMED  # of an effect; that of a form is below
 from beltcomm.laboratory.acceptance import drop_by, grown_out_of_bounds, impossible, refuted
-from beltcomm.fit.records import Data
-from beltcomm.fit.estimate import Fitted, fit
 from beltcomm.model import Model
 
 #: Evidence that a form must have, nats: noise alone reaches 10 once in some thousands.

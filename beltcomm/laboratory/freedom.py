@@ -15,10 +15,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 from beltcomm.effects import Effect
-from beltcomm.fit.observer import follows
-from beltcomm.laboratory.acceptance import drop_by, enough, explained_share, loudness
-from beltcomm.fit.records import AGITATIONS, Data, agitated, unlikelihood
 from beltcomm.fit.estimate import Fitted, fit
+from beltcomm.fit.observer import follows
+from beltcomm.fit.records import AGITATIONS, Data, agitated, unlikelihood
+from beltcomm.laboratory.acceptance import drop_by, enough, explained_share, loudness
 from beltcomm.model import Model
 
 #: Iterations of the fit with the gap closed, and factor by which its carriage may stray further where the largest agitation suits it best.

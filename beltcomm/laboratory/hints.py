@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from beltcomm.fit.observer import follows
-from beltcomm.fit.likelihood import OFFSET_M, Problem
-from beltcomm.fit.segment import Stretch, dressed_each, followed, in_noise
-from beltcomm.fit.records import SUBSTEPS
 from beltcomm.fit.estimate import BLOCK_S, Fitted
+from beltcomm.fit.likelihood import OFFSET_M, Problem
+from beltcomm.fit.observer import follows
+from beltcomm.fit.records import SUBSTEPS
+from beltcomm.fit.segment import Stretch, dressed_each, followed, in_noise
 from beltcomm.simulate.inverse import belt_loads, fine_load, true_motion
 from beltcomm.simulate.vectors import LANES
 

@@ -11,10 +11,10 @@ import itertools
 import math
 
 from beltcomm.effects import EFFECTS, Effect
-from beltcomm.fit.observer import follows
-from beltcomm.laboratory.acceptance import EVIDENCE, STIFFNESS, drop_by, explained_share, impossible
-from beltcomm.fit.records import Data
 from beltcomm.fit.estimate import Fitted, fit
+from beltcomm.fit.observer import follows
+from beltcomm.fit.records import Data
+from beltcomm.laboratory.acceptance import EVIDENCE, STIFFNESS, drop_by, explained_share, impossible
 from beltcomm.laboratory.stage import MOSTLY, Candidate, candidate, may_add, price
 from beltcomm.model import Model
 

@@ -20,12 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import correlate1d
 
+from beltcomm.fit.estimate import BLOCK_S, Fitted
 from beltcomm.fit.likelihood import OFFSET_M
+from beltcomm.fit.records import Data
 from beltcomm.fit.segment import Stretch, dressed_each, evaluate, way_of
 from beltcomm.fit.whitening import noises
-from beltcomm.fit.records import Data
 from beltcomm.laboratory.figures import PlainError
-from beltcomm.fit.estimate import BLOCK_S, Fitted
 from beltcomm.laboratory.samples import units_of
 from beltcomm.model import Model
 

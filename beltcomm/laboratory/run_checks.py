@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from beltcomm.axis import Axis
 from beltcomm.errors import DataError
-from beltcomm.foreign.checks import check
 from beltcomm.fit.noise_level import torque_noise
+from beltcomm.foreign.checks import check
 from beltcomm.laboratory.gap_checks import before_gaps, check_whole, gap_remarks
 from beltcomm.laboratory.place_checks import names_of, placed, sensor_remarks
 from beltcomm.recording import Recording

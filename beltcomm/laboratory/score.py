@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 
 from beltcomm.axis import Axis
 from beltcomm.effects import Effect, Ground, Trial
-from beltcomm.fit.observer import follows
+from beltcomm.fit.estimate import BLOCK_S, Fitted
 from beltcomm.fit.likelihood import OFFSET_M, Parts, Problem
+from beltcomm.fit.observer import follows
+from beltcomm.fit.records import SUBSTEPS
 from beltcomm.fit.segment import Stretch, dressed_each, followed, in_noise, whitened
 from beltcomm.laboratory.acceptance import loudness
-from beltcomm.fit.records import SUBSTEPS
-from beltcomm.fit.estimate import BLOCK_S, Fitted
 from beltcomm.laboratory.harmonics import gain_means, line_columns, load_means, powers_of
 from beltcomm.laboratory.hints import explained_stretch, stiffness_by_record
 from beltcomm.model import Model, on_side

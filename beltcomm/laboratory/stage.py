@@ -16,7 +16,9 @@ import numpy as np
 from beltcomm.compiled import in_one_thread
 from beltcomm.effects import EFFECTS, Effect, Ground
 from beltcomm.errors import UsageError
+from beltcomm.fit.estimate import Fitted, fit, fit_of, problem_of
 from beltcomm.fit.observer import follows
+from beltcomm.fit.records import Data
 from beltcomm.laboratory.acceptance import (
     EVIDENCE,
     STIFFNESS,
@@ -30,8 +32,6 @@ from beltcomm.laboratory.acceptance import (
     lowers,
     refuted,
 )
-from beltcomm.fit.records import Data
-from beltcomm.fit.estimate import Fitted, fit, fit_of, problem_of
 from beltcomm.laboratory.refine import refined
 from beltcomm.laboratory.score import Scored, Scorer
 from beltcomm.model import Model

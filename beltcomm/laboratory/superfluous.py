@@ -7,10 +7,10 @@ import math
 import numpy as np
 
 from beltcomm.effects import effect_named
-from beltcomm.fit.observer import follows
-from beltcomm.laboratory.acceptance import EVIDENCE, drop_by, fitted_to_nothing, most_within
-from beltcomm.fit.records import Data
 from beltcomm.fit.estimate import Fitted, fit_of, problem_of
+from beltcomm.fit.observer import follows
+from beltcomm.fit.records import Data
+from beltcomm.laboratory.acceptance import EVIDENCE, drop_by, fitted_to_nothing, most_within
 from beltcomm.laboratory.forms import additions, without
 from beltcomm.model import Model
 

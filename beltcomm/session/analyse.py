@@ -24,9 +24,9 @@ from beltcomm.design.structure import late_s, loop_model
 from beltcomm.distortion import distortion
 from beltcomm.effects.tilt import GRAVITY_M_S2
 from beltcomm.errors import DataError, Refused
+from beltcomm.fit.model_fit import ModelFit
 from beltcomm.identify.dead_time import DeadTime, dead_time_between
 from beltcomm.identify.friction import FrictionFit, Plateau, fit_friction
-from beltcomm.identify.inverse_fit import InverseFit
 from beltcomm.identify.landmarks import Shape, shape_of
 from beltcomm.identify.loop_response import seen
 from beltcomm.identify.magnitude_fit import MagnitudeFit, Solver, fit_magnitude
@@ -145,7 +145,7 @@ def friction_of(recordings: Sequence[Recording], slowest_rad_s: float = 0.0, ine
     return fit_friction(plateaus, slowest_rad_s=slowest_rad_s)
 
 
-def characteristics(fit: InverseFit, position_m: float) -> dict[str, Characteristic]:
+def characteristics(fit: ModelFit, position_m: float) -> dict[str, Characteristic]:
     """Resonance, antiresonance and total Coulomb friction with intervals from the fit's covariance (linear propagation)."""
 
     def numbers(model: Model) -> np.ndarray:

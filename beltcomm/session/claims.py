@@ -7,8 +7,8 @@ import math
 from beltcomm.axis import Axis
 from beltcomm.drive import Capabilities
 from beltcomm.errors import BeltcommError
-from beltcomm.identify.amplitude import UNKNOWN_MASSES_KG
 from beltcomm.fit.first_estimate import data_sheet_model
+from beltcomm.identify.amplitude import UNKNOWN_MASSES_KG
 from beltcomm.model import Model
 from beltcomm.session import analyse
 

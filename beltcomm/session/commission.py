@@ -160,7 +160,7 @@ def with_late_torque(found: FinalModel, recordings: Sequence[Recording], axis: A
     """
     late = found.fit.model.with_effect("dead_time", {"time": LATE_S})
     try:
-        other = final_model(recordings, axis, counts_per_rev, start=late, reversals=found.fit.reversals)
+        other = final_model(recordings, axis, counts_per_rev, start=late)
     except DataError:
         return found
     return other if evidence(other.fit, found.fit) > CLEAR_EVIDENCE else found

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from beltcomm.axis import Axis
+from beltcomm.fit.estimate import Fitted
+from beltcomm.fit.intervals import with_intervals
 from beltcomm.laboratory.cross_checks import (
     MapCheck,
     Resonances,
@@ -19,8 +21,6 @@ from beltcomm.laboratory.cross_checks import (
     resonances,
     sheet_doubts,
 )
-from beltcomm.fit.estimate import Fitted
-from beltcomm.fit.intervals import with_intervals
 from beltcomm.laboratory.score import ground_of
 from beltcomm.recording import Recording
 from beltcomm.session.words import number

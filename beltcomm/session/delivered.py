@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.errors import DriveError, Refused
-from beltcomm.fit.within import taps
+from beltcomm.fit.reading_fit import fit_reading
 from beltcomm.recording import Recording
 
 Array = NDArray[np.float64]
@@ -19,6 +19,8 @@ MOST_LAG = 8
 SOUND, USABLE = (0.9, 1.1), (0.5, 2.0)
 #: Correlation below which torque has nothing to do with its setpoint.
 RELATED = 0.5
+#: Share of the torque that a delay and filters of the setpoint leave, below which its gain counts.
+EXPLAINED = 0.2
 #: Share of a setpoint's step that a sound torque goes within one sample (half of it where the delay is no whole sample).
 AT_ONCE = 0.4
 #: Share of lost samples that is said.
@@ -93,8 +95,10 @@ def delivered(recording: Recording) -> Delivered | None:
     _, lag = max((abs(_related(asked, torque, lag)[0]), -lag) for lag in range(MOST_LAG + 1))
     lag = -lag
     correlation, share = _related(asked, torque, lag)
-    if (split := taps(asked, torque)) is not None:  # it acts from between two samples on: each shows a part of a switch
-        share = split[1]
+    chain = fit_reading([recording])
+    # A filter, or a delay of no whole sample, takes nothing of a torque away.
+    if chain is not None and chain.rest_nm < EXPLAINED * float(np.std(torque)):
+        share = chain.law.gain
     before, after = asked[: len(asked) - lag] - np.mean(asked), torque[lag:] - np.mean(torque)
     large = np.abs(before) >= LARGE * np.max(np.abs(before))
     level = float(np.mean(np.abs(before[large])))

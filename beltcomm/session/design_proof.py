@@ -17,11 +17,11 @@ from beltcomm.design.margins import Margins, margins
 from beltcomm.design.measured import MeasuredMargins, measured_margins
 from beltcomm.design.spread import MarginSpread, margin_spread
 from beltcomm.errors import DataError, Refused, UsageError
-from beltcomm.identify.dead_time import DeadTime
-from beltcomm.identify.inverse_fit import SUSPECT_MISFIT, fit_inverse
+from beltcomm.fit.model_fit import SUSPECT_MISFIT, fit_model
 from beltcomm.fit.noise_level import torque_noise
-from beltcomm.fit.segment import dressed, squares_left, stretches, whitened
 from beltcomm.fit.remarks import joint_draws
+from beltcomm.fit.segment import dressed, squares_left, stretches, whitened
+from beltcomm.identify.dead_time import DeadTime
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 from beltcomm.response import FrequencyResponse
@@ -297,7 +297,7 @@ def contradicting(
             continue
         condition = condition_of(recording, model["transmission.ratio"])
         try:
-            alone = fit_inverse(
+            alone = fit_model(
                 [_to_fit(recording)], model, counts_per_rev=counts, fixed=[n for n in model.parameters if n not in free], noise_nm=noise
             )
             reached = margins(cascade, _plants(grounds, alone.model, grounds.delay_s), design.structure.period_s)

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from beltcomm.laboratory.diagnosis import Diagnosis
-from beltcomm.laboratory.figures import PlainError
 from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.intervals import with_intervals
+from beltcomm.laboratory.diagnosis import Diagnosis
+from beltcomm.laboratory.figures import PlainError
 from beltcomm.laboratory.stage import Candidate
 from beltcomm.laboratory.visible import Sight
 from beltcomm.model import Model

@@ -19,8 +19,8 @@ from beltcomm.axis import Axis
 from beltcomm.drive import Capabilities
 from beltcomm.errors import BeltcommError
 from beltcomm.excitation import choose_prbs, prbs
-from beltcomm.identify.amplitude import MotionLimits, largest_amplitude
 from beltcomm.fit.first_estimate import data_sheet_model
+from beltcomm.identify.amplitude import MotionLimits, largest_amplitude
 from beltcomm.laboratory.diagnosis import fitted_base
 from beltcomm.laboratory.score import Scorer, ground_of
 from beltcomm.laboratory.visible import Sight, visible

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 from beltcomm.configfiles import write_text
 from beltcomm.errors import BeltcommError
-from beltcomm.fit.records import Data
 from beltcomm.fit.estimate import Fitted
-from beltcomm.fit.stored import kept, key_of, restored
+from beltcomm.fit.records import Data
 from beltcomm.fit.start import start_model
+from beltcomm.fit.stored import kept, key_of, restored
 from beltcomm.model import Model, model_from_dict
 from beltcomm.recording import Recording
 from beltcomm.runfolder import RunFolder
@@ -25,7 +25,7 @@ def fitted_to(folder: RunFolder, recordings: Sequence[Recording], model: Model |
 
     model : the run's present one; None begins with what the axis file and the records tell.
     """
-    path, key = folder.path.joinpath(*FILE), key_of(hashes(folder), folder.axis, model)
+    path, key = folder.path.joinpath(*FILE), key_of(_hashes_of_fitted(folder, recordings), folder.axis, model)
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
         if found["key"] == key:
@@ -37,17 +37,34 @@ def fitted_to(folder: RunFolder, recordings: Sequence[Recording], model: Model |
 
     start = start_model(folder.axis, recordings) if model is None else model
     data, fitted = fitted_base(recordings, folder.axis, start)
-    if (fit := kept(data, fitted)) is not None:
-        try:
-            path.parent.mkdir(exist_ok=True)
-            write_text(path, json.dumps({"key": key, "start": start.to_dict(), "fit": fit}) + "\n")
-        except (OSError, BeltcommError):
-            pass  # a folder that cannot be written serves its results all the same
+    _write(folder, recordings, model, start, data, fitted)
     return start, data, fitted
 
 
-def hashes(folder: RunFolder) -> dict[str, str]:
-    """SHA-256 of every file of every complete recording."""
-    stems = set(folder.finished_names())
+def keep_fit(folder: RunFolder, data: Data, fitted: Fitted, model: Model) -> None:
+    """Keep a fit as that of a run's present model, so that every command that follows reads it.   model : as the run folder has it."""
+    model = model_from_dict(model.to_dict())
+    _write(folder, data.recordings, model, model, data, fitted)
+
+
+def _write(folder: RunFolder, recordings: Sequence[Recording], model: Model | None, start: Model, data: Data, fitted: Fitted) -> None:
+    if (fit := kept(data, fitted)) is None:
+        return
+    path, key = folder.path.joinpath(*FILE), key_of(_hashes_of_fitted(folder, recordings), folder.axis, model)
+    try:
+        path.parent.mkdir(exist_ok=True)
+        write_text(path, json.dumps({"key": key, "start": start.to_dict(), "fit": fit}) + "\n")
+    except (OSError, BeltcommError):
+        pass  # a folder that cannot be written serves its results all the same
+
+
+def _hashes_of_fitted(folder: RunFolder, recordings: Sequence[Recording]) -> dict[str, str]:
+    """Of the records that are fitted alone: those held out, as a move that verifies, change no fit."""
+    return hashes(folder, {r.name for r in recordings if not (r.sidecar.held_out or r.is_static_map)})
+
+
+def hashes(folder: RunFolder, names: Collection[str] | None = None) -> dict[str, str]:
+    """SHA-256 of every file of every complete recording, or of some of them."""
+    stems = set(folder.finished_names()) if names is None else set(names)
     files = (path for path in folder.recordings_folder.iterdir() if path.stem in stems and path.suffix in (".csv", ".yaml"))
     return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in files}

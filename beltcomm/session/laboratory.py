@@ -9,18 +9,18 @@ from typing import Any
 
 from beltcomm.effects import EFFECTS, effect_named, stands_for
 from beltcomm.errors import UsageError
-from beltcomm.given import Place, pasted, place, word
-from beltcomm.fit.observer import follows
+from beltcomm.fit.base import NEXT_ITERATIONS, again
+from beltcomm.fit.estimate import Fitted, fit
+from beltcomm.fit.intervals import with_intervals
 from beltcomm.fit.noise_level import noise_doubt
+from beltcomm.fit.observer import follows
+from beltcomm.fit.records import Data
+from beltcomm.given import Place, pasted, place, word
 from beltcomm.laboratory.acceptance import confirmed
 from beltcomm.laboratory.compare import Comparison, compare, landmarks, worst
-from beltcomm.fit.records import Data
-from beltcomm.fit.base import NEXT_ITERATIONS, again
 from beltcomm.laboratory.diagnosis import Diagnosis, Step, settled
-from beltcomm.fit.estimate import Fitted, fit
 from beltcomm.laboratory.forms import formed, placed
 from beltcomm.laboratory.freedom import unneeded
-from beltcomm.fit.intervals import with_intervals
 from beltcomm.laboratory.place_words import in_words
 from beltcomm.laboratory.plain_error import of_run
 from beltcomm.laboratory.scope import lacking, not_named

@@ -8,15 +8,15 @@ from pathlib import Path
 
 from beltcomm.effects import Effect, effect_named
 from beltcomm.effects.tilt import GRAVITY_M_S2
+from beltcomm.fit.estimate import Fitted
+from beltcomm.fit.intervals import with_intervals
+from beltcomm.fit.start import BELT_BASE, RIGID_BASE
 from beltcomm.given import pasted
 from beltcomm.laboratory.compare import Comparison
 from beltcomm.laboratory.diagnosis import NONE_EXPLAINS, Diagnosis, structures
 from beltcomm.laboratory.figures import PlainError
-from beltcomm.fit.estimate import Fitted
-from beltcomm.fit.intervals import with_intervals
 from beltcomm.laboratory.plausible import KNOWN, undetermined, unlikely
 from beltcomm.laboratory.stage import MISSING, Candidate
-from beltcomm.fit.start import BELT_BASE, RIGID_BASE
 from beltcomm.laboratory.visible import Sight
 from beltcomm.model import Model, effect_parameters
 from beltcomm.result import table, with_unit

@@ -12,13 +12,13 @@ from beltcomm.axis import Axis
 from beltcomm.control import Cascade, CascadeStructure
 from beltcomm.design.feedforward import FeedforwardKind
 from beltcomm.errors import DataError, UsageError
+from beltcomm.fit.records import smallest_step
 from beltcomm.foreign.checks import check
 from beltcomm.given import pasted
 from beltcomm.identify.final import final_model
 from beltcomm.identify.magnitude_fit import Solver
 from beltcomm.identify.standstill import largest
 from beltcomm.laboratory.cross_checks import sheet_doubts
-from beltcomm.fit.records import smallest_step
 from beltcomm.laboratory.run_checks import Checked, checked
 from beltcomm.model import Model
 from beltcomm.recording import Recording, common_side

@@ -7,10 +7,10 @@ from functools import cached_property
 from pathlib import Path
 
 from beltcomm.errors import DataError
+from beltcomm.fit.estimate import Fitted
+from beltcomm.fit.records import Data
 from beltcomm.given import pasted
 from beltcomm.laboratory.cross_checks import SheetDoubt
-from beltcomm.fit.records import Data
-from beltcomm.fit.estimate import Fitted
 from beltcomm.laboratory.run_checks import Checked, checked
 from beltcomm.runfolder import RunFolder
 from beltcomm.session.cross_check_words import doubts_of

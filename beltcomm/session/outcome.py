@@ -15,6 +15,7 @@ from beltcomm.runfolder import RunFolder
 from beltcomm.session import analyse, friction_words, holding, words
 from beltcomm.session.delays import delay
 from beltcomm.session.findings import Findings
+from beltcomm.session.kept_fit import keep_fit
 from beltcomm.session.store import design_to_dict, fit_to_dict, verdict_to_dict
 
 
@@ -23,6 +24,7 @@ def save(folder: RunFolder, findings: Findings) -> None:
     if findings.final is not None:
         folder.save_model("final", findings.final.fit.model.to_dict())
         folder.save_result("fit", fit_dict(findings.final, findings))
+        keep_fit(folder, findings.final.fit.data, findings.final.fit.fitted, findings.final.fit.model)
     if findings.friction is not None:
         folder.save_result("friction", plain(findings.friction))
     if findings.standstill is not None:

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 from beltcomm.control import Cascade
 from beltcomm.design.cascade import DesignResult
 from beltcomm.design.measured import measured_loop
+from beltcomm.fit.estimate import Fitted
+from beltcomm.fit.records import Data
 from beltcomm.given import pasted
 from beltcomm.identify.friction import FrictionFit
 from beltcomm.identify.standstill import Standstill
 from beltcomm.identify.sweeps import Drift, LoadDependence, Sweep
 from beltcomm.laboratory.compare import Comparison, landmarks, worst
-from beltcomm.fit.records import Data
-from beltcomm.fit.estimate import Fitted
 from beltcomm.laboratory.place_words import in_words
 from beltcomm.recording import Recording
 from beltcomm.runfolder import RunFolder

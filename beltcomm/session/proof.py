@@ -9,8 +9,8 @@ from typing import Any
 from beltcomm.control import Cascade
 from beltcomm.design.margins import Margins
 from beltcomm.errors import Declined, Refused
+from beltcomm.fit.model_fit import SUSPECT_MISFIT
 from beltcomm.given import pasted
-from beltcomm.identify.inverse_fit import SUSPECT_MISFIT
 from beltcomm.parameters import cascade_to_parameters
 from beltcomm.runfolder import RunFolder
 from beltcomm.session.revisions import revisions

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from beltcomm.errors import NoMotion, Refused, SafetyStop
 from beltcomm.excitation import prbs
-from beltcomm.identify.amplitude import UNKNOWN_MASSES_KG, AmplitudeStep, MotionLimits, around, largest_amplitude, unknown_payload
 from beltcomm.fit.first_estimate import data_sheet_model, first_estimate, moved_enough, stiffness_range
+from beltcomm.identify.amplitude import UNKNOWN_MASSES_KG, AmplitudeStep, MotionLimits, around, largest_amplitude, unknown_payload
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 from beltcomm.session import exciting, gravity, host_loss, scale, stops

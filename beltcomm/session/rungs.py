@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from beltcomm.laboratory.acceptance import confirmed
-from beltcomm.fit.records import Data
-from beltcomm.laboratory.diagnosis import Diagnosis
-from beltcomm.laboratory.figures import PlainError
 from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.intervals import with_intervals
+from beltcomm.fit.records import Data
+from beltcomm.laboratory.acceptance import confirmed
+from beltcomm.laboratory.diagnosis import Diagnosis
+from beltcomm.laboratory.figures import PlainError
 from beltcomm.laboratory.plain_error import band_of, of_run
 from beltcomm.runfolder import RunFolder
 from beltcomm.session.diagnosis_data import Plain

@@ -9,7 +9,7 @@ from beltcomm.control import Cascade, CascadeStructure
 from beltcomm.design.cascade import DesignResult
 from beltcomm.drive import Capabilities
 from beltcomm.errors import DataError, UsageError
-from beltcomm.identify.inverse_fit import InverseFit
+from beltcomm.fit.model_fit import ModelFit
 from beltcomm.objects import ParameterObject
 from beltcomm.parameters import cascade_to_parameters, parameters_to_cascade
 from beltcomm.result import plain
@@ -47,7 +47,7 @@ def parameters_from_dict(data: Mapping[str, Any]) -> dict[str, ParameterObject]:
     return found
 
 
-def fit_to_dict(fit: InverseFit) -> dict[str, Any]:
+def fit_to_dict(fit: ModelFit) -> dict[str, Any]:
     """Everything of a fit but the model's own numbers, which stand in ``models/``."""
     return {
         "model": fit.model.name,

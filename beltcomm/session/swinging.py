@@ -16,8 +16,8 @@ from beltcomm.control import Cascade, CascadeStructure
 from beltcomm.design.margins import margins
 from beltcomm.effects.payload_mode import unlikely
 from beltcomm.errors import DataError, Refused
-from beltcomm.identify.final import FinalModel, evidence, final_model
 from beltcomm.fit.segment import OUTLIER, stretches, whitened
+from beltcomm.identify.final import FinalModel, evidence, final_model
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 from beltcomm.session import analyse
@@ -44,7 +44,7 @@ def with_swing(found: FinalModel, recordings: Sequence[Recording], axis: Axis, c
 
     for start in sorted(_starts(found.fit.model), key=left)[:STARTS]:
         try:
-            other = final_model(recordings, axis, counts_per_rev, start=start, reversals=found.fit.reversals).fit
+            other = final_model(recordings, axis, counts_per_rev, start=start).fit
         except DataError:
             continue
         values = {name.removeprefix(f"{SWING}."): item.value for name, item in other.model.parameters.items()}

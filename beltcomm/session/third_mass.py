@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from beltcomm.errors import DataError
+from beltcomm.fit.model_fit import ModelFit
 from beltcomm.given import pasted
-from beltcomm.identify.inverse_fit import InverseFit
 from beltcomm.identify.three_mass import ThreeMass, compare_masses, resonances_hz, sheet_mass_kg
 from beltcomm.identify.three_mass_magnitude import ThreeMassMagnitude, fit_magnitudes
 from beltcomm.model import Model
@@ -117,7 +117,7 @@ def modes_dict(model: Model, position_m: float) -> dict[str, Any]:
     }
 
 
-def model_lines(fit: InverseFit, folder: RunFolder, position_m: float) -> list[str]:
+def model_lines(fit: ModelFit, folder: RunFolder, position_m: float) -> list[str]:
     """The three-mass model with 95 % intervals and its modes."""
     lines = []
     for name, title, unit, factor in _SHOWN:

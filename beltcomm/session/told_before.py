@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from beltcomm.effects import effect_named
 from beltcomm.errors import BeltcommError
-from beltcomm.laboratory.acceptance import drop_by
-from beltcomm.fit.records import Data
-from beltcomm.laboratory.diagnosis import NEXT_ITERATIONS
+from beltcomm.fit.base import NEXT_ITERATIONS
 from beltcomm.fit.estimate import Fitted, fit
+from beltcomm.fit.records import Data
+from beltcomm.laboratory.acceptance import drop_by
 from beltcomm.laboratory.forms import held
 from beltcomm.laboratory.stage import MISSING
 from beltcomm.model import Model

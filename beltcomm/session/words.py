@@ -9,10 +9,10 @@ from beltcomm.control import Cascade
 from beltcomm.design.cascade import DesignResult
 from beltcomm.design.structure import late_s, unseen
 from beltcomm.drive import simulated
-from beltcomm.identify.friction import FrictionFit
-from beltcomm.identify.inverse_fit import InverseFit
-from beltcomm.identify.magnitude_fit import MagnitudeFit
+from beltcomm.fit.model_fit import ModelFit
 from beltcomm.fit.noise_level import too_little
+from beltcomm.identify.friction import FrictionFit
+from beltcomm.identify.magnitude_fit import MagnitudeFit
 from beltcomm.model import Model
 from beltcomm.session.analyse import Characteristic, Nonlinearity
 from beltcomm.verify import Demand, Verdict
@@ -48,7 +48,7 @@ def number(value: float, interval: float | None, unit: str) -> str:
     return f"{value:.{digits}f} ± {interval:.{digits}f} {unit}"
 
 
-def model_lines(fit: InverseFit, characteristics: Mapping[str, Characteristic], error: float | None = None) -> list[str]:
+def model_lines(fit: ModelFit, characteristics: Mapping[str, Characteristic], error: float | None = None) -> list[str]:
     """The fitted model with 95 % intervals, its misfit and what to know of it.   error : over the noise, in place of the misfit."""
     lines = ["Model (95 % intervals):"]
     for name, (words, unit, factor) in SHOWN.items():

@@ -26,8 +26,8 @@ from scipy.interpolate import CubicSpline
 
 from beltcomm.effects import EFFECTS
 from beltcomm.model import Model
-from beltcomm.simulate.intersample import Intersample
 from beltcomm.simulate.compose import inverse_kernel
+from beltcomm.simulate.intersample import Intersample
 from beltcomm.simulate.learning import prepared
 from beltcomm.simulate.lock_step import Lane, lock_step
 from beltcomm.simulate.mean import triangular_mean

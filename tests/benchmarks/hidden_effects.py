@@ -29,13 +29,13 @@ from hidden_table import FAMILY, table
 
 from beltcomm.effects import effect_named
 from beltcomm.errors import BeltcommError
-from beltcomm.laboratory.diagnosis import Diagnosis, diagnose
 from beltcomm.fit.estimate import Fitted, fit
 from beltcomm.fit.intervals import spread_of
+from beltcomm.fit.start import start_model
+from beltcomm.laboratory.diagnosis import Diagnosis, diagnose
 from beltcomm.laboratory.run_checks import checked
 from beltcomm.laboratory.score import ground_of
 from beltcomm.laboratory.stage import with_effect
-from beltcomm.fit.start import start_model
 from beltcomm.runfolder import RunFolder
 from truth.hidden import Machine, draw
 from truth.hidden.catalogue import EFFECTS

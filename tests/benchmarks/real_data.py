@@ -12,9 +12,9 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from beltcomm.fit.start import start_model
 from beltcomm.laboratory.cross_checks import map_checks, resonances
 from beltcomm.laboratory.diagnosis import diagnose
-from beltcomm.fit.start import start_model
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 from beltcomm.runfolder import RunFolder

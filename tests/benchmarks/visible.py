@@ -15,12 +15,12 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from beltcomm.effects import Ground, effect_named
+from beltcomm.fit.estimate import Fitted
+from beltcomm.fit.start import start_model
 from beltcomm.laboratory.acceptance import EVIDENCE
 from beltcomm.laboratory.diagnosis import fitted_base
-from beltcomm.fit.estimate import Fitted
 from beltcomm.laboratory.score import Scorer, ground_of
 from beltcomm.laboratory.stage import price
-from beltcomm.fit.start import start_model
 from beltcomm.laboratory.visible import visible
 from beltcomm.runfolder import RunFolder
 from truth.hidden import draw, write_session

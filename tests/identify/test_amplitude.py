@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from beltcomm.axis import load_axis
 from beltcomm.errors import Refused
 from beltcomm.excitation import prbs
+from beltcomm.fit.first_estimate import data_sheet_model
 from beltcomm.identify.amplitude import (
     FIRST_ESTIMATE_SPREAD,
     UNKNOWN_MASSES_KG,
@@ -23,7 +24,6 @@ from beltcomm.identify.amplitude import (
     unknown_masses_kg,
     unknown_payload,
 )
-from beltcomm.fit.first_estimate import data_sheet_model
 from beltcomm.model import Model
 from beltcomm.stopping import Braking
 from identify.records import PERIOD_S, true_model

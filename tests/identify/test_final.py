@@ -12,7 +12,7 @@ from beltcomm.axis import Gearbox, load_axis
 from beltcomm.errors import DataError
 from beltcomm.identify import final as module
 from beltcomm.identify.final import FinalModel, final_model, stiffness_by_record
-from beltcomm.identify.inverse_fit import InverseFit
+from beltcomm.fit.model_fit import ModelFit
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 from identify.records import COUNTS, Recorder, true_model
@@ -121,11 +121,11 @@ def test_a_record_from_nowhere_has_no_say_in_a_law_along_the_travel(
     nowhere = replace(records[0], name="nowhere", sidecar=replace(records[0].sidecar, start_position_m=None))
     asked: list[list[str]] = []
 
-    def fit(used: Sequence[Recording], start: Model, **_: object) -> InverseFit:
+    def fit(used: Sequence[Recording], start: Model, **_: object) -> ModelFit:
         asked.append([r.name for r in used])
         return final.fit if "belt_spans" in start.effects else final.rejected or final.fit
 
-    monkeypatch.setattr(module, "fit_inverse", fit)
+    monkeypatch.setattr(module, "fit_model", fit)
     found = final_model([*records, nowhere], AXIS, COUNTS)
     assert asked == 2 * [["place 0", "place 1", "place 2"]]
     assert found.fit is final.fit

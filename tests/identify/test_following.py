@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from beltcomm.effects import effect_named
-from beltcomm.fit.observer import forgotten, stiffest
-from beltcomm.fit.likelihood import Problem
-from beltcomm.fit.segment import Stretch, dressed, evaluate, in_noise, whitened
 from beltcomm.fit import estimate as fitting
+from beltcomm.fit.likelihood import Problem
+from beltcomm.fit.observer import forgotten, stiffest
 from beltcomm.fit.records import Data, agitated, prepare, remade
-from beltcomm.laboratory.stage import candidate
+from beltcomm.fit.segment import Stretch, dressed, evaluate, in_noise, whitened
 from beltcomm.fit.start import start_model
+from beltcomm.laboratory.stage import candidate
 from beltcomm.model import Model, build_model
 from beltcomm.runfolder import RunFolder
 from truth.hidden import draw, write_session

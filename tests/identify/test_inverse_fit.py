@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from beltcomm.errors import DataError
-from beltcomm.identify.inverse_fit import InverseFit, fit_inverse
+from beltcomm.fit.model_fit import ModelFit, fit_model
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 from identify.records import COUNTS, PERIOD_S, STEP_RAD, Recorder, true_model
@@ -48,7 +48,7 @@ class Case:
         self.records = session(plant, seed, amplitude_nm)
         self.start = start_beside(self.truth)
         self.progress: list[float] = []
-        self.fit = fit_inverse(self.records, self.start, counts_per_rev=COUNTS, progress=self.progress.append)
+        self.fit = fit_model(self.records, self.start, counts_per_rev=COUNTS, progress=self.progress.append)
 
 
 @pytest.fixture(scope="module")
@@ -76,12 +76,12 @@ def geared() -> Case:
     return Case(TruthPlant(axis), 23, 0.15)
 
 
-def deviations(fit: InverseFit, truth: Model) -> dict[str, float]:
+def deviations(fit: ModelFit, truth: Model) -> dict[str, float]:
     """Error of every parameter in its own standard deviations."""
     return {name: (fit.model[name] - truth[name]) / (half(fit, name) / fit.quantile) for name in fit.free}
 
 
-def half(fit: InverseFit, name: str) -> float:
+def half(fit: ModelFit, name: str) -> float:
     width = fit.model.parameters[name].interval
     assert width is not None, name
     return width
@@ -108,7 +108,7 @@ def test_a_drawn_machine_is_found(which: str, request: pytest.FixtureRequest) ->
 @pytest.mark.parametrize("which", ["g_a", "g_b", "geared"])
 def test_a_machine_of_the_models_kind_is_explained_to_the_noise(which: str, request: pytest.FixtureRequest) -> None:
     """Misfit 1: four standard deviations √(2/n) and 5 % by which the rounding of the angle also reaches the belt (test_residual)."""
-    fit: InverseFit = request.getfixturevalue(which).fit
+    fit: ModelFit = request.getfixturevalue(which).fit
     assert fit.misfit == pytest.approx(1.0, abs=0.05 + 4.0 * np.sqrt(2.0 / fit.samples))
     assert set(fit.record_misfit) == {"prbs 1", "prbs 2", "strokes"}
     assert fit.noise_nm == pytest.approx(6e-3, rel=0.05)
@@ -139,7 +139,7 @@ def test_a_parameter_at_its_bound_is_named(g_b: Case) -> None:
     assert item.value < true < low
     bounded = replace(item, value=1.3 * low, low=low)
     start = replace(g_b.start, parameters={**g_b.start.parameters, "cart_friction.level": bounded})
-    fit = fit_inverse(g_b.records, start, counts_per_rev=COUNTS)
+    fit = fit_model(g_b.records, start, counts_per_rev=COUNTS)
     assert fit.model["cart_friction.level"] == low
     assert fit.model.parameters["cart_friction.level"].interval is None
     (remark,) = [r for r in fit.remarks if r.startswith("cart_friction.level")]
@@ -150,7 +150,7 @@ def test_a_parameter_at_its_bound_is_named(g_b: Case) -> None:
 def test_fixed_parameters_stay(g_b: Case) -> None:
     fixed = ("transmission.ratio", "motor.inertia")
     start = g_b.start.with_values({"motor.inertia": g_b.truth["motor.inertia"]})
-    fit = fit_inverse(g_b.records[:2], start, counts_per_rev=COUNTS, fixed=fixed)
+    fit = fit_model(g_b.records[:2], start, counts_per_rev=COUNTS, fixed=fixed)
     assert set(fit.free) == set(start.parameters) - set(fixed)
     assert fit.model["motor.inertia"] == start["motor.inertia"]
     assert fit.model.parameters["motor.inertia"].interval is None
@@ -163,7 +163,7 @@ def test_one_disturbed_stretch_changes_little_and_shows(g_b: Case) -> None:
     disturbance[1500:2500] = 0.3 * np.sin(2.0 * np.pi * 7.0 * PERIOD_S * np.arange(1000))
     records = session(draw("g_b", np.random.default_rng(22)), 22, disturbance=disturbance)
     np.testing.assert_array_equal(records[0].torque, g_b.records[0].torque)
-    fit = fit_inverse(records, g_b.start, counts_per_rev=COUNTS)
+    fit = fit_model(records, g_b.start, counts_per_rev=COUNTS)
     for name in fit.free:
         assert abs(fit.model[name] - g_b.fit.model[name]) < 3.0 * half(g_b.fit, name), name
     for name, deviation in deviations(fit, g_b.truth).items():
@@ -176,7 +176,7 @@ def test_one_disturbed_stretch_changes_little_and_shows(g_b: Case) -> None:
 def test_held_out_records_judge_and_do_not_fit(g_b: Case) -> None:
     plant = draw("g_b", np.random.default_rng(22))
     away = Recorder(99, noise_nm=9e-3).shaken(plant, 0.25, 2, "away", held_out=True)
-    fit = fit_inverse([away, *g_b.records], g_b.start, counts_per_rev=COUNTS)
+    fit = fit_model([away, *g_b.records], g_b.start, counts_per_rev=COUNTS)
     np.testing.assert_array_equal(fit.model.vector(), g_b.fit.model.vector())
     np.testing.assert_array_equal(fit.covariance, g_b.fit.covariance)
     assert (fit.misfit, fit.samples, fit.noise_nm) == (g_b.fit.misfit, g_b.fit.samples, g_b.fit.noise_nm)
@@ -190,7 +190,7 @@ def test_held_out_records_judge_and_do_not_fit(g_b: Case) -> None:
 def test_a_held_out_record_of_a_right_model_is_at_the_noise(g_a: Case) -> None:
     """Strokes leave the carriage stuck behind a stretched belt; a heavy one rings from there through the next record."""
     away = Recorder(6).stroked(g_a.plant, (0.1, 0.2), 0.3, "away", held_out=True)
-    fit = fit_inverse([*g_a.records, away], g_a.fit.model, counts_per_rev=COUNTS)
+    fit = fit_model([*g_a.records, away], g_a.fit.model, counts_per_rev=COUNTS)
     assert fit.held_out_misfit == pytest.approx(1.0, abs=0.05 + 4.0 * np.sqrt(2.0 / 1500.0))
 
 
@@ -198,7 +198,7 @@ def test_a_record_at_rest_beside_others_changes_nothing(g_b: Case) -> None:
     plant = draw("g_b", np.random.default_rng(22))
     rest = Recorder(7).shaken(plant, 0.105, 1, "rest")
     assert 0.0 < np.ptp(rest.position) * plant.axis.transmission_m_rad < 1e-4
-    fit = fit_inverse([*g_b.records, rest], g_b.start, counts_per_rev=COUNTS)
+    fit = fit_model([*g_b.records, rest], g_b.start, counts_per_rev=COUNTS)
     for name in fit.free:
         assert abs(fit.model[name] - g_b.fit.model[name]) < 0.2 * half(g_b.fit, name), name
     assert "rest" not in fit.record_misfit
@@ -208,14 +208,14 @@ def test_a_record_in_which_nothing_moves_is_refused(g_b: Case) -> None:
     plant = draw("g_b", np.random.default_rng(22))
     rest = Recorder(7).shaken(plant, 0.105, 4, "rest")
     with pytest.raises(DataError, match=r"only 0 moving samples in 5\.8 s"):
-        fit_inverse([rest], g_b.start, counts_per_rev=COUNTS)
+        fit_model([rest], g_b.start, counts_per_rev=COUNTS)
 
 
 def test_a_record_that_hardly_moves_is_refused_not_broken(g_b: Case) -> None:
     """0.3 mm, barely above breakaway: after the first pass hardly a sample is left, and that is a sentence, not a crash."""
     barely = Recorder(7).shaken(draw("g_b", np.random.default_rng(22)), 0.115, 4, "barely")
     with pytest.raises(DataError, match="moving samples"):
-        fit_inverse([barely], g_b.start, counts_per_rev=COUNTS)
+        fit_model([barely], g_b.start, counts_per_rev=COUNTS)
 
 
 def test_too_little_data_is_refused_with_seconds(g_b: Case) -> None:
@@ -230,17 +230,17 @@ def test_too_little_data_is_refused_with_seconds(g_b: Case) -> None:
         cart_position_m=None,
     )
     with pytest.raises(DataError, match=r"in 2\.0 s are usable for 7 parameters; record at least 4 s"):
-        fit_inverse([short], g_b.start, counts_per_rev=COUNTS)
+        fit_model([short], g_b.start, counts_per_rev=COUNTS)
 
 
 def test_nothing_but_held_out_records_is_refused(g_b: Case) -> None:
     record = g_b.records[0]
     away = replace(record, sidecar=replace(record.sidecar, held_out=True))
     with pytest.raises(DataError, match="only 0 moving samples"):
-        fit_inverse([away], g_b.start, counts_per_rev=COUNTS, noise_nm=6e-3)
+        fit_model([away], g_b.start, counts_per_rev=COUNTS, noise_nm=6e-3)
 
 
-def named(fit: InverseFit) -> set[str]:
+def named(fit: ModelFit) -> set[str]:
     """Parameters that the fit itself calls not determined by its data."""
     return {name for name in fit.free for remark in fit.remarks if remark.startswith(name) and "told apart" not in remark}
 
@@ -253,7 +253,7 @@ def test_slow_strokes_alone_are_refused_where_they_would_mislead(rig: str) -> No
         plant = draw(rig, np.random.default_rng(31))
         truth = true_model(plant)
         record = Recorder(seed).stroked(plant, (0.02, 0.04, 0.06, 0.08), 0.3, ramp_m_s2=0.5)
-        fits.append(fit_inverse([record], truth, counts_per_rev=COUNTS))
+        fits.append(fit_model([record], truth, counts_per_rev=COUNTS))
     unnamed = set(fits[0].free) - named(fits[0]) - named(fits[1])
     assert "belt_damping.damping" not in unnamed
     for name in unnamed:
@@ -263,7 +263,7 @@ def test_slow_strokes_alone_are_refused_where_they_would_mislead(rig: str) -> No
 
 def test_samples_with_a_reversal_count_where_friction_turns_at_once(g_b: Case) -> None:
     assert g_b.fit.reversals
-    without = fit_inverse(g_b.records, g_b.fit.model, counts_per_rev=COUNTS, reversals=False)
+    without = fit_model(g_b.records, g_b.fit.model, counts_per_rev=COUNTS)
     assert without.samples < 0.75 * g_b.fit.samples
     assert half(g_b.fit, "motor.inertia") < 0.8 * half(without, "motor.inertia")
 
@@ -298,5 +298,5 @@ def test_friction_that_needs_a_way_to_turn_round_keeps_them_out() -> None:
     at_once = Recorder(24, delay_s=0.0).shaken(plant, 0.3, 4, "prbs")
     assert at_once.torque_setpoint is not None
     counted = np.floor(bristled(plant.axis, at_once.torque_setpoint, 5e-6) / STEP_RAD) * STEP_RAD
-    assert fit_inverse([at_once], start, counts_per_rev=COUNTS).reversals
-    assert not fit_inverse([replace(at_once, position=counted)], start, counts_per_rev=COUNTS).reversals
+    assert fit_model([at_once], start, counts_per_rev=COUNTS).reversals
+    assert not fit_model([replace(at_once, position=counted)], start, counts_per_rev=COUNTS).reversals

@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from beltcomm.fit.within import change_of, taps
+from beltcomm.simulate.change import Change
 from scipy.signal import lfilter
 
 from beltcomm.axis import load_axis
 from beltcomm.identify.final import final_model
-from beltcomm.fit.within import change_of, taps
 from beltcomm.session.delivered import delivered
-from beltcomm.simulate.change import Change
 from identify.records import COUNTS, NOISE_NM, Recorder, true_model
 from truth.rigs import draw
 

@@ -17,13 +17,13 @@ from scipy.interpolate import CubicSpline
 from beltcomm.axis import Axis
 from beltcomm.cli.main import cli
 from beltcomm.errors import DataError
+from beltcomm.fit.start import start_model
 from beltcomm.laboratory import run_checks
 from beltcomm.laboratory.cross_checks import sheet_doubts
 from beltcomm.laboratory.diagnosis import Diagnosis, Step, fitted_base
 from beltcomm.laboratory.run_checks import checked
 from beltcomm.laboratory.scope import lacking, within_scope
 from beltcomm.laboratory.score import Scorer
-from beltcomm.fit.start import start_model
 from beltcomm.model import build_model
 from beltcomm.recording import Recording
 from beltcomm.recording_checks import RigidInertia

@@ -12,11 +12,11 @@ from click.testing import CliRunner
 
 from beltcomm.cli.main import cli
 from beltcomm.effects import Effect, Ground, effect_named
-from beltcomm.fit.records import Data, prepare
 from beltcomm.fit.estimate import Fitted, fit
+from beltcomm.fit.records import Data, prepare
+from beltcomm.fit.start import start_model
 from beltcomm.laboratory.score import Scored, Scorer, ground_of
 from beltcomm.laboratory.stage import may_add, search
-from beltcomm.fit.start import start_model
 from beltcomm.runfolder import RunFolder
 from truth.hidden import draw, write_session
 

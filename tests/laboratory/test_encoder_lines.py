@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 from beltcomm.cli.main import cli
 from beltcomm.effects import Ground, effect_named
 from beltcomm.effects.encoder_interpolation import LINES, correction, trials, unlikely
+from beltcomm.fit.estimate import Fitted
+from beltcomm.fit.start import start_model
 from beltcomm.laboratory.acceptance import EVIDENCE
 from beltcomm.laboratory.diagnosis import diagnose, fitted_base
-from beltcomm.fit.estimate import Fitted
 from beltcomm.laboratory.score import Scored, Scorer, ground_of
 from beltcomm.laboratory.stage import promise
-from beltcomm.fit.start import start_model
 from beltcomm.runfolder import RunFolder
 from beltcomm.simulate.imperfect import angle_sensor
 from beltcomm.simulate.inverse import reconstruct, true_motion

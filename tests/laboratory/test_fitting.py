@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from beltcomm.fit.estimate import AT_A_TIME, Fitted, fit, gone_on, problem_of
 from beltcomm.fit.likelihood import Problem, hopeless
+from beltcomm.fit.records import Data, prepare
+from beltcomm.fit.start import start_model
 from beltcomm.laboratory import superfluous
 from beltcomm.laboratory.acceptance import drop_by, most_within
-from beltcomm.fit.records import Data, prepare
-from beltcomm.fit.estimate import AT_A_TIME, Fitted, fit, gone_on, problem_of
-from beltcomm.fit.start import start_model
 from beltcomm.model import Model
 from beltcomm.runfolder import RunFolder
 from truth.hidden import draw, write_session

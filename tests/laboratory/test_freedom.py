@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 from beltcomm.effects import effect_named
-from beltcomm.laboratory import diagnosis, freedom
-from beltcomm.fit.records import agitated, prepare
 from beltcomm.fit.estimate import fit
+from beltcomm.fit.records import agitated, prepare
+from beltcomm.fit.start import start_model
+from beltcomm.laboratory import diagnosis, freedom
 from beltcomm.laboratory.freedom import needed
 from beltcomm.laboratory.stage import Candidate
-from beltcomm.fit.start import start_model
 from beltcomm.model import build_model
 from beltcomm.runfolder import RunFolder
 from beltcomm.session.ladder_words import added_notes, trial_line

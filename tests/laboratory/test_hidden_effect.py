@@ -14,12 +14,12 @@ from click.testing import CliRunner, Result
 
 from beltcomm.cli.main import cli
 from beltcomm.effects import effect_named
-from beltcomm.fit.records import Data
-from beltcomm.laboratory.diagnosis import Step, fitted_base, shorter
 from beltcomm.fit.estimate import Fitted, fit
+from beltcomm.fit.records import Data
+from beltcomm.fit.start import start_model
+from beltcomm.laboratory.diagnosis import Step, fitted_base, shorter
 from beltcomm.laboratory.score import Scorer, ground_of
 from beltcomm.laboratory.stage import candidate, with_effect
-from beltcomm.fit.start import start_model
 from beltcomm.laboratory.visible import visible
 from beltcomm.runfolder import RunFolder
 from beltcomm.session.revisions import revisions, trusted_model

@@ -9,9 +9,9 @@ from typing import cast
 import numpy as np
 import pytest
 
+from beltcomm.fit.estimate import BLOCK_S, Fitted
 from beltcomm.fit.likelihood import Problem, free_parameters, time_blocks
 from beltcomm.fit.segment import stretches
-from beltcomm.fit.estimate import BLOCK_S, Fitted
 from beltcomm.laboratory.hints import BY_CHANCE, explained_stretch, likeliest
 from identify.records import NOISE_NM, STEP_RAD, Recorder, true_model
 from truth.rigs import draw

@@ -8,11 +8,11 @@ from typing import Any
 
 import pytest
 
+from beltcomm.fit.start import start_model
 from beltcomm.laboratory import diagnosis
 from beltcomm.laboratory.diagnosis import fitted_base
 from beltcomm.laboratory.masked import behind_a_delay
 from beltcomm.laboratory.stage import Candidate, held_at
-from beltcomm.fit.start import start_model
 from beltcomm.runfolder import RunFolder
 from beltcomm.session.diagnosis_data import ranked
 from beltcomm.session.ladder_words import trial_line

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from beltcomm.fit.estimate import fit
+from beltcomm.fit.records import prepare
+from beltcomm.fit.start import start_model
 from beltcomm.laboratory import acceptance
 from beltcomm.laboratory.acceptance import confirmed, falls
-from beltcomm.fit.records import prepare
 from beltcomm.laboratory.diagnosis import NONE_EXPLAINS, diagnose, fitted_base
-from beltcomm.fit.estimate import fit
 from beltcomm.laboratory.plain_error import Banded, band_of, banded, change, low_passed, of_run, plain_error
-from beltcomm.fit.start import start_model
 from beltcomm.runfolder import RunFolder
 from foreign.judged import CASES, as_run
 

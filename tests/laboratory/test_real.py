@@ -8,14 +8,14 @@ from pathlib import Path
 import pytest
 
 from beltcomm.effects import Trial, effect_named
+from beltcomm.fit.estimate import Fitted, fit
+from beltcomm.fit.records import Data, prepare
+from beltcomm.fit.start import start_model
 from beltcomm.laboratory.acceptance import refuted
 from beltcomm.laboratory.cross_checks import map_checks, resonances
-from beltcomm.fit.records import Data, prepare
 from beltcomm.laboratory.diagnosis import again, fitted_base
-from beltcomm.fit.estimate import Fitted, fit
 from beltcomm.laboratory.score import Scorer, ground_of
 from beltcomm.laboratory.stage import search
-from beltcomm.fit.start import start_model
 from beltcomm.model import Model
 from beltcomm.runfolder import RunFolder
 from foreign.judged import COGGING, DATA, EMPS, imported, record_error, response_error

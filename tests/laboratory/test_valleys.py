@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from beltcomm.laboratory import diagnosis
-from beltcomm.fit.records import Data
-from beltcomm.laboratory.diagnosis import beyond, fitted_base
 from beltcomm.fit.estimate import Fitted, fit
+from beltcomm.fit.records import Data
 from beltcomm.fit.start import start_model
+from beltcomm.laboratory import diagnosis
+from beltcomm.laboratory.diagnosis import beyond, fitted_base
 from beltcomm.model import build_model
 from beltcomm.runfolder import RunFolder
 from truth.hidden import draw

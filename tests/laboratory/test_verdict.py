@@ -13,10 +13,10 @@ import pytest
 
 from beltcomm.cli.talk import PlainTalk
 from beltcomm.effects import effect_named
+from beltcomm.fit.estimate import Fitted
 from beltcomm.laboratory import acceptance, diagnosis, superfluous
 from beltcomm.laboratory.acceptance import fitted_to_nothing, left_as_a_whole
 from beltcomm.laboratory.diagnosis import Step, verdict_of
-from beltcomm.fit.estimate import Fitted
 from beltcomm.laboratory.plausible import KNOWN, run_away, undetermined, unlikely
 from beltcomm.laboratory.stage import Candidate
 from beltcomm.laboratory.structure import excess, partitions

@@ -9,8 +9,8 @@ import pytest
 from numpy.typing import NDArray
 
 from beltcomm.effects import EFFECTS as CATALOGUE
-from beltcomm.fit.observer import Follower, Seen, innovations, learned, unlearned
 from beltcomm.fit.noise_path import way
+from beltcomm.fit.observer import Follower, Seen, innovations, learned, unlearned
 from beltcomm.fit.segment import Stretch, grouped
 from beltcomm.fit.whitening import whitener
 from beltcomm.model import Model, build_model

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from beltcomm.effects import EFFECTS, Effect, effect_named
-from beltcomm.fit.observer import follows
 from beltcomm.fit.noise_path import MOTION, noise_path
+from beltcomm.fit.observer import follows
 from beltcomm.model import Model, build_model, effect_parameters
 from beltcomm.simulate.compose import states_of
 from beltcomm.simulate.forward import Simulated, State, at_rest, simulate_torque

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from beltcomm.given import pasted
 from beltcomm.fit.noise_level import too_little
+from beltcomm.given import pasted
 from beltcomm.report.page import Fact, State
 from beltcomm.session.ladder_words import error_words
 from beltcomm.session.reporting.gather import Gathered

@@ -36,7 +36,7 @@ from beltcomm.comparisons.excitations import BEGIN, COUNTS, LIMITS, NOISE_NM, PE
 from beltcomm.errors import BeltcommError
 from beltcomm.excitation import KINDS, Excitation, choose
 from beltcomm.identify.amplitude import largest_amplitude
-from beltcomm.identify.inverse_fit import fit_inverse
+from beltcomm.fit.model_fit import fit_model
 from beltcomm.identify.magnitude_fit import fit_magnitude
 from beltcomm.linear import modes, operating_point, sampled_response
 from beltcomm.model import Model, load_plant
@@ -126,7 +126,7 @@ def by_complex(record: Recording, true: Model) -> Errors:
 def by_inverse(record: Recording, true: Model) -> Errors:
     """The final fit, begun with what data sheets are wrong by."""
     start = true.with_values({n: f * true[n] for n, f in BEGIN.items() if n in true.parameters}, "start")
-    fit = fit_inverse([record], start, counts_per_rev=COUNTS)
+    fit = fit_model([record], start, counts_per_rev=COUNTS)
     return {name: fit.model[name] / true[name] - 1.0 for name in free(true)}
 
 

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from truth.hidden import laws, recorder
 from truth.hidden import layout as at
-from truth.hidden.layout import Array
 from truth.hidden.instruments import Instruments
+from truth.hidden.layout import Array
 from truth.hidden.machines import Machine
 
 Complex = NDArray[np.complex128]

@@ -92,8 +92,17 @@ def hold(acting: float, s: Array, p: Array, bursts: Array, period: float, memory
 
 @compiled
 def shape(
-    command: float, process: float, s: Array, p: Array, bursts: Array, duration: float, memory: Array, d: Array,
-    fine: Array, fine_torque: Array, longest: float,
+    command: float,
+    process: float,
+    s: Array,
+    p: Array,
+    bursts: Array,
+    duration: float,
+    memory: Array,
+    d: Array,
+    fine: Array,
+    fine_torque: Array,
+    longest: float,
 ) -> float:
     """One sample of a drive with a torque path of its own; returns the mean of the torque that acts before the machine's dead time.
 
@@ -126,8 +135,18 @@ def shape(
 
 @compiled
 def run(
-    s: Array, p: Array, bursts: Array, gains: Array, memory: Array, d: Array, target: Array, forward: Array, unsteady: Array,
-    fine: Array, fine_torque: Array, longest: float,
+    s: Array,
+    p: Array,
+    bursts: Array,
+    gains: Array,
+    memory: Array,
+    d: Array,
+    target: Array,
+    forward: Array,
+    unsteady: Array,
+    fine: Array,
+    fine_torque: Array,
+    longest: float,
 ) -> tuple[Array, Array, Array, Array]:
     """Run the machine for len(forward) samples; changes s and memory in place.
 

@@ -1,0 +1,174 @@
+"""A model of a belt axis fitted to records, with its intervals, its error on records held out, and what is to be said of it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import stdtrit
+
+from beltcomm.errors import DataError
+from beltcomm.fit.base import fit_base
+from beltcomm.fit.estimate import Fitted
+from beltcomm.fit.intervals import Spread, spread_of, with_intervals
+from beltcomm.fit.noise_level import torque_noise
+from beltcomm.fit.records import Data, made
+from beltcomm.fit.remarks import remark_on, remarks_on_pairs
+from beltcomm.fit.torque_path import TorquePath
+from beltcomm.model import Model
+from beltcomm.recording import Recording
+
+Array = NDArray[np.float64]
+
+#: Samples for each parameter, and s of records for each beside some more, without which nothing is fitted.
+FEWEST_SAMPLES, GROUP_S, MORE = 50, 0.2, 12
+#: Mean square of the whitened residual above which a fit is called suspect; healthy virtual axes lie between 0.9 and 1.1.
+SUSPECT_MISFIT = 1.5
+
+
+@dataclass(frozen=True, eq=False)
+class ModelFit:
+    """data : records as the model sees them.   fitted : the minimum.   model : with 95 % intervals, None for a parameter at a bound."""
+
+    data: Data
+    fitted: Fitted
+    model: Model
+
+    @property
+    def free(self) -> tuple[str, ...]:
+        """Names of the fitted parameters."""
+        return self.fitted.problem.free
+
+    @property
+    def misfit(self) -> float:
+        """Mean square of the whitened residual on fitted records, 1 at the noise."""
+        return self.fitted.ratio**2
+
+    @property
+    def held_out_misfit(self) -> float | None:
+        """The same on held-out ones; None without any."""
+        return None if self.fitted.held_ratio is None else self.fitted.held_ratio**2
+
+    @property
+    def objective(self) -> float:
+        """Minus twice the log likelihood, block-robust: what models of the same samples are compared by."""
+        return self.fitted.objective
+
+    @property
+    def samples(self) -> int:
+        """Number of values that counted."""
+        return self.fitted.problem.samples
+
+    @property
+    def noise_nm(self) -> float:
+        """Noise of the torque, N m rms."""
+        return self.data.noise_nm
+
+    @property
+    def path(self) -> TorquePath:
+        """From setpoint and reading to the torque that acts."""
+        return self.data.path
+
+    @property
+    def suspect(self) -> bool:
+        """Whether so much is left unexplained that the numbers should not be trusted."""
+        return self.misfit > SUSPECT_MISFIT
+
+    @cached_property
+    def _spread(self) -> Spread:
+        return spread_of(self.fitted)
+
+    @property
+    def freedom(self) -> int:
+        """Degrees of freedom of the intervals (Student)."""
+        return self._spread.freedom
+
+    @property
+    def quantile(self) -> float:
+        """Half width of a 95 % interval in standard deviations."""
+        return float(stdtrit(self.freedom, 0.975))
+
+    @cached_property
+    def correlation(self) -> Array:
+        """Of the free parameters, (k, k); 0 for one at a bound."""
+        spread = self._spread
+        deviation = np.sqrt(np.maximum(np.diag(spread.covariance), 1e-300))
+        own = spread.covariance / np.outer(deviation, deviation)
+        whole, at = np.zeros((len(self.free), len(self.free))), [self.free.index(name) for name in spread.names]
+        whole[np.ix_(at, at)] = own
+        return whole
+
+    @cached_property
+    def covariance(self) -> Array:
+        """Of the free parameters, (k, k), from their intervals and correlation."""
+        deviation = np.array([(self.model.parameters[name].interval or 0.0) / self.quantile for name in self.free])
+        return np.asarray(self.correlation * np.outer(deviation, deviation))
+
+    @cached_property
+    def record_misfit(self) -> Mapping[str, float]:
+        """Mean square by record, held-out ones too."""
+        squares: dict[str, list[Array]] = {}
+        problem = self.fitted.problem
+        for piece, white in zip(problem.pieces, np.split(self.fitted.residual, problem.ends[1:-1]), strict=True):
+            squares.setdefault(piece.record, []).append(white**2)
+        for piece, white in zip(self.data.held_out, self.fitted.held_residual, strict=True):
+            squares.setdefault(piece.record, []).append(white**2)
+        return {name: float(np.mean(np.concatenate(parts))) for name, parts in squares.items() if sum(map(len, parts))}
+
+    @cached_property
+    def remarks(self) -> tuple[str, ...]:
+        """Sentences: bounds, what is known badly and why."""
+        parameters, deviation = self.model.parameters, np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+        told = [remark_on(n, parameters[n], parameters[n].value, float(deviation[i])) for i, n in enumerate(self.free)]
+        if self.suspect:
+            told.append(
+                f"the model leaves {math.sqrt(self.misfit):.1f} times the noise unexplained: something it does not know acts on this axis, "
+                "or a record is disturbed; its numbers may be off by more than their intervals"
+            )
+        told += remarks_on_pairs(self.free, [parameters[name] for name in self.free], self.correlation)
+        return tuple(remark for remark in told if remark)
+
+
+def fit_model(
+    recordings: Sequence[Recording],
+    start: Model,
+    *,
+    counts_per_rev: int,
+    fixed: Sequence[str] = (),
+    noise_nm: float | None = None,
+    path: TorquePath | None = None,
+    progress: Callable[[float], None] = lambda _fraction: None,
+) -> ModelFit:
+    """Fit all parameters of ``start`` but the ``fixed`` ones to the recordings that are not held out.
+
+    path : of the torque, where it is known.   Raises DataError when too few samples are left or the fit does not stay finite.
+    """
+    noise = torque_noise([r for r in recordings if not r.sidecar.held_out]) if noise_nm is None else noise_nm
+    data = made(recordings, start, noise, 2.0 * np.pi / counts_per_rev, {}, path=path)
+    _check_enough(data, len(start.parameters) - len(fixed) - 1)
+    data, fitted = fit_base(data, start, fixed=fixed, path=path, progress=progress)
+    if not math.isfinite(fitted.objective):
+        raise DataError("the fit did not converge; compare the recordings with the axis file (units, signs, feed constant)")
+    return ModelFit(data, fitted, _of_fit(with_intervals(fitted)))
+
+
+def _of_fit(model: Model) -> Model:
+    """The model, its fitted values told as such."""
+    parameters = {n: replace(v, origin="final fit") if v.origin == "laboratory" else v for n, v in model.parameters.items()}
+    return replace(model, parameters=parameters)
+
+
+def _check_enough(data: Data, free: int) -> None:
+    """Raise DataError when too few samples move, with the seconds that are needed."""
+    samples = sum(int(piece.keep.sum()) for piece in data.fitted)
+    span = sum(piece.motion.samples * piece.motion.sample_s for piece in data.fitted)
+    least_s = GROUP_S * (free + MORE)
+    if samples < FEWEST_SAMPLES * free or span < least_s:
+        raise DataError(
+            f"only {samples} moving samples in {span:.1f} s are usable for {free} parameters; record at least {least_s:.0f} s in which "
+            "the axis keeps moving"
+        )
