@@ -21,7 +21,6 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
 from beltcomm.simulate.intersample import CELLS, Intersample
 
@@ -48,6 +47,8 @@ class Lag:
 
     def filtered(self, cells: Array, sample_s: float) -> Array:
         """The answer to a torque, mean over each cell of every period, (n, cells), N m, at rest before."""
+        from scipy.signal import lfilter  # takes a second to import, and most drives have no filter
+
         if self.kind == "sampled":
             share = self.values[0]
             before = (1.0 - share) * cells[:1]
