@@ -16,8 +16,8 @@ import numpy as np
 import yaml
 
 from truth.hidden.draw import ALL, draw
-from truth.hidden.folder import write_session
 from truth.hidden.families import FAMILIES
+from truth.hidden.folder import write_session
 from truth.hidden.machines import Machine
 from truth.hidden.session import PLANS
 from truth.hidden.visibility import visibility
@@ -25,7 +25,8 @@ from truth.hidden.visibility import visibility
 
 def answer(machine: Machine, plan: str) -> dict[str, Any]:
     """What is hidden in a machine, and for each effect alone whether the motor can see it in a plan."""
-    alone = {name: draw(machine.seed, (name,), machine.strength, machine.base.family, instruments=machine.instruments) for name in machine.effects}
+    same = {"family": machine.base.family, "instruments": machine.instruments}
+    alone = {name: draw(machine.seed, (name,), machine.strength, **same) for name in machine.effects}
     return {
         "seed": machine.seed,
         "effects": list(machine.effects),
