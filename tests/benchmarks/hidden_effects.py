@@ -123,7 +123,8 @@ def examined(name: str, seed: int, names: tuple[str, ...], strength: float) -> d
             line |= judged(machine, found, run)
             return line | ({"base": base_of(machine, found.after)} if name in FAMILIES else {})
         except BeltcommError as error:
-            return line | {"verdict": f"{type(error).__name__}: {error}", "cpu_s": time.process_time() - begin}
+            said = str(error).replace(f"{folder}/run/recordings/", "")
+            return line | {"verdict": f"{type(error).__name__}: {said}", "cpu_s": time.process_time() - begin}
         except Exception as error:  # a traceback is a failure of this draw and must not hide the others
             line["traceback"] = traceback.format_exc().strip().splitlines()[-7:]
             return line | {"verdict": f"crashed, {type(error).__name__}: {error}", "cpu_s": time.process_time() - begin}

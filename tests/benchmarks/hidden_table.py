@@ -13,6 +13,23 @@ FAMILY = {"tilt": "constant_offset", "coulomb_asymmetry": "constant_offset"}
 
 Line = dict[str, Any]
 
+#: What the draws are parted by: whether the instruments of a line have it.
+INSTRUMENTS: dict[str, Callable[[Line], bool]] = {
+    "setpoint filter": lambda one: "setpoint_alpha" in one or "setpoint_filter_s" in one,
+    "current loop": lambda one: "loop_order" in one,
+    "slew, steps, inner cycle": lambda one: bool({"slew_nm_s", "setpoint_step", "inner_phase", "delay_samples"} & set(one)),
+    "process torque": lambda one: "process_share" in one,
+    "reading filtered or late": lambda one: bool({"reading_filter_s", "reading_late"} & set(one)),
+    "reading in steps": lambda one: "reading_step" in one,
+    "command only": lambda one: "command_only" in one,
+    "noise coloured": lambda one: "noise_colour" in one,
+    "encoder interpolated": lambda one: "lines_per_rev" in one,
+    "encoder below 4000": lambda one: one["counts_per_rev"] < 4000,
+    "time jitter": lambda one: "stamp_jitter" in one or "sampling_jitter" in one,
+    "no setpoint": lambda one: "setpoint_column" in one,
+    "2 ms and slower": lambda one: one["period_s"] > 1.5e-3,
+}
+
 
 def table(lines: Sequence[Line]) -> None:
     """Everything that the lines of all sets say."""
@@ -76,9 +93,9 @@ def print_healthy(name: str, lines: Sequence[Line]) -> None:
     for family in dict.fromkeys(line["family"] for line in lines):
         own = [line for line in lines if line["family"] == family]
         print(f"    {family}: false names {share(bool(line['named']) for line in own)}")
-    for item in sorted({item for line in lines for item in line["instruments"]}):
-        own = [line for line in lines if item in line["instruments"]]
-        print(f"    with {item:20} false names {share(bool(line['named']) for line in own)}")
+    for item, has in INSTRUMENTS.items():
+        own = [line for line in lines if has(line["instruments"])]
+        print(f"    {item:24} false names {share(bool(line['named']) for line in own)}")
     for parameter in dict.fromkeys(parameter for line in lines for parameter in line.get("base", {})):
         found = [line["base"][parameter] for line in lines if parameter in line.get("base", {})]
         errors = sorted(value / truth - 1.0 for truth, value, _ in found)
