@@ -6,9 +6,12 @@ the answer, and the diagnosis gets that folder only.
     python tests/benchmarks/hidden_effects.py run FILE SET FIRST COUNT    draws of a set with seeds FIRST …, one line of JSON each
     python tests/benchmarks/hidden_effects.py table FILE …                confusion matrix, shares with their 95 % intervals
 
-Sets: effects (each of the 24 in turn, strength 0.4 to 1.0), weak (0.1 and 0.2), healthy, outside (not in the catalogue), pairs,
-backlash (pairs with it).  It goes on where it was stopped; several may run side by side with files of their own.  Draws that the motor
-cannot see are marked before the diagnosis, by ``truth.hidden.visibility``.  Thresholds must be set on other seeds than are reported.
+Sets: effects (each of the 23 in turn, strength 0.4 to 1.0), weak (0.1 and 0.2), healthy, outside (not in the catalogue), pairs,
+backlash (pairs with it).  With drawn instruments (drive, readings, encoder, clock; see ``truth.hidden.instruments``): instruments
+(healthy, families sheet and wide by turns), rigid (healthy, without a belt), effects_instruments, outside_instruments.
+
+It goes on where it was stopped; several may run side by side with files of their own.  Draws that the motor cannot see are marked
+before the diagnosis, by ``truth.hidden.visibility``.  Thresholds must be set on other seeds than are reported.
 """
 
 from __future__ import annotations
@@ -19,6 +22,8 @@ import resource
 import sys
 import tempfile
 import time
+import traceback
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -44,11 +49,20 @@ from truth.hidden.folder import write_records
 from truth.hidden.outside import OUTSIDE
 from truth.hidden.quantities import DELAYS, covered, true_base, true_values
 from truth.hidden.session import run_session
-from truth.hidden.visibility import LEAST_INFORMATION, PER_SAMPLE, information_in, spectra_of
+from truth.hidden.visibility import LEAST_INFORMATION, information_in, instants, spectra_of
 
 #: Strengths of the sets.
 STRENGTHS = {"weak": (0.2, 0.1)}
 USUAL = (0.4, 1.0, 0.7)
+#: Families that the draws of a set with instruments take in turn.
+FAMILIES = {
+    "instruments": ("sheet", "wide"),
+    "rigid": ("rigid",),
+    "effects_instruments": ("sheet", "wide"),
+    "outside_instruments": ("sheet",),
+}
+#: The catalogue describes these for a motor on the pulley's shaft; no machine of the family wide with a gearbox is asked for them.
+WITHOUT_GEAR = {"pulley_eccentricity"}
 #: Iterations of the reference fit that begins at the truth.
 ITERATIONS = 25
 
@@ -66,6 +80,10 @@ def draws(name: str, first: int, count: int) -> list[Draw]:
         "outside": [(e,) for e in OUTSIDE],
         "pairs": [p for p in pairs if "backlash" not in p][::3],  # every third: all effects in fewer draws
         "backlash": [p for p in pairs if "backlash" in p],
+        "instruments": [()],
+        "rigid": [()],
+        "effects_instruments": [(e,) for e in EFFECTS],
+        "outside_instruments": [(e,) for e in OUTSIDE],
     }[name]
     strengths = STRENGTHS.get(name, USUAL)
     rounds = [divmod(i, len(hidden)) for i in range(count)]  # in every round another strength of each
@@ -77,11 +95,19 @@ def possible(pair: tuple[str, str]) -> bool:
     return FAMILY.get(pair[0], pair[0]) != FAMILY.get(pair[1], pair[1]) and not any(len(group & set(pair)) > 1 for group in EXCLUSIVE)
 
 
-def examined(seed: int, names: tuple[str, ...], strength: float) -> dict[str, Any]:
-    """One draw: what was hidden, and what the laboratory said."""
-    machine = draw(seed, names, strength, "sheet")
-    made = list(run_session(machine, "thorough", fine=PER_SAMPLE))
+def family_of(name: str, seed: int, hidden: tuple[str, ...]) -> str:
+    """Family of a draw; in every round of a set the other one for each effect, whose number is odd."""
+    families = FAMILIES.get(name, ("sheet",))
+    return families[0] if WITHOUT_GEAR & set(hidden) else families[seed % len(families)]
+
+
+def examined(name: str, seed: int, names: tuple[str, ...], strength: float) -> dict[str, Any]:
+    """One draw of a set: what was hidden, and what the laboratory said."""
+    machine = draw(seed, names, strength, family_of(name, seed, names), drawn_instruments=name in FAMILIES)
+    made = list(run_session(machine, "thorough", fine=instants(machine)))
     line: dict[str, Any] = {"seed": seed, "hidden": list(names), "strength": strength, "visible": seen(machine, made)}
+    if name in FAMILIES:
+        line |= {"family": machine.base.family, "instruments": machine.instruments.describe()}
     with tempfile.TemporaryDirectory() as folder:
         write_records(machine, made, folder + "/run")
         run = RunFolder.open(Path(folder) / "run")
@@ -94,9 +120,14 @@ def examined(seed: int, names: tuple[str, ...], strength: float) -> dict[str, An
                 start = start.without_effect("belt_damping")
             found = diagnose(recordings, run.axis, start)
             line["cpu_s"] = time.process_time() - begin
-            return line | judged(machine, found, run)
+            line |= judged(machine, found, run)
+            return line | ({"base": base_of(machine, found.after)} if name in FAMILIES else {})
         except BeltcommError as error:
-            return line | {"verdict": f"{type(error).__name__}: {error}", "cpu_s": time.process_time() - begin}
+            said = str(error).replace(f"{folder}/run/recordings/", "")
+            return line | {"verdict": f"{type(error).__name__}: {said}", "cpu_s": time.process_time() - begin}
+        except Exception as error:  # a traceback is a failure of this draw and must not hide the others
+            line["traceback"] = traceback.format_exc().strip().splitlines()[-7:]
+            return line | {"verdict": f"crashed, {type(error).__name__}: {error}", "cpu_s": time.process_time() - begin}
 
 
 def seen(machine: Machine, records: list[Any]) -> list[str]:
@@ -107,10 +138,11 @@ def seen(machine: Machine, records: list[Any]) -> list[str]:
             visible.append(name)
             continue
         alone, own = machine, records
-        if len(machine.effects) > 1:
-            alone = draw(machine.seed, (name,), machine.strength, machine.base.family)
-            own = list(run_session(alone, "thorough", fine=PER_SAMPLE))
-        if information_in(spectra_of(own, alone.base), alone)[0] >= LEAST_INFORMATION:
+        if len(machine.effects) > 1 or machine.instruments.sampling_jitter > 0.0:  # spectra need even samples
+            even = replace(machine.instruments, sampling_jitter=0.0)
+            alone = draw(machine.seed, (name,), machine.strength, machine.base.family, instruments=even)
+            own = list(run_session(alone, "thorough", fine=instants(alone)))
+        if information_in(spectra_of(own, alone), alone)[0] >= LEAST_INFORMATION:
             visible.append(name)
     return visible
 
@@ -145,6 +177,13 @@ def judged(machine: Machine, found: Diagnosis, run: RunFolder) -> dict[str, Any]
             inside = covered(truth, values, tuple(spread.half_width({n: 1.0}) for n in names))
             line["covered"]["+".join(names)] = [truth, *values, inside]
     return line
+
+
+def base_of(machine: Machine, after: Fitted) -> dict[str, tuple[float, float, float | None]]:
+    """Truth, value and half width of the interval of the healthy machine's parameters; without a belt of inertia and friction."""
+    spread, model = spread_of(after), after.model
+    known = {n: v for n, v in true_base(machine).items() if n in model.parameters and v != 0.0}
+    return {n: (v, float(model[n]), spread.half_width({n: 1.0})) for n, v in known.items()}
 
 
 def records_of(found: Diagnosis) -> list[tuple[str, bool, float, float]]:
@@ -189,7 +228,7 @@ def run_all(file: Path, name: str, first: int, count: int) -> None:
     for seed, hidden, strength in draws(name, first, count):
         if (seed, name) in done:
             continue
-        line = {"set": name} | examined(seed, hidden, strength)
+        line = {"set": name} | examined(name, seed, hidden, strength)
         line["peak_mb"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
         with open(file, "a", encoding="utf-8") as out:
             out.write(json.dumps(line, default=float) + "\n")

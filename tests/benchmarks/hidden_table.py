@@ -13,6 +13,23 @@ FAMILY = {"tilt": "constant_offset", "coulomb_asymmetry": "constant_offset"}
 
 Line = dict[str, Any]
 
+#: What the draws are parted by: whether the instruments of a line have it.
+INSTRUMENTS: dict[str, Callable[[Line], bool]] = {
+    "setpoint filter": lambda one: "setpoint_alpha" in one or "setpoint_filter_s" in one,
+    "current loop": lambda one: "loop_order" in one,
+    "slew, steps, inner cycle": lambda one: bool({"slew_nm_s", "setpoint_step", "inner_phase", "delay_samples"} & set(one)),
+    "process torque": lambda one: "process_share" in one,
+    "reading filtered or late": lambda one: bool({"reading_filter_s", "reading_late"} & set(one)),
+    "reading in steps": lambda one: "reading_step" in one,
+    "command only": lambda one: "command_only" in one,
+    "noise coloured": lambda one: "noise_colour" in one,
+    "encoder interpolated": lambda one: "lines_per_rev" in one,
+    "encoder below 4000": lambda one: one["counts_per_rev"] < 4000,
+    "time jitter": lambda one: "stamp_jitter" in one or "sampling_jitter" in one,
+    "no setpoint": lambda one: "setpoint_column" in one,
+    "2 ms and slower": lambda one: one["period_s"] > 1.5e-3,
+}
+
 
 def table(lines: Sequence[Line]) -> None:
     """Everything that the lines of all sets say."""
@@ -34,6 +51,17 @@ def table(lines: Sequence[Line]) -> None:
         print(f"outside the catalogue, called explained: {share(line['verdict'] == 'explained' for line in outside)}")
         for name in dict.fromkeys(line["hidden"][0] for line in outside):
             print(f"    {name:18} {dict(Counter(line['verdict'] for line in outside if line['hidden'] == [name]))}")
+    for name in ("instruments", "rigid"):
+        if own := sets.get(name):
+            print_healthy(name, own)
+    if dressed := sets.get("effects_instruments"):
+        print("with drawn instruments:")
+        print_confusion(dressed)
+        print_named("with drawn instruments, strength 0.4 to 1.0", [line for line in dressed if line["visible"]])
+    if beyond := sets.get("outside_instruments"):
+        print(
+            f"outside the catalogue, with drawn instruments, called explained: {share(line['verdict'] == 'explained' for line in beyond)}"
+        )
     for name in ("pairs", "backlash"):
         both = [line for line in sets.get(name, []) if len(line["visible"]) == 2]
         if both:
@@ -49,6 +77,30 @@ def table(lines: Sequence[Line]) -> None:
     print(f"refused, each counted as a failure: {len(refused)} {Counter(line['verdict'][:60] for line in refused) if refused else ''}")
     print(f"remarks on the records: {Counter(text.split(': ')[-1][:60] for line in lines for text in line.get('remarks', []))}")
     print_cost(lines)
+
+
+def print_healthy(name: str, lines: Sequence[Line]) -> None:
+    """Healthy machines with drawn instruments: false names, verdicts, ratio, and the parameters against the truth.
+
+    A draw that was refused or crashed has no name, no ratio within and is none of the two verdicts.
+    """
+    names = Counter(line["named"] for line in lines if line["named"])
+    print(f"{name}: false names {share(bool(line['named']) for line in lines)}  {dict(names)}")
+    for verdict in ("nothing missing", "cannot tell"):
+        print(f"    said '{verdict}' {share(line['verdict'].startswith(verdict) for line in lines)}")
+    print(f"    other verdicts {dict(Counter(line['verdict'][:60] for line in lines if line['verdict'] != 'nothing missing'))}")
+    print(f"    ratio within 1.00 ± 0.05 {share(abs(line.get('ratio', (9.0, 9.0))[1] - 1.0) <= 0.05 for line in lines)}")
+    for family in dict.fromkeys(line["family"] for line in lines):
+        own = [line for line in lines if line["family"] == family]
+        print(f"    {family}: false names {share(bool(line['named']) for line in own)}")
+    for item, has in INSTRUMENTS.items():
+        own = [line for line in lines if has(line["instruments"])]
+        print(f"    {item:24} false names {share(bool(line['named']) for line in own)}")
+    for parameter in dict.fromkeys(parameter for line in lines for parameter in line.get("base", {})):
+        found = [line["base"][parameter] for line in lines if parameter in line.get("base", {})]
+        errors = sorted(value / truth - 1.0 for truth, value, _ in found)
+        inside = share(abs(value - truth) <= width for truth, value, width in found if width is not None)
+        print(f"    {parameter:26} error {100.0 * errors[len(errors) // 2]:+.3f} % (median), interval holds {inside}")
 
 
 def right(line: Line) -> bool:

@@ -10,9 +10,9 @@ import pytest
 
 from beltcomm.axis import Gearbox, load_axis
 from beltcomm.errors import DataError
+from beltcomm.fit.model_fit import ModelFit
 from beltcomm.identify import final as module
 from beltcomm.identify.final import FinalModel, final_model, stiffness_by_record
-from beltcomm.fit.model_fit import ModelFit
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 from identify.records import COUNTS, Recorder, true_model

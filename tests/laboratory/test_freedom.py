@@ -35,12 +35,13 @@ def jumping(low_n: float, high_n: float) -> Callable[..., tuple[Array, ...]]:
     run, rng = recorder.run, np.random.default_rng(7)
 
     def jumps(s: Array, p: Array, bursts: Array, gains: Array, memory: Array, *rest: Any) -> tuple[Array, ...]:
-        target, forward, _, longest = rest
+        drive, target, forward, unsteady, *_, longest = rest
         parts, first = [], 0
         while first < len(forward):
             last = first + int(rng.uniform(100.0, 1000.0))
             p[at.COULOMB_CART] = low_n + high_n - (p[at.COULOMB_CART] or low_n)
-            parts.append(run(s, p, bursts, gains, memory, target[first:last], forward[first:last], np.zeros(0), longest))
+            asked = (column[first:last] for column in (target, forward, unsteady))
+            parts.append(run(s, p, bursts, gains, memory, drive, *asked, np.zeros(0), np.zeros(0), longest))
             first = last
         return tuple(np.concatenate(columns) for columns in zip(*parts, strict=True))
 

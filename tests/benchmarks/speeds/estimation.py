@@ -35,8 +35,8 @@ from beltcomm.comparisons import excitations
 from beltcomm.comparisons.excitations import BEGIN, COUNTS, LIMITS, NOISE_NM, PERIOD_S, PLACE_M, SECONDS, recorded
 from beltcomm.errors import BeltcommError
 from beltcomm.excitation import KINDS, Excitation, choose
-from beltcomm.identify.amplitude import largest_amplitude
 from beltcomm.fit.model_fit import fit_model
+from beltcomm.identify.amplitude import largest_amplitude
 from beltcomm.identify.magnitude_fit import fit_magnitude
 from beltcomm.linear import modes, operating_point, sampled_response
 from beltcomm.model import Model, load_plant

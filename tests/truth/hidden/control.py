@@ -90,10 +90,11 @@ def gains_for(machine: Machine, integral: bool) -> Array:
     freq = np.concatenate((np.geomspace(0.05, 20.0, 1500), np.arange(20.1, 480.0 * rate, 0.1)))  # far finer than any mode is wide
     s = 2j * math.pi * freq
     z = np.exp(s * period)
-    peak = np.abs(1.0 / dynamic_stiffness(freq, 0.5 * base.stroke_m, p)[0]) * freq**2
-    above = freq > 1.3 * base.antiresonance_hz
-    resonance = float(freq[above][np.argmax(peak[above])])
-    notch = np.array([1.0, 0.0, 0.0, 0.0, 0.0]) if base.rigid else notch_at(min(resonance, 400.0 * rate), period)
+    notch = np.array([1.0, 0.0, 0.0, 0.0, 0.0])
+    if not base.rigid:
+        peak = np.abs(1.0 / dynamic_stiffness(freq, 0.5 * base.stroke_m, p)[0]) * freq**2
+        above = freq > 1.3 * base.antiresonance_hz
+        notch = notch_at(min(float(freq[above][np.argmax(peak[above])]), 400.0 * rate), period)
     filtering = 1.0 - math.exp(-math.tau * SPEED_LOWPASS_HZ * period)
     speed = (1.0 - 1.0 / z) / period * filtering / (1.0 - (1.0 - filtering) / z)
     shape = (notch[0] + notch[1] / z + notch[2] / z**2) / (1.0 + notch[3] / z + notch[4] / z**2)

@@ -1,9 +1,11 @@
 """The drive between setpoint and shaft, and what it reports of its torque, compiled.
 
 Setpoint, held over a sample -> whole-sample delay -> steps -> first-order filter in the clock of the samples -> change at a share
-of the sample -> slew limit -> continuous first-order filter -> current loop of first or second order -> process torque.  The
-continuous part is integrated (Runge-Kutta of order four) with steps of 5 us, a tenth of its fastest time; the machine gets the exact
-mean over each of its own sub-steps, so that no momentum is lost.  The reading looks back into that history.
+of the sample -> slew limit -> continuous first-order filter -> current loop of first or second order -> process torque.
+
+The continuous part is integrated (Runge-Kutta of order four) with steps of 5 us, a tenth of its fastest time; the machine gets mean and
+slope over each of its own sub-steps, so that a free motor ends each at its exact speed and angle.  The reading looks back into that
+history.
 """
 
 from __future__ import annotations
@@ -21,11 +23,14 @@ PLACES = 19
 #: Places in the memory of the drive: what the controller and the ideal drive know (see ``recorder``), then the shaped torque path.
 (INTEGRAL, FILTERED_SPEED, LAST_ANGLE, NOTCH_1, NOTCH_2, SETPOINT, ACTING, ACTING_1, ACTING_2) = range(9)
 (SETPOINT_1, COMMAND, SLEWED, SMOOTH, LOOP, LOOP_RATE, CLOCK, MOMENTUM, READ, HEAD) = range(9, 19)
-#: History: instants, momentum of the torque and value of the reading's filter there; 40 ms at sub-steps of 40 us.
+#: History: instants, momentum of the torque and value of the reading's filter there, slope of the torque before; 40 ms at sub-steps
+#: of 40 us.
 HISTORY = 19
 NODES = 1024
-MEMORY = HISTORY + 3 * NODES
+MEMORY = HISTORY + 4 * NODES
 
+#: s, so far from its ends a piece of the history is looked at where the torque may jump there.
+INSIDE_S = 1e-9
 #: s, longest step of the continuous part.
 FINE_S = 5e-6
 Four = tuple[float, float, float, float]
@@ -63,14 +68,15 @@ def _rates(x: Four, asked: float, d: Array) -> Four:
 
 
 @compiled
-def torque_over(command: float, duration: float, memory: Array, d: Array) -> float:
-    """Mean of the torque over a time in which the command is held, N m; moves the states of the drive."""
+def torque_over(command: float, duration: float, memory: Array, d: Array) -> tuple[float, float]:
+    """Mean (N m) and slope (N m/s, with the same first moment) of the torque while a command is held; moves the states of the drive."""
     if d[SLEW] <= 0.0 and d[FILTER_S] <= 0.0 and d[LOOP_ORDER] == 0.0:
-        return command
+        return command, 0.0
     pieces = math.ceil(duration / FINE_S - 1e-6)
     h = duration / pieces
     x = (memory[SMOOTH], memory[LOOP], memory[LOOP_RATE], 0.0)
-    for _ in range(pieces):
+    moment = 0.0
+    for k in range(pieces):
         begin, end = command, command
         if d[SLEW] > 0.0:
             begin = memory[SLEWED]
@@ -85,14 +91,15 @@ def torque_over(command: float, duration: float, memory: Array, d: Array) -> flo
             total = (total[0] + share * r[0], total[1] + share * r[1], total[2] + share * r[2], total[3] + share * r[3])
             ahead = h if i == 2 else 0.5 * h
             stage = (x[0] + ahead * r[0], x[1] + ahead * r[1], x[2] + ahead * r[2], x[3] + ahead * r[3])
+        moment += h * total[3] * ((k + 0.5) * h - 0.5 * duration)
         x = (x[0] + h * total[0], x[1] + h * total[1], x[2] + h * total[2], x[3] + h * total[3])
     memory[SMOOTH], memory[LOOP], memory[LOOP_RATE] = x[0], x[1], x[2]
-    return x[3] / duration
+    return x[3] / duration, 12.0 * moment / duration**3
 
 
 @compiled
-def remember(torque: float, duration: float, memory: Array, d: Array) -> None:
-    """Write a torque that has acted for a time into the history, and into the filter of the reading."""
+def remember(torque: float, slope: float, duration: float, memory: Array, d: Array) -> None:
+    """Write a torque (mean, N m, and slope, N m/s) that has acted for a time into the history, and into the filter of the reading."""
     memory[CLOCK] += duration
     memory[MOMENTUM] += torque * duration
     if d[READ_S] > 0.0:
@@ -102,6 +109,7 @@ def remember(torque: float, duration: float, memory: Array, d: Array) -> None:
     memory[HISTORY + head] = memory[CLOCK]
     memory[HISTORY + NODES + head] = memory[MOMENTUM]
     memory[HISTORY + 2 * NODES + head] = memory[READ]
+    memory[HISTORY + 3 * NODES + head] = slope
 
 
 @compiled
@@ -122,7 +130,20 @@ def at_instant(t: float, memory: Array, d: Array) -> tuple[float, float, float]:
     filtered = 0.0
     if d[READ_S] > 0.0:
         filtered = torque + (memory[HISTORY + 2 * NODES + before] - torque) * math.exp(-since / d[READ_S])
-    return memory[HISTORY + NODES + before] + torque * since, torque, filtered
+    slope = memory[HISTORY + 3 * NODES + after]
+    momentum = memory[HISTORY + NODES + before] + torque * since + 0.5 * slope * since * (since - length)
+    return momentum, torque + slope * (since - 0.5 * length), filtered
+
+
+@compiled
+def behind(dead_time: float, duration: float, memory: Array, d: Array) -> tuple[float, float]:
+    """Mean (N m) and slope (N m/s) behind a dead time of the torque over the time that has just ended."""
+    end = memory[CLOCK] - dead_time
+    begin = end - duration
+    mean = (at_instant(end, memory, d)[0] - at_instant(begin, memory, d)[0]) / duration
+    inside = min(INSIDE_S, 0.25 * duration)
+    rise = at_instant(end - inside, memory, d)[1] - at_instant(begin + inside, memory, d)[1]
+    return mean, rise / (duration - 2.0 * inside)
 
 
 @compiled
@@ -138,5 +159,5 @@ def reported(command: float, duration: float, memory: Array, d: Array) -> float:
     if d[READ_S] > 0.0:
         return at_instant(end, memory, d)[2]
     if d[LATCHED] > 0.0:
-        return at_instant(end - 1e-9, memory, d)[1]
+        return at_instant(end - INSIDE_S, memory, d)[1]
     return (at_instant(end, memory, d)[0] - at_instant(end - duration, memory, d)[0]) / duration

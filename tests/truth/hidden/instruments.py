@@ -160,7 +160,8 @@ def draw_instruments(seed: int, base: Base) -> Instruments:
     * reading_filter: 0.2 to 5 ms, the noise inside it in half of them.   * reading_late: 0.05 to 1 sample, one of four latched.
     * reading_steps, torque_steps: 0.1 to 1 % of rated.   * inner_cycle: at 0.05 to 0.95 of the sample.   * slew: peak torque in 3 to 20 ms.
     * second_delay: two samples.   * command_only: in steps of 0.1 %, beside it process torque.   * noise_colour: a pole of 0.3 to 0.95.
-    * interpolation: once 1e-5 to 2e-4 rad per line, twice 0.1 to 1 times that; 128 to 2048 lines, at least 64 counts to a line.
+    * interpolation: once 1e-5 to 2e-4 rad per line, twice 0.1 to 1 times that; 128 to 2048 lines and 64 to 1024 counts to
+      a line (within the range of the counts), in place of the counts drawn before.
     * angle_noise: 0.3 to 3 counts.   * stamp_jitter: 0.02 to 0.2, sampling_jitter: 0.001 to 0.01 of the period.
     """
     rng = np.random.default_rng((seed, 20))
@@ -170,8 +171,8 @@ def draw_instruments(seed: int, base: Base) -> Instruments:
     else:
         periods = [t for t in PERIODS_S[:4] if t * base.resonance_hz <= RESONANCE_PERIODS]
         shares = [3.0 if t == 1e-3 else 1.0 for t in periods]
-    values["period_s"] = period = float(rng.choice(periods, p=np.array(shares) / sum(shares)))
-    values["counts_per_rev"] = counts = round(_log(rng, 500.0, 65536.0 if base.rigid else 2.0**20))
+    values["period_s"] = float(rng.choice(periods, p=np.array(shares) / sum(shares)))
+    values["counts_per_rev"] = round(_log(rng, 500.0, 65536.0 if base.rigid else 2.0**20))
     values["setpoint_column"] = bool(rng.random() < 0.75)
     count = int(rng.choice([1, 2, 3, 4, len(ITEMS)], p=[0.45, 0.35, 0.08, 0.06, 0.06]))
     weights = np.array(list(ITEMS.values()))
@@ -182,7 +183,7 @@ def draw_instruments(seed: int, base: Base) -> Instruments:
         items -= {"reading_filter", "reading_late", "noise_colour"}
         items.add("process_torque")
     for item in [name for name in ITEMS if name in items]:
-        values |= _drawn(item, rng, base, period, counts)
+        values |= _drawn(item, rng, base, values["counts_per_rev"])
     return Instruments(**values)
 
 
@@ -191,7 +192,7 @@ def _log(rng: np.random.Generator, low: float, high: float) -> float:
     return float(low * (high / low) ** rng.uniform(0.0, 1.0))
 
 
-def _drawn(item: str, rng: np.random.Generator, base: Base, period: float, counts: int) -> dict[str, Any]:
+def _drawn(item: str, rng: np.random.Generator, base: Base, counts: int) -> dict[str, Any]:
     """The fields of one item."""
     u = rng.uniform
     if item == "setpoint_filter":
@@ -207,9 +208,10 @@ def _drawn(item: str, rng: np.random.Generator, base: Base, period: float, count
     if item == "reading_late":
         return {"reading_late": u(0.05, 1.0), "latched": bool(rng.random() < 0.25)}
     if item == "interpolation":
-        size, lines = _log(rng, 1e-5, 2e-4), min(2 ** int(rng.integers(7, 12)), max(counts // 64, 8))
+        size, power, finest = _log(rng, 1e-5, 2e-4), int(rng.integers(7, 12)), 16 if base.rigid else 20
+        values = {"lines_per_rev": 2**power, "counts_per_rev": 2 ** min(power + int(rng.integers(6, 11)), finest)}
         phases = (float(u(0.0, math.tau)), float(u(0.0, math.tau)))
-        return {"lines_per_rev": lines, "once_rad": size, "twice_rad": size * u(0.1, 1.0), "phases_rad": phases}
+        return values | {"once_rad": size, "twice_rad": size * u(0.1, 1.0), "phases_rad": phases}
     if item == "slew":
         return {"slew_nm_s": base.peak_torque_nm / u(0.003, 0.020)}
     if item == "angle_noise":

@@ -162,8 +162,11 @@ def remember(q: Nine, h: float, slow: Slow, s: Array, p: Array) -> None:
 
 
 @compiled
-def attempt(s: Array, p: Array, bursts: Array, torque: float, h: float, slow: Slow) -> tuple[Nine, float, float]:
-    """One Runge-Kutta step of length h from the state s, which stays as it is.   Returns the nine states and the two lags."""
+def attempt(s: Array, p: Array, bursts: Array, torque: float, slope: float, h: float, slow: Slow) -> tuple[Nine, float, float]:
+    """One Runge-Kutta step of length h from the state s, which stays as it is.   Returns the nine states and the two lags.
+
+    torque, slope : at the start of the step, N m, and N m/s.
+    """
     t = s[at.TIME]
     start = (s[0], s[1], s[2], s[3], s[4], s[5], s[6], s[7], s[8])
     stage, end, lag_1, lag_2 = start, start, torque, torque
@@ -171,6 +174,8 @@ def attempt(s: Array, p: Array, bursts: Array, torque: float, h: float, slow: Sl
         after = 0.0 if i == 0 else h if i == 3 else 0.5 * h
         if p[at.LAG] > 0.0:
             lag_1, lag_2 = lagged(torque, after, s, p)
+        else:
+            lag_2 = torque + slope * after
         load = burst(t + after, bursts) if bursts.shape[0] > 0 else 0.0
         r = rates(stage, lag_2 + load, t + after, slow, s, p)
         end = along(end, h / 6.0 if i == 0 or i == 3 else h / 3.0, r)
@@ -179,13 +184,15 @@ def attempt(s: Array, p: Array, bursts: Array, torque: float, h: float, slow: Sl
 
 
 @compiled
-def advance(s: Array, p: Array, bursts: Array, torque: float, duration: float, longest: float) -> None:
-    """Let a torque, held at the input of the torque path behind its dead time, act for ``duration``; changes s in place.
+def advance(s: Array, p: Array, bursts: Array, torque: float, slope: float, duration: float, longest: float) -> None:
+    """Let a torque at the input of the torque path behind its dead time act for ``duration``; changes s in place.
 
     A sub-step in which the motor reverses (or the carriage, where it has a bristle) is cut there: the friction turns round.
-    s : (STATES,).   p : (PARAMETERS,).   torque : N m.   duration, longest sub-step : s.
+    s : (STATES,).   p : (PARAMETERS,).   torque : N m, mean.   slope : N m/s, 0 for a torque that is held; the lags of
+    the path see the mean of each sub-step.   duration, longest sub-step : s.
     """
     pieces = math.ceil(duration / longest - 1e-6)
+    since = -0.5 * duration
     for _ in range(pieces):
         left, cuts = duration / pieces, 0
         while left > 0.0:
@@ -194,7 +201,7 @@ def advance(s: Array, p: Array, bursts: Array, torque: float, duration: float, l
             factor = laws.level_factor(s[at.TIME], s[at.AGE], p)
             slow = (laws.warm_factor(s[at.TIME], p), factor, laws.motor_level(s[at.SPEED], s[at.CART], factor, p))
             for trial in range(4):  # the first over all that is left; the others close in on a reversal (false position)
-                q, lag_1, lag_2 = attempt(s, p, bursts, torque, h, slow)
+                q, lag_1, lag_2 = attempt(s, p, bursts, torque + slope * since, slope, h, slow)
                 if trial == 0:
                     if s[body] * q[body] >= 0.0 and (p[at.COULOMB_CART] > 0.0 or p[at.HYSTERESIS] > 0.0):
                         body = at.CART_SPEED
@@ -210,5 +217,6 @@ def advance(s: Array, p: Array, bursts: Array, torque: float, duration: float, l
             remember(q, h, slow, s, p)
             s[at.LAG_1], s[at.LAG_2] = lag_1, lag_2
             s[at.TIME] += h
+            since += h
             left -= h
             cuts += 1

@@ -92,12 +92,12 @@ class Base:
 
     @property
     def resonance_hz(self) -> float:
-        """Both ends free."""
+        """Both ends free; of a belt axis."""
         return math.sqrt(self.stiffness_n_m / self.reduced_mass_kg) / math.tau
 
     @property
     def antiresonance_hz(self) -> float:
-        """Motor held."""
+        """Motor held; of a belt axis."""
         return math.sqrt(self.stiffness_n_m / self.mass_kg) / math.tau
 
     def vector(self) -> Array:

@@ -49,7 +49,7 @@ class HiddenPlant:
             while len(self._late) > 1 and self._late[1][0] <= self._clock_s + 1e-12:
                 self._late.pop(0)
             until = min(end, self._late[1][0]) if len(self._late) > 1 else end
-            advance(self._state, self._p, self.machine.bursts, self._late[0][1], until - self._clock_s, self.longest_substep_s)
+            advance(self._state, self._p, self.machine.bursts, self._late[0][1], 0.0, until - self._clock_s, self.longest_substep_s)
             self._clock_s = until
         if not np.isfinite(self._state).all():
             raise RuntimeError("the state is no longer finite; torque, duration or parameters are not sensible")

@@ -30,6 +30,8 @@ __all__ = ["FILTERED_SPEED", "GAINS", "INTEGRAL", "LAST_ANGLE", "MEMORY", "NOTCH
 
 #: s, sample period of controller and recording where the instruments say nothing else.
 PERIOD_S = 1e-3
+#: s, below this a piece of a sample is rounding.
+SHORTEST_S = 1e-12
 #: Places in the vector of gains.
 (KP, KD, KI, SPEED_FILTER, LIMIT, B0, B1, B2, A1, A2, QUANTUM, PERIOD) = range(12)
 GAINS = 12
@@ -87,7 +89,7 @@ def hold(acting: float, s: Array, p: Array, bursts: Array, period: float, memory
         cut = min(max(split, begin), end)
         if j % 2 == 0 and fine.shape[0] > 0:
             fine[j // 2] = laws.encoder(s[at.ANGLE], p)
-        advance(s, p, bursts, before if j % 2 == 0 else now, cut - begin if j % 2 == 0 else end - cut, longest)
+        advance(s, p, bursts, before if j % 2 == 0 else now, 0.0, cut - begin if j % 2 == 0 else end - cut, longest)
 
 
 @compiled
@@ -112,23 +114,29 @@ def shape(
     if d[drive.ALPHA] < 1.0:
         command = memory[COMMAND] + d[drive.ALPHA] * (command - memory[COMMAND])
     pieces = fine.shape[0] if fine.shape[0] > 0 else math.ceil(duration / longest - 1e-6)
-    split, start = d[drive.PHASE] * duration, memory[drive.MOMENTUM]
-    for j in range(2 * pieces):
-        begin, end = (j // 2) * duration / pieces, (j // 2 + 1) * duration / pieces
-        cut = min(max(split, begin), end)
-        if j % 2 == 0 and fine.shape[0] > 0:
-            fine[j // 2] = laws.encoder(s[at.ANGLE], p)
-        h = cut - begin if j % 2 == 0 else end - cut
-        if h <= 0.0:
+    start, split = memory[drive.MOMENTUM], d[drive.PHASE] * duration
+    # the command changes at the split; behind the dead time the torque jumps where a sample began and where a command changed
+    late, late_split = p[at.DEAD_TIME] % duration, (p[at.DEAD_TIME] + split) % duration
+    first, last = min(split, late, late_split), max(split, late, late_split)
+    middle = split + late + late_split - first - last
+    for j in range(4 * pieces):
+        begin, end = (j // 4) * duration / pieces, (j // 4 + 1) * duration / pieces
+        if j % 4 == 0 and fine.shape[0] > 0:
+            fine[j // 4] = laws.encoder(s[at.ANGLE], p)
+        low = begin if j % 4 == 0 else first if j % 4 == 1 else middle if j % 4 == 2 else last
+        high = first if j % 4 == 0 else middle if j % 4 == 1 else last if j % 4 == 2 else end
+        low, high = min(max(low, begin), end), min(max(high, begin), end)
+        h = high - low
+        if h < SHORTEST_S:
             continue
-        torque = drive.torque_over(memory[COMMAND] if j % 2 == 0 else command, h, memory, d) + process
-        drive.remember(torque, h, memory, d)
+        torque, slope = drive.torque_over(memory[COMMAND] if 0.5 * (low + high) < split else command, h, memory, d)
+        torque += process
+        drive.remember(torque, slope, h, memory, d)
         if fine.shape[0] > 0:
-            fine_torque[j // 2] += torque * h / (end - begin)
+            fine_torque[j // 4] += torque * h / (end - begin)
         if p[at.DEAD_TIME] > 0.0:
-            t = memory[drive.CLOCK] - p[at.DEAD_TIME]
-            torque = (drive.at_instant(t, memory, d)[0] - drive.at_instant(t - h, memory, d)[0]) / h
-        advance(s, p, bursts, torque, h, longest)
+            torque, slope = drive.behind(p[at.DEAD_TIME], h, memory, d)
+        advance(s, p, bursts, torque, slope, h, longest)
     memory[COMMAND] = command
     return (memory[drive.MOMENTUM] - start) / duration
 

@@ -154,7 +154,7 @@ def plan(machine: Machine, name: str) -> Iterator[Task]:
         return Task(label, "friction_sweep", low, sweep(low, low, end, asked, able.gentle_m_s2, period).reference(), integral=False)
 
     yield swept("sweep_fast_1", (1.5, 1.0, 0.6) if thorough else (1.5, 0.8))
-    places = (0.2, 0.5, 0.8)
+    places: tuple[float, ...] = (0.2, 0.5, 0.8)
     level = amplitudes(machine)
     steps = [(a, i) for i in range(3) for a in (1, 2)] + [(0, 1)] if thorough else [(2, 0), (2, 1), (2, 2), (1, 1)]
     if base.rigid:  # the place tells nothing new

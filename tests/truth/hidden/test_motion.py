@@ -52,7 +52,7 @@ def test_a_machine_left_alone_only_loses_energy(name: str) -> None:
     energy, s = Energy(machine), moving(machine, speed=0.3, stretch=2e-4)
     levels = [energy(s)]
     for _ in range(600):
-        kernel.advance(s, machine.p, NO_BURSTS, 0.0, 0.2e-3, 40e-6)
+        kernel.advance(s, machine.p, NO_BURSTS, 0.0, 0.0, 0.2e-3, 40e-6)
         levels.append(energy(s))
     scale = 0.5 * machine.base.mass_kg * 0.3**2
     assert np.diff(levels).max() < 2e-6 * scale

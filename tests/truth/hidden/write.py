@@ -25,10 +25,8 @@ from truth.hidden.visibility import visibility
 
 def answer(machine: Machine, plan: str) -> dict[str, Any]:
     """What is hidden in a machine, and for each effect alone whether the motor can see it in a plan."""
-    alone = {
-        name: draw(machine.seed, (name,), machine.strength, machine.base.family, instruments=machine.instruments)
-        for name in machine.effects
-    }
+    base, instruments = machine.base, machine.instruments
+    alone = {name: draw(machine.seed, (name,), machine.strength, base.family, instruments=instruments) for name in machine.effects}
     return {
         "seed": machine.seed,
         "effects": list(machine.effects),
