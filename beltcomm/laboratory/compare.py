@@ -11,11 +11,11 @@ from beltcomm.errors import Refused, UsageError
 from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.likelihood import OFFSET_M
 from beltcomm.fit.records import Data
-from beltcomm.fit.segment import Stretch, dressed_each, evaluate
+from beltcomm.fit.segment import Stretch, evaluate
 from beltcomm.identify.landmarks import shape_of
 from beltcomm.laboratory.figures import PlainError
 from beltcomm.laboratory.places import Place, worst_places
-from beltcomm.laboratory.plain_error import band_of, in_band, plain_error
+from beltcomm.laboratory.plain_error import band_of, banded, plain_error
 from beltcomm.laboratory.samples import Judged, units_of
 from beltcomm.model import Model
 
@@ -61,10 +61,9 @@ def compare(data: Data, fitted: Fitted) -> Comparison:
     for i, piece in enumerate(fitted.problem.pieces):
         white = fitted.residual[fitted.problem.ends[i] : fitted.problem.ends[i + 1]]
         judged.append(_judged(piece, fitted, vector, white, OFFSET_M * float(fitted.offsets[i])))
-    held_out = dressed_each(data.held_out, [model] * len(data.held_out))
-    for piece, white in zip(held_out, fitted.held_residual, strict=True):
+    for piece, white in zip(data.held_out, fitted.held_residual, strict=True):
         judged.append(_judged(piece, fitted, vector, white, 0.0))
-    parts = [in_band(j.piece, model, j.whole, band) for j in judged]
+    parts = banded(data, fitted, band)
     records = []
     for name in dict.fromkeys(j.piece.record for j in judged):
         white = np.concatenate([j.white for j in judged if j.piece.record == name])

@@ -21,9 +21,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import correlate1d
 
 from beltcomm.fit.estimate import BLOCK_S, Fitted
-from beltcomm.fit.likelihood import OFFSET_M
 from beltcomm.fit.records import Data
-from beltcomm.fit.segment import Stretch, dressed_each, evaluate, way_of
+from beltcomm.fit.segment import Stretch, dressed_each, evaluate, evaluated, way_of
 from beltcomm.fit.whitening import noises
 from beltcomm.laboratory.figures import PlainError
 from beltcomm.laboratory.samples import units_of
@@ -35,6 +34,8 @@ Array = NDArray[np.float64]
 BANDS_HZ = (240.0, 120.0, 60.0, 30.0, 15.0, 8.0, 4.0)
 #: Largest share of the torque that noise may have in a band, and of the sample rate that a band may have.
 QUIET_SHARE, RATE_SHARE = 0.1, 0.25
+#: Stretch of the belt at the start that shows how it rings, m.
+STRETCH_M = 1e-5
 #: Share of the filter's weights that must stand on samples that count.
 WEIGHT = 0.98
 #: Deviations at which the Gaussian ends, and frequencies at which the noise is worked out.
@@ -75,17 +76,28 @@ def band_of(data: Data, model: Model) -> float:
 def banded(data: Data, fitted: Fitted, band_hz: float) -> list[Banded]:
     """All stretches of the records, those held out last, as a model leaves them in the band."""
     pieces = (*data.fitted, *data.held_out)
-    offsets = [*(OFFSET_M * fitted.offsets), *np.zeros(len(data.held_out))]
-    vector, watched = fitted.model.vector(), dressed_each(pieces, [fitted.model] * len(pieces))
-    left = [evaluate(piece, fitted.model, vector, float(offset)) for piece, offset in zip(watched, offsets, strict=True)]
-    return [in_band(piece, fitted.model, torque, band_hz) for piece, torque in zip(pieces, left, strict=True)]
+    vector = fitted.model.vector()
+    return [in_band(piece, fitted.model, vector, band_hz) for piece in dressed_each(pieces, [fitted.model] * len(pieces))]
 
 
-def in_band(piece: Stretch, model: Model, torque: Array, band_hz: float) -> Banded:
-    """One stretch.   torque : its residual, N m, (n,)."""
+def in_band(piece: Stretch, model: Model, vector: Array, band_hz: float) -> Banded:
+    """One stretch.
+
+    What a carriage that was stretched or swung at the start adds to e is no error of the model, and how it was nobody knows: the part of e
+    along the answer to a stretch at the start, and along its derivative, is taken off.
+    """
     sample = piece.motion.sample_s
-    (error, counts), (reported, _) = (low_passed(signal, piece.keep, band_hz, sample) for signal in (torque, piece.torque))
-    return Banded(piece.record, piece.held_out, error, reported, counts, noise_in(piece, noise_spectrum(piece, model), band_hz), sample)
+    reported, counts = low_passed(piece.torque, piece.keep, band_hz, sample)
+    if piece.follower is not None or piece.offset_m == 0.0:
+        error, _ = low_passed(evaluate(piece, model, vector), piece.keep, band_hz, sample)
+    else:
+        left, stretched = evaluated(piece, model, [vector, vector], [0.0, STRETCH_M])
+        error, _ = low_passed(left, piece.keep, band_hz, sample)
+        answer, _ = low_passed(stretched - left, piece.keep, band_hz, sample)
+        ways = np.column_stack((answer, np.gradient(answer)))
+        error = error - ways @ np.linalg.lstsq(ways[counts], error[counts], rcond=None)[0]
+    noise = noise_in(piece, noise_spectrum(piece, model), band_hz)
+    return Banded(piece.record, piece.held_out, error, reported, counts, noise, sample)
 
 
 def plain_error(parts: Sequence[Banded], model: Model, band_hz: float) -> PlainError | None:

@@ -15,7 +15,7 @@ from click.testing import CliRunner
 from numpy.typing import NDArray
 
 from beltcomm.cli.main import cli
-from beltcomm.fit.segment import Stretch, evaluate, stretches
+from beltcomm.fit.segment import Stretch, stretches
 from beltcomm.laboratory.plain_error import Banded, in_band, low_passed, plain_error
 from beltcomm.linear import operating_point, state_space
 from beltcomm.model import Model
@@ -57,7 +57,7 @@ def as_run(files: Mapping[str, Path], folder: Path, inertia_kg_m2: float, counts
 def banded_of(model: Model, record: Recording, step: float, band_hz: float) -> Parts:
     """Every stretch of a record, and what a model leaves of it in a band."""
     pieces = stretches(record, model, step, 1.0, fitted=True, substeps=4)
-    return [(piece, in_band(piece, model, evaluate(piece, model, model.vector()), band_hz)) for piece in pieces]
+    return [(piece, in_band(piece, model, model.vector(), band_hz)) for piece in pieces]
 
 
 def record_error(model: Model, record: Recording, step: float, band_hz: float) -> float:
