@@ -6,20 +6,25 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from beltcomm.compiled import in_one_thread
 from beltcomm.fit.estimate import AT_A_TIME, Fitted, fit, gone_on
+from beltcomm.fit.intervals import UNEXPLAINED, with_intervals
 from beltcomm.fit.likelihood import OFFSET_M
 from beltcomm.fit.observer import follows
 from beltcomm.fit.path_choice import choose_path
-from beltcomm.fit.records import SUBSTEPS, Data, agitated, made, remade
+from beltcomm.fit.records import PUBLISHED_SUBSTEPS, SUBSTEPS, Data, agitated, made, remade
+from beltcomm.fit.reversals import turns_at_once
 from beltcomm.fit.sensor_noise import split_noise
 from beltcomm.fit.torque_path import TorquePath
 from beltcomm.model import Model
 
 #: Iterations of the first fit from start values, of one that goes on from a neighbouring model, and of the last one.
 FIRST_ITERATIONS, NEXT_ITERATIONS, LAST_ITERATIONS = 25, 12, 6
-#: Fine steps a sample of the fit whose numbers are published: with :data:`SUBSTEPS` stiffness is 0.05 % off, with these 0.003 %.
-PUBLISHED_SUBSTEPS = 16
+#: Mean square of the whitened residual in samples with a reversal, over that of the others, up to which they count; intervals by which
+#: they may move a mass or a stiffness; what they may move as they see it, for it is them that tell it.
+REVERSAL_MISFIT, MOST_MOVED, RUBBING = 1.15, 2.0, ("coulomb.", "cart_friction.", "viscous")
 #: How often a short fit and what an observer does not know are found anew, each by the other, before the fit.
 ROUNDS = 3
 #: Share of the values that must be left where a model rebuilds the motion, and factor by which the error may be larger with it.
@@ -51,9 +56,32 @@ def fit_base(
     split = split_noise(data, fitted)
     if split is not None:
         data = replace(data, noise_nm=split.sensor_nm)
-    found = again(data, fitted, LAST_ITERATIONS, PUBLISHED_SUBSTEPS, fixed=fixed)
+    data, fitted = again(data, fitted, LAST_ITERATIONS, PUBLISHED_SUBSTEPS, fixed=fixed)
+    progress(0.9)
+    found = through_reversals(data, fitted, fixed=fixed)
     progress(1.0)
     return found
+
+
+def through_reversals(data: Data, fitted: Fitted, *, fixed: Sequence[str] = ()) -> tuple[Data, Fitted]:
+    """The fit with the samples in which the motor passes through a reversal; as it was where these do not fit to the others.
+
+    Friction that needs a way to turn round, or is higher at low speed, is seen there first and would pull at all parameters.
+    """
+    if data.substeps != PUBLISHED_SUBSTEPS or not turns_at_once(fitted.model) or fitted.ratio > UNEXPLAINED:
+        return data, fitted
+    ahead = remade(data, fitted.model, OFFSET_M * fitted.offsets, PUBLISHED_SUBSTEPS, reversals=True)
+    more = fit(ahead, fitted.model, LAST_ITERATIONS, offsets=fitted.offsets, fixed=fixed)
+    added = np.concatenate([(a.keep & ~b.keep)[a.keep] for a, b in zip(ahead.fitted, data.fitted, strict=True)])
+    squares = more.residual**2
+    if not added.any() or float(np.mean(squares[added])) > REVERSAL_MISFIT * max(1.0, float(np.mean(squares[~added]))):
+        return data, fitted
+    known = with_intervals(fitted).parameters
+    for name in more.problem.free:
+        half = known[name].interval
+        if half and not name.startswith(RUBBING) and abs(more.model[name] - fitted.model[name]) > MOST_MOVED * half:
+            return data, fitted
+    return ahead, more
 
 
 def again(data: Data, fitted: Fitted, iterations: int, substeps: int = SUBSTEPS, *, fixed: Sequence[str] = ()) -> tuple[Data, Fitted]:

@@ -20,6 +20,7 @@ from beltcomm.compiled import in_one_thread
 from beltcomm.effects import effect_named
 from beltcomm.fit.arrowhead import Bordered
 from beltcomm.fit.observer import Step, slopes
+from beltcomm.fit.reversals import LEVEL
 from beltcomm.fit.rounding_bias import RoundingBias
 from beltcomm.fit.segment import Stretch, dressed_each, followed, in_noise
 from beltcomm.model import Model, expected_parameters
@@ -190,12 +191,17 @@ class Problem:
         follows = piece.follower is not None  # then the belt's part is only known sample by sample, see ``one``
         return Parts(
             self.inertia_of(motion, vector),
-            motor_load(self.model, motion, vector),
+            self.motor_of(piece, motion, vector),
             np.zeros(motion.samples) if follows else belt_load(self.model, motion, vector, offset_m),
             acting_torque(self.model, motion, piece.torque, vector),
             motion,
             reading_lags(self.model, vector),
         )
+
+    def motor_of(self, piece: Stretch, motion: FineMotion, vector: Array) -> Array:
+        """Torque that the effects of the motor alone take, N m, (n,)."""
+        load = motor_load(self.model, motion, vector)
+        return load if piece.turns is None else load + vector[self.model.index(LEVEL)] * piece.turns
 
     def inertia_of(self, motion: FineMotion, vector: Array) -> Array:
         """Torque that the motor's inertia takes, N m, (n,)."""
@@ -209,7 +215,7 @@ class Problem:
         if touch == "inertia":
             return replace(old, inertia=self.inertia_of(motion, vector))
         if touch == "motor":
-            return replace(old, motor=motor_load(self.model, motion, vector))
+            return replace(old, motor=self.motor_of(self.pieces[i], motion, vector))
         if touch == "path":
             acting = acting_torque(self.model, motion, self.pieces[i].torque, vector)
             return replace(old, acting=acting, lags=reading_lags(self.model, vector))

@@ -10,11 +10,11 @@ from typing import Final, Literal
 from beltcomm.axis import Axis
 from beltcomm.compiled import in_one_thread
 from beltcomm.effects import EFFECTS, effect_named
-from beltcomm.fit.base import FIRST_ITERATIONS, NEXT_ITERATIONS, PUBLISHED_SUBSTEPS, again, fit_base
+from beltcomm.fit.base import FIRST_ITERATIONS, NEXT_ITERATIONS, again, fit_base
 from beltcomm.fit.estimate import Fitted, fit, out_of_valley
 from beltcomm.fit.intervals import with_intervals
 from beltcomm.fit.observer import follows
-from beltcomm.fit.records import Data, prepare
+from beltcomm.fit.records import PUBLISHED_SUBSTEPS, Data, prepare
 from beltcomm.laboratory.acceptance import EVIDENCE, drop_by, impossible, left_as_a_whole, lowers, refuted
 from beltcomm.laboratory.compare import compare
 from beltcomm.laboratory.forms import formed, placed
