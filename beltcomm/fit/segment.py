@@ -53,7 +53,7 @@ STICK_SPEED_M_S = 4e-3
 #: s, and steps of the encoder: a motor that gets on by so many steps in so long, before and after, is not at rest.
 CREEP_S, CREEP_STEPS = 0.05, 3.0
 #: Steps of the encoder by which it may be off an even motion there.
-EVEN_STEPS = 1.5
+EVEN_STEPS = 1.1
 #: m the carriage must have travelled before a stretch counts: until then its belt stretch at the start is unknown.
 RUN_IN_TRAVEL_M = 1e-4
 #: s after that travel, for the free oscillation of the carriage to die out.
@@ -80,7 +80,7 @@ class Stretch:
     right one; without it every evaluation works out its own.   group : see :func:`grouped`.   rounding : shares for ``whitener``.
     agitation, freedom_m : for ``follower``, the observer where the carriage is free at times, see :func:`dressed`.   turns : what the
     kernel's Coulomb friction of level 1 lacks at the reversals that count, (n,); None where none of those count, or the motor has no such
-    friction.
+    friction.   colour : of the torque's noise, see ``whitening``.
     """
 
     record: str
@@ -99,6 +99,7 @@ class Stretch:
     group: int = 1
     follower: Follower | None = None
     turns: Array | None = None
+    colour: float = 0.0
 
     @cached_property
     def firsts(self) -> NDArray[np.intp]:
