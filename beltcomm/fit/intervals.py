@@ -46,7 +46,7 @@ UNEXPLAINED = 1.1
 class Spread:
     """How sure the parameters of a fit are, in their units.
 
-    names : of those that are not at a bound.   covariance, freedom : over time, (n, n).   moved : by leaving out each record, (records, n).
+    names : of those that the data see.   bound : of those of them at a bound.   covariance, freedom : over time, (n, n).   moved : by leaving out each record, (records, n).
     shares : information of each record, carried to the parameters, A⁻¹ A_r A⁻¹, (records, n, n).   law : what the laws themselves leave
     open, (n,), half a 95 % interval.
     """
@@ -57,10 +57,11 @@ class Spread:
     moved: Array
     shares: Array
     law: Array
+    bound: frozenset[str] = frozenset()
 
     def half_width(self, combination: Mapping[str, float]) -> float | None:
         """Half the 95 % interval of a sum of parameters with these factors; None where one of them sits at a bound."""
-        if any(name not in self.names for name in combination):
+        if any(name not in self.names or name in self.bound for name in combination):
             return None
         c = np.array([combination.get(name, 0.0) for name in self.names])
         over_time = np.sqrt(max(float(c @ self.covariance @ c), 0.0)) * float(stdtrit(self.freedom, 0.975))
@@ -91,7 +92,8 @@ def spread_of(fitted: Fitted) -> Spread:
             columns[here] -= np.outer(offset, offset @ columns[here] / size)
             left[here] -= offset * float(offset @ left[here]) / size
     bound = (fitted.x <= problem.low + 1e-9) | (fitted.x >= problem.high - 1e-9)
-    free = np.flatnonzero(~bound[:own] & (np.linalg.norm(columns, axis=0) > 0.0))
+    # One at its bound may as well be a little off it, and the intervals of the others must bear that.
+    free = np.flatnonzero(np.linalg.norm(columns, axis=0) > 0.0)
     norms = np.linalg.norm(columns[:, free], axis=0)
     columns, scale = columns[:, free] / norms, problem.scale[free] / norms
     slope, curvature = (part[:, free] for part in problem.rounding(fitted.x))
@@ -110,7 +112,15 @@ def spread_of(fitted: Fitted) -> Spread:
     law = np.array([LAW * abs(fitted.model[name]) if name.startswith(loose) else 0.0 for name in names])
     if not loose and fitted.ratio < UNEXPLAINED:  # nothing that pulls long stretches one way: chance is told by time alone
         moved, shares = moved[:0], shares[:0]
-    return Spread(names, covariance * np.outer(scale, scale), freedom, moved * scale, shares * np.outer(scale, scale), law)
+    return Spread(
+        names,
+        covariance * np.outer(scale, scale),
+        freedom,
+        moved * scale,
+        shares * np.outer(scale, scale),
+        law,
+        frozenset(n for n, i in zip(names, free, strict=True) if bound[i]),
+    )
 
 
 def inverse_of(information: Array) -> tuple[Array, Array]:

@@ -33,19 +33,22 @@ ROUNDED = 1.2
 ENOUGH_S, ITERATIONS = 8.0, 15
 #: Time constants of a reading without setpoint and of a drive whose reading is its command, s, that are tried.
 TIMES_S = (2e-4, 5e-4, 1e-3, 2e-3, 4e-3, 8e-3)
+#: Damping ratios of a current loop that are tried.
+DAMPING_RATIOS = (0.35, 0.5, 0.7, 1.0)
 #: Share of what lies above the noise that a split other than the faithful one must explain.
 EXPLAINED = 0.3
 
 
 @dataclass(frozen=True)
 class PathChoice:
-    """path : the one taken.   reading : the chain of setpoint and reading, None without setpoint.
+    """path : the one taken.   reading : the chain of setpoint and reading, None without setpoint.   fitted : what the path was tried with.
 
     rivals : the others, with -2 ln L above that of the one taken.
     """
 
     path: TorquePath
     reading: ReadingFit | None
+    fitted: Fitted | None = None
     rivals: tuple[tuple[TorquePath, float], ...] = ()
 
 
@@ -70,8 +73,8 @@ def choose_path(data: Data, fitted: Fitted, start: Model, chain: ReadingFit | No
     if chain is None:
         return _undone(data, start, to_fit)
     lively = _liveliest(to_fit)
-    paths = [path for law in (chain.law, *chain.rivals) for path in splits(law)]
-    return _best([(path, _tried(data, lively, start, path)) for path in paths], chain)
+    found = _best([(path, _tried(data, lively, start, path)) for path in splits(chain.law)], chain)
+    return _best_shape(data, lively, found)
 
 
 def splits(law: DriveLaw) -> Iterator[TorquePath]:
@@ -88,6 +91,39 @@ def splits(law: DriveLaw) -> Iterator[TorquePath]:
             drive = tuple(lag for lag, own in zip(law.lags, chosen, strict=True) if own)
             reading = tuple(lag for lag, own in zip(law.lags, chosen, strict=True) if not own)
             yield TorquePath(DriveLaw(before, drive, law.gain), ReadingLaw(late, reading))
+
+
+def _best_shape(data: Data, recordings: Sequence[Recording], choice: PathChoice) -> PathChoice:
+    """The choice with the law of its drive as the motion asks for it, among those that the reading cannot tell apart."""
+    drive = choice.path.drive
+    if drive is None or choice.fitted is None or choice.reading is None:
+        return choice
+    sample_s = recordings[0].sample_period_s
+    laws = [law for law in lookalikes(drive, choice.reading.rivals, sample_s) if law != drive]
+    best, path = choice.fitted, choice.path
+    for law in laws:
+        trial = replace(choice.path, drive=law)
+        found = fit(made(recordings, best.model, data.noise_nm, data.step_rad, {}, path=trial), best.model, ITERATIONS)
+        if _level(found) < _level(best):
+            best, path = found, trial
+    return replace(choice, path=path, fitted=best)
+
+
+def lookalikes(law: DriveLaw, rivals: Sequence[DriveLaw], sample_s: float) -> list[DriveLaw]:
+    """Laws of the drive that the reading hardly tells from this one.
+
+    The part of the delay that is no whole sample may be a step inside the period, a filter of first order, or one of second order with
+    more or less damping; and what else explains the reading nearly as well.
+    """
+    found = [rival for rival in rivals if len(rival.lags) <= max(len(law.lags), 1)]
+    if len(law.lags) <= 1 and not any(lag.kind == "sampled" for lag in law.lags):
+        whole = math.floor(law.delay + WHOLE)
+        late_s = law.delay_s(sample_s) - whole * sample_s
+        if late_s > WHOLE * sample_s:
+            found.append(DriveLaw(float(whole), (Lag("first order", (late_s,)),), law.gain))
+            second = [Lag("second order", (ratio / (math.pi * late_s), ratio)) for ratio in DAMPING_RATIOS]
+            found += [DriveLaw(float(whole), (lag,), law.gain) for lag in second]
+    return found
 
 
 def _liveliest(recordings: Sequence[Recording]) -> list[Recording]:
@@ -125,7 +161,7 @@ def _best(trials: Sequence[tuple[TorquePath, Fitted]], chain: ReadingFit | None)
     if gain <= math.log(max(samples, 2)) + CLEAR or gain < EXPLAINED * above:
         path, best = faithful, first
     rivals = tuple((other, samples * (_level(found) - _level(best))) for other, found in trials if other is not path)
-    return PathChoice(path, chain, rivals)
+    return PathChoice(path, chain, best, rivals)
 
 
 def _searched(

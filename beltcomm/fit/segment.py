@@ -261,8 +261,8 @@ def resting(motion: FineMotion, stick_speed: float) -> NDArray[np.bool_]:
 def creeping(position: Array, sample_s: float, step_rad: float) -> NDArray[np.bool_]:
     """Samples around which the motor goes on in one direction, however slowly: then friction is known to act against it.
 
-    In each of the two spans of time before and after it, it gets on by several steps of the encoder, nowhere there back by one, and evenly: one
-    that stopped in between has been stuck.
+    In each of the two spans of time before and after it, it gets on by several steps of the encoder, nowhere there back by one, and
+    evenly: one that stopped in between has been stuck.
     """
     n, w = len(position), max(2, round(CREEP_S / sample_s))
     found = np.zeros(n, dtype=bool)

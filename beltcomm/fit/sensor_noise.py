@@ -2,8 +2,8 @@
 
     reading - L y = p + s,     residual e[n] = -(s[n-1] + s[n])/2 + ...,     D_k = -E[e[n] (p + s)[n-k]] = (a_(k-1) + a_k)/2
 
-p : torque that acts, s : noise of the sensor with covariance a_k.  The residual of a wrong model is no noise, and hardly goes with p + s, so
-this is a second opinion on how large an error the noise alone leaves.  Coloured noise a_k = ρ^k a_0 has D_2/D_1 = ρ.
+p : torque that acts, s : noise of the sensor with covariance a_k.  The residual of a wrong model is no noise, and hardly goes with p + s,
+so this is a second opinion on how large an error the noise alone leaves.  Coloured noise a_k = ρ^k a_0 has D_2/D_1 = ρ.
 """
 
 from __future__ import annotations
@@ -23,6 +23,8 @@ Array = NDArray[np.float64]
 
 #: Least share of the difference that is the sensor's, and deviations by which a share must be known.
 LEAST_SHARE, KNOWN = 0.02, 4.0
+#: Share of the sensor from which on nearly all is its.
+MOSTLY = 0.8
 #: Factor from a median deviation to an rms, and deviations beyond which a sample counts no more.
 NORMAL, OUTLIER = 1.4826, 4.0
 #: Colours that are none, and the largest; deviations from which on there is one.
@@ -66,9 +68,17 @@ def split_noise(data: Data, fitted: Fitted) -> NoiseSplit | None:
     if deviation * KNOWN > 1.0 and share < KNOWN * deviation:
         return None
     share = min(max(share, LEAST_SHARE), 1.0)
-    return NoiseSplit(
-        total * math.sqrt(share), total * math.sqrt(1.0 - share), 0.5 * total * deviation / math.sqrt(share), _colour(colours)
-    )
+    # Where nearly all is the sensor's, its colour is that of the difference, which no rounding hides.
+    colour = _own_colour(rests) if share > MOSTLY else _colour(colours)
+    return NoiseSplit(total * math.sqrt(share), total * math.sqrt(1.0 - share), 0.5 * total * deviation / math.sqrt(share), colour)
+
+
+def _own_colour(rests: list[Array]) -> float:
+    """ρ of white noise behind a filter of first order, from neighbours; 0 where it is not clearly above."""
+    power = sum(float(rest @ rest) for rest in rests)
+    number = sum(len(rest) for rest in rests)
+    colour = sum(float(rest[1:] @ rest[:-1]) for rest in rests) / power if power > 0.0 else 0.0
+    return min(colour, MOST_COLOUR) if colour > max(LEAST_COLOUR, COLOURED / math.sqrt(number)) else 0.0
 
 
 def _covariances(piece: Stretch, residual: Array, rest: Array) -> Array:
