@@ -55,7 +55,7 @@ def choose_path(data: Data, fitted: Fitted, start: Model) -> PathChoice:
     chain = fit_reading(to_fit)
     if chain is not None:
         scale = max(float(np.sqrt(np.mean(r.torque**2))) for r in to_fit)
-        if chain.rest_nm <= COMMAND * scale:
+        if is_command(chain, scale):
             return _by_motion(data, start, to_fit, chain)
     faithful = TorquePath(chain.law if chain is not None else None)
     shaped = chain is not None and (bool(chain.law.lags) or abs(chain.law.delay - round(chain.law.delay)) > WHOLE)
@@ -66,6 +66,11 @@ def choose_path(data: Data, fitted: Fitted, start: Model) -> PathChoice:
     lively = _liveliest(to_fit)
     trials = [(path, _tried(data, lively, start, path)) for path in splits(chain.law)]
     return _best(trials, chain)
+
+
+def is_command(chain: ReadingFit, scale_nm: float) -> bool:
+    """Whether a reading is only its command that comes back.   scale_nm : rms of the torque, N m."""
+    return chain.rest_nm <= COMMAND * scale_nm
 
 
 def splits(law: DriveLaw) -> Iterator[TorquePath]:
@@ -119,7 +124,16 @@ def _best(trials: Sequence[tuple[TorquePath, Fitted]], chain: ReadingFit | None)
     if gain <= math.log(max(samples, 2)) + CLEAR or gain < EXPLAINED * above:
         path, best = faithful, first
     rivals = tuple((other, samples * (_level(found) - _level(best))) for other, found in trials if other is not path)
-    return PathChoice(path, chain, rivals)
+    sample_s = best.problem.pieces[0].motion.sample_s
+    near = [other for other, above in rivals if above <= math.log(max(samples, 2)) + CLEAR and _differ(other, path, sample_s)]
+    return PathChoice(replace(path, rivals=tuple(near)), chain, rivals)
+
+
+def _differ(one: TorquePath, other: TorquePath, sample_s: float) -> bool:
+    """Whether by two paths the torque acts at different times."""
+    if one.drive is None or other.drive is None:
+        return one.reading != other.reading
+    return abs(one.drive.delay_s(sample_s) - other.drive.delay_s(sample_s)) > WHOLE * sample_s
 
 
 def _searched(

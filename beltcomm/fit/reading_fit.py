@@ -6,8 +6,8 @@ reading[n] = g R(setpoint)[n] + offset + noise,   R : a delay and up to two filt
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -36,8 +36,9 @@ CHAINS: tuple[tuple[Kind, ...], ...] = (
 COARSE = 8
 #: Periods of delay at most; taps of the free response that a chain is held against.
 LONGEST_DELAY, TAPS = 8.0, 12
-#: Step of a difference and evaluations of a search.
+#: Step of a difference and evaluations of a search; step of the difference that the intervals rest on, and deviations in half of one.
 STEP, LONGEST = np.array(1e-4), 40
+DIFFERENCE, NORMAL_95 = 1e-3, 1.96
 #: Gain of -2 ln L beyond ln N for each further value that makes a chain the better one.
 CLEAR = 10.0
 #: A reading that follows its setpoint to this share of it is a command that comes back.
@@ -46,7 +47,7 @@ COMMAND = 1e-4
 
 @dataclass(frozen=True)
 class ReadingFit:
-    """law : of drive and reading together.   rest_nm : rms of what it leaves, N m.   cost : -2 ln L with ln N for each value.
+    """law : of drive and reading together, with intervals.   rest_nm : rms it leaves, N m.   cost : -2 ln L with ln N for each value.
 
     samples : N, how many were looked at.
     """
@@ -159,8 +160,32 @@ def _fitted(pairs: Sequence[Pair], sample_s: float, chain: tuple[Kind, ...]) -> 
     rest, gain = left(best[1])
     if gain <= 0.0:
         return None
-    law = _law(chain, best[1], sample_s)
-    return ReadingFit(DriveLaw(law.delay, law.lags, gain), float(np.sqrt(np.mean(rest**2))), best[0], samples)
+    law = _with_intervals(_law(chain, best[1], sample_s), _deviations(rest_at, best[1], rest))
+    return ReadingFit(replace(law, gain=gain), float(np.sqrt(np.mean(rest**2))), best[0], samples)
+
+
+def _deviations(rest_at: Callable[[Array], Array], x: Array, rest: Array) -> Array:
+    """Standard deviations of the values of a chain by s² (JᵀJ)⁻¹, (k,); 0 for a whole delay, and where the rest does not tell a value."""
+    free = [i for i in range(len(x)) if i or x[0] != round(x[0])]
+    if not free:
+        return np.zeros(len(x))
+    ahead = [rest_at(x + DIFFERENCE * np.eye(len(x))[i]) for i in free]
+    jacobian = np.column_stack([(moved - rest) / DIFFERENCE for moved in ahead])
+    covariance = float(rest @ rest) / max(len(rest) - len(free), 1) * np.linalg.pinv(jacobian.T @ jacobian)
+    found = np.zeros(len(x))
+    found[free] = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    return found
+
+
+def _with_intervals(law: DriveLaw, deviations: Array) -> DriveLaw:
+    """The law with the half widths at 95 % of its values.   deviations : of the unknowns of :func:`_law`, (k,)."""
+    lags, place = [], 1
+    for lag in law.lags:
+        slopes = [share * (1.0 - share) for share in lag.values] if lag.kind == "sampled" else lag.values  # logistic and logarithms
+        here = deviations[place : place + len(lag.values)]
+        lags.append(replace(lag, intervals=tuple(float(NORMAL_95 * s * d) for s, d in zip(slopes, here, strict=True))))
+        place += len(lag.values)
+    return replace(law, lags=tuple(lags), delay_interval=float(NORMAL_95 * deviations[0]))
 
 
 def _free_rest(pairs: Sequence[Pair]) -> float:

@@ -1,0 +1,41 @@
+"""Recordings whose torque is the one that acts, for whatever takes the torque of a recording as it stands."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+
+from beltcomm.fit.torque_path import TorquePath
+from beltcomm.recording import Recording
+
+
+def acting_recording(recording: Recording, path: TorquePath | None) -> Recording:
+    """The recording with the torque that acts in place of the one that was read.
+
+    Parameters
+    ----------
+    recording : Recording
+        As the drive reported it.
+    path : TorquePath or None
+        From setpoint and reading to the torque that acts; None takes the reading.
+
+    Returns
+    -------
+    Recording
+        The same one where the reading is the torque that acts.
+    """
+    if path is None or path.read_as_acts or recording.is_static_map:
+        return recording
+    parts = []
+    for first, last in pairwise([0, *(int(i) + 1 for i in recording.gaps()), len(recording.t_s)]):
+        setpoint = None if recording.torque_setpoint is None else recording.torque_setpoint[first:last]
+        parts.append(path.acting(recording.torque[first:last], setpoint, recording.sample_period_s)[0])
+    return replace(recording, torque=np.concatenate(parts), notes=())
+
+
+def acting_recordings(recordings: Sequence[Recording], path: TorquePath | None) -> list[Recording]:
+    """:func:`acting_recording` of each."""
+    return [acting_recording(recording, path) for recording in recordings]
