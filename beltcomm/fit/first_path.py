@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from beltcomm.fit.first_estimate import FirstEstimate, first_estimate
+from beltcomm.fit.noise_level import torque_noise
 from beltcomm.fit.path_choice import EXPLAINED, TIMES_S, is_command, splits
 from beltcomm.fit.reading_fit import CLEAR, fit_reading
 from beltcomm.fit.torque_path import FAITHFUL, DriveLaw, Lag, TorquePath
@@ -51,13 +52,19 @@ def first_path(recording: Recording, start: Model, counts_per_rev: int) -> First
     chain = fit_reading([recording])
     faithful = TorquePath(chain.law) if chain is not None else FAITHFUL
     first = first_estimate([recording], start, counts_per_rev, faithful)
-    if chain is None:
+    step = 2.0 * math.pi / counts_per_rev
+    if chain is None or _least(recording, start["motor.inertia"], step) >= (1.0 - EXPLAINED) * first.rest:
         return FirstPath(faithful, first.model)
     scale = float(np.sqrt(np.mean(recording.torque**2)))
     others = _by_motion(chain.law) if is_command(chain, scale) else splits(chain.law)
     trials = [(path, first_estimate([recording], start, counts_per_rev, path)) for path in others if path != faithful]
     path, best = min(trials, key=lambda trial: trial[1].rest, default=(faithful, first))
     return FirstPath(path, best.model) if _clearly(first, best) else FirstPath(faithful, first.model)
+
+
+def _least(recording: Recording, inertia_kg_m2: float, step_rad: float) -> float:
+    """What the right path leaves at least, (N m)²: noise of two neighbouring samples, and the rounding of the acceleration."""
+    return 0.5 * (torque_noise([recording], 0.0) ** 2 + (inertia_kg_m2 * step_rad / recording.sample_period_s**2) ** 2)
 
 
 def _clearly(first: FirstEstimate, other: FirstEstimate) -> bool:

@@ -33,6 +33,8 @@ ENOUGH_S, ITERATIONS = 8.0, 15
 WHOLE = 0.02
 #: Time constants of a reading without setpoint and of a drive whose reading is its command, s, that are tried.
 TIMES_S = (2e-4, 5e-4, 1e-3, 2e-3, 4e-3, 8e-3)
+#: Share of the values by the plain path that must count by another one.
+LEAST_LEFT = 0.5
 #: Share of what lies above the noise that a split other than the faithful one must explain.
 EXPLAINED = 0.3
 
@@ -109,21 +111,22 @@ def _tried(data: Data, recordings: Sequence[Recording], start: Model, path: Torq
     return better if better.objective / max(better.problem.samples, 1) < found.objective / max(found.problem.samples, 1) else found
 
 
-def _level(fitted: Fitted) -> float:
-    """O per sample; inf where nothing counts."""
-    return fitted.objective / fitted.problem.samples if fitted.problem.samples else math.inf
+def _level(fitted: Fitted, first: Fitted | None = None) -> float:
+    """O per sample; inf where nothing counts, or much less than by another path: by a wrong one the motor may rest nearly all the time."""
+    fewest = LEAST_LEFT * first.problem.samples if first is not None else 0.0
+    return fitted.objective / fitted.problem.samples if fitted.problem.samples > fewest else math.inf
 
 
 def _best(trials: Sequence[tuple[TorquePath, Fitted]], chain: ReadingFit | None) -> PathChoice:
     """The split with the least O; the first, faithful one unless another is clearly better."""
     faithful, first = trials[0]
-    path, best = min(trials, key=lambda trial: _level(trial[1]))
+    path, best = min(trials, key=lambda trial: _level(trial[1], first))
     samples = first.problem.samples
     gain = samples * (_level(first) - _level(best))
     above = samples * (_level(first) - 1.0)
     if gain <= math.log(max(samples, 2)) + CLEAR or gain < EXPLAINED * above:
         path, best = faithful, first
-    rivals = tuple((other, samples * (_level(found) - _level(best))) for other, found in trials if other is not path)
+    rivals = tuple((other, samples * (_level(found, first) - _level(best))) for other, found in trials if other is not path)
     sample_s = best.problem.pieces[0].motion.sample_s
     near = [other for other, above in rivals if above <= math.log(max(samples, 2)) + CLEAR and _differ(other, path, sample_s)]
     return PathChoice(replace(path, rivals=tuple(near)), chain, rivals)
@@ -137,12 +140,12 @@ def _differ(one: TorquePath, other: TorquePath, sample_s: float) -> bool:
 
 
 def _searched(
-    data: Data, recordings: Sequence[Recording], start: Model, path_of: Callable[[float], TorquePath]
+    data: Data, recordings: Sequence[Recording], start: Model, first: Fitted, path_of: Callable[[float], TorquePath]
 ) -> tuple[TorquePath, Fitted]:
-    """The best time constant of a family of paths."""
+    """The best time constant of a family of paths.   first : by the plain one."""
 
     def level(logarithm: float) -> float:
-        return _level(_tried(data, recordings, start, path_of(math.exp(logarithm))))
+        return _level(_tried(data, recordings, start, path_of(math.exp(logarithm))), first)
 
     grid = np.log(TIMES_S)
     levels = [level(float(x)) for x in grid]
@@ -163,7 +166,8 @@ def _undone(data: Data, start: Model, to_fit: Sequence[Recording]) -> PathChoice
     def path_of(time_s: float) -> TorquePath:
         return TorquePath(None, ReadingLaw(0.0, (Lag("sampled", (1.0 - math.exp(-sample_s / time_s),)),)))
 
-    return _best([(faithful, _tried(data, lively, start, faithful)), _searched(data, lively, start, path_of)], None)
+    first = _tried(data, lively, start, faithful)
+    return _best([(faithful, first), _searched(data, lively, start, first, path_of)], None)
 
 
 def _by_motion(data: Data, start: Model, to_fit: Sequence[Recording], chain: ReadingFit) -> PathChoice:
@@ -177,6 +181,6 @@ def _by_motion(data: Data, start: Model, to_fit: Sequence[Recording], chain: Rea
     def later(time_s: float) -> TorquePath:
         return TorquePath(replace(chain.law, delay=chain.law.delay + time_s / lively[0].sample_period_s), commanded=True)
 
-    trials = [(plain, _tried(data, lively, start, plain))]
-    trials += [_searched(data, lively, start, family) for family in (behind, later)]
+    first = _tried(data, lively, start, plain)
+    trials = [(plain, first), *(_searched(data, lively, start, first, family) for family in (behind, later))]
     return _best(trials, chain)

@@ -49,13 +49,14 @@ COMMAND = 1e-4
 class ReadingFit:
     """law : of drive and reading together, with intervals.   rest_nm : rms it leaves, N m.   cost : -2 ln L with ln N for each value.
 
-    samples : N, how many were looked at.
+    samples : N, how many were looked at.   values : how many were found.
     """
 
     law: DriveLaw
     rest_nm: float
     cost: float
     samples: int
+    values: int
 
 
 def fit_reading(recordings: Sequence[Recording]) -> ReadingFit | None:
@@ -68,10 +69,10 @@ def fit_reading(recordings: Sequence[Recording]) -> ReadingFit | None:
         return None
     enough = _free_rest(pairs) * math.exp(0.5 * (TAPS * math.log(best.samples) + CLEAR) / best.samples)
     for chain in CHAINS:
-        if best.rest_nm <= enough:
-            break
+        if best.rest_nm <= enough and best.values < len(_start(chain)):
+            continue  # it is explained by fewer values than this chain has
         found = _fitted(pairs, sample_s, chain)
-        if found is not None and found.cost < best.cost - CLEAR:
+        if found is not None and found.cost < best.cost - (CLEAR if found.values > best.values else 0.0):
             best = found
     return best
 
@@ -143,7 +144,16 @@ def _fitted(pairs: Sequence[Pair], sample_s: float, chain: tuple[Kind, ...]) -> 
     def rest_at(x: Array) -> Array:
         return left(x)[0]
 
-    best: tuple[float, Array] | None = None
+    def with_delay(x: Array, delay: float) -> Array:
+        """The best values beside a delay."""
+        if len(x) == 1:
+            return np.array([delay])
+        again = least_squares(
+            lambda others: rest_at(np.array([delay, *others])), x[1:], bounds=(low[1:], high[1:]), x_scale=0.1, max_nfev=LONGEST
+        )
+        return np.array([delay, *again.x])
+
+    best: tuple[float, Array, int] | None = None
     tried = []
     for delay in range(5):
         x = np.array([delay + 0.01, *(item[0] for item in begin)])
@@ -151,17 +161,17 @@ def _fitted(pairs: Sequence[Pair], sample_s: float, chain: tuple[Kind, ...]) -> 
     low, high = np.array([0.0, *(item[1] for item in begin)]), np.array([LONGEST_DELAY, *(item[2] for item in begin)])
     for _, x in sorted(tried, key=lambda item: item[0])[:2]:
         found = least_squares(rest_at, np.clip(x, low, high), bounds=(low, high), x_scale=0.1, diff_step=STEP, max_nfev=LONGEST)
-        for y, values in ((found.x, len(x)), (np.array([round(found.x[0]), *found.x[1:]]), len(x) - 1)):  # a whole delay is the usual one
+        for y, values in ((found.x, len(x)), (with_delay(found.x, round(found.x[0])), len(x) - 1)):  # a whole delay is the usual one
             cost = samples * math.log(max(float(np.mean(rest_at(y) ** 2)), 1e-300)) + values * math.log(samples)
             if best is None or cost < best[0]:
-                best = (cost, y)
+                best = (cost, y, values)
     if best is None:  # no start was finite
         return None
     rest, gain = left(best[1])
     if gain <= 0.0:
         return None
     law = _with_intervals(_law(chain, best[1], sample_s), _deviations(rest_at, best[1], rest))
-    return ReadingFit(replace(law, gain=gain), float(np.sqrt(np.mean(rest**2))), best[0], samples)
+    return ReadingFit(replace(law, gain=gain), float(np.sqrt(np.mean(rest**2))), best[0], samples, best[2])
 
 
 def _deviations(rest_at: Callable[[Array], Array], x: Array, rest: Array) -> Array:

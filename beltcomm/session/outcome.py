@@ -98,7 +98,7 @@ def model_text(findings: Findings, *, error: float | None = None, compared: bool
     fit = findings.final.fit
     told = path_lines(fit.path, period_of(fit.data.recordings))
     if told and late:
-        told[0] += f"; {late} in all from setpoint to torque"
+        told[0] += f"; delay {late}"
     elif late:
         told = [f"delay from torque setpoint to torque: {late}", *told]
     lines += [f"  {line}" for line in told]

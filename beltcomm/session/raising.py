@@ -13,7 +13,7 @@ from beltcomm.excitation import prbs
 from beltcomm.fit.acting import acting_recording
 from beltcomm.fit.first_estimate import data_sheet_model, moved_enough, stiffness_range
 from beltcomm.fit.first_path import first_path
-from beltcomm.fit.torque_path import TorquePath
+from beltcomm.fit.torque_path import FAITHFUL, TorquePath
 from beltcomm.identify.amplitude import UNKNOWN_MASSES_KG, AmplitudeStep, MotionLimits, around, largest_amplitude, unknown_payload
 from beltcomm.model import Model
 from beltcomm.recording import Recording
@@ -45,7 +45,7 @@ class Excited:
     recordings: tuple[Recording, ...]
     model: Model
     at_most_nm: float
-    path: TorquePath
+    path: TorquePath = FAITHFUL
 
 
 def unknown_axis(machine: Machine, breakaway: Breakaway, masses_kg: Sequence[float]) -> tuple[Model, Sequence[Model]]:
