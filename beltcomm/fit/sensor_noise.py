@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.fit.estimate import Fitted
+from beltcomm.fit.noise_level import robust_rms, torque_step
 from beltcomm.fit.records import Data
 from beltcomm.fit.segment import Stretch
 from beltcomm.recording import Recording
@@ -23,8 +24,6 @@ Array = NDArray[np.float64]
 
 #: Least share of the difference that is the sensor's, and deviations by which a share must be known.
 LEAST_SHARE, KNOWN = 0.02, 4.0
-#: Factor from a median deviation to an rms, and deviations beyond which a sample counts no more.
-NORMAL, OUTLIER = 1.4826, 4.0
 
 
 @dataclass(frozen=True)
@@ -60,7 +59,7 @@ def split_noise(data: Data, fitted: Fitted) -> NoiseSplit | None:
     if not rests or square <= 0.0:
         return None
     everything = np.concatenate(rests)
-    total = robust_rms(everything)
+    total = robust_rms(everything, max(torque_step(r.torque) for r in by_name.values()))
     share, deviation = cross / square, math.sqrt(fourth) / square
     if deviation * KNOWN > 1.0 and share < KNOWN * deviation:
         return None
@@ -76,10 +75,3 @@ def rest_of(recording: Recording, piece: Stretch, data: Data) -> Array | None:
     shown = data.path.reading.read(drive.cells(recording.torque_setpoint, recording.sample_period_s), recording.sample_period_s)
     rest = recording.torque - shown
     return np.asarray(rest - np.median(rest))
-
-
-def robust_rms(rest: Array) -> float:
-    """rms of a normal bulk, N m: what lies far outside is no noise."""
-    size = NORMAL * float(np.median(np.abs(rest)))
-    inside = np.abs(rest) < OUTLIER * size
-    return float(np.sqrt(np.mean(rest[inside] ** 2))) if inside.any() and size > 0.0 else float(np.std(rest))

@@ -115,7 +115,7 @@ def test_intervals_of_a_filter_cover_it(shaken: Recording) -> None:
 
 
 def test_a_current_loop_of_first_order_is_not_taken_for_a_filter_and_a_switch(shaken: Recording) -> None:
-    """Both read the same from sample to sample: (1 - p + p/z)(1 - a)/(1 - a/z) is the mean of exp(-t/T); the one with fewer values holds."""
+    """Both read the same from sample to sample: (1 - p + p/z)(1 - a)/(1 - a/z) is the mean of exp(-t/T); the one with fewer holds."""
     assert shaken.torque_setpoint is not None
     keeps = np.exp(-2.0)
     share = 0.5 * (1.0 - keeps)  # of the step's way that the mean over its first period lacks:  T/h (1 - exp(-h/T))
@@ -190,3 +190,9 @@ def test_a_real_drive_is_identified_and_its_path_told(tmp_path: Path, instrument
     mass, stiffness = (result.data["model"]["parameters"][name] for name in ("cart.mass", "belt_stiffness.stiffness"))
     assert abs(mass["value"] - 13.44) < mass["interval"]
     assert abs(stiffness["value"] - 203740.0) < stiffness["interval"]
+
+
+def test_a_coarse_encoder_is_not_taken_for_a_brake() -> None:
+    record = Recorder(3, counts=500).shaken(nominal("g_a"), 0.17, 1, at_m=0.28)
+    with pytest.raises(DataError, match="500 counts per turn are too coarse for 1 ms between samples"):
+        first_path(record, data_sheet_model(AXIS, 0.28, 0.1), 500)
