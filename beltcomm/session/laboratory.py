@@ -42,7 +42,7 @@ from beltcomm.session.kept_path import KEY
 from beltcomm.session.kept_result import answered
 from beltcomm.session.next_plan import NAME, plan_for
 from beltcomm.session.opened import Opened, explainable, opened
-from beltcomm.session.path_words import path_data, path_lines, period_of
+from beltcomm.session.path_words import path_data, path_sentences, period_of
 from beltcomm.session.response_table import table_lines, table_of
 from beltcomm.session.revisions import (
     Revision,
@@ -104,7 +104,7 @@ def compared(run: Path, pictures: bool, command: str, talk: Talk) -> Result:
     }
     text = words.remark_lines(here.records.remarks)
     text += words.comparison_lines(comparison, [in_words(p, named) for p in chosen], here.fitted.model, run, doubt)
-    text[-1:-1] = [*path_lines(here.data.path, period_of(here.data.recordings)), *table_lines(table), *sheet_lines(here.sheets)]
+    text[-1:-1] = [*path_sentences(here.data.path, here.data.recordings), *table_lines(table), *sheet_lines(here.sheets)]
     return Result(data, text[:-1] + drawn.lines(here.folder, made, remarks) + text[-1:])
 
 
@@ -148,7 +148,7 @@ def diagnosed(folder: RunFolder, run: Path, auto: bool, cost: bool, following: b
     belonging = together(found.after, found.named)
     data["together"] = [plain(one) for one in belonging]
     text = words.remark_lines(records.remarks) + words.diagnosis_lines(found, before, after) + [one.text for one in belonging] + doubts
-    text += [*path_lines(found.data.path, period_of(recordings)), *check_lines(crossed)]
+    text += [*path_sentences(found.data.path, recordings), *check_lines(crossed)]
     if cost and found.named:
         talk.phase(1, 1, "what it costs in tracking")
         data["cost"], lines = cost_of(folder, found.base.model, with_intervals(found.after), " and ".join(found.named))

@@ -1,6 +1,6 @@
 """The torque path as a property of the drive: a sentence where it is not ideal, and ``torque_path`` of ``--json``.
 
-drive: the current loop takes 0.50 ± 0.01 ms
+"the current loop takes 0.50 ± 0.01 ms"
 """
 
 from __future__ import annotations
@@ -50,13 +50,18 @@ def path_lines(path: TorquePath | None, sample_s: float) -> list[str]:
     if path is None:
         return []
     said = words_of(path, sample_s)
-    lines = [f"drive: {said}"] if said else []
+    lines = [said] if said else []
     if path.rivals:
         others = " or ".join(dict.fromkeys(words_of(rival, sample_s) or "a plain delay" for rival in path.rivals))
         lines.append(
             f"the records do not tell whether {said or 'it is a plain delay'} or {others}; one excited louder, at a higher frequency, would"
         )
     return lines
+
+
+def path_sentences(path: TorquePath, recordings: Sequence[Recording]) -> list[str]:
+    """The same as whole sentences, of the drive that made some records."""
+    return [f"{line[0].upper()}{line[1:]}." for line in path_lines(path, period_of(recordings))]
 
 
 def words_of(path: TorquePath, sample_s: float) -> str:

@@ -65,14 +65,14 @@ def shaken() -> Recording:
     [
         (FAITHFUL, []),
         (TorquePath(DriveLaw(2.0, (), 0.998)), []),
-        (TorquePath(DriveLaw(1.0, (Lag("first order", (5e-4,), (1e-5,)),))), ["drive: the current loop takes 0.50 ± 0.01 ms"]),
-        (TorquePath(DriveLaw(1.0, (Lag("sampled", (1.0 - np.exp(-2.0),)),))), ["drive: the drive filters the torque setpoint with 0.5 ms"]),
-        (TorquePath(DriveLaw(1.57, (), delay_interval=0.003)), ["drive: the torque switches at 0.570 ± 0.003 of the sample"]),
-        (LATE, ["drive: the torque reading is one sample late"]),
-        (TorquePath(DriveLaw(1.0), ReadingLaw(0.0, (Lag("sampled", (1.0 - np.exp(-0.5),)),))), ["drive: the torque reading lags 2 ms"]),
+        (TorquePath(DriveLaw(1.0, (Lag("first order", (5e-4,), (1e-5,)),))), ["the current loop takes 0.50 ± 0.01 ms"]),
+        (TorquePath(DriveLaw(1.0, (Lag("sampled", (1.0 - np.exp(-2.0),)),))), ["the drive filters the torque setpoint with 0.5 ms"]),
+        (TorquePath(DriveLaw(1.57, (), delay_interval=0.003)), ["the torque switches at 0.570 ± 0.003 of the sample"]),
+        (LATE, ["the torque reading is one sample late"]),
+        (TorquePath(DriveLaw(1.0), ReadingLaw(0.0, (Lag("sampled", (1.0 - np.exp(-0.5),)),))), ["the torque reading lags 2 ms"]),
         (
             TorquePath(DriveLaw(1.0), commanded=True),
-            ["drive: the reported torque is the command: what acts is told by the motion alone"],
+            ["the reported torque is the command: what acts is told by the motion alone"],
         ),
     ],
 )
@@ -83,7 +83,7 @@ def test_only_what_is_not_ideal_is_told_and_in_one_line(path: TorquePath, said: 
 def test_rivals_are_named_both() -> None:
     path = TorquePath(DriveLaw(1.0, (Lag("first order", (2e-4,)),)), rivals=(LATE,))
     first, second = path_lines(path, PERIOD_S)
-    assert first == "drive: the current loop takes 0.2 ms"
+    assert first == "the current loop takes 0.2 ms"
     assert "the current loop takes 0.2 ms or the torque reading is one sample late" in second
 
 

@@ -8,7 +8,7 @@ from beltcomm.laboratory.place_words import in_words
 from beltcomm.report.page import Picture, Section, Table, Words, picture_of
 from beltcomm.session import pictures
 from beltcomm.session.ladder_words import record_table
-from beltcomm.session.path_words import path_lines, period_of
+from beltcomm.session.path_words import path_sentences
 from beltcomm.session.reporting.gather import Gathered
 
 
@@ -24,7 +24,7 @@ def section(run: Gathered) -> Section:
     titles, rows = record_table(found)
     note = "Error over noise 1.00 means that nothing is missing in that record."
     drawn = pictures.error_figures(run.folder, data, run.laboratory.fitted, found, run.command)
-    parts: list[Words | Table | Picture] = [Words([*places, *path_lines(data.path, period_of(data.recordings))], listed=True)]
+    parts: list[Words | Table | Picture] = [Words([*places, *path_sentences(data.path, data.recordings)], listed=True)]
     parts += [picture_of(figure) for figure in drawn.values()]
     parts.append(Table([title.removeprefix(">") for title in titles], rows, note))
     if run.rungs:
