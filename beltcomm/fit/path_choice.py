@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from beltcomm.fit.estimate import Fitted, fit
-from beltcomm.fit.reading_fit import CLEAR, COMMAND, ReadingFit, fit_reading
+from beltcomm.fit.reading_fit import CLEAR, COMMAND, NORMAL_95, ReadingFit, fit_reading
 from beltcomm.fit.records import Data, made
 from beltcomm.fit.torque_path import DriveLaw, Lag, ReadingLaw, TorquePath
 from beltcomm.model import Model
@@ -33,6 +33,8 @@ ENOUGH_S, ITERATIONS = 8.0, 15
 WHOLE = 0.02
 #: Time constants of a reading without setpoint and of a drive whose reading is its command, s, that are tried.
 TIMES_S = (2e-4, 5e-4, 1e-3, 2e-3, 4e-3, 8e-3)
+#: Step of ln(time constant) for the curvature of O.
+APART = 0.03
 #: Share of the values by the plain path that must count by another one.
 LEAST_LEFT = 0.5
 #: Share of what lies above the noise that a split other than the faithful one must explain.
@@ -140,20 +142,28 @@ def _differ(one: TorquePath, other: TorquePath, sample_s: float) -> bool:
 
 
 def _searched(
-    data: Data, recordings: Sequence[Recording], start: Model, first: Fitted, path_of: Callable[[float], TorquePath]
+    data: Data, recordings: Sequence[Recording], start: Model, first: Fitted, path_of: Callable[[float, float], TorquePath]
 ) -> tuple[TorquePath, Fitted]:
-    """The best time constant of a family of paths.   first : by the plain one."""
+    """The best time constant of a family of paths, with its interval from the curvature of O.   first : by the plain one.
+
+    path_of : of a time constant and half its interval at 95 %, s.
+    """
 
     def level(logarithm: float) -> float:
-        return _level(_tried(data, recordings, start, path_of(math.exp(logarithm))), first)
+        return _level(_tried(data, recordings, start, path_of(math.exp(logarithm), 0.0)), first)
 
     grid = np.log(TIMES_S)
     levels = [level(float(x)) for x in grid]
     at = int(np.argmin(levels))
     low, high = grid[max(at - 1, 0)], grid[min(at + 1, len(grid) - 1)]
-    found = minimize_scalar(level, bounds=(low, high), method="bounded", options={"xatol": 0.02, "maxiter": 10})
-    best = float(found.x) if found.fun < levels[at] else float(grid[at])
-    path = path_of(math.exp(best))
+    found = minimize_scalar(level, bounds=(low, high), method="bounded", options={"xatol": 0.02, "maxiter": 6})
+    best, here = (float(found.x), float(found.fun)) if found.fun < levels[at] else (float(grid[at]), levels[at])
+    below, above = level(best - APART), level(best + APART)
+    curved, half = above - 2.0 * here + below, 0.0
+    if 0.0 < curved < math.inf:  # the vertex of the parabola through three of them
+        best += min(max(0.5 * APART * (below - above) / curved, -APART), APART)
+        half = NORMAL_95 * APART * math.sqrt(2.0 / (first.problem.samples * curved))
+    path = path_of(math.exp(best), half * math.exp(best))
     return path, _tried(data, recordings, start, path)
 
 
@@ -163,8 +173,9 @@ def _undone(data: Data, start: Model, to_fit: Sequence[Recording]) -> PathChoice
     faithful = TorquePath()
     sample_s = lively[0].sample_period_s
 
-    def path_of(time_s: float) -> TorquePath:
-        return TorquePath(None, ReadingLaw(0.0, (Lag("sampled", (1.0 - math.exp(-sample_s / time_s),)),)))
+    def path_of(time_s: float, half_s: float) -> TorquePath:
+        keeps = math.exp(-sample_s / time_s)
+        return TorquePath(None, ReadingLaw(0.0, (Lag("sampled", (1.0 - keeps,), (keeps * sample_s / time_s**2 * half_s,)),)))
 
     first = _tried(data, lively, start, faithful)
     return _best([(faithful, first), _searched(data, lively, start, first, path_of)], None)
@@ -173,13 +184,14 @@ def _undone(data: Data, start: Model, to_fit: Sequence[Recording]) -> PathChoice
 def _by_motion(data: Data, start: Model, to_fit: Sequence[Recording], chain: ReadingFit) -> PathChoice:
     """The reading is the command: what lies between it and the torque is told by the motion alone."""
     lively = _liveliest(to_fit)
-    plain = TorquePath(chain.law, commanded=True)
+    plain, sample_s = TorquePath(chain.law, commanded=True), lively[0].sample_period_s
 
-    def behind(time_s: float) -> TorquePath:
-        return TorquePath(replace(chain.law, lags=(*chain.law.lags, Lag("first order", (time_s,)))), commanded=True)
+    def behind(time_s: float, half_s: float) -> TorquePath:
+        return TorquePath(replace(chain.law, lags=(*chain.law.lags, Lag("first order", (time_s,), (half_s,)))), commanded=True)
 
-    def later(time_s: float) -> TorquePath:
-        return TorquePath(replace(chain.law, delay=chain.law.delay + time_s / lively[0].sample_period_s), commanded=True)
+    def later(time_s: float, half_s: float) -> TorquePath:
+        law = replace(chain.law, delay=chain.law.delay + time_s / sample_s, delay_interval=half_s / sample_s)
+        return TorquePath(law, commanded=True)
 
     first = _tried(data, lively, start, plain)
     trials = [(plain, first), *(_searched(data, lively, start, first, family) for family in (behind, later))]
