@@ -81,7 +81,7 @@ def _pieces(recordings: Sequence[Recording]) -> tuple[list[Pair], float]:
     """Gapless pieces of setpoint and reading, the liveliest first, all of one sampling period, s."""
     found: list[tuple[float, float, Array, Array]] = []
     for recording in recordings:
-        if recording.torque_setpoint is None or recording.sidecar.held_out:
+        if recording.torque_setpoint is None:
             continue
         for first, last in pairwise([0, *(int(i) + 1 for i in recording.gaps()), len(recording.t_s)]):
             setpoint, reading = recording.torque_setpoint[first:last], recording.torque[first:last]
