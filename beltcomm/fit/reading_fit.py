@@ -148,9 +148,11 @@ def _fitted(pairs: Sequence[Pair], sample_s: float, chain: tuple[Kind, ...]) -> 
         """The best values beside a delay."""
         if len(x) == 1:
             return np.array([delay])
-        again = least_squares(
-            lambda others: rest_at(np.array([delay, *others])), x[1:], bounds=(low[1:], high[1:]), x_scale=0.1, max_nfev=LONGEST
-        )
+
+        def others_at(others: Array) -> Array:
+            return rest_at(np.array([delay, *others]))
+
+        again = least_squares(others_at, x[1:], bounds=(low[1:], high[1:]), x_scale=0.1, max_nfev=LONGEST)
         return np.array([delay, *again.x])
 
     best: tuple[float, Array, int] | None = None
