@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,7 @@ from beltcomm.errors import DataError
 from beltcomm.fit.jumps import CERTAIN, Jump, refuse, striking_step
 from beltcomm.fit.noise_level import torque_noise
 from beltcomm.fit.segment import Stretch, evaluate, stretches
+from beltcomm.fit.torque_path import TorquePath
 from beltcomm.model import Model, build_model
 from beltcomm.recording import Recording
 
@@ -29,6 +31,8 @@ STIFFNESS_SHARES = np.geomspace(0.3, 4.0, 16)
 REFINED = 3
 LONGEST_REFINEMENT = 160
 FEWEST_SAMPLES = 100
+#: rad: a motor that turned by this has moved, whatever few samples show it.
+CLEARLY_MOVED_RAD = 0.05
 INERTIA_SHARES = (0.5, 2.0)
 #: N m: no torque of a belt axis; a trial whose motion runs away reaches it.
 RUNAWAY_NM = 1e6
@@ -80,11 +84,20 @@ def data_sheet_model(axis: Axis, position_m: float | None, coulomb_nm: float, ti
     return build_model(axis.name, effects, values, origin="data sheet")
 
 
-def first_estimate(recordings: Sequence[Recording], start: Model, counts_per_rev: int) -> Model:
+@dataclass(frozen=True)
+class FirstEstimate:
+    """rest : mean square of the torque that the model leaves, (N m)².   samples : how many counted."""
+
+    model: Model
+    rest: float
+    samples: int
+
+
+def first_estimate(recordings: Sequence[Recording], start: Model, counts_per_rev: int, path: TorquePath | None = None) -> FirstEstimate:
     """Inertia, mass, stiffness and friction from a short excited record, found on a grid, so no start value can mislead it.
 
     For every mass and stiffness the torque equation is linear in the motor's inertia, Coulomb and viscous friction; the smallest
-    rest wins, and is refined between the points of the grid.
+    rest wins, and is refined between the points of the grid.   path : to the torque that acts; None takes the reading.
     Raises DataError when the axis hardly moved, DamagedRecord when the motor angle jumps.
     """
     step = 2.0 * np.pi / counts_per_rev
@@ -94,10 +107,9 @@ def first_estimate(recordings: Sequence[Recording], start: Model, counts_per_rev
             first, size = striking
             refuse([Jump(recording.name, float(recording.t_s[first]), size)], step)
     noise = torque_noise(recordings)
-    pieces = [p for r in recordings for p in stretches(r, start, step, noise)]
+    pieces = [p for r in recordings for p in stretches(r, start, step, noise, path=path)]
     if _moving(pieces) < FEWEST_SAMPLES:
-        total = sum(len(p.keep) for p in pieces)
-        raise DataError(f"the axis moved in only {_moving(pieces)} of {total} samples; raise the excitation or look for a brake")
+        raise DataError(_still(recordings, pieces, step))
     search = _Search(pieces, start)
     friction = max(start["cart_friction.level"], LEAST_FRICTION_N)
     grid = [(search.rest((m, c, friction)), m, c) for m in MASSES_KG for c in STIFFNESS_SHARES * start["belt_stiffness.stiffness"]]
@@ -109,7 +121,21 @@ def first_estimate(recordings: Sequence[Recording], start: Model, counts_per_rev
         return search.rest(np.exp(logarithms))
 
     refined = [minimize(cost, y, method="Nelder-Mead", options={"xatol": 1e-3, "maxfev": LONGEST_REFINEMENT}) for y in starts]
-    return search.model(np.exp(min(refined, key=lambda found: float(found.fun)).x))
+    best = min(refined, key=lambda found: float(found.fun))
+    return FirstEstimate(search.model(np.exp(best.x)), float(best.fun), _moving(pieces))
+
+
+def _still(recordings: Sequence[Recording], pieces: Sequence[Stretch], step_rad: float) -> str:
+    """Why too few samples count, in words: the axis hardly moved, or its encoder is too coarse to show how."""
+    total, way = sum(len(p.keep) for p in pieces), max(float(np.ptp(r.position)) for r in recordings)
+    counted = f"{_moving(pieces)} of {total} samples"
+    if way < CLEARLY_MOVED_RAD:
+        return f"the axis moved in only {counted}; raise the excitation or look for a brake"
+    counts, period_ms = round(2.0 * math.pi / step_rad), 1e3 * recordings[0].sample_period_s
+    return (
+        f"the motor moved by {way / step_rad:.0f} steps of its encoder, but clearly in only {counted}: {counts} counts per turn are too "
+        f"coarse for {period_ms:g} ms between samples. Use an encoder with more counts, or let the drive interpolate between them"
+    )
 
 
 def moved_enough(recording: Recording, model: Model, counts_per_rev: int) -> bool:

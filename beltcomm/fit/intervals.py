@@ -46,7 +46,8 @@ UNEXPLAINED = 1.1
 class Spread:
     """How sure the parameters of a fit are, in their units.
 
-    names : of those that the data see.   bound : of those of them at a bound.   covariance, freedom : over time, (n, n).   moved : by leaving out each record, (records, n).
+    names : of those that the data see.   bound : of those of them at a bound.   covariance, freedom : over time, (n, n).
+    moved : by leaving out each record, (records, n).
     shares : information of each record, carried to the parameters, A⁻¹ A_r A⁻¹, (records, n, n).   law : what the laws themselves leave
     open, (n,), half a 95 % interval.
     """

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from beltcomm.fit.estimate import Fitted, fit
-from beltcomm.fit.reading_fit import CLEAR, COMMAND, WHOLE, ReadingFit
+from beltcomm.fit.reading_fit import CLEAR, COMMAND, NORMAL_95, WHOLE, ReadingFit
 from beltcomm.fit.records import Data, made, smallest_step
 from beltcomm.fit.torque_path import DriveLaw, Lag, ReadingLaw, TorquePath
 from beltcomm.model import Model
@@ -35,6 +35,10 @@ ENOUGH_S, ITERATIONS = 8.0, 15
 TIMES_S = (2e-4, 5e-4, 1e-3, 2e-3, 4e-3, 8e-3)
 #: Damping ratios of a current loop that are tried.
 DAMPING_RATIOS = (0.35, 0.5, 0.7, 1.0)
+#: Step of ln(time constant) for the curvature of O.
+APART = 0.03
+#: Share of the values by the plain path that must count by another one.
+LEAST_LEFT = 0.5
 #: Share of what lies above the noise that a split other than the faithful one must explain.
 EXPLAINED = 0.3
 
@@ -146,39 +150,57 @@ def _tried(data: Data, recordings: Sequence[Recording], start: Model, path: Torq
     return better if better.objective / max(better.problem.samples, 1) < found.objective / max(found.problem.samples, 1) else found
 
 
-def _level(fitted: Fitted) -> float:
-    """O per sample; inf where nothing counts."""
-    return fitted.objective / fitted.problem.samples if fitted.problem.samples else math.inf
+def _level(fitted: Fitted, first: Fitted | None = None) -> float:
+    """O per sample; inf where nothing counts, or much less than by another path: by a wrong one the motor may rest nearly all the time."""
+    fewest = LEAST_LEFT * first.problem.samples if first is not None else 0.0
+    return fitted.objective / fitted.problem.samples if fitted.problem.samples > fewest else math.inf
 
 
 def _best(trials: Sequence[tuple[TorquePath, Fitted]], chain: ReadingFit | None) -> PathChoice:
     """The split with the least O; a faithful one unless another is clearly better."""
     faithful, first = min((trial for trial in trials if trial[0].reading.faithful), key=lambda trial: _level(trial[1]))
-    path, best = min(trials, key=lambda trial: _level(trial[1]))
+    path, best = min(trials, key=lambda trial: _level(trial[1], first))
     samples = first.problem.samples
     gain = samples * (_level(first) - _level(best))
     above = samples * (_level(first) - 1.0)
     if gain <= math.log(max(samples, 2)) + CLEAR or gain < EXPLAINED * above:
         path, best = faithful, first
-    rivals = tuple((other, samples * (_level(found) - _level(best))) for other, found in trials if other is not path)
-    return PathChoice(path, chain, best, rivals)
+    rivals = tuple((other, samples * (_level(found, first) - _level(best))) for other, found in trials if other is not path)
+    sample_s = best.problem.pieces[0].motion.sample_s
+    near = [other for other, above in rivals if above <= math.log(max(samples, 2)) + CLEAR and _differ(other, path, sample_s)]
+    return PathChoice(replace(path, rivals=tuple(near)), chain, best, rivals)
+
+
+def _differ(one: TorquePath, other: TorquePath, sample_s: float) -> bool:
+    """Whether by two paths the torque acts at different times."""
+    if one.drive is None or other.drive is None:
+        return one.reading != other.reading
+    return abs(one.drive.delay_s(sample_s) - other.drive.delay_s(sample_s)) > WHOLE * sample_s
 
 
 def _searched(
-    data: Data, recordings: Sequence[Recording], start: Model, path_of: Callable[[float], TorquePath]
+    data: Data, recordings: Sequence[Recording], start: Model, first: Fitted, path_of: Callable[[float, float], TorquePath]
 ) -> tuple[TorquePath, Fitted]:
-    """The best time constant of a family of paths."""
+    """The best time constant of a family of paths, with its interval from the curvature of O.   first : by the plain one.
+
+    path_of : of a time constant and half its interval at 95 %, s.
+    """
 
     def level(logarithm: float) -> float:
-        return _level(_tried(data, recordings, start, path_of(math.exp(logarithm))))
+        return _level(_tried(data, recordings, start, path_of(math.exp(logarithm), 0.0)), first)
 
     grid = np.log(TIMES_S)
     levels = [level(float(x)) for x in grid]
     at = int(np.argmin(levels))
     low, high = grid[max(at - 1, 0)], grid[min(at + 1, len(grid) - 1)]
-    found = minimize_scalar(level, bounds=(low, high), method="bounded", options={"xatol": 0.02, "maxiter": 10})
-    best = float(found.x) if found.fun < levels[at] else float(grid[at])
-    path = path_of(math.exp(best))
+    found = minimize_scalar(level, bounds=(low, high), method="bounded", options={"xatol": 0.02, "maxiter": 6})
+    best, here = (float(found.x), float(found.fun)) if found.fun < levels[at] else (float(grid[at]), levels[at])
+    below, above = level(best - APART), level(best + APART)
+    curved, half = above - 2.0 * here + below, 0.0
+    if 0.0 < curved < math.inf:  # the vertex of the parabola through three of them
+        best += min(max(0.5 * APART * (below - above) / curved, -APART), APART)
+        half = NORMAL_95 * APART * math.sqrt(2.0 / (first.problem.samples * curved))
+    path = path_of(math.exp(best), half * math.exp(best))
     return path, _tried(data, recordings, start, path)
 
 
@@ -188,23 +210,26 @@ def _undone(data: Data, start: Model, to_fit: Sequence[Recording]) -> PathChoice
     faithful = TorquePath()
     sample_s = lively[0].sample_period_s
 
-    def path_of(time_s: float) -> TorquePath:
-        return TorquePath(None, ReadingLaw(0.0, (Lag("sampled", (1.0 - math.exp(-sample_s / time_s),)),)))
+    def path_of(time_s: float, half_s: float) -> TorquePath:
+        keeps = math.exp(-sample_s / time_s)
+        return TorquePath(None, ReadingLaw(0.0, (Lag("sampled", (1.0 - keeps,), (keeps * sample_s / time_s**2 * half_s,)),)))
 
-    return _best([(faithful, _tried(data, lively, start, faithful)), _searched(data, lively, start, path_of)], None)
+    first = _tried(data, lively, start, faithful)
+    return _best([(faithful, first), _searched(data, lively, start, first, path_of)], None)
 
 
 def _by_motion(data: Data, start: Model, to_fit: Sequence[Recording], chain: ReadingFit) -> PathChoice:
     """The reading is the command: what lies between it and the torque is told by the motion alone."""
     lively = _liveliest(to_fit)
-    plain = TorquePath(chain.law, commanded=True)
+    plain, sample_s = TorquePath(chain.law, commanded=True), lively[0].sample_period_s
 
-    def behind(time_s: float) -> TorquePath:
-        return TorquePath(replace(chain.law, lags=(*chain.law.lags, Lag("first order", (time_s,)))), commanded=True)
+    def behind(time_s: float, half_s: float) -> TorquePath:
+        return TorquePath(replace(chain.law, lags=(*chain.law.lags, Lag("first order", (time_s,), (half_s,)))), commanded=True)
 
-    def later(time_s: float) -> TorquePath:
-        return TorquePath(replace(chain.law, delay=chain.law.delay + time_s / lively[0].sample_period_s), commanded=True)
+    def later(time_s: float, half_s: float) -> TorquePath:
+        law = replace(chain.law, delay=chain.law.delay + time_s / sample_s, delay_interval=half_s / sample_s)
+        return TorquePath(law, commanded=True)
 
-    trials = [(plain, _tried(data, lively, start, plain))]
-    trials += [_searched(data, lively, start, family) for family in (behind, later)]
+    first = _tried(data, lively, start, plain)
+    trials = [(plain, first), *(_searched(data, lively, start, first, family) for family in (behind, later))]
     return _best(trials, chain)

@@ -6,7 +6,7 @@ reading[n] = g R(setpoint)[n] + offset + noise,   R : a delay and up to two filt
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -38,8 +38,9 @@ SINGLE = 3
 COARSE = 8
 #: Periods of delay at most; taps of the free response that a chain is held against.
 LONGEST_DELAY, TAPS = 8.0, 12
-#: Step of a difference and evaluations of a search.
+#: Step of a difference and evaluations of a search; step of the difference that the intervals rest on, and deviations in half of one.
 STEP, LONGEST = np.array(1e-4), 40
+DIFFERENCE, NORMAL_95 = 1e-3, 1.96
 #: Gain of -2 ln L beyond ln N for each further value that makes a chain the better one.
 CLEAR = 10.0
 #: Colour of the noise below which it is white, and the largest.
@@ -52,15 +53,17 @@ COMMAND = 1e-4
 
 @dataclass(frozen=True)
 class ReadingFit:
-    """law : of drive and reading together.   rest_nm : rms of what it leaves, N m.   cost : -2 ln L with ln N for each value.
+    """law : of drive and reading together, with intervals.   rest_nm : rms it leaves, N m.   cost : -2 ln L with ln N for each value.
 
-    samples : N, how many were looked at.   rivals : chains of as many filters or fewer that explain the reading nearly as well.
+    samples : N, how many were looked at.   values : how many were found.   rivals : chains of as many filters or fewer that explain the
+    reading nearly as well.
     """
 
     law: DriveLaw
     rest_nm: float
     cost: float
     samples: int
+    values: int
     rivals: tuple[DriveLaw, ...] = ()
 
 
@@ -93,7 +96,7 @@ def _pieces(recordings: Sequence[Recording]) -> tuple[list[Pair], float]:
     """Gapless pieces of setpoint and reading, the liveliest first, all of one sampling period, s."""
     found: list[tuple[float, float, Array, Array]] = []
     for recording in recordings:
-        if recording.torque_setpoint is None or recording.sidecar.held_out:
+        if recording.torque_setpoint is None:
             continue
         for first, last in pairwise([0, *(int(i) + 1 for i in recording.gaps()), len(recording.t_s)]):
             setpoint, reading = recording.torque_setpoint[first:last], recording.torque[first:last]
@@ -157,7 +160,18 @@ def _fitted(pairs: Sequence[Pair], sample_s: float, chain: tuple[Kind, ...], col
     def rest_at(x: Array) -> Array:
         return left(x)[0]
 
-    best: tuple[float, Array] | None = None
+    def with_delay(x: Array, delay: float) -> Array:
+        """The best values beside a delay."""
+        if len(x) == 1:
+            return np.array([delay])
+
+        def others_at(others: Array) -> Array:
+            return rest_at(np.array([delay, *others]))
+
+        again = least_squares(others_at, x[1:], bounds=(low[1:], high[1:]), x_scale=0.1, max_nfev=LONGEST)
+        return np.array([delay, *again.x])
+
+    best: tuple[float, Array, int] | None = None
     tried = []
     for delay in range(5):
         x = np.array([delay + 0.01, *(item[0] for item in begin)])
@@ -165,17 +179,41 @@ def _fitted(pairs: Sequence[Pair], sample_s: float, chain: tuple[Kind, ...], col
     low, high = np.array([0.0, *(item[1] for item in begin)]), np.array([LONGEST_DELAY, *(item[2] for item in begin)])
     for _, x in sorted(tried, key=lambda item: item[0])[:2]:
         found = least_squares(rest_at, np.clip(x, low, high), bounds=(low, high), x_scale=0.1, diff_step=STEP, max_nfev=LONGEST)
-        for y, values in ((found.x, len(x)), (np.array([round(found.x[0]), *found.x[1:]]), len(x) - 1)):  # a whole delay is the usual one
+        for y, values in ((found.x, len(x)), (with_delay(found.x, round(found.x[0])), len(x) - 1)):  # a whole delay is the usual one
             cost = samples * math.log(max(float(np.mean(rest_at(y) ** 2)), 1e-300)) + values * math.log(samples)
             if best is None or cost < best[0]:
-                best = (cost, y)
+                best = (cost, y, values)
     if best is None:  # no start was finite
         return None
     rest, gain = left(best[1])
     if gain <= 0.0:
         return None
-    law = _law(chain, best[1], sample_s)
-    return ReadingFit(DriveLaw(law.delay, law.lags, gain), float(np.sqrt(np.mean(rest**2))), best[0], samples)
+    law = _with_intervals(_law(chain, best[1], sample_s), _deviations(rest_at, best[1], rest))
+    return ReadingFit(replace(law, gain=gain), float(np.sqrt(np.mean(rest**2))), best[0], samples, best[2])
+
+
+def _deviations(rest_at: Callable[[Array], Array], x: Array, rest: Array) -> Array:
+    """Standard deviations of the values of a chain by s² (JᵀJ)⁻¹, (k,); 0 for a whole delay, and where the rest does not tell a value."""
+    free = [i for i in range(len(x)) if i or x[0] != round(x[0])]
+    if not free:
+        return np.zeros(len(x))
+    ahead = [rest_at(x + DIFFERENCE * np.eye(len(x))[i]) for i in free]
+    jacobian = np.column_stack([(moved - rest) / DIFFERENCE for moved in ahead])
+    covariance = float(rest @ rest) / max(len(rest) - len(free), 1) * np.linalg.pinv(jacobian.T @ jacobian)
+    found = np.zeros(len(x))
+    found[free] = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    return found
+
+
+def _with_intervals(law: DriveLaw, deviations: Array) -> DriveLaw:
+    """The law with the half widths at 95 % of its values.   deviations : of the unknowns of :func:`_law`, (k,)."""
+    lags, place = [], 1
+    for lag in law.lags:
+        slopes = [share * (1.0 - share) for share in lag.values] if lag.kind == "sampled" else lag.values  # logistic and logarithms
+        here = deviations[place : place + len(lag.values)]
+        lags.append(replace(lag, intervals=tuple(float(NORMAL_95 * s * d) for s, d in zip(slopes, here, strict=True))))
+        place += len(lag.values)
+    return replace(law, lags=tuple(lags), delay_interval=float(NORMAL_95 * deviations[0]))
 
 
 def _white(row: Array, colour: float) -> Array:

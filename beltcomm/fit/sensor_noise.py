@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.fit.estimate import Fitted
+from beltcomm.fit.noise_level import robust_rms, torque_step
 from beltcomm.fit.records import Data
 from beltcomm.fit.segment import Stretch
 from beltcomm.recording import Recording
@@ -25,8 +26,6 @@ Array = NDArray[np.float64]
 LEAST_SHARE, KNOWN = 0.02, 4.0
 #: Share of the sensor from which on nearly all is its.
 MOSTLY = 0.8
-#: Factor from a median deviation to an rms, and deviations beyond which a sample counts no more.
-NORMAL, OUTLIER = 1.4826, 4.0
 #: Colours that are none, and the largest; deviations from which on there is one.
 LEAST_COLOUR, MOST_COLOUR, COLOURED = 0.1, 0.98, 4.0
 
@@ -63,7 +62,7 @@ def split_noise(data: Data, fitted: Fitted) -> NoiseSplit | None:
         colours += _covariances(piece, problem.balance(i, fitted.x, 0.0).residual, rest)
     if not rests or sums[1] <= 0.0:
         return None
-    total = robust_rms(np.concatenate(rests))
+    total = robust_rms(np.concatenate(rests), max(torque_step(r.torque) for r in by_name.values()))
     share, deviation = sums[0] / sums[1], math.sqrt(sums[2]) / sums[1]
     if deviation * KNOWN > 1.0 and share < KNOWN * deviation:
         return None
@@ -109,10 +108,3 @@ def rest_of(recording: Recording, data: Data) -> Array | None:
     shown = data.path.reading.read(drive.cells(recording.torque_setpoint, recording.sample_period_s), recording.sample_period_s)
     rest = recording.torque - shown
     return np.asarray(rest - np.median(rest))
-
-
-def robust_rms(rest: Array) -> float:
-    """rms of a normal bulk, N m: what lies far outside is no noise."""
-    size = NORMAL * float(np.median(np.abs(rest)))
-    inside = np.abs(rest) < OUTLIER * size
-    return float(np.sqrt(np.mean(rest[inside] ** 2))) if inside.any() and size > 0.0 else float(np.std(rest))

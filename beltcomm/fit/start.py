@@ -13,6 +13,7 @@ from scipy.ndimage import gaussian_filter1d
 from beltcomm.axis import Axis
 from beltcomm.errors import DataError
 from beltcomm.fit.first_estimate import first_estimate
+from beltcomm.fit.first_path import first_path
 from beltcomm.fit.records import smallest_step
 from beltcomm.model import Model, build_model
 from beltcomm.recording import Recording
@@ -64,9 +65,10 @@ def belt_start(axis: Axis, excited: Sequence[Recording], counts_per_rev: int) ->
     }
     sheet = build_model(axis.name, (*BELT_BASE, "cart_friction"), values, origin="data sheet")
     # Twice, because the share of the carriage in the friction is assumed and not found: first its level must be known.
-    level = first_estimate([loudest], sheet, counts_per_rev)["coulomb.level"]
+    first = first_path(loudest, sheet, counts_per_rev)
+    level = first.model["coulomb.level"]
     shared = {"coulomb.level": MOTOR_SHARE * level, "cart_friction.level": (1.0 - MOTOR_SHARE) * level / ratio}
-    return first_estimate([loudest], sheet.with_values(shared, "data sheet"), counts_per_rev)
+    return first_estimate([loudest], sheet.with_values(shared, "data sheet"), counts_per_rev, first.path).model
 
 
 def is_belt_axis(axis: Axis, recordings: Sequence[Recording]) -> bool:
