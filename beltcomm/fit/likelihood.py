@@ -39,8 +39,8 @@ from beltcomm.simulate.writer import acts_on_motor
 
 Array = NDArray[np.float64]
 
-#: m; largest stretch of the belt at the start of a record: friction holds up to 0.1 mm (10 N on 100 kN/m) at rest, acceleration
-#: more where the record begins in motion.
+#: m; unit of the stretch of the belt at the start of a record, and the largest: friction holds up to 0.1 mm (10 N on 100 kN/m) at rest,
+#: acceleration more where the record begins in motion.
 OFFSET_M = 5e-4
 #: Unit of a parameter that begins at zero and usually does, as a share of the room between its bounds; least unit of any.
 ZERO_SHARE, LEAST_UNIT = 1e-3, 1e-9
@@ -101,8 +101,10 @@ class Problem:
         self.movable = "cart" in model.base_bodies
         offsets = np.full(len(self.pieces) if self.movable else 0, OFFSET_M)
         self.scale = np.concatenate([own, offsets])
-        self.low = np.concatenate([np.array([v.low for v in values]) / own, -np.ones(len(offsets))])
-        self.high = np.concatenate([np.array([v.high for v in values]) / own, np.ones(len(offsets))])
+        # No further than the friction of a carriage holds it, where one is known: beyond, where it sticks next is chance.
+        held = np.array([min(piece.offset_m / OFFSET_M, 1.0) or 1.0 for piece in self._pieces]) if self.movable else offsets
+        self.low = np.concatenate([np.array([v.low for v in values]) / own, -held])
+        self.high = np.concatenate([np.array([v.high for v in values]) / own, held])
         self.inertia = model.index("motor.inertia")
         self.touches = [touched_by(model, name) for name in self.free]
         self.touches_noise = [touches_noise(model, name) for name in self.free]
