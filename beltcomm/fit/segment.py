@@ -52,6 +52,8 @@ STICK_STEPS = 3.0
 STICK_SPEED_M_S = 4e-3
 #: s, and steps of the encoder: a motor that gets on by so many steps in so long, before and after, is not at rest.
 CREEP_S, CREEP_STEPS = 0.05, 3.0
+#: Steps of the encoder by which it may be off an even motion there.
+EVEN_STEPS = 1.5
 #: m the carriage must have travelled before a stretch counts: until then its belt stretch at the start is unknown.
 RUN_IN_TRAVEL_M = 1e-4
 #: s after that travel, for the free oscillation of the carriage to die out.
@@ -254,18 +256,20 @@ def resting(motion: FineMotion, stick_speed: float) -> NDArray[np.bool_]:
 def creeping(position: Array, sample_s: float, step_rad: float) -> NDArray[np.bool_]:
     """Samples around which the motor goes on in one direction, however slowly: then friction is known to act against it.
 
-    In each of the two spans of time before and after it, it gets on by several steps of the encoder, and nowhere there back by one.
+    In each of the two spans of time before and after it, it gets on by several steps of the encoder, nowhere there back by one, and evenly: one
+    that stopped in between has been stuck.
     """
     n, w = len(position), max(2, round(CREEP_S / sample_s))
     found = np.zeros(n, dtype=bool)
     if n <= 2 * w + 2:
         return found
-    around = np.lib.stride_tricks.sliding_window_view(position, 2 * w + 1)
+    around, along = np.lib.stride_tricks.sliding_window_view(position, 2 * w + 1), np.linspace(0.0, 1.0, 2 * w + 1)
     for side in (1.0, -1.0):
         path = side * around
         back = np.max(np.maximum.accumulate(path, axis=1) - path, axis=1)
         gets_on = np.minimum(path[:, w] - path[:, 0], path[:, -1] - path[:, w]) > CREEP_STEPS * step_rad
-        found[w : n - w] |= gets_on & (back <= step_rad)
+        evenly = np.abs(path - path[:, :1] - (path[:, -1:] - path[:, :1]) * along).max(axis=1) <= EVEN_STEPS * step_rad
+        found[w : n - w] |= gets_on & evenly & (back <= step_rad)
     found[[0, -1]] = False
     return found
 

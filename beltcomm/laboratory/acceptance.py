@@ -9,7 +9,7 @@ through acting = g(reported) has the factor |g'|, so O has -2 Σ ln g' more.  A 
 its noise is less, and what is left over must be less, too.
 
 Whatever it explains in units of the noise, an effect must lower the plain error (``plain_error``) as well, of the fitted records and of
-those held out.  Chance, the standard error over blocks of 0.2 s, is all that it may rise by where the error over the noise falls.
+those held out.  Chance (95 %, over blocks of 0.2 s) is all that it may rise by where the error over the noise falls.
 """
 
 from __future__ import annotations
@@ -91,7 +91,7 @@ def lowers(data: Data, before: Fitted, after: Fitted, ahead: Data | None = None)
 def falls(change: tuple[float, float], before: float, after: float) -> bool:
     """Whether a plain error falls; where it rises by no more than chance, whether the error over the noise does.
 
-    change : of the squares, and its standard error.   before, after : errors over the noise.
+    change : of the squares, and how far they may rise by chance.   before, after : errors over the noise.
     """
     rise, chance = change
     return rise <= chance and (rise < 0.0 or after < before)

@@ -38,6 +38,8 @@ QUIET_SHARE, RATE_SHARE = 0.1, 0.25
 STRETCH_M = 1e-5
 #: Share of the filter's weights that must stand on samples that count.
 WEIGHT = 0.98
+#: Standard errors that a change which is none exceeds once in 20 times, to one side.
+CHANCE = 1.645
 #: Deviations at which the Gaussian ends, and frequencies at which the noise is worked out.
 REACH, LINES = 4.0, 400
 
@@ -131,9 +133,9 @@ def changes(data: Data, before: Fitted, after: Fitted, ahead: Data | None = None
 
 
 def change(pairs: Sequence[tuple[Banded, Banded]]) -> tuple[float, float]:
-    """Sum of the squared errors after less before, and its standard error, N² m²; of samples that count in both.
+    """Sum of the squared errors after less before, and how far it may rise by chance, N² m²; of samples that count in both.
 
-    The standard error is that of a sum over blocks of 0.2 s, which takes neighbouring samples for what they are: one.
+    Chance is :data:`CHANCE` standard errors of a sum over blocks of 0.2 s, which takes neighbouring samples for what they are: one.
     """
     blocks: list[Array] = [np.zeros(0)]
     for old, new in pairs:
@@ -142,7 +144,7 @@ def change(pairs: Sequence[tuple[Banded, Banded]]) -> tuple[float, float]:
         blocks.append(np.asarray(np.bincount(both // max(int(BLOCK_S / new.sample_s), 1), differences)))
     sums = np.concatenate(blocks)
     sums = sums[sums != 0.0]
-    return float(np.sum(sums)), math.sqrt(len(sums)) * float(np.std(sums)) if len(sums) else 0.0
+    return float(np.sum(sums)), CHANCE * math.sqrt(len(sums)) * float(np.std(sums)) if len(sums) else 0.0
 
 
 def low_passed(signal: Array, keep: NDArray[np.bool_], band_hz: float, sample_s: float) -> tuple[Array, NDArray[np.bool_]]:

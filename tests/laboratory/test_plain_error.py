@@ -109,7 +109,7 @@ def test_chance_is_the_scatter_of_the_change_over_blocks() -> None:
     one, other = (Banded("a", False, random.normal(size=20_000), keep.astype(float), keep, 0.0, 1e-3) for _ in range(2))
     rise, chance = change([(one, other)])
     assert rise == pytest.approx(float(np.sum(other.error**2 - one.error**2)))
-    assert chance == pytest.approx(np.sqrt(20_000 * 4.0), rel=0.2)  # each of two squares of normal numbers has variance 2
+    assert chance == pytest.approx(1.645 * np.sqrt(20_000 * 4.0), rel=0.2)  # each of two squares of normal numbers has variance 2
 
 
 @pytest.mark.parametrize(
