@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +22,7 @@ from beltcomm.fit.observer import Step, slopes
 from beltcomm.fit.reversals import LEVEL
 from beltcomm.fit.rounding_bias import RoundingBias
 from beltcomm.fit.segment import Stretch, dressed_each, followed, in_noise
+from beltcomm.fit.touches import Touch, touched_by, touches_noise
 from beltcomm.model import Model, expected_parameters
 from beltcomm.simulate.inverse import (
     FineMotion,
@@ -35,7 +35,6 @@ from beltcomm.simulate.inverse import (
     reading_lags,
     true_motion,
 )
-from beltcomm.simulate.writer import acts_on_motor
 
 Array = NDArray[np.float64]
 
@@ -48,11 +47,6 @@ ZERO_SHARE, LEAST_UNIT = 1e-3, 1e-9
 LEAST_MEAN = 0.25
 #: How much faster than in its last iteration a search may still get on.
 PACE = 3.0
-
-
-#: What a parameter touches: the inertia's torque and the noise, the motor's own load, everything beyond the motor, the torque path,
-#: or all of them.
-Touch = Literal["inertia", "motor", "belt", "path", "all"]
 
 
 @dataclass(frozen=True)
@@ -362,31 +356,6 @@ def hopeless(above: float, gain: float, left: int) -> bool:
     left : iterations.
     """
     return above > PACE * gain * left
-
-
-def touched_by(model: Model, name: str) -> Touch:
-    """What a parameter touches."""
-    if name == "motor.inertia":
-        return "inertia"
-    kinds: set[Touch] = set()
-    for effect in model.effect_list():
-        if name not in (*effect.full_names(), *effect.uses):
-            continue
-        if effect.slot in ("sensor", "kinematics"):
-            kinds.add("all" if effect.slot == "sensor" else "belt")
-        elif effect.slot in ("torque_path", "torque_delay", "torque_reading"):
-            kinds.add("path")
-        else:
-            kinds.add("motor" if acts_on_motor(effect) else "belt")
-    if name.split(".")[0] in {body.name for _, body in model.bodies()}:
-        kinds.add("belt")
-    return kinds.pop() if len(kinds) == 1 else "all"
-
-
-def touches_noise(model: Model, name: str) -> bool:
-    """Whether the noise's path to the residual goes with a parameter: all but those of friction that has one level while it slides."""
-    slots = {effect.slot for effect in model.effect_list() if name in (*effect.full_names(), *effect.uses)}
-    return not slots or not slots <= {"friction_level", "sensor", "external"}
 
 
 def free_parameters(model: Model, fixed: Sequence[str] = ("transmission.ratio",)) -> tuple[str, ...]:
