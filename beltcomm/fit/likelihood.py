@@ -281,8 +281,11 @@ class Problem:
             return np.asarray(np.bincount(self.blocks, residual**2) / np.maximum(self.count, 1.0))
 
     def objective(self, residual: Array, x: Array) -> float:
-        """O of the module; inf where a body flew off."""
-        means = np.maximum(self.block_means(residual) - self.bias(self.full(x))[self.piece_of_block], LEAST_MEAN)
+        """O of the module; inf where a body flew off, or where rounding alone would make it."""
+        bias = self.bias(self.full(x))
+        if not np.all(np.isfinite(bias)):
+            return math.inf
+        means = np.maximum(self.block_means(residual) - bias[self.piece_of_block], LEAST_MEAN)
         total = float(np.sum(self.count * np.where(means < 1.0, means, 1.0 + np.log(np.maximum(means, 1.0)))))
         return total if math.isfinite(total) else math.inf
 
