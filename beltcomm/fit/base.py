@@ -55,7 +55,7 @@ def fit_base(
     progress(0.7)
     split = split_noise(data, fitted)
     if split is not None:
-        data = replace(data, noise_nm=split.sensor_nm)
+        data = replace(data, noise_nm=split.sensor_nm, colour=split.colour)
     data, fitted = again(data, fitted, LAST_ITERATIONS, PUBLISHED_SUBSTEPS, fixed=fixed)
     progress(0.9)
     found = through_reversals(data, fitted, fixed=fixed)
@@ -102,5 +102,6 @@ def again(data: Data, fitted: Fitted, iterations: int, substeps: int = SUBSTEPS,
     for piece in (*data.fitted, *data.held_out):
         piece.motion.forget()  # these records are looked at as they were once more at most
     # Behind an observer a light body may fly off; a motion rebuilt by a model far off makes it worse.
-    sound = math.isfinite(found.objective) and found.ratio < WORSE * fitted.ratio
+    louder = fitted.problem.pieces[0].noise_nm / data.noise_nm  # the same error over a noise that is known better now
+    sound = math.isfinite(found.objective) and found.ratio < WORSE * fitted.ratio * max(louder, 1.0)
     return (ahead, found) if sound else (data, fitted)

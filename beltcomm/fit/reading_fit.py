@@ -32,6 +32,8 @@ CHAINS: tuple[tuple[Kind, ...], ...] = (
     ("first order", "sampled"),
     ("second order", "sampled"),
 )
+#: Chains of one filter, which come first: all of them are held against each other.
+SINGLE = 3
 #: Cells of a period here.
 COARSE = 8
 #: Periods of delay at most; taps of the free response that a chain is held against.
@@ -66,12 +68,15 @@ def fit_reading(recordings: Sequence[Recording]) -> ReadingFit | None:
     if best is None:
         return None
     enough = _free_rest(pairs) * math.exp(0.5 * (TAPS * math.log(best.samples) + CLEAR) / best.samples)
-    for chain in CHAINS:
+    if best.rest_nm <= enough:
+        return best
+    for chains in (CHAINS[:SINGLE], CHAINS[SINGLE:]):  # a second filter must be clearly better than one, but not one than another
+        found = [one for chain in chains if (one := _fitted(pairs, sample_s, chain)) is not None]
+        better = min(found, key=lambda one: one.cost, default=best)
+        if better.cost < best.cost - CLEAR:
+            best = better
         if best.rest_nm <= enough:
             break
-        found = _fitted(pairs, sample_s, chain)
-        if found is not None and found.cost < best.cost - CLEAR:
-            best = found
     return best
 
 

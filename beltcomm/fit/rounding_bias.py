@@ -45,7 +45,15 @@ class RoundingBias:
             if segment.follower is not None:
                 continue
             place = segment.middle_m(model)
-            key = (round(place, 3), segment.motion.sample_s, segment.rounding, segment.step_rad, segment.noise_nm, segment.group)
+            key = (
+                round(place, 3),
+                segment.motion.sample_s,
+                segment.rounding,
+                segment.step_rad,
+                segment.noise_nm,
+                segment.group,
+                segment.colour,
+            )
             if key not in known:
                 known[key] = len(self.kinds)
                 self.kinds.append(_Kind(segment, model, place))
@@ -98,7 +106,7 @@ class _Kind:
 
     def _filter(self, model: Model) -> tuple[NoisePath, Array, float]:
         segment = self.segment
-        path, variances, start = noises(self._path(model), segment.step_rad, segment.noise_nm, segment.rounding)
+        path, variances, start = noises(self._path(model), segment.step_rad, segment.noise_nm, segment.rounding, segment.colour)
         keep = np.ones(SETTLING, dtype=np.bool_)
         gains, deviations = gains_of(keep, [path], np.zeros(SETTLING, dtype=np.int64), variances, start)
         return path, gains[-1].copy(), float(deviations[-1])
@@ -108,7 +116,7 @@ class _Kind:
         segment, plain = self.segment, self._path(model)
         found = self._known.get(id(plain))
         if found is None or found[0] is not plain:
-            path, variances, _ = noises(plain, segment.step_rad, segment.noise_nm, segment.rounding)
+            path, variances, _ = noises(plain, segment.step_rad, segment.noise_nm, segment.rounding, segment.colour)
             parts = []
             for m, variance in enumerate(variances):
                 out = np.zeros(LONGEST)
