@@ -87,7 +87,8 @@ def through_reversals(data: Data, fitted: Fitted, *, fixed: Sequence[str] = ()) 
 def again(data: Data, fitted: Fitted, iterations: int, substeps: int = SUBSTEPS, *, fixed: Sequence[str] = ()) -> tuple[Data, Fitted]:
     """Motion and noise rebuilt by a fitted model, and the model fitted to them; as they were where nothing comes of it."""
     ahead = remade(data, fitted.model, OFFSET_M * fitted.offsets, substeps)
-    if sum(len(piece.counted) for piece in ahead.fitted) < LEAST_LEFT * fitted.problem.samples:
+    left, before = (sum(np.count_nonzero(piece.keep) for piece in which.fitted) for which in (ahead, data))
+    if left < LEAST_LEFT * before:
         return data, fitted  # by a model that is far off the motor rests nearly all the time
     begun = fitted
     for _ in range(ROUNDS if follows(fitted.model) else 0):
