@@ -13,6 +13,7 @@ import pytest
 
 from beltcomm.cli.talk import PlainTalk
 from beltcomm.effects import effect_named
+from beltcomm.fit import base
 from beltcomm.fit.estimate import Fitted
 from beltcomm.laboratory import acceptance, diagnosis, superfluous
 from beltcomm.laboratory.acceptance import fitted_to_nothing, left_as_a_whole
@@ -21,7 +22,7 @@ from beltcomm.laboratory.plausible import KNOWN, run_away, undetermined, unlikel
 from beltcomm.laboratory.stage import Candidate
 from beltcomm.laboratory.structure import excess, partitions
 from beltcomm.model import build_model
-from beltcomm.session import laboratory, ladder_words
+from beltcomm.session import effect_search, laboratory, ladder_words
 from beltcomm.session.ladder_words import climb_lines
 from beltcomm.session.revisions import Revision
 
@@ -230,12 +231,35 @@ def test_twins_are_told_whichever_comes_first_and_whoever_stands_between(ranked:
 def test_a_model_that_flies_off_on_the_motion_that_it_rebuilds_is_not_taken(
     monkeypatch: pytest.MonkeyPatch, objective: float, kept: str
 ) -> None:
-    rebuilt, found = SimpleNamespace(fitted=(SimpleNamespace(counted=np.arange(10)),)), SimpleNamespace(objective=objective, ratio=1.0)
-    data: Any = SimpleNamespace(fitted=(), held_out=())
-    fitted: Any = SimpleNamespace(model=BASE, offsets=np.zeros(1), problem=SimpleNamespace(samples=10), ratio=1.0)
-    monkeypatch.setattr(diagnosis, "remade", lambda *_: rebuilt)
-    monkeypatch.setattr(diagnosis, "fit", lambda *_, **_options: found)
-    assert diagnosis.again(data, fitted, 3) == {"before": (data, fitted), "after": (rebuilt, found)}[kept]
+    rebuilt, found = SimpleNamespace(fitted=(kept_samples(10),)), SimpleNamespace(objective=objective, ratio=1.0)
+    data, fitted = seen_by_base(10)
+    monkeypatch.setattr(base, "remade", lambda *_: rebuilt)
+    monkeypatch.setattr(base, "fit", lambda *_, **_options: found)
+    assert base.again(data, fitted, 3) == {"before": (data, fitted), "after": (rebuilt, found)}[kept]
+
+
+@pytest.mark.parametrize(("left", "kept"), [(40, "before"), (60, "after")])
+def test_a_motion_by_which_the_motor_hardly_moves_is_not_taken(monkeypatch: pytest.MonkeyPatch, left: int, kept: str) -> None:
+    """Of samples, however many of them make one value: four neighbours do in a search, and one where numbers are published."""
+    rebuilt: Any = SimpleNamespace(fitted=(kept_samples(left, group=4),))
+    found = SimpleNamespace(objective=5.0, ratio=1.0)
+    data, fitted = seen_by_base(100)
+    monkeypatch.setattr(base, "remade", lambda *_: rebuilt)
+    monkeypatch.setattr(base, "fit", lambda *_, **_options: found)
+    assert base.again(data, fitted, 3) == {"before": (data, fitted), "after": (rebuilt, found)}[kept]
+
+
+def seen_by_base(number: int) -> tuple[Any, Any]:
+    """Records of one stretch, and the base fitted to them."""
+    problem = SimpleNamespace(pieces=[SimpleNamespace(noise_nm=1e-3)])
+    fitted = SimpleNamespace(model=BASE, offsets=np.zeros(1), ratio=1.0, problem=problem)
+    return SimpleNamespace(fitted=(kept_samples(number),), held_out=(), noise_nm=1e-3), fitted
+
+
+def kept_samples(number: int, group: int = 1) -> Any:
+    """A stretch with so many samples that count, so many of which make one value."""
+    keep = np.append(np.ones(number, dtype=np.bool_), np.zeros(5, dtype=np.bool_))
+    return SimpleNamespace(keep=keep, counted=np.arange(number // group), motion=SimpleNamespace(forget=lambda: None))
 
 
 def test_noise_has_no_structure_and_a_small_constant_has() -> None:
@@ -301,7 +325,8 @@ def test_an_effect_with_which_the_error_as_a_whole_grows_is_not_taken(
     found = [[candidate], []]
     monkeypatch.setattr(diagnosis, "search", lambda *_, **_options: found.pop(0))
     monkeypatch.setattr(diagnosis, "again", lambda data, *_: (data, fitted(grown, held)))
-    monkeypatch.setattr(diagnosis, "settled", lambda data, last: (data, last))
+    for name in ("settled", "as_searched"):
+        monkeypatch.setattr(diagnosis, name, lambda data, last: (data, last))
     monkeypatch.setattr(diagnosis, "superfluous", lambda _data, last, *_: (last, ()))
     monkeypatch.setattr(diagnosis, "formed", lambda _data, last, _base: SimpleNamespace(fitted=last, new=(), removed=()))
     monkeypatch.setattr(diagnosis, "placed", lambda *_: SimpleNamespace(new=()))
@@ -326,7 +351,7 @@ def test_each_stage_of_a_search_is_a_phase_of_its_own_and_no_number_of_them_is_p
     times = iter(range(0, 100, 4))
     talk = PlainTalk(text, clock=lambda: float(next(times)))
     talk.phase(1, 0, "search for missing effects")
-    heard = laboratory.staged(talk)
+    heard = effect_search.staged(talk)
     for stage, fraction in ((1, 0.25), (1, 0.5), (2, 0.25)):
         heard(stage, fraction)
     assert text.getvalue().splitlines() == [
