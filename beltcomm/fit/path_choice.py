@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from beltcomm.fit.estimate import Fitted, fit
-from beltcomm.fit.reading_fit import CLEAR, COMMAND, ReadingFit, fit_reading
-from beltcomm.fit.records import Data, made
+from beltcomm.fit.reading_fit import CLEAR, COMMAND, WHOLE, ReadingFit
+from beltcomm.fit.records import Data, made, smallest_step
 from beltcomm.fit.torque_path import DriveLaw, Lag, ReadingLaw, TorquePath
 from beltcomm.model import Model
 from beltcomm.recording import Recording
@@ -27,10 +27,10 @@ Array = NDArray[np.float64]
 
 #: Error over the noise up to which a faithful reading is not doubted.
 GOOD = 1.05
+#: Factor on the rounding of a reading up to which what it leaves is that.
+ROUNDED = 1.2
 #: s of records that the splits are held against, and iterations of each fit.
 ENOUGH_S, ITERATIONS = 8.0, 15
-#: Periods below which a delay beside whole ones is none.
-WHOLE = 0.02
 #: Time constants of a reading without setpoint and of a drive whose reading is its command, s, that are tried.
 TIMES_S = (2e-4, 5e-4, 1e-3, 2e-3, 4e-3, 8e-3)
 #: Share of what lies above the noise that a split other than the faithful one must explain.
@@ -49,14 +49,20 @@ class PathChoice:
     rivals: tuple[tuple[TorquePath, float], ...] = ()
 
 
-def choose_path(data: Data, fitted: Fitted, start: Model) -> PathChoice:
-    """The path of the records; ``fitted`` takes the reading for the torque that acts."""
+def commands(chain: ReadingFit | None, recordings: Sequence[Recording]) -> bool:
+    """Whether the readings are the setpoint that comes back, without noise."""
+    if chain is None:
+        return False
+    scale = max(float(np.sqrt(np.mean(r.torque**2))) for r in recordings)
+    rounded = min(smallest_step(r.torque) for r in recordings) / math.sqrt(12.0)
+    return chain.rest_nm <= max(COMMAND * scale, ROUNDED * rounded)
+
+
+def choose_path(data: Data, fitted: Fitted, start: Model, chain: ReadingFit | None) -> PathChoice:
+    """The path of the records.   fitted : by the reading, or the command, taken for the torque that acts.   chain : :func:`fit_reading`."""
     to_fit = [r for r in data.recordings if not r.sidecar.held_out]
-    chain = fit_reading(to_fit)
-    if chain is not None:
-        scale = max(float(np.sqrt(np.mean(r.torque**2))) for r in to_fit)
-        if chain.rest_nm <= COMMAND * scale:
-            return _by_motion(data, start, to_fit, chain)
+    if chain is not None and commands(chain, to_fit):
+        return _by_motion(data, fitted.model, to_fit, chain)
     faithful = TorquePath(chain.law if chain is not None else None)
     shaped = chain is not None and (bool(chain.law.lags) or abs(chain.law.delay - round(chain.law.delay)) > WHOLE)
     if fitted.ratio <= GOOD and not shaped:
@@ -64,8 +70,8 @@ def choose_path(data: Data, fitted: Fitted, start: Model) -> PathChoice:
     if chain is None:
         return _undone(data, start, to_fit)
     lively = _liveliest(to_fit)
-    trials = [(path, _tried(data, lively, start, path)) for path in splits(chain.law)]
-    return _best(trials, chain)
+    paths = [path for law in (chain.law, *chain.rivals) for path in splits(law)]
+    return _best([(path, _tried(data, lively, start, path)) for path in paths], chain)
 
 
 def splits(law: DriveLaw) -> Iterator[TorquePath]:
@@ -76,7 +82,7 @@ def splits(law: DriveLaw) -> Iterator[TorquePath]:
     if part > WHOLE:
         delays.append((float(whole), part))
     if whole >= 1:
-        delays.append((law.delay - 1.0, 1.0))
+        delays.append((max(law.delay - 1.0, 0.0), 1.0))
     for before, late in delays:
         for chosen in itertools.product((True, False), repeat=len(law.lags)):
             drive = tuple(lag for lag, own in zip(law.lags, chosen, strict=True) if own)
@@ -110,8 +116,8 @@ def _level(fitted: Fitted) -> float:
 
 
 def _best(trials: Sequence[tuple[TorquePath, Fitted]], chain: ReadingFit | None) -> PathChoice:
-    """The split with the least O; the first, faithful one unless another is clearly better."""
-    faithful, first = trials[0]
+    """The split with the least O; a faithful one unless another is clearly better."""
+    faithful, first = min((trial for trial in trials if trial[0].reading.faithful), key=lambda trial: _level(trial[1]))
     path, best = min(trials, key=lambda trial: _level(trial[1]))
     samples = first.problem.samples
     gain = samples * (_level(first) - _level(best))

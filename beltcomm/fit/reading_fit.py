@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -42,6 +42,10 @@ LONGEST_DELAY, TAPS = 8.0, 12
 STEP, LONGEST = np.array(1e-4), 40
 #: Gain of -2 ln L beyond ln N for each further value that makes a chain the better one.
 CLEAR = 10.0
+#: Colour of the noise below which it is white, and the largest.
+LEAST_COLOUR, MOST_COLOUR = 0.1, 0.98
+#: -2 ln L above the best up to which the motion is asked; periods below which a delay beside whole ones is none.
+NEARLY, WHOLE = 60.0, 0.02
 #: A reading that follows its setpoint to this share of it is a command that comes back.
 COMMAND = 1e-4
 
@@ -50,13 +54,14 @@ COMMAND = 1e-4
 class ReadingFit:
     """law : of drive and reading together.   rest_nm : rms of what it leaves, N m.   cost : -2 ln L with ln N for each value.
 
-    samples : N, how many were looked at.
+    samples : N, how many were looked at.   rivals : chains of as many filters or fewer that explain the reading nearly as well.
     """
 
     law: DriveLaw
     rest_nm: float
     cost: float
     samples: int
+    rivals: tuple[DriveLaw, ...] = ()
 
 
 def fit_reading(recordings: Sequence[Recording]) -> ReadingFit | None:
@@ -64,20 +69,24 @@ def fit_reading(recordings: Sequence[Recording]) -> ReadingFit | None:
     pairs, sample_s = _pieces(recordings)
     if not pairs:
         return None
-    best = _fitted(pairs, sample_s, ())
+    free, colour = _free_rest(pairs)
+    best = _fitted(pairs, sample_s, (), colour)
     if best is None:
         return None
-    enough = _free_rest(pairs) * math.exp(0.5 * (TAPS * math.log(best.samples) + CLEAR) / best.samples)
-    if best.rest_nm <= enough:
+    enough = free * math.exp(0.5 * (TAPS * math.log(best.samples) + CLEAR) / best.samples)
+    if best.rest_nm <= enough and abs(best.law.delay - round(best.law.delay)) <= WHOLE:
         return best
+    every = [best]
     for chains in (CHAINS[:SINGLE], CHAINS[SINGLE:]):  # a second filter must be clearly better than one, but not one than another
-        found = [one for chain in chains if (one := _fitted(pairs, sample_s, chain)) is not None]
+        found = [one for chain in chains if (one := _fitted(pairs, sample_s, chain, colour)) is not None]
+        every += found
         better = min(found, key=lambda one: one.cost, default=best)
         if better.cost < best.cost - CLEAR:
             best = better
         if best.rest_nm <= enough:
             break
-    return best
+    rivals = tuple(one.law for one in every if one is not best and one.cost < best.cost + NEARLY)
+    return replace(best, rivals=rivals)
 
 
 def _pieces(recordings: Sequence[Recording]) -> tuple[list[Pair], float]:
@@ -130,16 +139,17 @@ def _start(chain: tuple[Kind, ...]) -> list[tuple[float, float, float]]:
     return bounds
 
 
-def _fitted(pairs: Sequence[Pair], sample_s: float, chain: tuple[Kind, ...]) -> ReadingFit | None:
-    """The best values of a chain, from every whole delay."""
+def _fitted(pairs: Sequence[Pair], sample_s: float, chain: tuple[Kind, ...], colour: float = 0.0) -> ReadingFit | None:
+    """The best values of a chain, from every whole delay.   colour : of the noise, by which all is whitened."""
     begin = _start(chain)
     samples = sum(len(setpoint) for setpoint, _ in pairs)
     skip = math.ceil(LONGEST_DELAY)
 
+    read = np.concatenate([_white(reading, colour)[skip:] for _, reading in pairs])
+
     def left(x: Array) -> tuple[Array, float]:
         law = _law(chain, x, sample_s)
-        shown = np.concatenate([law.cells(setpoint, sample_s, COARSE).mean(axis=1)[skip:] for setpoint, _ in pairs])
-        read = np.concatenate([reading[skip:] for _, reading in pairs])
+        shown = np.concatenate([_white(law.cells(setpoint, sample_s, COARSE).mean(axis=1), colour)[skip:] for setpoint, _ in pairs])
         shown_0, read_0 = shown - shown.mean(), read - read.mean()
         gain = float(shown_0 @ read_0) / max(float(shown_0 @ shown_0), 1e-300)
         return read_0 - gain * shown_0, gain
@@ -168,10 +178,24 @@ def _fitted(pairs: Sequence[Pair], sample_s: float, chain: tuple[Kind, ...]) -> 
     return ReadingFit(DriveLaw(law.delay, law.lags, gain), float(np.sqrt(np.mean(rest**2))), best[0], samples)
 
 
-def _free_rest(pairs: Sequence[Pair]) -> float:
-    """rms of what a response with :data:`TAPS` free values leaves, N m."""
-    rows = [np.stack([setpoint[TAPS - k : len(setpoint) - k] for k in range(TAPS + 1)], axis=1) for setpoint, _ in pairs]
-    read = np.concatenate([reading[TAPS:] for _, reading in pairs])
-    regressor = np.column_stack((np.concatenate(rows), np.ones(len(read))))
-    rest = read - regressor @ np.linalg.lstsq(regressor, read, rcond=None)[0]
-    return float(np.sqrt(np.mean(rest**2)))
+def _white(row: Array, colour: float) -> Array:
+    """A row whose noise has a colour, its noise white: x[n] - ρ x[n-1]."""
+    return row if colour == 0.0 else row - colour * np.concatenate((row[:1], row[:-1]))
+
+
+def _free_rest(pairs: Sequence[Pair]) -> tuple[float, float]:
+    """rms of what a response with :data:`TAPS` free values leaves, white, N m, and its colour."""
+    colour = 0.0
+    for _ in range(2):
+        rows = [
+            np.stack([_white(setpoint, colour)[TAPS - k : len(setpoint) - k] for k in range(TAPS + 1)], axis=1) for setpoint, _ in pairs
+        ]
+        read = np.concatenate([_white(reading, colour)[TAPS:] for _, reading in pairs])
+        regressor = np.column_stack((np.concatenate(rows), np.ones(len(read))))
+        rest = read - regressor @ np.linalg.lstsq(regressor, read, rcond=None)[0]
+        power = float(rest @ rest)
+        found = float(rest[1:] @ rest[:-1]) / power if power > 0.0 else 0.0
+        if colour > 0.0 or found < LEAST_COLOUR:
+            break
+        colour = min(found, MOST_COLOUR)
+    return float(np.sqrt(np.mean(rest**2))), colour

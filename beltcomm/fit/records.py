@@ -10,6 +10,7 @@ from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
 
 from beltcomm.axis import Axis
 from beltcomm.errors import DataError
@@ -32,6 +33,8 @@ PUBLISHED_SUBSTEPS = 16
 STROKE_SUBSTEPS, RATTLING_STROKE_SUBSTEPS, RATTLING_SUBSTEPS = 2, 4, 16
 #: Noise below this share of the torque itself is not believed.
 QUIETEST_SHARE = 1e-4
+#: ln of the factor by which noise may be less than it was taken for.
+QUIETER = 7.0
 #: Samples of a window in which an angle's roughness is taken, and factor from which on it is more than its rounding makes.
 CALM_WINDOW, NOISY = 64, 1.3
 #: Samples and relative difference of speed for records that repeat each other.
@@ -222,6 +225,26 @@ def shown_step(recordings: Sequence[Recording], step_rad: float) -> float:
     quiet = [variance for _, variance in calm[: max(len(calm) // 10, 1)]]
     shown = math.sqrt(12.0 * float(np.median(quiet)))
     return shown if shown > NOISY * step_rad else step_rad
+
+
+def likeliest_noise(data: Data, model: Model, residuals: Sequence[Array], most_nm: float) -> float:
+    """Noise of the torque that the residuals of the fitted segments tell, N m rms, up to a largest one; residuals as they are, (n,) N m.
+
+    Least of Σ ν²/S + ln S over the noise, the model as it is.   Source: method sheet, section 3, second equation.
+    """
+    passed = [way_of(piece, model) for piece in data.fitted]
+
+    def unlikely(logarithm: float) -> float:
+        total = 0.0
+        for piece, torque, along in zip(data.fitted, residuals, passed, strict=True):
+            trial = whitener(piece.keep, along, piece.step_rad, math.exp(logarithm), piece.rounding, piece.colour)
+            squares = np.minimum(trial(torque, piece.keep) ** 2, STRAY**2)
+            total += float(np.sum(squares) + 2.0 * np.sum(np.log(trial.deviations[piece.keep])))
+        return total
+
+    high = math.log(most_nm)
+    found = minimize_scalar(unlikely, bounds=(high - QUIETER, high), method="bounded", options={"xatol": 0.01, "maxiter": 20})
+    return math.exp(float(found.x))
 
 
 def encoder_step(axis: Axis, recordings: Sequence[Recording]) -> float:

@@ -165,16 +165,18 @@ def stretches(
         part = slice(first, last)
         ratio = model["transmission.ratio"]
         position, torque, within = recording.position[part], recording.torque[part], None
+        push = torque
         if path is not None:
             setpoint = recording.torque_setpoint
             torque, within = path.acting(torque, None if setpoint is None else setpoint[part], sample)
+            push = path.likeliest(torque, None if setpoint is None else setpoint[part], sample)
         # Without a start position the recorded angle is the absolute one: a phase of cogging holds for all records of a run.
         place = float(recording.position[first]) if start is None else start / ratio + recording.position[first] - recording.position[0]
         time = (recording.sidecar.session_time_s or 0.0) + recording.t_s[first] - recording.t_s[0]
         inertia = model["motor.inertia"]
         motion = reconstruct(
             position,
-            torque,
+            push,
             sample,
             inertia,
             start_rad=place,
@@ -183,12 +185,12 @@ def stretches(
             within=within,
         )
         if fitted:
-            motion = rebuilt(motion, model, position, torque, place)
+            motion = rebuilt(motion, model, position, push, place)
         stick_speed, turns = STICK_SPEED_M_S if recording.side == "load" else STICK_SPEED_RAD_S, None
         if fitted and reversals and turns_at_once(model):
             slow = max(stick_speed, STICK_STEPS * step_rad / sample)
             motion, keep, turns = passed(
-                motion, model, slow, partial(rebuilt, model=model, position=position, torque=torque, start_rad=place)
+                motion, model, slow, partial(rebuilt, model=model, position=position, torque=push, start_rad=place)
             )
         else:
             keep = ~resting(motion, stick_speed)

@@ -122,11 +122,23 @@ class ReadingLaw:
 
 @dataclass(frozen=True)
 class TorquePath:
-    """Both laws.   drive : None where no setpoint was recorded.   commanded : whether the reading is only the command."""
+    """Both laws.   drive : None where no setpoint was recorded.   commanded : whether the reading is only the command.
+
+    acts : share of what the reading differs from the setpoint's part by that acts and is no noise of the sensor; 1 where nobody knows.
+    """
 
     drive: DriveLaw | None = None
     reading: ReadingLaw = field(default_factory=ReadingLaw)
     commanded: bool = False
+    acts: float = 1.0
+
+    def likeliest(self, acting: Array, setpoint: Array | None, sample_s: float) -> Array:
+        """The torque that acts without most of the sensor's noise, mean over each period, (n,), N m: for what moves between the samples."""
+        if self.drive is None or setpoint is None or self.acts == 1.0:
+            return acting
+        means = self.drive.cells(setpoint, sample_s).mean(axis=1)
+        offset = float(np.median(acting - means))
+        return np.asarray(means + offset + self.acts * (acting - means - offset))
 
     def acting(self, torque: Array, setpoint: Array | None, sample_s: float) -> tuple[Array, Intersample | None]:
         """The torque that acts, mean over each period, (n,), N m, and its spread inside; from the reading and the setpoint, (n,) each."""
@@ -167,6 +179,7 @@ def path_to_dict(path: TorquePath) -> dict[str, Any]:
         "drive": None if drive is None else {"delay": float(drive.delay), "lags": lags(drive), "gain": float(drive.gain)},
         "reading": {"late": float(path.reading.late), "lags": lags(path.reading)},
         "commanded": path.commanded,
+        "acts": float(path.acts),
     }
 
 
@@ -183,7 +196,7 @@ def path_from_dict(data: Mapping[str, Any]) -> TorquePath:
 
     drive = data["drive"]
     law = None if drive is None else DriveLaw(float(drive["delay"]), lags(drive), float(drive["gain"]))
-    return TorquePath(law, ReadingLaw(float(data["reading"]["late"]), lags(data["reading"])), bool(data["commanded"]))
+    return TorquePath(law, ReadingLaw(float(data["reading"]["late"]), lags(data["reading"])), bool(data["commanded"]), float(data["acts"]))
 
 
 def _later(row: Array, samples: int) -> Array:
