@@ -124,5 +124,16 @@ def again(data: Data, fitted: Fitted, iterations: int, substeps: int = SUBSTEPS,
         piece.motion.forget()  # these records are looked at as they were once more at most
     # Behind an observer a light body may fly off; a motion rebuilt by a model far off makes it worse.
     louder = fitted.problem.pieces[0].noise_nm / data.noise_nm  # the same error over a noise that is known better now
-    sound = math.isfinite(found.objective) and found.ratio < WORSE * fitted.ratio * max(louder, 1.0)
+    now, then = in_groups_of(found, fitted), in_groups_of(fitted, found)
+    sound = math.isfinite(found.objective) and now < WORSE * then * max(louder, 1.0)
     return (ahead, found) if sound else (data, fitted)
+
+
+def in_groups_of(one: Fitted, other: Fitted) -> float:
+    """Error over the noise of one fit where as many neighbours make a value as in another: else they see other frequencies."""
+    parts = np.split(one.residual, one.problem.ends[1:-1])
+    squares = [
+        (replace(piece, group=beside.group).grouped(white) if piece.group == 1 else white) ** 2
+        for white, piece, beside in zip(parts, one.problem.pieces, other.problem.pieces, strict=True)
+    ]
+    return float(np.sqrt(np.mean(np.concatenate(squares))))
