@@ -107,7 +107,8 @@ def through_reversals(data: Data, fitted: Fitted, *, fixed: Sequence[str] = ()) 
 def again(data: Data, fitted: Fitted, iterations: int, substeps: int = SUBSTEPS, *, fixed: Sequence[str] = ()) -> tuple[Data, Fitted]:
     """Motion and noise rebuilt by a fitted model, and the model fitted to them; as they were where nothing comes of it."""
     ahead = remade(data, fitted.model, OFFSET_M * fitted.offsets, substeps)
-    if sum(len(piece.counted) for piece in ahead.fitted) < LEAST_LEFT * fitted.problem.samples:
+    left, before = (sum(np.count_nonzero(piece.keep) for piece in which.fitted) for which in (ahead, data))
+    if left < LEAST_LEFT * before:
         return data, fitted  # by a model that is far off the motor rests nearly all the time
     begun = fitted
     for _ in range(ROUNDS if follows(fitted.model) else 0):
@@ -123,5 +124,16 @@ def again(data: Data, fitted: Fitted, iterations: int, substeps: int = SUBSTEPS,
         piece.motion.forget()  # these records are looked at as they were once more at most
     # Behind an observer a light body may fly off; a motion rebuilt by a model far off makes it worse.
     louder = fitted.problem.pieces[0].noise_nm / data.noise_nm  # the same error over a noise that is known better now
-    sound = math.isfinite(found.objective) and found.ratio < WORSE * fitted.ratio * max(louder, 1.0)
+    now, then = in_groups_of(found, fitted), in_groups_of(fitted, found)
+    sound = math.isfinite(found.objective) and now < WORSE * then * max(louder, 1.0)
     return (ahead, found) if sound else (data, fitted)
+
+
+def in_groups_of(one: Fitted, other: Fitted) -> float:
+    """Error over the noise of one fit where as many neighbours make a value as in another: else they see other frequencies."""
+    parts = np.split(one.residual, one.problem.ends[1:-1])
+    squares = [
+        (replace(piece, group=beside.group).grouped(white) if piece.group == 1 else white) ** 2
+        for white, piece, beside in zip(parts, one.problem.pieces, other.problem.pieces, strict=True)
+    ]
+    return float(np.sqrt(np.mean(np.concatenate(squares))))

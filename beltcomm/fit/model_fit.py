@@ -14,7 +14,7 @@ from scipy.special import stdtrit
 from beltcomm.errors import DataError
 from beltcomm.fit.base import fit_base
 from beltcomm.fit.estimate import Fitted
-from beltcomm.fit.intervals import Spread, spread_of, with_intervals
+from beltcomm.fit.intervals import Spread, spread_of, wanted_of, with_intervals
 from beltcomm.fit.noise_level import torque_noise
 from beltcomm.fit.records import Data, made, shown_step
 from beltcomm.fit.remarks import remark_on, remarks_on_pairs
@@ -123,7 +123,9 @@ class ModelFit:
     def remarks(self) -> tuple[str, ...]:
         """Sentences: bounds, what is known badly and why."""
         parameters, deviation = self.model.parameters, np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
-        told = [remark_on(n, parameters[n], parameters[n].value, float(deviation[i])) for i, n in enumerate(self.free)]
+        wanted = {n: (parameters[n].value, float(deviation[i])) for i, n in enumerate(self.free)}
+        wanted |= {n: told for n, told in wanted_of(self.fitted).items() if parameters[n].interval is None}
+        told = [remark_on(n, parameters[n], *wanted[n]) for n in self.free]
         if self.suspect:
             told.append(
                 f"the model leaves {math.sqrt(self.misfit):.1f} times the noise unexplained: something it does not know acts on this axis, "

@@ -13,7 +13,9 @@ import pytest
 
 from beltcomm.cli.talk import PlainTalk
 from beltcomm.effects import effect_named
+from beltcomm.fit import base
 from beltcomm.fit.estimate import Fitted
+from beltcomm.fit.segment import Stretch
 from beltcomm.laboratory import acceptance, diagnosis, superfluous
 from beltcomm.laboratory.acceptance import fitted_to_nothing, left_as_a_whole
 from beltcomm.laboratory.diagnosis import Step, verdict_of
@@ -21,7 +23,7 @@ from beltcomm.laboratory.plausible import KNOWN, run_away, undetermined, unlikel
 from beltcomm.laboratory.stage import Candidate
 from beltcomm.laboratory.structure import excess, partitions
 from beltcomm.model import build_model
-from beltcomm.session import laboratory, ladder_words
+from beltcomm.session import effect_search, laboratory, ladder_words
 from beltcomm.session.ladder_words import climb_lines
 from beltcomm.session.revisions import Revision
 
@@ -173,7 +175,7 @@ def test_only_what_held_out_records_confirm_is_added_by_itself(
 ) -> None:
     """``held`` : ratio and objective of the held-out records before and with cogging; with warmup they stay as they are."""
     base, once, twice = (
-        SimpleNamespace(model=name, held_ratio=h and h[0], held_objective=h and h[1])
+        SimpleNamespace(model=name, held_ratio=h and h[0], held_level=h and h[1])
         for name, h in zip(("base", "once", "twice"), (*held, held[1]), strict=True)
     )
     monkeypatch.setattr(laboratory, "current_revision", lambda _folder: "there")
@@ -195,7 +197,7 @@ def test_only_what_held_out_records_confirm_is_added_by_itself(
 
 def test_two_effects_that_only_both_together_are_confirmed_become_one_revision(monkeypatch: pytest.MonkeyPatch) -> None:
     base, once, twice = (
-        SimpleNamespace(held_ratio=ratio, held_objective=objective) for ratio, objective in ((3.0, 9.0), (3.1, 9.5), (1.0, 2.0))
+        SimpleNamespace(held_ratio=ratio, held_level=objective) for ratio, objective in ((3.0, 9.0), (3.1, 9.5), (1.0, 2.0))
     )
     monkeypatch.setattr(laboratory, "current_revision", lambda _folder: "there")
     monkeypatch.setattr(laboratory, "revision_of", lambda _folder, new, old, change, *_: (old[1], new[1], change))
@@ -230,12 +232,54 @@ def test_twins_are_told_whichever_comes_first_and_whoever_stands_between(ranked:
 def test_a_model_that_flies_off_on_the_motion_that_it_rebuilds_is_not_taken(
     monkeypatch: pytest.MonkeyPatch, objective: float, kept: str
 ) -> None:
-    rebuilt, found = SimpleNamespace(fitted=(SimpleNamespace(counted=np.arange(10)),)), SimpleNamespace(objective=objective, ratio=1.0)
-    data: Any = SimpleNamespace(fitted=(), held_out=())
-    fitted: Any = SimpleNamespace(model=BASE, offsets=np.zeros(1), problem=SimpleNamespace(samples=10), ratio=1.0)
-    monkeypatch.setattr(diagnosis, "remade", lambda *_: rebuilt)
-    monkeypatch.setattr(diagnosis, "fit", lambda *_, **_options: found)
-    assert diagnosis.again(data, fitted, 3) == {"before": (data, fitted), "after": (rebuilt, found)}[kept]
+    rebuilt, found = SimpleNamespace(fitted=(kept_samples(10),)), alike(objective, 1.0)
+    data, fitted = seen_by_base(10)
+    monkeypatch.setattr(base, "remade", lambda *_: rebuilt)
+    monkeypatch.setattr(base, "fit", lambda *_, **_options: found)
+    assert base.again(data, fitted, 3) == {"before": (data, fitted), "after": (rebuilt, found)}[kept]
+
+
+@pytest.mark.parametrize(("left", "kept"), [(40, "before"), (60, "after")])
+def test_a_motion_by_which_the_motor_hardly_moves_is_not_taken(monkeypatch: pytest.MonkeyPatch, left: int, kept: str) -> None:
+    """Of samples, however many of them make one value: four neighbours do in a search, and one where numbers are published."""
+    rebuilt: Any = SimpleNamespace(fitted=(kept_samples(left, group=4),))
+    found = alike(5.0, 1.0)
+    data, fitted = seen_by_base(100)
+    monkeypatch.setattr(base, "remade", lambda *_: rebuilt)
+    monkeypatch.setattr(base, "fit", lambda *_, **_options: found)
+    assert base.again(data, fitted, 3) == {"before": (data, fitted), "after": (rebuilt, found)}[kept]
+
+
+def test_noise_of_other_frequencies_is_no_worse_motion(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An error that changes its sign from sample to sample is seen sample by sample only: in fours it was no more than the noise."""
+    rebuilt, found = SimpleNamespace(fitted=(kept_samples(100),)), alike(5.0, 0.0)
+    found.residual = np.where(np.arange(100) % 2, 3.0, -3.0) + np.resize([1.0, 1.0, -1.0, -1.0, 1.0, 1.0, 1.0, 1.0], 100)
+    data, fitted = seen_by_base(100, group=4)
+    monkeypatch.setattr(base, "remade", lambda *_: rebuilt)
+    monkeypatch.setattr(base, "fit", lambda *_, **_options: found)
+    assert base.again(data, fitted, 3) == (rebuilt, found)
+    monkeypatch.setattr(found, "residual", np.full(100, 3.0))
+    assert base.again(data, fitted, 3) == (data, fitted), "and one that does not is seen in fours too"
+
+
+def alike(objective: float, left: float, number: int = 100, group: int = 1) -> Any:
+    """A fit that leaves the same in each value of a stretch."""
+    ends = np.array([0, number // group])
+    problem = SimpleNamespace(pieces=[kept_samples(number, group)], ends=ends)
+    return SimpleNamespace(objective=objective, residual=np.full(ends[1], left), problem=problem)
+
+
+def seen_by_base(number: int, group: int = 1) -> tuple[Any, Any]:
+    """Records of one stretch, and the base fitted to them."""
+    fitted = SimpleNamespace(model=BASE, offsets=np.zeros(1), **vars(alike(5.0, 1.0, number, group)))
+    return SimpleNamespace(fitted=(kept_samples(number, group),), held_out=(), noise_nm=1e-3), fitted
+
+
+def kept_samples(number: int, group: int = 1) -> Any:
+    """A stretch with so many samples that count, so many of which make one value."""
+    keep = np.append(np.ones(number, dtype=np.bool_), np.zeros(5, dtype=np.bool_))
+    motion: Any = SimpleNamespace(forget=lambda: None)
+    return Stretch("one", False, np.zeros(len(keep)), np.zeros(len(keep)), motion, keep, 1e-3, 1e-4, 0.0, group=group)
 
 
 def test_noise_has_no_structure_and_a_small_constant_has() -> None:
@@ -301,7 +345,8 @@ def test_an_effect_with_which_the_error_as_a_whole_grows_is_not_taken(
     found = [[candidate], []]
     monkeypatch.setattr(diagnosis, "search", lambda *_, **_options: found.pop(0))
     monkeypatch.setattr(diagnosis, "again", lambda data, *_: (data, fitted(grown, held)))
-    monkeypatch.setattr(diagnosis, "settled", lambda data, last: (data, last))
+    for name in ("settled", "as_searched"):
+        monkeypatch.setattr(diagnosis, name, lambda data, last: (data, last))
     monkeypatch.setattr(diagnosis, "superfluous", lambda _data, last, *_: (last, ()))
     monkeypatch.setattr(diagnosis, "formed", lambda _data, last, _base: SimpleNamespace(fitted=last, new=(), removed=()))
     monkeypatch.setattr(diagnosis, "placed", lambda *_: SimpleNamespace(new=()))
@@ -326,7 +371,7 @@ def test_each_stage_of_a_search_is_a_phase_of_its_own_and_no_number_of_them_is_p
     times = iter(range(0, 100, 4))
     talk = PlainTalk(text, clock=lambda: float(next(times)))
     talk.phase(1, 0, "search for missing effects")
-    heard = laboratory.staged(talk)
+    heard = effect_search.staged(talk)
     for stage, fraction in ((1, 0.25), (1, 0.5), (2, 0.25)):
         heard(stage, fraction)
     assert text.getvalue().splitlines() == [
