@@ -36,9 +36,8 @@ def within_scope(found: Diagnosis, recordings: Sequence[Recording]) -> tuple[Dia
     doubt = noise_doubt(found.after.ratio, recordings)
     if doubt and found.verdict != "partly explained":
         return replace(found, verdict="cannot tell"), [doubt]
-    if found.verdict != "nothing missing" and (
-        sentence := undersampled(found.base.model, recordings) or unknown_delivery(found, recordings)
-    ):
+    sentence = undersampled(found.base.model, recordings) or unknown_delivery(found, recordings)
+    if sentence and found.verdict != "nothing missing":
         return without_names(found), [sentence]
     unnamed = not_named(found.base.model, recordings)
     if not unnamed:
