@@ -91,7 +91,9 @@ def test_what_is_explained_would_pass_as_a_machine_of_which_nothing_is_missing(
     monkeypatch.setattr(diagnosis, "with_intervals", lambda _fitted: BASE)
     assert verdict_of(base, [Step(base, (), "tilt", (), after)], (), 0.0) == verdict
     untouched: Any = SimpleNamespace(objective=after.objective, problem=after.problem)  # of it nothing else is asked
-    assert (verdict_of(untouched, [], (), 0.0) == "nothing missing") is (level < diagnosis.MISSING)
+    missing = verdict_of(untouched, [], (), 0.0) != "nothing missing"
+    assert missing is (level >= diagnosis.NOISE_KNOWN)
+    assert not (missing and verdict == "explained")
 
 
 @pytest.mark.parametrize(
