@@ -33,6 +33,8 @@ ROUNDED = 1.2
 ENOUGH_S, ITERATIONS = 8.0, 15
 #: Time constants of a reading without setpoint and of a drive whose reading is its command, s, that are tried.
 TIMES_S = (2e-4, 5e-4, 1e-3, 2e-3, 4e-3, 8e-3)
+#: Time constants of a current loop without setpoint that are tried, in sampling periods.
+LOOP_SHARES = (0.1, 0.25, 0.5, 1.0)
 #: Damping ratios of a current loop that are tried.
 DAMPING_RATIOS = (0.35, 0.5, 0.7, 1.0)
 #: Step of ln(time constant) for the curvature of O.
@@ -72,10 +74,11 @@ def choose_path(data: Data, fitted: Fitted, start: Model, chain: ReadingFit | No
         return _by_motion(data, fitted.model, to_fit, chain)
     faithful = TorquePath(chain.law if chain is not None else None)
     shaped = chain is not None and (bool(chain.law.lags) or abs(chain.law.delay - round(chain.law.delay)) > WHOLE)
+    if chain is None:
+        good = fitted.ratio <= GOOD and not _loop_shows(fitted)
+        return PathChoice(faithful, chain) if good else _undone(data, start, to_fit)
     if fitted.ratio <= GOOD and not shaped:
         return PathChoice(faithful, chain)
-    if chain is None:
-        return _undone(data, start, to_fit)
     lively = _liveliest(to_fit)
     found = _best([(path, _tried(data, lively, start, path)) for path in splits(chain.law)], chain)
     return _best_shape(data, lively, found)
@@ -179,17 +182,22 @@ def _differ(one: TorquePath, other: TorquePath, sample_s: float) -> bool:
 
 
 def _searched(
-    data: Data, recordings: Sequence[Recording], start: Model, first: Fitted, path_of: Callable[[float, float], TorquePath]
+    data: Data,
+    recordings: Sequence[Recording],
+    start: Model,
+    first: Fitted,
+    path_of: Callable[[float, float], TorquePath],
+    times_s: Sequence[float] = TIMES_S,
 ) -> tuple[TorquePath, Fitted]:
     """The best time constant of a family of paths, with its interval from the curvature of O.   first : by the plain one.
 
-    path_of : of a time constant and half its interval at 95 %, s.
+    path_of : of a time constant and half its interval at 95 %, s.   times_s : that are tried.
     """
 
     def level(logarithm: float) -> float:
         return _level(_tried(data, recordings, start, path_of(math.exp(logarithm), 0.0)), first)
 
-    grid = np.log(TIMES_S)
+    grid = np.log(times_s)
     levels = [level(float(x)) for x in grid]
     at = int(np.argmin(levels))
     low, high = grid[max(at - 1, 0)], grid[min(at + 1, len(grid) - 1)]
@@ -214,8 +222,24 @@ def _undone(data: Data, start: Model, to_fit: Sequence[Recording]) -> PathChoice
         keeps = math.exp(-sample_s / time_s)
         return TorquePath(None, ReadingLaw(0.0, (Lag("sampled", (1.0 - keeps,), (keeps * sample_s / time_s**2 * half_s,)),)))
 
+    def behind_loop(time_s: float, half_s: float) -> TorquePath:
+        return TorquePath(loop_s=time_s)
+
     first = _tried(data, lively, start, faithful)
-    return _best([(faithful, first), _searched(data, lively, start, first, path_of)], None)
+    found = [(faithful, first), _searched(data, lively, start, first, path_of)]
+    return _best([*found, _searched(data, lively, start, first, behind_loop, [share * sample_s for share in LOOP_SHARES])], None)
+
+
+def _loop_shows(fitted: Fitted) -> bool:
+    """Whether the motion asks for a torque that rises inside the period, to first order."""
+    columns = []
+    for piece in fitted.problem.pieces:
+        sample_s = piece.motion.sample_s
+        _, within = TorquePath(loop_s=LOOP_SHARES[0] * sample_s).acting(piece.torque, None, sample_s)
+        columns.append(piece.white(-within.triangular()) if within is not None else np.zeros(len(piece.counted)))
+    near = fitted.nearby.best(columns=np.concatenate(columns)[:, None])
+    gain = fitted.nearby.objective - near.objective
+    return bool(near.amounts[0] > 0.0 and gain > math.log(max(fitted.problem.samples, 2)) + CLEAR)
 
 
 def _by_motion(data: Data, start: Model, to_fit: Sequence[Recording], chain: ReadingFit) -> PathChoice:

@@ -130,6 +130,7 @@ class TorquePath:
     """Both laws.   drive : None where no setpoint was recorded.   commanded : whether the reading is only the command.
 
     acts : share of what the reading differs from the setpoint's part by that acts and is no noise of the sensor; 1 where nobody knows.
+    loop_s : time constant of the current loop where no setpoint was recorded, s, told by the motion alone.
     rivals : other paths that the records do not tell from this one.
     """
 
@@ -137,6 +138,7 @@ class TorquePath:
     reading: ReadingLaw = field(default_factory=ReadingLaw)
     commanded: bool = False
     acts: float = 1.0
+    loop_s: float = 0.0
     rivals: tuple[TorquePath, ...] = field(default=(), compare=False)
 
     @property
@@ -155,7 +157,8 @@ class TorquePath:
     def acting(self, torque: Array, setpoint: Array | None, sample_s: float) -> tuple[Array, Intersample | None]:
         """The torque that acts, mean over each period, (n,), N m, and its spread inside; from the reading and the setpoint, (n,) each."""
         if self.drive is None or setpoint is None:
-            return self._unfiltered(torque, sample_s), None
+            torque = self._unfiltered(torque, sample_s)
+            return torque, None if self.loop_s == 0.0 else Intersample(_behind_loop(torque, self.loop_s, sample_s))
         cells = self.drive.cells(setpoint, sample_s)
         means = cells.mean(axis=1)
         if self.commanded:
@@ -201,6 +204,7 @@ def path_to_dict(path: TorquePath) -> dict[str, Any]:
         "reading": {"late": float(path.reading.late), "lags": lags(path.reading)},
         "commanded": path.commanded,
         "acts": float(path.acts),
+        "loop_s": float(path.loop_s),
         "rivals": [path_to_dict(rival) for rival in path.rivals],
     }
 
@@ -222,7 +226,26 @@ def path_from_dict(data: Mapping[str, Any]) -> TorquePath:
         law = DriveLaw(float(drive["delay"]), lags(drive), float(drive["gain"]), float(drive["delay_interval"]))
     reading = ReadingLaw(float(data["reading"]["late"]), lags(data["reading"]))
     rivals = tuple(path_from_dict(rival) for rival in data["rivals"])
-    return TorquePath(law, reading, bool(data["commanded"]), float(data["acts"]), rivals)
+    return TorquePath(law, reading, bool(data["commanded"]), float(data["acts"]), float(data["loop_s"]), rivals)
+
+
+def _behind_loop(means: Array, time_s: float, sample_s: float) -> Array:
+    """What a torque is above its mean in each cell of every period, (n, CELLS), N m, behind a loop of first order whose input is held.
+
+    y' = (u[n] - y)/τ;  from the means over the periods, (n,):  u[n] = (m[n] - μ y[n])/(1 - μ),  y[n+1] = (1 - e) u[n] + e y[n],
+    e = exp(-T/τ),  μ = τ (1 - e)/T.
+    """
+    from scipy.signal import lfilter  # takes a second to import, and most drives have no filter
+
+    keeps = math.exp(-sample_s / time_s)
+    share = time_s / sample_s * (1.0 - keeps)
+    into, on = (1.0 - keeps) / (1.0 - share), keeps - (1.0 - keeps) * share / (1.0 - share)
+    start = means[0]
+    begins = np.concatenate(([start], lfilter([into], [1.0, -on], means, zi=[on * start])[0][:-1]))
+    held = (means - share * begins) / (1.0 - share)
+    edges = np.exp(-np.arange(CELLS + 1) / CELLS * sample_s / time_s)
+    falling = (edges[:-1] - edges[1:]) * time_s / sample_s * CELLS
+    return np.asarray((begins - held)[:, None] * (falling - share))
 
 
 def _later(row: Array, samples: int) -> Array:

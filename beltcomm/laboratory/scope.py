@@ -79,13 +79,13 @@ def undersampled(model: Model, recordings: Sequence[Recording]) -> str:
     if shape is None or shape.belt.resonance_hz < SWING_SAMPLED * rate_hz:
         return ""
     return (
-        f"The belt swings at {shape.belt.resonance_hz:.0f} Hz and was sampled with {rate_hz:.0f} Hz: what it does between two samples "
+        f"The belt swings at {shape.belt.resonance_hz:.0f} Hz and was sampled with {rate_hz:.0f} Hz: what it does in between "
         f"these records do not show. Record with at least {math.ceil(shape.belt.resonance_hz / SWING_SAMPLED / 10.0) * 10} Hz and ask again."
     )
 
 
 def unknown_delivery(found: Diagnosis, recordings: Sequence[Recording]) -> str:
-    """That an error may as well be how the drive delivers and reads its torque, in words; "" where setpoints tell, or another name stands."""
+    """That an error may be how the drive delivers and reads its torque, in words; "" where setpoints tell or another name stands."""
     effects = {effect.name: effect for effect in EFFECTS}
     named = [effects[name] for name in found.named if name in effects]
     told = any(r.torque_setpoint is not None for r in recordings) or recordings[0].side == "load"
