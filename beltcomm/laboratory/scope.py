@@ -78,9 +78,10 @@ def undersampled(model: Model, recordings: Sequence[Recording]) -> str:
     rate_hz = 1.0 / max(r.sample_period_s for r in recordings)
     if shape is None or shape.belt.resonance_hz < SWING_SAMPLED * rate_hz:
         return ""
+    wanted_hz = math.ceil(shape.belt.resonance_hz / SWING_SAMPLED / 10.0) * 10
     return (
         f"The belt swings at {shape.belt.resonance_hz:.0f} Hz and was sampled with {rate_hz:.0f} Hz: what it does in between "
-        f"these records do not show. Record with at least {math.ceil(shape.belt.resonance_hz / SWING_SAMPLED / 10.0) * 10} Hz and ask again."
+        f"these records do not show. Record with at least {wanted_hz} Hz and ask again."
     )
 
 
