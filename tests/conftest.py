@@ -47,7 +47,7 @@ FIRST = (
     "tests/laboratory/test_hidden_effect.py",
     "tests/laboratory/test_draws.py",
     "tests/laboratory/test_demo.py",
-    "tests/identify/test_inverse_fit.py",
+    "tests/fit/test_model_fit.py",
     "tests/study/test_commissioned.py",
     "tests/study/test_workers.py",
     "tests/simulate/test_round_trip.py",

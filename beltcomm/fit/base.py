@@ -13,8 +13,9 @@ from beltcomm.fit.estimate import AT_A_TIME, Fitted, fit, gone_on
 from beltcomm.fit.intervals import UNEXPLAINED, with_intervals
 from beltcomm.fit.likelihood import OFFSET_M
 from beltcomm.fit.observer import follows
-from beltcomm.fit.path_choice import choose_path
-from beltcomm.fit.records import PUBLISHED_SUBSTEPS, SUBSTEPS, Data, agitated, made, remade
+from beltcomm.fit.path_choice import choose_path, commands
+from beltcomm.fit.reading_fit import fit_reading
+from beltcomm.fit.records import PUBLISHED_SUBSTEPS, SUBSTEPS, Data, agitated, likeliest_noise, made, remade
 from beltcomm.fit.reversals import turns_at_once
 from beltcomm.fit.sensor_noise import split_noise
 from beltcomm.fit.torque_path import TorquePath
@@ -25,6 +26,8 @@ FIRST_ITERATIONS, NEXT_ITERATIONS, LAST_ITERATIONS = 25, 12, 6
 #: Mean square of the whitened residual in samples with a reversal, over that of the others, up to which they count; intervals by which
 #: they may move a mass or a stiffness; what they may move as they see it, for it is them that tell it.
 REVERSAL_MISFIT, MOST_MOVED, RUBBING = 1.15, 2.0, ("coulomb.", "cart_friction.", "viscous")
+#: Share of the torque's rms that its noise is taken for at first where nothing tells; share below which noise is less than was thought.
+LOUD, QUIET = 0.3, 0.95
 #: How often a short fit and what an observer does not know are found anew, each by the other, before the fit.
 ROUNDS = 3
 #: Share of the values that must be left where a model rebuilds the motion, and factor by which the error may be larger with it.
@@ -44,23 +47,40 @@ def fit_base(
 
     data : with the reading taken for the torque that acts.   fixed : parameters that stay.   path : where it is known already.
     """
+    chain = fit_reading([r for r in data.recordings if not r.sidecar.held_out])
+    commanded = commands(chain, data.recordings)
+    if commanded:  # then nothing but the motion tells how noisy the torque is
+        loud = LOUD * max(float(np.sqrt(np.mean(piece.torque**2))) for piece in data.fitted)
+        data = made(data.recordings, start, loud, data.step_rad, {}, path=TorquePath(chain.law if chain else None, commanded=True))
     first = fit(data, start, FIRST_ITERATIONS, fixed=fixed)
+    if commanded:
+        data, first = with_own_noise(*again(data, first, NEXT_ITERATIONS, fixed=fixed))
     progress(0.3)
-    chosen = path if path is not None else choose_path(data, first, start).path
+    chosen = path if path is not None else choose_path(data, first, start, chain).path
     if chosen != data.path:
-        data = made(data.recordings, start, data.noise_nm, data.step_rad, {}, path=chosen)
-        first = fit(data, start, FIRST_ITERATIONS, fixed=fixed)
+        data = made(data.recordings, first.model if commanded else start, data.noise_nm, data.step_rad, {}, path=chosen)
+        first = fit(data, first.model if commanded else start, FIRST_ITERATIONS, fixed=fixed)
     progress(0.5)
     data, fitted = again(data, first, NEXT_ITERATIONS, fixed=fixed)
     progress(0.7)
     split = split_noise(data, fitted)
     if split is not None:
-        data = replace(data, noise_nm=split.sensor_nm)
+        acts = split.process_nm**2 / (split.process_nm**2 + split.sensor_nm**2)
+        data = replace(data, noise_nm=split.sensor_nm, colour=split.colour, path=replace(data.path, acts=acts))
+    elif chain is None or commanded:
+        data, fitted = with_own_noise(data, fitted)
     data, fitted = again(data, fitted, LAST_ITERATIONS, PUBLISHED_SUBSTEPS, fixed=fixed)
     progress(0.9)
     found = through_reversals(data, fitted, fixed=fixed)
     progress(1.0)
     return found
+
+
+def with_own_noise(data: Data, fitted: Fitted) -> tuple[Data, Fitted]:
+    """The records with no more noise of the torque than what the model leaves tells; the fit as it was."""
+    residuals = [fitted.problem.balance(i, fitted.x, OFFSET_M * o).residual for i, o in enumerate(fitted.offsets)]
+    noise = likeliest_noise(data, fitted.model, residuals, data.noise_nm)
+    return (replace(data, noise_nm=noise) if noise < QUIET * data.noise_nm else data), fitted
 
 
 def through_reversals(data: Data, fitted: Fitted, *, fixed: Sequence[str] = ()) -> tuple[Data, Fitted]:
@@ -87,7 +107,8 @@ def through_reversals(data: Data, fitted: Fitted, *, fixed: Sequence[str] = ()) 
 def again(data: Data, fitted: Fitted, iterations: int, substeps: int = SUBSTEPS, *, fixed: Sequence[str] = ()) -> tuple[Data, Fitted]:
     """Motion and noise rebuilt by a fitted model, and the model fitted to them; as they were where nothing comes of it."""
     ahead = remade(data, fitted.model, OFFSET_M * fitted.offsets, substeps)
-    if sum(len(piece.counted) for piece in ahead.fitted) < LEAST_LEFT * fitted.problem.samples:
+    left, before = (sum(np.count_nonzero(piece.keep) for piece in which.fitted) for which in (ahead, data))
+    if left < LEAST_LEFT * before:
         return data, fitted  # by a model that is far off the motor rests nearly all the time
     begun = fitted
     for _ in range(ROUNDS if follows(fitted.model) else 0):
@@ -102,5 +123,17 @@ def again(data: Data, fitted: Fitted, iterations: int, substeps: int = SUBSTEPS,
     for piece in (*data.fitted, *data.held_out):
         piece.motion.forget()  # these records are looked at as they were once more at most
     # Behind an observer a light body may fly off; a motion rebuilt by a model far off makes it worse.
-    sound = math.isfinite(found.objective) and found.ratio < WORSE * fitted.ratio
+    louder = fitted.problem.pieces[0].noise_nm / data.noise_nm  # the same error over a noise that is known better now
+    now, then = in_groups_of(found, fitted), in_groups_of(fitted, found)
+    sound = math.isfinite(found.objective) and now < WORSE * then * max(louder, 1.0)
     return (ahead, found) if sound else (data, fitted)
+
+
+def in_groups_of(one: Fitted, other: Fitted) -> float:
+    """Error over the noise of one fit where as many neighbours make a value as in another: else they see other frequencies."""
+    parts = np.split(one.residual, one.problem.ends[1:-1])
+    squares = [
+        (replace(piece, group=beside.group).grouped(white) if piece.group == 1 else white) ** 2
+        for white, piece, beside in zip(parts, one.problem.pieces, other.problem.pieces, strict=True)
+    ]
+    return float(np.sqrt(np.mean(np.concatenate(squares))))

@@ -68,6 +68,12 @@ class Fitted:
         return float(np.sqrt(np.mean(joined**2))) if len(joined) else None
 
     @property
+    def held_level(self) -> float | None:
+        """O of the held-out records for each of their values, to be held against fits with other samples; None without any."""
+        held = sum(map(len, self.held_residual))
+        return self.held_objective / held if held else None
+
+    @property
     def offsets(self) -> Array:
         """Scaled start offsets; zeros where no carriage can be off."""
         return self.problem.offsets(self.x) if self.problem.movable else np.zeros(len(self.problem.pieces))

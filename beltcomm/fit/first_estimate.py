@@ -5,7 +5,8 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,7 @@ from beltcomm.fit.jumps import CERTAIN, Jump, refuse, striking_step
 from beltcomm.fit.low_pass import fine, legible, smooth
 from beltcomm.fit.noise_level import torque_noise
 from beltcomm.fit.segment import Stretch, evaluate, stretches
+from beltcomm.fit.torque_path import TorquePath
 from beltcomm.model import Model, build_model
 from beltcomm.recording import Recording
 
@@ -35,6 +37,8 @@ NEARER = 6
 REFINED = 3
 LONGEST_REFINEMENT = 160
 FEWEST_SAMPLES = 100
+#: rad: a motor that turned by this has moved, whatever few samples show it.
+CLEARLY_MOVED_RAD = 0.05
 INERTIA_SHARES = (0.5, 2.0)
 #: N m: no torque of a belt axis; a trial whose motion runs away reaches it.
 RUNAWAY_NM = 1e6
@@ -94,11 +98,20 @@ def data_sheet_model(axis: Axis, position_m: float | None, coulomb_nm: float, ti
     return build_model(axis.name, effects, values, origin="data sheet")
 
 
-def first_estimate(recordings: Sequence[Recording], start: Model, counts_per_rev: int) -> Model:
+@dataclass(frozen=True)
+class FirstEstimate:
+    """rest : mean square of the torque that the model leaves, (N m)².   samples : how many counted."""
+
+    model: Model
+    rest: float
+    samples: int
+
+
+def first_estimate(recordings: Sequence[Recording], start: Model, counts_per_rev: int, path: TorquePath | None = None) -> FirstEstimate:
     """Inertia, mass, stiffness and friction from a short excited record, found on a grid, so no start value can mislead it.
 
     For every mass and stiffness the torque equation is linear in the motor's inertia, Coulomb and viscous friction; the smallest
-    rest wins, and is refined between the points of the grid.
+    rest wins, and is refined between the points of the grid.   path : to the torque that acts; None takes the reading.
     Raises DataError when the axis hardly moved, DamagedRecord when the motor angle jumps.
     """
     step = 2.0 * np.pi / counts_per_rev
@@ -108,10 +121,9 @@ def first_estimate(recordings: Sequence[Recording], start: Model, counts_per_rev
             first, size = striking
             refuse([Jump(recording.name, float(recording.t_s[first]), size)], step)
     noise = torque_noise(recordings)
-    pieces = [p for r in recordings for p in legible_stretches(r, start, step, noise)]
+    pieces = [p for r in recordings for p in legible_stretches(r, start, step, noise, path)]
     if _moving(pieces) < FEWEST_SAMPLES:
-        total = sum(len(p.keep) for p in pieces)
-        raise DataError(f"the axis moved in only {_moving(pieces)} of {total} samples; raise the excitation or look for a brake")
+        raise DataError(_still(recordings, pieces, step))
     search = _Search(pieces, start)
     friction = max(start["cart_friction.level"], LEAST_FRICTION_N)
     stiffnesses = STIFFNESS_SHARES * start["belt_stiffness.stiffness"]
@@ -135,7 +147,21 @@ def first_estimate(recordings: Sequence[Recording], start: Model, counts_per_rev
         return search.rest(np.exp(logarithms))
 
     refined = [minimize(cost, y, method="Nelder-Mead", options={"xatol": 1e-3, "maxfev": LONGEST_REFINEMENT}) for y in starts]
-    return search.model(np.exp(min(refined, key=lambda found: float(found.fun)).x))
+    best = min(refined, key=lambda found: float(found.fun))
+    return FirstEstimate(search.model(np.exp(best.x)), float(best.fun), _moving(pieces))
+
+
+def _still(recordings: Sequence[Recording], pieces: Sequence[Stretch], step_rad: float) -> str:
+    """Why too few samples count, in words: the axis hardly moved, or its encoder is too coarse to show how."""
+    total, way = sum(len(p.keep) for p in pieces), max(float(np.ptp(r.position)) for r in recordings)
+    counted = f"{_moving(pieces)} of {total} samples"
+    if way < CLEARLY_MOVED_RAD:
+        return f"the axis moved in only {counted}; raise the excitation or look for a brake"
+    counts, period_ms = round(2.0 * math.pi / step_rad), 1e3 * recordings[0].sample_period_s
+    return (
+        f"the motor moved by {way / step_rad:.0f} steps of its encoder, but clearly in only {counted}: {counts} counts per turn are too "
+        f"coarse for {period_ms:g} ms between samples. Use an encoder with more counts, or let the drive interpolate between them"
+    )
 
 
 def _lowest(rests: Array, number: int) -> list[tuple[int, int]]:
@@ -150,7 +176,9 @@ def moved_enough(recording: Recording, model: Model, counts_per_rev: int) -> boo
     return _moving(legible_stretches(recording, model, 2.0 * np.pi / counts_per_rev, noise)) >= FEWEST_SAMPLES
 
 
-def legible_stretches(recording: Recording, model: Model, step_rad: float, noise_nm: float) -> list[Stretch]:
+def legible_stretches(
+    recording: Recording, model: Model, step_rad: float, noise_nm: float, path: TorquePath | None = None
+) -> list[Stretch]:
     """The pieces of a record, torque and angle smoothed alike where its rows alone do not show the motion.
 
     That is so where the encoder is too coarse to show the acceleration from row to row, or the motor swings on a held carriage between
@@ -159,15 +187,19 @@ def legible_stretches(recording: Recording, model: Model, step_rad: float, noise
     sample = recording.sample_period_s
     swings = model["transmission.ratio"] * math.sqrt(model["belt_stiffness.stiffness"] / model["motor.inertia"])
     if fine(recording.position, step_rad) and swings * sample < SWINGING:
-        return stretches(recording, model, step_rad, noise_nm)
-    width, angle = legible(recording.position, sample, step_rad, ROUNDING)
-    calm = replace(recording, position=angle, torque=smooth(recording.torque, width), torque_setpoint=None)
+        return stretches(recording, model, step_rad, noise_nm, path=path)
+    width, _ = legible(recording.position, sample, step_rad, ROUNDING)
+    torque, angle = recording.torque.copy(), recording.position.copy()
+    for first, last in pairwise([0, *(int(i) + 1 for i in recording.gaps()), len(torque)]):
+        piece = slice(first, last)
+        setpoint = None if recording.torque_setpoint is None else recording.torque_setpoint[piece]
+        acting = torque[piece] if path is None else path.acting(torque[piece], setpoint, sample)[0]
+        torque[piece], angle[piece] = smooth(acting, width), smooth(angle[piece], width)
+    calm = replace(recording, position=angle, torque=torque, torque_setpoint=None, velocity=None)
     # a smooth torque does not bend a smooth angle between two rows, whatever the motor's inertia
     rigid = model.with_values({"motor.inertia": model.parameters["motor.inertia"].high})
     reach = np.ones(2 * round(SMEARED * width) + 1, dtype=bool)
-    return [
-        replace(piece, keep=binary_erosion(piece.keep, reach, border_value=0)) for piece in stretches(calm, rigid, step_rad, noise_nm)
-    ]
+    return [replace(piece, keep=binary_erosion(piece.keep, reach, border_value=0)) for piece in stretches(calm, rigid, step_rad, noise_nm)]
 
 
 def _lowest(rests: Array, number: int) -> list[tuple[int, int]]:
@@ -182,7 +214,9 @@ def moved_enough(recording: Recording, model: Model, counts_per_rev: int) -> boo
     return _moving(legible_stretches(recording, model, 2.0 * np.pi / counts_per_rev, noise)) >= FEWEST_SAMPLES
 
 
-def legible_stretches(recording: Recording, model: Model, step_rad: float, noise_nm: float) -> list[Stretch]:
+def legible_stretches(
+    recording: Recording, model: Model, step_rad: float, noise_nm: float, path: TorquePath | None = None
+) -> list[Stretch]:
     """The pieces of a record, torque and angle smoothed alike where the encoder is too coarse to show the acceleration from row to row.
 
     Then samples count that are away from a reversal by the reach of the filter, over which it smears the friction.
@@ -192,9 +226,7 @@ def legible_stretches(recording: Recording, model: Model, step_rad: float, noise
     width, angle = legible(recording.position, recording.sample_period_s, step_rad, ROUNDING)
     calm = replace(recording, position=angle, torque=smooth(recording.torque, width), torque_setpoint=None)
     reach = np.ones(2 * round(SMEARED * width) + 1, dtype=bool)
-    return [
-        replace(piece, keep=binary_erosion(piece.keep, reach, border_value=0)) for piece in stretches(calm, model, step_rad, noise_nm)
-    ]
+    return [replace(piece, keep=binary_erosion(piece.keep, reach, border_value=0)) for piece in stretches(calm, model, step_rad, noise_nm)]
 
 
 def _moving(pieces: Sequence[Stretch]) -> int:

@@ -1,6 +1,6 @@
 """95 % intervals of a fitted model, from how its records disagree: over time and among each other, whichever says more.
 
-    over time       V = A⁻¹ (Σ_g s_g s_gᵀ) A⁻¹ G/(G - n)              sandwich form, groups g of :data:`GROUP_S`
+    over time       V = A⁻¹ (Σ_g s_g s_gᵀ) A⁻¹ G/(G - n)              sandwich form, groups g of :data:`GROUP_S`; never below A⁻¹
     among records   V = (G - 1)/G Σ_r d_r d_rᵀ,  d_r = (A - A_r)⁻¹ s_r   what leaving out a record would move (jackknife, to first order)
 
 A = Σ A_r : information, that of the rounding taken off (``rounding_bias``).   s : gradient.
@@ -46,7 +46,8 @@ UNEXPLAINED = 1.1
 class Spread:
     """How sure the parameters of a fit are, in their units.
 
-    names : of those that are not at a bound.   covariance, freedom : over time, (n, n).   moved : by leaving out each record, (records, n).
+    names : of those that the data see.   bound : of those of them at a bound.   covariance, freedom : over time, (n, n).
+    moved : by leaving out each record, (records, n).
     shares : information of each record, carried to the parameters, A⁻¹ A_r A⁻¹, (records, n, n).   law : what the laws themselves leave
     open, (n,), half a 95 % interval.
     """
@@ -57,10 +58,11 @@ class Spread:
     moved: Array
     shares: Array
     law: Array
+    bound: frozenset[str] = frozenset()
 
     def half_width(self, combination: Mapping[str, float]) -> float | None:
         """Half the 95 % interval of a sum of parameters with these factors; None where one of them sits at a bound."""
-        if any(name not in self.names for name in combination):
+        if any(name not in self.names or name in self.bound for name in combination):
             return None
         c = np.array([combination.get(name, 0.0) for name in self.names])
         over_time = np.sqrt(max(float(c @ self.covariance @ c), 0.0)) * float(stdtrit(self.freedom, 0.975))
@@ -77,8 +79,44 @@ class Spread:
 _KNOWN: WeakKeyDictionary[Fitted, Model] = WeakKeyDictionary()
 
 
-def spread_of(fitted: Fitted) -> Spread:
-    """The spread of a fit; start offsets of its records are taken along and then left out."""
+@dataclass(frozen=True)
+class Information:
+    """What the data say of some parameters around a minimum, in units of ``scale``.
+
+    names : of the parameters.   scores : gradient of each group, (groups, n).   pulls, parts : gradient, (records, n), and information,
+    (records, n, n), of each record.   inverse : of the information of all, (n, n).   unknown : variance of what is told by nothing, (n, n).
+    level : mean square of what is left, weighted.
+    """
+
+    names: tuple[str, ...]
+    scale: Array
+    scores: Array
+    pulls: Array
+    parts: Array
+    inverse: Array
+    unknown: Array
+    level: float
+
+    @property
+    def freedom(self) -> int:
+        """Degrees of freedom over time."""
+        return max(len(self.scores) - len(self.names), 3)
+
+    @property
+    def covariance(self) -> Array:
+        """Over time, (n, n), in units of ``scale``."""
+        scatter = self.inverse @ (self.scores.T @ self.scores) @ self.inverse * (len(self.scores) / self.freedom)
+        # Between few groups the scatter falls below what the noise alone gives, by chance, or where they are fewer than the parameters.
+        least = np.diag(self.inverse) * max(self.level, 1.0)
+        wider = np.sqrt(np.maximum(least / np.maximum(np.diag(scatter), 1e-300), 1.0))
+        return np.asarray(scatter * np.outer(wider, wider) + self.unknown)
+
+
+def information_of(fitted: Fitted) -> Information:
+    """Of the parameters of a fit; start offsets of its records are taken along and then left out.
+
+    One at its bound may as well be a little off it, and the intervals of the others must bear that.
+    """
     problem = fitted.problem
     weights, own = problem.weights(fitted.residual), len(problem.free)
     jacobian, left = problem.jacobian(fitted.x).scaled(weights), fitted.residual * weights
@@ -90,27 +128,58 @@ def spread_of(fitted: Fitted) -> Spread:
         if size > 0.0:
             columns[here] -= np.outer(offset, offset @ columns[here] / size)
             left[here] -= offset * float(offset @ left[here]) / size
-    bound = (fitted.x <= problem.low + 1e-9) | (fitted.x >= problem.high - 1e-9)
-    free = np.flatnonzero(~bound[:own] & (np.linalg.norm(columns, axis=0) > 0.0))
+    seen = np.linalg.norm(columns, axis=0) > 0.0
+    free = np.flatnonzero(seen)
     norms = np.linalg.norm(columns[:, free], axis=0)
     columns, scale = columns[:, free] / norms, problem.scale[free] / norms
-    slope, curvature = (part[:, free] for part in problem.rounding(fitted.x))
+    slope, curvature = problem.rounding(fitted.x)
     of_block = np.zeros(len(problem.count))
     of_block[problem.blocks] = weights**2
-    by_rounding = np.tensordot(of_block, curvature[:, :, free], 1) / np.outer(norms, norms)
-    inverse, unknown = inverse_of(columns.T @ columns - by_rounding)
-    labels = time_blocks(problem.pieces, GROUP_S)
-    pulled = (of_block[:, None] * slope / problem.count[:, None])[problem.blocks] / norms
-    scores = gradients(columns, left, labels) - 0.5 * gradients(pulled, np.ones(len(left)), labels)
-    freedom = max(len(scores) - len(free), 3)
-    covariance = inverse @ (scores.T @ scores) @ inverse * (len(scores) / freedom) + unknown
-    moved, shares = without_each(columns, left, records_of(problem), inverse)
+    pulled = (of_block / problem.count)[:, None] * slope[:, free] / norms
+    gradient = columns * left[:, None] - 0.5 * pulled[problem.blocks]
+    records = records_of(problem)
+    record_of_block = np.zeros(len(of_block), dtype=np.int64)
+    record_of_block[problem.blocks] = records
+    turned = of_block[:, None, None] * curvature[:, free[:, None], free] / np.outer(norms, norms)
+    parts = np.array([columns[records == r].T @ columns[records == r] for r in range(int(records.max()) + 1)])
+    np.subtract.at(parts, record_of_block, turned)
+    inverse, unknown = inverse_of(parts.sum(axis=0))
     names = tuple(problem.free[i] for i in free)
-    loose = tuple(f"{effect}." for effect in fitted.model.effects if effect not in EXACT)
-    law = np.array([LAW * abs(fitted.model[name]) if name.startswith(loose) else 0.0 for name in names])
+    scores, pulls = summed(gradient, time_blocks(problem.pieces, GROUP_S)), summed(gradient, records)
+    return Information(names, scale, scores, pulls, parts, inverse, unknown, float(np.mean(left**2)))
+
+
+def at_bound(fitted: Fitted) -> NDArray[np.bool_]:
+    """Parameters of a fit that sit at a bound, (n,)."""
+    problem, own = fitted.problem, len(fitted.problem.free)
+    found: NDArray[np.bool_] = ((fitted.x <= problem.low + 1e-9) | (fitted.x >= problem.high - 1e-9))[:own]
+    return found
+
+
+def spread_of(fitted: Fitted) -> Spread:
+    """The spread of a fit."""
+    told, model = information_of(fitted), fitted.model
+    moved, shares = without_each(told)
+    names, scale = told.names, told.scale
+    loose = tuple(f"{effect}." for effect in model.effects if effect not in EXACT)
+    law = np.array([LAW * abs(model[name]) if name.startswith(loose) else 0.0 for name in names])
     if not loose and fitted.ratio < UNEXPLAINED:  # nothing that pulls long stretches one way: chance is told by time alone
         moved, shares = moved[:0], shares[:0]
-    return Spread(names, covariance * np.outer(scale, scale), freedom, moved * scale, shares * np.outer(scale, scale), law)
+    units, sits = np.outer(scale, scale), at_bound(fitted)
+    bound = frozenset(name for name, sat in zip(fitted.problem.free, sits, strict=True) if sat)
+    return Spread(names, told.covariance * units, told.freedom, moved * scale, shares * units, law, bound)
+
+
+def wanted_of(fitted: Fitted) -> dict[str, tuple[float, float]]:
+    """Where the data alone, without bounds, would have each parameter at a bound, and one standard deviation of it, in its unit.
+
+    One of which the residual does not depend is missing.
+    """
+    if not at_bound(fitted).any():
+        return {}
+    told = information_of(fitted)
+    ahead, deviation = -told.inverse @ told.scores.sum(axis=0) * told.scale, np.sqrt(np.diag(told.covariance)) * told.scale
+    return {name: (fitted.model[name] + float(a), float(d)) for name, a, d in zip(told.names, ahead, deviation, strict=True)}
 
 
 def inverse_of(information: Array) -> tuple[Array, Array]:
@@ -121,10 +190,10 @@ def inverse_of(information: Array) -> tuple[Array, Array]:
     return (vectors / np.maximum(values, least)) @ vectors.T, unseen @ unseen.T / least
 
 
-def gradients(columns: Array, left: Array, labels: NDArray[np.int64]) -> Array:
-    """Sum of column times residual over each group, (groups, n)."""
-    sums = np.zeros((int(labels.max()) + 1, columns.shape[1]))
-    np.add.at(sums, labels, columns * left[:, None])
+def summed(rows: Array, labels: NDArray[np.int64]) -> Array:
+    """Sum over each group, (groups, n), of (values, n)."""
+    sums = np.zeros((int(labels.max()) + 1, rows.shape[1]))
+    np.add.at(sums, labels, rows)
     return sums
 
 
@@ -134,16 +203,11 @@ def records_of(problem: Problem) -> NDArray[np.int64]:
     return np.repeat([numbers[piece.record] for piece in problem.pieces], [len(piece.counted) for piece in problem.pieces])
 
 
-def without_each(columns: Array, left: Array, records: NDArray[np.int64], inverse: Array) -> tuple[Array, Array]:
+def without_each(told: Information) -> tuple[Array, Array]:
     """What leaving out each record moves, (records, n), and its information carried to the parameters, (records, n, n)."""
-    information = columns.T @ columns
-    moved, shares = [], []
-    for record in range(int(records.max()) + 1):
-        here = columns[records == record]
-        known = here.T @ here
-        moved.append(inverse_of(information - LEFT_OUT * known)[0] @ (here.T @ left[records == record]))
-        shares.append(inverse @ known @ inverse)
-    return np.array(moved), np.array(shares)
+    whole = told.parts.sum(axis=0)
+    moved = [inverse_of(whole - LEFT_OUT * part)[0] @ pull for part, pull in zip(told.parts, told.pulls, strict=True)]
+    return np.array(moved), told.inverse @ told.parts @ told.inverse
 
 
 def with_intervals(fitted: Fitted) -> Model:

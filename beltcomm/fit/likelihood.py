@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +22,7 @@ from beltcomm.fit.observer import Step, slopes
 from beltcomm.fit.reversals import LEVEL
 from beltcomm.fit.rounding_bias import RoundingBias
 from beltcomm.fit.segment import Stretch, dressed_each, followed, in_noise
+from beltcomm.fit.touches import Touch, touched_by, touches_noise
 from beltcomm.model import Model, expected_parameters
 from beltcomm.simulate.inverse import (
     FineMotion,
@@ -35,12 +35,11 @@ from beltcomm.simulate.inverse import (
     reading_lags,
     true_motion,
 )
-from beltcomm.simulate.writer import acts_on_motor
 
 Array = NDArray[np.float64]
 
-#: m; largest stretch of the belt at the start of a record: friction holds up to 0.1 mm (10 N on 100 kN/m) at rest, acceleration
-#: more where the record begins in motion.
+#: m; unit of the stretch of the belt at the start of a record, and the largest: friction holds up to 0.1 mm (10 N on 100 kN/m) at rest,
+#: acceleration more where the record begins in motion.
 OFFSET_M = 5e-4
 #: Unit of a parameter that begins at zero and usually does, as a share of the room between its bounds; least unit of any.
 ZERO_SHARE, LEAST_UNIT = 1e-3, 1e-9
@@ -48,11 +47,6 @@ ZERO_SHARE, LEAST_UNIT = 1e-3, 1e-9
 LEAST_MEAN = 0.25
 #: How much faster than in its last iteration a search may still get on.
 PACE = 3.0
-
-
-#: What a parameter touches: the inertia's torque and the noise, the motor's own load, everything beyond the motor, the torque path,
-#: or all of them.
-Touch = Literal["inertia", "motor", "belt", "path", "all"]
 
 
 @dataclass(frozen=True)
@@ -101,8 +95,10 @@ class Problem:
         self.movable = "cart" in model.base_bodies
         offsets = np.full(len(self.pieces) if self.movable else 0, OFFSET_M)
         self.scale = np.concatenate([own, offsets])
-        self.low = np.concatenate([np.array([v.low for v in values]) / own, -np.ones(len(offsets))])
-        self.high = np.concatenate([np.array([v.high for v in values]) / own, np.ones(len(offsets))])
+        # No further than the friction of a carriage holds it, where one is known: beyond, where it sticks next is chance.
+        held = np.array([min(piece.offset_m / OFFSET_M, 1.0) or 1.0 for piece in self._pieces]) if self.movable else offsets
+        self.low = np.concatenate([np.array([v.low for v in values]) / own, -held])
+        self.high = np.concatenate([np.array([v.high for v in values]) / own, held])
         self.inertia = model.index("motor.inertia")
         self.touches = [touched_by(model, name) for name in self.free]
         self.touches_noise = [touches_noise(model, name) for name in self.free]
@@ -285,8 +281,11 @@ class Problem:
             return np.asarray(np.bincount(self.blocks, residual**2) / np.maximum(self.count, 1.0))
 
     def objective(self, residual: Array, x: Array) -> float:
-        """O of the module; inf where a body flew off."""
-        means = np.maximum(self.block_means(residual) - self.bias(self.full(x))[self.piece_of_block], LEAST_MEAN)
+        """O of the module; inf where a body flew off, or where rounding alone would make it."""
+        bias = self.bias(self.full(x))
+        if not np.all(np.isfinite(bias)):
+            return math.inf
+        means = np.maximum(self.block_means(residual) - bias[self.piece_of_block], LEAST_MEAN)
         total = float(np.sum(self.count * np.where(means < 1.0, means, 1.0 + np.log(np.maximum(means, 1.0)))))
         return total if math.isfinite(total) else math.inf
 
@@ -360,31 +359,6 @@ def hopeless(above: float, gain: float, left: int) -> bool:
     left : iterations.
     """
     return above > PACE * gain * left
-
-
-def touched_by(model: Model, name: str) -> Touch:
-    """What a parameter touches."""
-    if name == "motor.inertia":
-        return "inertia"
-    kinds: set[Touch] = set()
-    for effect in model.effect_list():
-        if name not in (*effect.full_names(), *effect.uses):
-            continue
-        if effect.slot in ("sensor", "kinematics"):
-            kinds.add("all" if effect.slot == "sensor" else "belt")
-        elif effect.slot in ("torque_path", "torque_delay", "torque_reading"):
-            kinds.add("path")
-        else:
-            kinds.add("motor" if acts_on_motor(effect) else "belt")
-    if name.split(".")[0] in {body.name for _, body in model.bodies()}:
-        kinds.add("belt")
-    return kinds.pop() if len(kinds) == 1 else "all"
-
-
-def touches_noise(model: Model, name: str) -> bool:
-    """Whether the noise's path to the residual goes with a parameter: all but those of friction that has one level while it slides."""
-    slots = {effect.slot for effect in model.effect_list() if name in (*effect.full_names(), *effect.uses)}
-    return not slots or not slots <= {"friction_level", "sensor", "external"}
 
 
 def free_parameters(model: Model, fixed: Sequence[str] = ("transmission.ratio",)) -> tuple[str, ...]:

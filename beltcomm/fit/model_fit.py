@@ -14,9 +14,9 @@ from scipy.special import stdtrit
 from beltcomm.errors import DataError
 from beltcomm.fit.base import fit_base
 from beltcomm.fit.estimate import Fitted
-from beltcomm.fit.intervals import Spread, spread_of, with_intervals
+from beltcomm.fit.intervals import Spread, spread_of, wanted_of, with_intervals
 from beltcomm.fit.noise_level import torque_noise
-from beltcomm.fit.records import Data, made
+from beltcomm.fit.records import Data, made, shown_step
 from beltcomm.fit.remarks import remark_on, remarks_on_pairs
 from beltcomm.fit.torque_path import TorquePath
 from beltcomm.model import Model
@@ -123,7 +123,9 @@ class ModelFit:
     def remarks(self) -> tuple[str, ...]:
         """Sentences: bounds, what is known badly and why."""
         parameters, deviation = self.model.parameters, np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
-        told = [remark_on(n, parameters[n], parameters[n].value, float(deviation[i])) for i, n in enumerate(self.free)]
+        wanted = {n: (parameters[n].value, float(deviation[i])) for i, n in enumerate(self.free)}
+        wanted |= {n: told for n, told in wanted_of(self.fitted).items() if parameters[n].interval is None}
+        told = [remark_on(n, parameters[n], *wanted[n]) for n in self.free]
         if self.suspect:
             told.append(
                 f"the model leaves {math.sqrt(self.misfit):.1f} times the noise unexplained: something it does not know acts on this axis, "
@@ -148,7 +150,8 @@ def fit_model(
     path : of the torque, where it is known.   Raises DataError when too few samples are left or the fit does not stay finite.
     """
     noise = torque_noise([r for r in recordings if not r.sidecar.held_out]) if noise_nm is None else noise_nm
-    data = made(recordings, start, noise, 2.0 * np.pi / counts_per_rev, {}, path=path)
+    step = shown_step([r for r in recordings if not r.sidecar.held_out], 2.0 * np.pi / counts_per_rev)
+    data = made(recordings, start, noise, step, {}, path=path)
     _check_enough(data, len(start.parameters) - len(fixed) - 1)
     data, fitted = fit_base(data, start, fixed=fixed, path=path, progress=progress)
     if not math.isfinite(fitted.objective):

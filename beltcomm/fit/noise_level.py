@@ -29,6 +29,8 @@ TOO_LITTLE = 0.8
 #: Rows of a part whose power spectrum is taken, bands that it is divided into, and bands that must agree to be white noise: behind its
 #: band a multisine leaves nothing else, however fast it is.
 PART, BANDS, AGREEING = 512, 16, 3
+#: Factor from a median deviation to an rms, and deviations beyond which a sample counts no more.
+NORMAL, OUTLIER = 1.4826, 4.0
 #: Kinds of records in which the torque may jump from row to row: of a free one nobody said what it is.
 RESTLESS = ("frf", "free")
 
@@ -52,6 +54,20 @@ def torque_noise(recordings: Sequence[Recording], quiet_nm: float = 1e-3) -> flo
     Where no record has a setpoint it is the least, over the records, of what periods or differences leave: ``_without_setpoint``.
     """
     return max(_level(recordings).nm, quiet_nm)
+
+
+def torque_step(torque: Array) -> float:
+    """Step in which a torque is read, N m: the least difference of its values, what rounding of the file makes of them left aside."""
+    gaps = np.diff(np.unique(torque))
+    real = gaps[gaps > 1e-9 * float(np.abs(torque).max())] if len(gaps) else gaps
+    return float(np.percentile(real, 2)) if len(real) else 0.0
+
+
+def robust_rms(rest: Array, step_nm: float = 0.0) -> float:
+    """rms of a normal bulk about 0, N m: what lies far outside is no noise.   step_nm : in which it was read, a bulk has one more of it."""
+    size = NORMAL * float(np.median(np.abs(rest)))
+    inside = np.abs(rest) < OUTLIER * size + step_nm * (1.0 + 1e-9)
+    return float(np.sqrt(np.mean(rest[inside] ** 2))) if inside.any() and size > 0.0 else float(np.std(rest))
 
 
 def noise_untold(recordings: Sequence[Recording]) -> str:
@@ -90,7 +106,9 @@ def _level(recordings: Sequence[Recording]) -> Level:
         columns = [np.roll(setpoint, k)[lags:] for k in range(lags + 1)]
         regressor = np.stack([*columns, np.ones(len(setpoint) - lags)], axis=1)
         rest = recording.torque[lags:] - regressor @ np.linalg.lstsq(regressor, recording.torque[lags:], rcond=None)[0]
-        levels.append(1.4826 * float(np.median(np.abs(rest - np.median(rest)))))
+        rest = rest - np.median(rest)
+        size, step = NORMAL * float(np.median(np.abs(rest))), torque_step(recording.torque)
+        levels.append(robust_rms(rest, step) if step > size else size)
     if levels:
         return Level(float(np.median(levels)), True)
     return min(map(_without_setpoint, recordings), key=lambda level: level.nm, default=Level(0.0, True))

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from beltcomm.fit.estimate import Fitted, fit
-from beltcomm.fit.reading_fit import CLEAR, COMMAND, ReadingFit, fit_reading
-from beltcomm.fit.records import Data, made
+from beltcomm.fit.reading_fit import CLEAR, COMMAND, NORMAL_95, WHOLE, ReadingFit
+from beltcomm.fit.records import Data, made, smallest_step
 from beltcomm.fit.torque_path import DriveLaw, Lag, ReadingLaw, TorquePath
 from beltcomm.model import Model
 from beltcomm.recording import Recording
@@ -27,36 +27,49 @@ Array = NDArray[np.float64]
 
 #: Error over the noise up to which a faithful reading is not doubted.
 GOOD = 1.05
+#: Factor on the rounding of a reading up to which what it leaves is that.
+ROUNDED = 1.2
 #: s of records that the splits are held against, and iterations of each fit.
 ENOUGH_S, ITERATIONS = 8.0, 15
-#: Periods below which a delay beside whole ones is none.
-WHOLE = 0.02
 #: Time constants of a reading without setpoint and of a drive whose reading is its command, s, that are tried.
 TIMES_S = (2e-4, 5e-4, 1e-3, 2e-3, 4e-3, 8e-3)
+#: Damping ratios of a current loop that are tried.
+DAMPING_RATIOS = (0.35, 0.5, 0.7, 1.0)
+#: Step of ln(time constant) for the curvature of O.
+APART = 0.03
+#: Share of the values by the plain path that must count by another one.
+LEAST_LEFT = 0.5
 #: Share of what lies above the noise that a split other than the faithful one must explain.
 EXPLAINED = 0.3
 
 
 @dataclass(frozen=True)
 class PathChoice:
-    """path : the one taken.   reading : the chain of setpoint and reading, None without setpoint.
+    """path : the one taken.   reading : the chain of setpoint and reading, None without setpoint.   fitted : what the path was tried with.
 
     rivals : the others, with -2 ln L above that of the one taken.
     """
 
     path: TorquePath
     reading: ReadingFit | None
+    fitted: Fitted | None = None
     rivals: tuple[tuple[TorquePath, float], ...] = ()
 
 
-def choose_path(data: Data, fitted: Fitted, start: Model) -> PathChoice:
-    """The path of the records; ``fitted`` takes the reading for the torque that acts."""
+def commands(chain: ReadingFit | None, recordings: Sequence[Recording]) -> bool:
+    """Whether the readings are the setpoint that comes back, without noise."""
+    if chain is None:
+        return False
+    scale = max(float(np.sqrt(np.mean(r.torque**2))) for r in recordings)
+    rounded = min(smallest_step(r.torque) for r in recordings) / math.sqrt(12.0)
+    return chain.rest_nm <= max(COMMAND * scale, ROUNDED * rounded)
+
+
+def choose_path(data: Data, fitted: Fitted, start: Model, chain: ReadingFit | None) -> PathChoice:
+    """The path of the records.   fitted : by the reading, or the command, taken for the torque that acts.   chain : :func:`fit_reading`."""
     to_fit = [r for r in data.recordings if not r.sidecar.held_out]
-    chain = fit_reading(to_fit)
-    if chain is not None:
-        scale = max(float(np.sqrt(np.mean(r.torque**2))) for r in to_fit)
-        if chain.rest_nm <= COMMAND * scale:
-            return _by_motion(data, start, to_fit, chain)
+    if chain is not None and commands(chain, to_fit):
+        return _by_motion(data, fitted.model, to_fit, chain)
     faithful = TorquePath(chain.law if chain is not None else None)
     shaped = chain is not None and (bool(chain.law.lags) or abs(chain.law.delay - round(chain.law.delay)) > WHOLE)
     if fitted.ratio <= GOOD and not shaped:
@@ -64,8 +77,8 @@ def choose_path(data: Data, fitted: Fitted, start: Model) -> PathChoice:
     if chain is None:
         return _undone(data, start, to_fit)
     lively = _liveliest(to_fit)
-    trials = [(path, _tried(data, lively, start, path)) for path in splits(chain.law)]
-    return _best(trials, chain)
+    found = _best([(path, _tried(data, lively, start, path)) for path in splits(chain.law)], chain)
+    return _best_shape(data, lively, found)
 
 
 def splits(law: DriveLaw) -> Iterator[TorquePath]:
@@ -76,12 +89,45 @@ def splits(law: DriveLaw) -> Iterator[TorquePath]:
     if part > WHOLE:
         delays.append((float(whole), part))
     if whole >= 1:
-        delays.append((law.delay - 1.0, 1.0))
+        delays.append((max(law.delay - 1.0, 0.0), 1.0))
     for before, late in delays:
         for chosen in itertools.product((True, False), repeat=len(law.lags)):
             drive = tuple(lag for lag, own in zip(law.lags, chosen, strict=True) if own)
             reading = tuple(lag for lag, own in zip(law.lags, chosen, strict=True) if not own)
             yield TorquePath(DriveLaw(before, drive, law.gain), ReadingLaw(late, reading))
+
+
+def _best_shape(data: Data, recordings: Sequence[Recording], choice: PathChoice) -> PathChoice:
+    """The choice with the law of its drive as the motion asks for it, among those that the reading cannot tell apart."""
+    drive = choice.path.drive
+    if drive is None or choice.fitted is None or choice.reading is None:
+        return choice
+    sample_s = recordings[0].sample_period_s
+    laws = [law for law in lookalikes(drive, choice.reading.rivals, sample_s) if law != drive]
+    best, path = choice.fitted, choice.path
+    for law in laws:
+        trial = replace(choice.path, drive=law)
+        found = fit(made(recordings, best.model, data.noise_nm, data.step_rad, {}, path=trial), best.model, ITERATIONS)
+        if _level(found) < _level(best):
+            best, path = found, trial
+    return replace(choice, path=path, fitted=best)
+
+
+def lookalikes(law: DriveLaw, rivals: Sequence[DriveLaw], sample_s: float) -> list[DriveLaw]:
+    """Laws of the drive that the reading hardly tells from this one.
+
+    The part of the delay that is no whole sample may be a step inside the period, a filter of first order, or one of second order with
+    more or less damping; and what else explains the reading nearly as well.
+    """
+    found = [rival for rival in rivals if len(rival.lags) <= max(len(law.lags), 1)]
+    if len(law.lags) <= 1 and not any(lag.kind == "sampled" for lag in law.lags):
+        whole = math.floor(law.delay + WHOLE)
+        late_s = law.delay_s(sample_s) - whole * sample_s
+        if late_s > WHOLE * sample_s:
+            found.append(DriveLaw(float(whole), (Lag("first order", (late_s,)),), law.gain))
+            second = [Lag("second order", (ratio / (math.pi * late_s), ratio)) for ratio in DAMPING_RATIOS]
+            found += [DriveLaw(float(whole), (lag,), law.gain) for lag in second]
+    return found
 
 
 def _liveliest(recordings: Sequence[Recording]) -> list[Recording]:
@@ -104,39 +150,57 @@ def _tried(data: Data, recordings: Sequence[Recording], start: Model, path: Torq
     return better if better.objective / max(better.problem.samples, 1) < found.objective / max(found.problem.samples, 1) else found
 
 
-def _level(fitted: Fitted) -> float:
-    """O per sample; inf where nothing counts."""
-    return fitted.objective / fitted.problem.samples if fitted.problem.samples else math.inf
+def _level(fitted: Fitted, first: Fitted | None = None) -> float:
+    """O per sample; inf where nothing counts, or much less than by another path: by a wrong one the motor may rest nearly all the time."""
+    fewest = LEAST_LEFT * first.problem.samples if first is not None else 0.0
+    return fitted.objective / fitted.problem.samples if fitted.problem.samples > fewest else math.inf
 
 
 def _best(trials: Sequence[tuple[TorquePath, Fitted]], chain: ReadingFit | None) -> PathChoice:
-    """The split with the least O; the first, faithful one unless another is clearly better."""
-    faithful, first = trials[0]
-    path, best = min(trials, key=lambda trial: _level(trial[1]))
+    """The split with the least O; a faithful one unless another is clearly better."""
+    faithful, first = min((trial for trial in trials if trial[0].reading.faithful), key=lambda trial: _level(trial[1]))
+    path, best = min(trials, key=lambda trial: _level(trial[1], first))
     samples = first.problem.samples
     gain = samples * (_level(first) - _level(best))
     above = samples * (_level(first) - 1.0)
     if gain <= math.log(max(samples, 2)) + CLEAR or gain < EXPLAINED * above:
         path, best = faithful, first
-    rivals = tuple((other, samples * (_level(found) - _level(best))) for other, found in trials if other is not path)
-    return PathChoice(path, chain, rivals)
+    rivals = tuple((other, samples * (_level(found, first) - _level(best))) for other, found in trials if other is not path)
+    sample_s = best.problem.pieces[0].motion.sample_s
+    near = [other for other, above in rivals if above <= math.log(max(samples, 2)) + CLEAR and _differ(other, path, sample_s)]
+    return PathChoice(replace(path, rivals=tuple(near)), chain, best, rivals)
+
+
+def _differ(one: TorquePath, other: TorquePath, sample_s: float) -> bool:
+    """Whether by two paths the torque acts at different times."""
+    if one.drive is None or other.drive is None:
+        return one.reading != other.reading
+    return abs(one.drive.delay_s(sample_s) - other.drive.delay_s(sample_s)) > WHOLE * sample_s
 
 
 def _searched(
-    data: Data, recordings: Sequence[Recording], start: Model, path_of: Callable[[float], TorquePath]
+    data: Data, recordings: Sequence[Recording], start: Model, first: Fitted, path_of: Callable[[float, float], TorquePath]
 ) -> tuple[TorquePath, Fitted]:
-    """The best time constant of a family of paths."""
+    """The best time constant of a family of paths, with its interval from the curvature of O.   first : by the plain one.
+
+    path_of : of a time constant and half its interval at 95 %, s.
+    """
 
     def level(logarithm: float) -> float:
-        return _level(_tried(data, recordings, start, path_of(math.exp(logarithm))))
+        return _level(_tried(data, recordings, start, path_of(math.exp(logarithm), 0.0)), first)
 
     grid = np.log(TIMES_S)
     levels = [level(float(x)) for x in grid]
     at = int(np.argmin(levels))
     low, high = grid[max(at - 1, 0)], grid[min(at + 1, len(grid) - 1)]
-    found = minimize_scalar(level, bounds=(low, high), method="bounded", options={"xatol": 0.02, "maxiter": 10})
-    best = float(found.x) if found.fun < levels[at] else float(grid[at])
-    path = path_of(math.exp(best))
+    found = minimize_scalar(level, bounds=(low, high), method="bounded", options={"xatol": 0.02, "maxiter": 6})
+    best, here = (float(found.x), float(found.fun)) if found.fun < levels[at] else (float(grid[at]), levels[at])
+    below, above = level(best - APART), level(best + APART)
+    curved, half = above - 2.0 * here + below, 0.0
+    if 0.0 < curved < math.inf:  # the vertex of the parabola through three of them
+        best += min(max(0.5 * APART * (below - above) / curved, -APART), APART)
+        half = NORMAL_95 * APART * math.sqrt(2.0 / (first.problem.samples * curved))
+    path = path_of(math.exp(best), half * math.exp(best))
     return path, _tried(data, recordings, start, path)
 
 
@@ -146,23 +210,26 @@ def _undone(data: Data, start: Model, to_fit: Sequence[Recording]) -> PathChoice
     faithful = TorquePath()
     sample_s = lively[0].sample_period_s
 
-    def path_of(time_s: float) -> TorquePath:
-        return TorquePath(None, ReadingLaw(0.0, (Lag("sampled", (1.0 - math.exp(-sample_s / time_s),)),)))
+    def path_of(time_s: float, half_s: float) -> TorquePath:
+        keeps = math.exp(-sample_s / time_s)
+        return TorquePath(None, ReadingLaw(0.0, (Lag("sampled", (1.0 - keeps,), (keeps * sample_s / time_s**2 * half_s,)),)))
 
-    return _best([(faithful, _tried(data, lively, start, faithful)), _searched(data, lively, start, path_of)], None)
+    first = _tried(data, lively, start, faithful)
+    return _best([(faithful, first), _searched(data, lively, start, first, path_of)], None)
 
 
 def _by_motion(data: Data, start: Model, to_fit: Sequence[Recording], chain: ReadingFit) -> PathChoice:
     """The reading is the command: what lies between it and the torque is told by the motion alone."""
     lively = _liveliest(to_fit)
-    plain = TorquePath(chain.law, commanded=True)
+    plain, sample_s = TorquePath(chain.law, commanded=True), lively[0].sample_period_s
 
-    def behind(time_s: float) -> TorquePath:
-        return TorquePath(replace(chain.law, lags=(*chain.law.lags, Lag("first order", (time_s,)))), commanded=True)
+    def behind(time_s: float, half_s: float) -> TorquePath:
+        return TorquePath(replace(chain.law, lags=(*chain.law.lags, Lag("first order", (time_s,), (half_s,)))), commanded=True)
 
-    def later(time_s: float) -> TorquePath:
-        return TorquePath(replace(chain.law, delay=chain.law.delay + time_s / lively[0].sample_period_s), commanded=True)
+    def later(time_s: float, half_s: float) -> TorquePath:
+        law = replace(chain.law, delay=chain.law.delay + time_s / sample_s, delay_interval=half_s / sample_s)
+        return TorquePath(law, commanded=True)
 
-    trials = [(plain, _tried(data, lively, start, plain))]
-    trials += [_searched(data, lively, start, family) for family in (behind, later)]
+    first = _tried(data, lively, start, plain)
+    trials = [(plain, first), *(_searched(data, lively, start, first, family) for family in (behind, later))]
     return _best(trials, chain)

@@ -6,8 +6,8 @@ reading[n] = g R(setpoint)[n] + offset + noise,   R : a delay and up to two filt
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -32,29 +32,39 @@ CHAINS: tuple[tuple[Kind, ...], ...] = (
     ("first order", "sampled"),
     ("second order", "sampled"),
 )
+#: Chains of one filter, which come first: all of them are held against each other.
+SINGLE = 3
 #: Cells of a period here.
 COARSE = 8
 #: Periods of delay at most; taps of the free response that a chain is held against.
 LONGEST_DELAY, TAPS = 8.0, 12
-#: Step of a difference and evaluations of a search.
+#: Step of a difference and evaluations of a search; step of the difference that the intervals rest on, and deviations in half of one.
 STEP, LONGEST = np.array(1e-4), 40
+DIFFERENCE, NORMAL_95 = 1e-3, 1.96
 #: Gain of -2 ln L beyond ln N for each further value that makes a chain the better one.
 CLEAR = 10.0
+#: Colour of the noise below which it is white, and the largest.
+LEAST_COLOUR, MOST_COLOUR = 0.1, 0.98
+#: -2 ln L above the best up to which the motion is asked; periods below which a delay beside whole ones is none.
+NEARLY, WHOLE = 60.0, 0.02
 #: A reading that follows its setpoint to this share of it is a command that comes back.
 COMMAND = 1e-4
 
 
 @dataclass(frozen=True)
 class ReadingFit:
-    """law : of drive and reading together.   rest_nm : rms of what it leaves, N m.   cost : -2 ln L with ln N for each value.
+    """law : of drive and reading together, with intervals.   rest_nm : rms it leaves, N m.   cost : -2 ln L with ln N for each value.
 
-    samples : N, how many were looked at.
+    samples : N, how many were looked at.   values : how many were found.   rivals : chains of as many filters or fewer that explain the
+    reading nearly as well.
     """
 
     law: DriveLaw
     rest_nm: float
     cost: float
     samples: int
+    values: int
+    rivals: tuple[DriveLaw, ...] = ()
 
 
 def fit_reading(recordings: Sequence[Recording]) -> ReadingFit | None:
@@ -62,24 +72,31 @@ def fit_reading(recordings: Sequence[Recording]) -> ReadingFit | None:
     pairs, sample_s = _pieces(recordings)
     if not pairs:
         return None
-    best = _fitted(pairs, sample_s, ())
+    free, colour = _free_rest(pairs)
+    best = _fitted(pairs, sample_s, (), colour)
     if best is None:
         return None
-    enough = _free_rest(pairs) * math.exp(0.5 * (TAPS * math.log(best.samples) + CLEAR) / best.samples)
-    for chain in CHAINS:
+    enough = free * math.exp(0.5 * (TAPS * math.log(best.samples) + CLEAR) / best.samples)
+    if best.rest_nm <= enough and abs(best.law.delay - round(best.law.delay)) <= WHOLE:
+        return best
+    every = [best]
+    for chains in (CHAINS[:SINGLE], CHAINS[SINGLE:]):  # a second filter must be clearly better than one, but not one than another
+        found = [one for chain in chains if (one := _fitted(pairs, sample_s, chain, colour)) is not None]
+        every += found
+        better = min(found, key=lambda one: one.cost, default=best)
+        if better.cost < best.cost - CLEAR:
+            best = better
         if best.rest_nm <= enough:
             break
-        found = _fitted(pairs, sample_s, chain)
-        if found is not None and found.cost < best.cost - CLEAR:
-            best = found
-    return best
+    rivals = tuple(one.law for one in every if one is not best and one.cost < best.cost + NEARLY)
+    return replace(best, rivals=rivals)
 
 
 def _pieces(recordings: Sequence[Recording]) -> tuple[list[Pair], float]:
     """Gapless pieces of setpoint and reading, the liveliest first, all of one sampling period, s."""
     found: list[tuple[float, float, Array, Array]] = []
     for recording in recordings:
-        if recording.torque_setpoint is None or recording.sidecar.held_out:
+        if recording.torque_setpoint is None:
             continue
         for first, last in pairwise([0, *(int(i) + 1 for i in recording.gaps()), len(recording.t_s)]):
             setpoint, reading = recording.torque_setpoint[first:last], recording.torque[first:last]
@@ -125,16 +142,17 @@ def _start(chain: tuple[Kind, ...]) -> list[tuple[float, float, float]]:
     return bounds
 
 
-def _fitted(pairs: Sequence[Pair], sample_s: float, chain: tuple[Kind, ...]) -> ReadingFit | None:
-    """The best values of a chain, from every whole delay."""
+def _fitted(pairs: Sequence[Pair], sample_s: float, chain: tuple[Kind, ...], colour: float = 0.0) -> ReadingFit | None:
+    """The best values of a chain, from every whole delay.   colour : of the noise, by which all is whitened."""
     begin = _start(chain)
     samples = sum(len(setpoint) for setpoint, _ in pairs)
     skip = math.ceil(LONGEST_DELAY)
 
+    read = np.concatenate([_white(reading, colour)[skip:] for _, reading in pairs])
+
     def left(x: Array) -> tuple[Array, float]:
         law = _law(chain, x, sample_s)
-        shown = np.concatenate([law.cells(setpoint, sample_s, COARSE).mean(axis=1)[skip:] for setpoint, _ in pairs])
-        read = np.concatenate([reading[skip:] for _, reading in pairs])
+        shown = np.concatenate([_white(law.cells(setpoint, sample_s, COARSE).mean(axis=1), colour)[skip:] for setpoint, _ in pairs])
         shown_0, read_0 = shown - shown.mean(), read - read.mean()
         gain = float(shown_0 @ read_0) / max(float(shown_0 @ shown_0), 1e-300)
         return read_0 - gain * shown_0, gain
@@ -142,7 +160,18 @@ def _fitted(pairs: Sequence[Pair], sample_s: float, chain: tuple[Kind, ...]) -> 
     def rest_at(x: Array) -> Array:
         return left(x)[0]
 
-    best: tuple[float, Array] | None = None
+    def with_delay(x: Array, delay: float) -> Array:
+        """The best values beside a delay."""
+        if len(x) == 1:
+            return np.array([delay])
+
+        def others_at(others: Array) -> Array:
+            return rest_at(np.array([delay, *others]))
+
+        again = least_squares(others_at, x[1:], bounds=(low[1:], high[1:]), x_scale=0.1, max_nfev=LONGEST)
+        return np.array([delay, *again.x])
+
+    best: tuple[float, Array, int] | None = None
     tried = []
     for delay in range(5):
         x = np.array([delay + 0.01, *(item[0] for item in begin)])
@@ -150,23 +179,61 @@ def _fitted(pairs: Sequence[Pair], sample_s: float, chain: tuple[Kind, ...]) -> 
     low, high = np.array([0.0, *(item[1] for item in begin)]), np.array([LONGEST_DELAY, *(item[2] for item in begin)])
     for _, x in sorted(tried, key=lambda item: item[0])[:2]:
         found = least_squares(rest_at, np.clip(x, low, high), bounds=(low, high), x_scale=0.1, diff_step=STEP, max_nfev=LONGEST)
-        for y, values in ((found.x, len(x)), (np.array([round(found.x[0]), *found.x[1:]]), len(x) - 1)):  # a whole delay is the usual one
+        for y, values in ((found.x, len(x)), (with_delay(found.x, round(found.x[0])), len(x) - 1)):  # a whole delay is the usual one
             cost = samples * math.log(max(float(np.mean(rest_at(y) ** 2)), 1e-300)) + values * math.log(samples)
             if best is None or cost < best[0]:
-                best = (cost, y)
+                best = (cost, y, values)
     if best is None:  # no start was finite
         return None
     rest, gain = left(best[1])
     if gain <= 0.0:
         return None
-    law = _law(chain, best[1], sample_s)
-    return ReadingFit(DriveLaw(law.delay, law.lags, gain), float(np.sqrt(np.mean(rest**2))), best[0], samples)
+    law = _with_intervals(_law(chain, best[1], sample_s), _deviations(rest_at, best[1], rest))
+    return ReadingFit(replace(law, gain=gain), float(np.sqrt(np.mean(rest**2))), best[0], samples, best[2])
 
 
-def _free_rest(pairs: Sequence[Pair]) -> float:
-    """rms of what a response with :data:`TAPS` free values leaves, N m."""
-    rows = [np.stack([setpoint[TAPS - k : len(setpoint) - k] for k in range(TAPS + 1)], axis=1) for setpoint, _ in pairs]
-    read = np.concatenate([reading[TAPS:] for _, reading in pairs])
-    regressor = np.column_stack((np.concatenate(rows), np.ones(len(read))))
-    rest = read - regressor @ np.linalg.lstsq(regressor, read, rcond=None)[0]
-    return float(np.sqrt(np.mean(rest**2)))
+def _deviations(rest_at: Callable[[Array], Array], x: Array, rest: Array) -> Array:
+    """Standard deviations of the values of a chain by s² (JᵀJ)⁻¹, (k,); 0 for a whole delay, and where the rest does not tell a value."""
+    free = [i for i in range(len(x)) if i or x[0] != round(x[0])]
+    if not free:
+        return np.zeros(len(x))
+    ahead = [rest_at(x + DIFFERENCE * np.eye(len(x))[i]) for i in free]
+    jacobian = np.column_stack([(moved - rest) / DIFFERENCE for moved in ahead])
+    covariance = float(rest @ rest) / max(len(rest) - len(free), 1) * np.linalg.pinv(jacobian.T @ jacobian)
+    found = np.zeros(len(x))
+    found[free] = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    return found
+
+
+def _with_intervals(law: DriveLaw, deviations: Array) -> DriveLaw:
+    """The law with the half widths at 95 % of its values.   deviations : of the unknowns of :func:`_law`, (k,)."""
+    lags, place = [], 1
+    for lag in law.lags:
+        slopes = [share * (1.0 - share) for share in lag.values] if lag.kind == "sampled" else lag.values  # logistic and logarithms
+        here = deviations[place : place + len(lag.values)]
+        lags.append(replace(lag, intervals=tuple(float(NORMAL_95 * s * d) for s, d in zip(slopes, here, strict=True))))
+        place += len(lag.values)
+    return replace(law, lags=tuple(lags), delay_interval=float(NORMAL_95 * deviations[0]))
+
+
+def _white(row: Array, colour: float) -> Array:
+    """A row whose noise has a colour, its noise white: x[n] - ρ x[n-1]."""
+    return row if colour == 0.0 else row - colour * np.concatenate((row[:1], row[:-1]))
+
+
+def _free_rest(pairs: Sequence[Pair]) -> tuple[float, float]:
+    """rms of what a response with :data:`TAPS` free values leaves, white, N m, and its colour."""
+    colour = 0.0
+    for _ in range(2):
+        rows = [
+            np.stack([_white(setpoint, colour)[TAPS - k : len(setpoint) - k] for k in range(TAPS + 1)], axis=1) for setpoint, _ in pairs
+        ]
+        read = np.concatenate([_white(reading, colour)[TAPS:] for _, reading in pairs])
+        regressor = np.column_stack((np.concatenate(rows), np.ones(len(read))))
+        rest = read - regressor @ np.linalg.lstsq(regressor, read, rcond=None)[0]
+        power = float(rest @ rest)
+        found = float(rest[1:] @ rest[:-1]) / power if power > 0.0 else 0.0
+        if colour > 0.0 or found < LEAST_COLOUR:
+            break
+        colour = min(found, MOST_COLOUR)
+    return float(np.sqrt(np.mean(rest**2))), colour

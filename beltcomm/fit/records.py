@@ -10,6 +10,7 @@ from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
 
 from beltcomm.axis import Axis
 from beltcomm.errors import DataError
@@ -32,6 +33,10 @@ PUBLISHED_SUBSTEPS = 16
 STROKE_SUBSTEPS, RATTLING_STROKE_SUBSTEPS, RATTLING_SUBSTEPS = 2, 4, 16
 #: Noise below this share of the torque itself is not believed.
 QUIETEST_SHARE = 1e-4
+#: ln of the factor by which noise may be less than it was taken for.
+QUIETER = 7.0
+#: Samples of a window in which an angle's roughness is taken, and factor from which on it is more than its rounding makes.
+CALM_WINDOW, NOISY = 64, 1.3
 #: Samples and relative difference of speed for records that repeat each other.
 FEWEST, SAME_SPEED = 400, 0.05
 #: Shares of the rounding's variance that are tried: white and slow.
@@ -49,7 +54,7 @@ class Data:
 
     recordings : all of them.   noise_nm : rms of the torque's noise, N m.   step_rad : step of the encoder, rad.   path : from setpoint and
     reading to the torque that acts.   substeps : usual fine steps a sample.   reversals : whether samples count in which the motor
-    passes through a reversal.
+    passes through a reversal.   colour : of the torque's noise.
     """
 
     recordings: tuple[Recording, ...]
@@ -60,6 +65,7 @@ class Data:
     path: TorquePath = FAITHFUL
     substeps: int = SUBSTEPS
     reversals: bool = False
+    colour: float = 0.0
 
 
 def prepare(recordings: Sequence[Recording], axis: Axis, model: Model) -> Data:
@@ -71,7 +77,7 @@ def prepare(recordings: Sequence[Recording], axis: Axis, model: Model) -> Data:
     to_fit = [r for r in timed if not r.sidecar.held_out]
     if not to_fit:
         raise DataError("all recordings are held out or static maps; nothing is left to fit: set held_out: false in one sidecar")
-    step = encoder_step(axis, timed)
+    step = shown_step(to_fit, encoder_step(axis, timed))
     noise = torque_noise(to_fit, QUIETEST_SHARE * float(np.std(to_fit[0].torque)))
     if "cart" not in model.base_bodies:
         step = min(step, max(white_step(r.position) for r in to_fit))
@@ -88,6 +94,7 @@ def made(
     usual: int = SUBSTEPS,
     path: TorquePath | None = None,
     reversals: bool = False,
+    colour: float = 0.0,
 ) -> Data:
     """The same with known noise and step.
 
@@ -103,7 +110,7 @@ def made(
         stroke = recording.sidecar.experiment == "friction_sweep"
         substeps = (RATTLING_STROKE_SUBSTEPS if rattles else STROKE_SUBSTEPS) if stroke else (RATTLING_SUBSTEPS if rattles else usual)
         for piece in stretches(recording, model, step_rad, noise_nm, fitted=True, substeps=substeps, path=path, reversals=reversals):
-            pieces.append(rewhitened(replace(piece, rounding=shown, group=group), model))
+            pieces.append(rewhitened(replace(piece, rounding=shown, group=group, colour=colour), model))
     return Data(
         tuple(recordings),
         tuple(p for p in pieces if not p.held_out),
@@ -113,6 +120,7 @@ def made(
         path,
         usual,
         reversals,
+        colour,
     )
 
 
@@ -125,7 +133,7 @@ def group_of(recording: Recording) -> int:
 
 def rewhitened(piece: Stretch, model: Model) -> Stretch:
     """A stretch with the noise as a model passes it on."""
-    return replace(piece, whitener=whitener(piece.keep, way_of(piece, model), piece.step_rad, piece.noise_nm, piece.rounding))
+    return replace(piece, whitener=whitener(piece.keep, way_of(piece, model), piece.step_rad, piece.noise_nm, piece.rounding, piece.colour))
 
 
 def remade(data: Data, model: Model, offsets_m: Array, substeps: int = SUBSTEPS, *, reversals: bool = False) -> Data:
@@ -141,7 +149,7 @@ def remade(data: Data, model: Model, offsets_m: Array, substeps: int = SUBSTEPS,
         for piece, offset in zip(pieces, [*offsets_m, *np.zeros(len(data.held_out))], strict=True):
             left.setdefault(piece.record, []).append((piece, evaluate(piece, model, model.vector(), float(offset))))
         shares = {name: rounding_shares(parts, model) for name, parts in left.items()}
-    ahead = made(data.recordings, model, data.noise_nm, data.step_rad, shares, substeps, data.path, reversals)
+    ahead = made(data.recordings, model, data.noise_nm, data.step_rad, shares, substeps, data.path, reversals, data.colour)
     return agitated(ahead, model) if follows(model) else ahead
 
 
@@ -187,7 +195,7 @@ def rounding_shares(parts: Sequence[tuple[Stretch, Array]], model: Model) -> tup
             return math.inf
         total = 0.0
         for (piece, torque), along in zip(parts, passed, strict=True):
-            trial = whitener(piece.keep, along, piece.step_rad, piece.noise_nm, shares)
+            trial = whitener(piece.keep, along, piece.step_rad, piece.noise_nm, shares, piece.colour)
             total += float(np.sum(trial(torque, piece.keep) ** 2) + 2.0 * np.sum(np.log(trial.deviations[piece.keep])))
         return total
 
@@ -198,6 +206,45 @@ def rounding_shares(parts: Sequence[tuple[Stretch, Array]], model: Model) -> tup
         if best == here:
             return SHARES[here[0]], SLOW_SHARES[here[1]]
         here = best
+
+
+def shown_step(recordings: Sequence[Recording], step_rad: float) -> float:
+    """Step whose rounding would be as rough as the angle is where the torque is calmest, rad: more than the encoder's where it is noisy.
+
+    Rounding of a step q has the variance q²/12; noise of the angle adds its own.
+    """
+    calm: list[tuple[float, float]] = []
+    for recording in recordings:
+        rough, change = np.diff(recording.position, 4) ** 2 / 70.0, np.abs(np.diff(recording.torque))
+        for first in range(0, len(rough) - CALM_WINDOW + 1, CALM_WINDOW):
+            here = slice(first, first + CALM_WINDOW)
+            calm.append((float(np.mean(change[first : first + CALM_WINDOW + 4])), float(np.mean(rough[here]))))
+    if not calm:
+        return step_rad
+    calm.sort()
+    quiet = [variance for _, variance in calm[: max(len(calm) // 10, 1)]]
+    shown = math.sqrt(12.0 * float(np.median(quiet)))
+    return shown if shown > NOISY * step_rad else step_rad
+
+
+def likeliest_noise(data: Data, model: Model, residuals: Sequence[Array], most_nm: float) -> float:
+    """Noise of the torque that the residuals of the fitted segments tell, N m rms, up to a largest one; residuals as they are, (n,) N m.
+
+    Least of Σ ν²/S + ln S over the noise, the model as it is.   Source: method sheet, section 3, second equation.
+    """
+    passed = [way_of(piece, model) for piece in data.fitted]
+
+    def unlikely(logarithm: float) -> float:
+        total = 0.0
+        for piece, torque, along in zip(data.fitted, residuals, passed, strict=True):
+            trial = whitener(piece.keep, along, piece.step_rad, math.exp(logarithm), piece.rounding, piece.colour)
+            squares = np.minimum(trial(torque, piece.keep) ** 2, STRAY**2)
+            total += float(np.sum(squares) + 2.0 * np.sum(np.log(trial.deviations[piece.keep])))
+        return total
+
+    high = math.log(most_nm)
+    found = minimize_scalar(unlikely, bounds=(high - QUIETER, high), method="bounded", options={"xatol": 0.01, "maxiter": 20})
+    return math.exp(float(found.x))
 
 
 def encoder_step(axis: Axis, recordings: Sequence[Recording]) -> float:

@@ -1,4 +1,4 @@
-"""How sure a fit is: covariance from the scatter between groups, limits of parameters at a bound, and all of it in words."""
+"""How sure a fit is in words: limits of parameters at a bound, what is known badly; and draws of parameters as uncertain as that."""
 
 from __future__ import annotations
 
@@ -19,29 +19,6 @@ BADLY_KNOWN_SHARE = 0.2
 BADLY_APART = 0.95
 #: Deviations by which the data pull a parameter beyond its bound from which this is a symptom and no chance.
 BEYOND = 3.0
-#: An interval that the noise of the encoder widens by more than this factor is named.
-ROUNDING_WIDENS = 1.5
-#: From this factor on it is no interval any more.
-UNKNOWN = 100.0
-
-
-def sandwich(jacobian: Array, weighted: Array, groups: NDArray[np.int64], unknowns: int) -> tuple[Array, int]:
-    """Covariance of the unknowns from the scatter of the gradient between groups, and its degrees of freedom.
-
-    C = A⁻¹ (Σ g gᵀ) A⁻¹ n/(n - k),   A = Jᵀ J,   g the gradient of one of n groups;   never below A⁻¹ times the mean square.
-
-    jacobian : (n, m), weighted.   weighted : (n,) residual.   groups : (n,) number of the group.   unknowns : k.
-    So it holds for correlated and uneven residuals, and grows with the misfit.   Source: White, Econometrica 48 (1980), clustered.
-    """
-    inverse = np.linalg.pinv(jacobian.T @ jacobian)
-    number = int(groups.max()) + 1
-    gradient = np.stack([np.bincount(groups, column * weighted, number) for column in jacobian.T], axis=1)
-    freedom = max(number - unknowns, 1)
-    covariance = inverse @ (gradient.T @ gradient) @ inverse * number / freedom
-    # The scatter between few groups can by chance fall below what the noise alone gives: never report less than that.
-    plain = inverse * max(float(np.mean(weighted**2)), 1.0)
-    floor = np.sqrt(np.maximum(np.diag(plain) / np.maximum(np.diag(covariance), 1e-300), 1.0))
-    return covariance * np.outer(floor, floor), freedom
 
 
 def upper_limit(estimate: float, deviation: float) -> float:
@@ -61,6 +38,11 @@ def remark_on(name: str, item: Value, wanted: float, deviation: float) -> str:
     side = "lower" if item.value - item.low < item.high - item.value else "upper"
     if deviation == 0.0:
         return f"{name} stays at {item.value:g} {item.unit}: the residual does not depend on it"
+    if not max(deviation, item.interval or 0.0) < item.high - item.low:
+        return (
+            f"{name} is not identifiable from this data, its number is chance. Look at the recordings, or record an excitation with "
+            "`beltcomm identify`"
+        )
     if item.interval is None:
         beyond = abs(wanted - item.value) / deviation if (wanted < item.value) == (side == "lower") else 0.0
         if item.low < item.value < item.high or beyond <= BEYOND:
@@ -92,23 +74,6 @@ def remarks_on_pairs(names: Sequence[str], items: Sequence[Value], correlation: 
         for j in range(i + 1, len(names))
         if abs(correlation[i, j]) > BADLY_APART and (badly[i] or badly[j])
     ]
-
-
-def remark_on_rounding(names: Sequence[str], shares: Array) -> str:
-    """Which intervals rest on the noise of the encoder, in words; shares : (k,), interval with it over interval without it."""
-    if not np.all(shares < UNKNOWN):
-        unknown = [name for name, share in zip(names, shares, strict=True) if not share < UNKNOWN]
-        return (
-            f"{', '.join(unknown)}: not identifiable from this data, their numbers are chance: the encoder's rounding decides them, or "
-            "columns that do not belong together row by row. Look at the recordings, or record an excitation with `beltcomm identify`"
-        )
-    worst = [name for name, share in zip(names, shares, strict=True) if share > ROUNDING_WIDENS]
-    if not worst:
-        return ""
-    return (
-        f"{', '.join(worst)}: the motion is so gentle that the encoder's rounding decides; intervals are up to {np.max(shares):.1f} times "
-        "as wide for it. Record an excitation with `beltcomm identify`"
-    )
 
 
 def joint_draws(mean: Array, covariance: Array, low: Array, high: Array, count: int, *, freedom: float = math.inf, seed: int) -> Array:

@@ -12,6 +12,7 @@ Source: Fuller, Measurement Error Models, 1987, section 3.1.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -27,6 +28,9 @@ Array = NDArray[np.float64]
 
 #: Samples in which the gains settle; longest response that is followed; share of the response's squares that ends it over a block.
 SETTLING, LONGEST, BLOCK, NEGLIGIBLE = 600, 6000, 100, 1e-7
+#: Variance that rounding adds, that of the residual being 1, beyond which a model does not hold its bodies; near the right one it is
+#: less than 1.
+ABSURD = 1e6
 
 
 class RoundingBias:
@@ -41,19 +45,28 @@ class RoundingBias:
             if segment.follower is not None:
                 continue
             place = segment.middle_m(model)
-            key = (round(place, 3), segment.motion.sample_s, segment.rounding, segment.step_rad, segment.noise_nm, segment.group)
+            key = (
+                round(place, 3),
+                segment.motion.sample_s,
+                segment.rounding,
+                segment.step_rad,
+                segment.noise_nm,
+                segment.group,
+                segment.colour,
+            )
             if key not in known:
                 known[key] = len(self.kinds)
                 self.kinds.append(_Kind(segment, model, place))
             self.of_segment[i] = known[key]
         self._start = self._values(model)
+        self.of_segment[~np.append(np.isfinite(self._start), True)[self.of_segment]] = -1  # a model to begin with that tells nothing of it
         self._last: tuple[bytes, Array] = (b"", np.zeros(0))
 
     def __call__(self, vector: Array) -> Array:
-        """v(x) - v(x₀) of each segment, (segments,); in units of the whitened residual's variance."""
+        """v(x) - v(x₀) of each segment, (segments,); in units of the whitened residual's variance, inf where a body flies off."""
         key = vector.tobytes()
         if self._last[0] != key:
-            excess = np.append(self._values(self.model.with_vector(vector)) - self._start, 0.0)
+            excess = np.append(self._values(self.model.with_vector(vector)) - np.where(np.isfinite(self._start), self._start, 0.0), 0.0)
             self._last = (key, excess[self.of_segment])
         return self._last[1]
 
@@ -69,14 +82,14 @@ class RoundingBias:
         slope, curvature = np.zeros((len(self.kinds) + 1, k)), np.zeros((len(self.kinds) + 1, k, k))
         models = [self.model.with_vector(v) for v in (vector, *others)]
         for number, kind in enumerate(self.kinds):
+            if not all(math.isfinite(kind.power(model)) for model in models):
+                continue
             here, *beside = (kind.response(model) for model in models)
             long = max(len(r) for r in (here, *beside))
-            base = _padded(here, long)
-            ahead = (
-                np.stack([(_padded(r, long) - base) / step for r, step in zip(beside, steps, strict=True)]) if k else np.zeros((0, long))
-            )
-            slope[number] = 2.0 * ahead @ base
-            curvature[number] = ahead @ ahead.T
+            base, ahead = _padded(here, long), np.zeros((k, long))
+            for i, (response, step) in enumerate(zip(beside, steps, strict=True)):
+                ahead[i] = (_padded(response, long) - base) / step
+            slope[number], curvature[number] = 2.0 * ahead @ base, ahead @ ahead.T
         return slope[self.of_segment], curvature[self.of_segment]
 
 
@@ -93,7 +106,7 @@ class _Kind:
 
     def _filter(self, model: Model) -> tuple[NoisePath, Array, float]:
         segment = self.segment
-        path, variances, start = noises(self._path(model), segment.step_rad, segment.noise_nm, segment.rounding)
+        path, variances, start = noises(self._path(model), segment.step_rad, segment.noise_nm, segment.rounding, segment.colour)
         keep = np.ones(SETTLING, dtype=np.bool_)
         gains, deviations = gains_of(keep, [path], np.zeros(SETTLING, dtype=np.int64), variances, start)
         return path, gains[-1].copy(), float(deviations[-1])
@@ -103,7 +116,7 @@ class _Kind:
         segment, plain = self.segment, self._path(model)
         found = self._known.get(id(plain))
         if found is None or found[0] is not plain:
-            path, variances, _ = noises(plain, segment.step_rad, segment.noise_nm, segment.rounding)
+            path, variances, _ = noises(plain, segment.step_rad, segment.noise_nm, segment.rounding, segment.colour)
             parts = []
             for m, variance in enumerate(variances):
                 out = np.zeros(LONGEST)
@@ -116,9 +129,11 @@ class _Kind:
         return np.asarray(found[1]).reshape(-1)
 
     def power(self, model: Model) -> float:
-        """v of the module."""
-        response = self.response(model)
-        return float(response @ response)
+        """v of the module; inf where the model does not hold its bodies."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            response = self.response(model)
+            found = float(response @ response)
+        return found if found < ABSURD else math.inf
 
 
 def _padded(row: Array, length: int) -> Array:

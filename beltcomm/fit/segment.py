@@ -17,6 +17,7 @@ from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
 from scipy.optimize import minimize_scalar
 
 from beltcomm.compiled import compiled
@@ -53,7 +54,7 @@ STICK_SPEED_M_S = 4e-3
 #: s, and steps of the encoder: a motor that gets on by so many steps in so long, before and after, is not at rest.
 CREEP_S, CREEP_STEPS = 0.05, 3.0
 #: Steps of the encoder by which it may be off an even motion there.
-EVEN_STEPS = 1.5
+EVEN_STEPS = 1.1
 #: m the carriage must have travelled before a stretch counts: until then its belt stretch at the start is unknown.
 RUN_IN_TRAVEL_M = 1e-4
 #: s after that travel, for the free oscillation of the carriage to die out.
@@ -80,7 +81,7 @@ class Stretch:
     right one; without it every evaluation works out its own.   group : see :func:`grouped`.   rounding : shares for ``whitener``.
     agitation, freedom_m : for ``follower``, the observer where the carriage is free at times, see :func:`dressed`.   turns : what the
     kernel's Coulomb friction of level 1 lacks at the reversals that count, (n,); None where none of those count, or the motor has no such
-    friction.
+    friction.   colour : of the torque's noise, see ``whitening``.
     """
 
     record: str
@@ -99,6 +100,7 @@ class Stretch:
     group: int = 1
     follower: Follower | None = None
     turns: Array | None = None
+    colour: float = 0.0
 
     @cached_property
     def firsts(self) -> NDArray[np.intp]:
@@ -163,16 +165,18 @@ def stretches(
         part = slice(first, last)
         ratio = model["transmission.ratio"]
         position, torque, within = recording.position[part], recording.torque[part], None
+        push = torque
         if path is not None:
             setpoint = recording.torque_setpoint
             torque, within = path.acting(torque, None if setpoint is None else setpoint[part], sample)
+            push = path.likeliest(torque, None if setpoint is None else setpoint[part], sample)
         # Without a start position the recorded angle is the absolute one: a phase of cogging holds for all records of a run.
         place = float(recording.position[first]) if start is None else start / ratio + recording.position[first] - recording.position[0]
         time = (recording.sidecar.session_time_s or 0.0) + recording.t_s[first] - recording.t_s[0]
         inertia = model["motor.inertia"]
         motion = reconstruct(
             position,
-            torque,
+            push,
             sample,
             inertia,
             start_rad=place,
@@ -181,12 +185,12 @@ def stretches(
             within=within,
         )
         if fitted:
-            motion = rebuilt(motion, model, position, torque, place)
+            motion = rebuilt(motion, model, position, push, place)
         stick_speed, turns = STICK_SPEED_M_S if recording.side == "load" else STICK_SPEED_RAD_S, None
         if fitted and reversals and turns_at_once(model):
             slow = max(stick_speed, STICK_STEPS * step_rad / sample)
             motion, keep, turns = passed(
-                motion, model, slow, partial(rebuilt, model=model, position=position, torque=torque, start_rad=place)
+                motion, model, slow, partial(rebuilt, model=model, position=position, torque=push, start_rad=place)
             )
         else:
             keep = ~resting(motion, stick_speed)
@@ -194,8 +198,9 @@ def stretches(
             keep &= ran_in(motion, ratio)
         else:
             # Nothing rings behind the motor: what creeps on counts as well, and friction that turns within a step of the encoder is noise.
-            keep |= creeping(position, sample, step_rad)
-            motion = replace(motion, bristle_m=max(motion.bristle_m, ratio * step_rad))
+            creeps = creeping(position, sample, step_rad)
+            keep |= creeps
+            motion = replace(motion, bristle_m=max(motion.bristle_m, ratio * step_rad), creep=crept(motion, position, creeps))
         pieces.append(
             Stretch(
                 recording.name,
@@ -256,8 +261,8 @@ def resting(motion: FineMotion, stick_speed: float) -> NDArray[np.bool_]:
 def creeping(position: Array, sample_s: float, step_rad: float) -> NDArray[np.bool_]:
     """Samples around which the motor goes on in one direction, however slowly: then friction is known to act against it.
 
-    In each of the two spans of time before and after it, it gets on by several steps of the encoder, nowhere there back by one, and evenly: one
-    that stopped in between has been stuck.
+    In each of the two spans of time before and after it, it gets on by several steps of the encoder, nowhere there back by one, and
+    evenly: one that stopped in between has been stuck.
     """
     n, w = len(position), max(2, round(CREEP_S / sample_s))
     found = np.zeros(n, dtype=bool)
@@ -272,6 +277,24 @@ def creeping(position: Array, sample_s: float, step_rad: float) -> NDArray[np.bo
         found[w : n - w] |= gets_on & evenly & (back <= step_rad)
     found[[0, -1]] = False
     return found
+
+
+def crept(motion: FineMotion, position: Array, creeps: NDArray[np.bool_]) -> tuple[Array, Array] | None:
+    """Angle, rad, and speed, rad/s, on the fine grid, even over the span of time in which the motor creeps; None where it does nowhere.
+
+    Between two steps of the encoder the angle stands, and friction would seem to turn with every step.
+    """
+    if not creeps.any():
+        return None
+    width = 2 * max(2, round(CREEP_S / motion.sample_s)) + 1
+    even = uniform_filter1d(position, width, mode="nearest")
+    place = np.arange(len(motion.theta)) / motion.substeps
+    number = np.arange(len(position))
+    here = np.interp(place, number, creeps.astype(np.float64)) > 0.5
+    start = float(motion.theta[0] - position[0])
+    theta = np.where(here, np.interp(place, number, even) + start, motion.theta)
+    omega = np.where(here, np.interp(place, number, np.gradient(even, motion.sample_s)), motion.omega)
+    return theta, omega
 
 
 def ran_in(motion: FineMotion, ratio: float) -> NDArray[np.bool_]:

@@ -1,9 +1,9 @@
 """The sensor's own share of what the reading differs from its setpoint by: what of it does not move the machine.
 
-    reading - L y = p + s,     residual e = -T s + ...,     E[W e · W T(p + s)] = -σs² |W T|²
+    reading - L y = p + s,     residual e[n] = -(s[n-1] + s[n])/2 + ...,     D_k = -E[e[n] (p + s)[n-k]] = (a_(k-1) + a_k)/2
 
-p : torque that acts, s : noise of the sensor, T : mean of neighbouring samples, W : whitening.  The residual of a wrong model is no
-noise, and hardly goes with p + s, so this is a second opinion on how large an error the noise alone leaves.
+p : torque that acts, s : noise of the sensor with covariance a_k.  The residual of a wrong model is no noise, and hardly goes with p + s,
+so this is a second opinion on how large an error the noise alone leaves.  Coloured noise a_k = ρ^k a_0 has D_2/D_1 = ρ.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.fit.estimate import Fitted
+from beltcomm.fit.noise_level import robust_rms, torque_step
 from beltcomm.fit.records import Data
 from beltcomm.fit.segment import Stretch
 from beltcomm.recording import Recording
@@ -23,17 +24,20 @@ Array = NDArray[np.float64]
 
 #: Least share of the difference that is the sensor's, and deviations by which a share must be known.
 LEAST_SHARE, KNOWN = 0.02, 4.0
-#: Factor from a median deviation to an rms, and deviations beyond which a sample counts no more.
-NORMAL, OUTLIER = 1.4826, 4.0
+#: Share of the sensor from which on nearly all is its.
+MOSTLY = 0.8
+#: Colours that are none, and the largest; deviations from which on there is one.
+LEAST_COLOUR, MOST_COLOUR, COLOURED = 0.1, 0.98, 4.0
 
 
 @dataclass(frozen=True)
 class NoiseSplit:
-    """sensor_nm, process_nm : N m rms.   deviation_nm : of the first, one standard deviation."""
+    """sensor_nm, process_nm : N m rms.   deviation_nm : of the first, one standard deviation.   colour : ρ of the sensor's noise."""
 
     sensor_nm: float
     process_nm: float
     deviation_nm: float
+    colour: float = 0.0
 
 
 def split_noise(data: Data, fitted: Fitted) -> NoiseSplit | None:
@@ -41,45 +45,66 @@ def split_noise(data: Data, fitted: Fitted) -> NoiseSplit | None:
     if data.path.drive is None or data.path.commanded:
         return None
     by_name = {r.name: r for r in data.recordings}
-    cross = square = fourth = 0.0
-    rests = []
-    problem = fitted.problem
+    problem, sums = fitted.problem, np.zeros(3)
     weights = problem.weights(fitted.residual) ** 2
+    rests, colours = [], np.zeros(4)
     for i, piece in enumerate(problem.pieces):
         here = slice(int(problem.ends[i]), int(problem.ends[i + 1]))
-        rest = rest_of(by_name[piece.record], piece, data)
+        rest = rest_of(by_name[piece.record], data)
         if rest is None or piece.whitener is None:
             continue
         rests.append(rest)
         mean = np.zeros(len(rest))
         mean[1:-1] = 0.5 * (rest[:-2] + rest[1:-1])
         white, left, weight = piece.white(mean), fitted.residual[here], weights[here]
-        cross -= float(np.sum(weight * left * white))
-        square += float(np.sum(weight * white**2))
-        fourth += float(np.sum((weight * left * white) ** 2))
-    if not rests or square <= 0.0:
+        product = -weight * left * white
+        sums += [float(np.sum(product)), float(np.sum(weight * white**2)), float(np.sum(product**2))]
+        colours += _covariances(piece, problem.balance(i, fitted.x, 0.0).residual, rest)
+    if not rests or sums[1] <= 0.0:
         return None
-    everything = np.concatenate(rests)
-    total = robust_rms(everything)
-    share, deviation = cross / square, math.sqrt(fourth) / square
+    total = robust_rms(np.concatenate(rests), max(torque_step(r.torque) for r in by_name.values()))
+    share, deviation = sums[0] / sums[1], math.sqrt(sums[2]) / sums[1]
     if deviation * KNOWN > 1.0 and share < KNOWN * deviation:
         return None
     share = min(max(share, LEAST_SHARE), 1.0)
-    return NoiseSplit(total * math.sqrt(share), total * math.sqrt(1.0 - share), 0.5 * total * deviation / math.sqrt(share))
+    # Where nearly all is the sensor's, its colour is that of the difference, which no rounding hides.
+    colour = _own_colour(rests) if share > MOSTLY else _colour(colours)
+    return NoiseSplit(total * math.sqrt(share), total * math.sqrt(1.0 - share), 0.5 * total * deviation / math.sqrt(share), colour)
 
 
-def rest_of(recording: Recording, piece: Stretch, data: Data) -> Array | None:
-    """What the reading of a stretch differs by from what the setpoint makes of it, (n,), N m; None without setpoint."""
+def _own_colour(rests: list[Array]) -> float:
+    """ρ of white noise behind a filter of first order, from neighbours; 0 where it is not clearly above."""
+    power = sum(float(rest @ rest) for rest in rests)
+    number = sum(len(rest) for rest in rests)
+    colour = sum(float(rest[1:] @ rest[:-1]) for rest in rests) / power if power > 0.0 else 0.0
+    return min(colour, MOST_COLOUR) if colour > max(LEAST_COLOUR, COLOURED / math.sqrt(number)) else 0.0
+
+
+def _covariances(piece: Stretch, residual: Array, rest: Array) -> Array:
+    """Sums over the kept samples:  -e (rest now and before)/2,  -e times two before,  their product's squares,  number."""
+    inside = np.flatnonzero(piece.keep)
+    inside = inside[inside >= 2]
+    e, r = residual[inside], rest
+    near, far = -0.5 * e * (r[inside] + r[inside - 1]), -e * r[inside - 2]
+    return np.array([float(np.sum(near)), float(np.sum(far)), float(np.sum(far**2)), float(len(inside))])
+
+
+def _colour(sums: Array) -> float:
+    """ρ from the covariances; 0 where it is not clearly above."""
+    near, far, squares, number = sums
+    if number < 1.0 or near <= 0.0:
+        return 0.0
+    deviation = math.sqrt(squares) / near
+    # far = (a_1 + a_2)/2 and near = (a_0 + a_1)/2
+    colour = far / near
+    return min(float(colour), MOST_COLOUR) if colour > max(LEAST_COLOUR, COLOURED * deviation) else 0.0
+
+
+def rest_of(recording: Recording, data: Data) -> Array | None:
+    """What a reading differs by from what the setpoint makes of it, (n,), N m; None without setpoint, or with gaps."""
     drive = data.path.drive
     if recording.torque_setpoint is None or drive is None or len(recording.gaps()):
         return None
     shown = data.path.reading.read(drive.cells(recording.torque_setpoint, recording.sample_period_s), recording.sample_period_s)
     rest = recording.torque - shown
     return np.asarray(rest - np.median(rest))
-
-
-def robust_rms(rest: Array) -> float:
-    """rms of a normal bulk, N m: what lies far outside is no noise."""
-    size = NORMAL * float(np.median(np.abs(rest)))
-    inside = np.abs(rest) < OUTLIER * size
-    return float(np.sqrt(np.mean(rest[inside] ** 2))) if inside.any() and size > 0.0 else float(np.std(rest))

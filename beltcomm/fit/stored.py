@@ -39,6 +39,7 @@ def kept(data: Data, fitted: Fitted) -> dict[str, Any] | None:
         "path": path_to_dict(data.path),
         "substeps": data.substeps,
         "reversals": data.reversals,
+        "colour": float(data.colour),
         "unknowns": [float(x) for x in fitted.x],
         "shares": {piece.record: [float(share) for share in piece.rounding] for piece in (*data.fitted, *data.held_out)},
         "noise_nm": float(data.noise_nm),
@@ -52,7 +53,17 @@ def restored(recordings: Sequence[Recording], found: Mapping[str, Any]) -> tuple
     shares = {str(name): (float(white), float(slow)) for name, (white, slow) in found["shares"].items()}
     timed = [r for r in recordings if not r.is_static_map]
     path, substeps = path_from_dict(found["path"]), int(found["substeps"])
-    data = made(timed, model, float(found["noise_nm"]), float(found["step_rad"]), shares, substeps, path, bool(found["reversals"]))
+    data = made(
+        timed,
+        model,
+        float(found["noise_nm"]),
+        float(found["step_rad"]),
+        shares,
+        substeps,
+        path,
+        bool(found["reversals"]),
+        float(found["colour"]),
+    )
     problem = problem_of(data, model, found["fixed"])
     x = np.array(found["unknowns"], dtype=np.float64)
     if x.shape != problem.scale.shape:

@@ -40,10 +40,11 @@ HELD = 1e-6
 
 @dataclass(frozen=True)
 class Lag:
-    """A filter of the torque, 1 for a slow one.   values : see :data:`VALUES`."""
+    """A filter of the torque, 1 for a slow one.   values : see :data:`VALUES`.   intervals : half widths at 95 %, () where not known."""
 
     kind: Kind
     values: tuple[float, ...]
+    intervals: tuple[float, ...] = field(default=(), compare=False)
 
     def filtered(self, cells: Array, sample_s: float) -> Array:
         """The answer to a torque, mean over each cell of every period, (n, cells), N m, at rest before."""
@@ -74,11 +75,15 @@ class Lag:
 
 @dataclass(frozen=True)
 class DriveLaw:
-    """What the drive makes of the setpoint.   delay : sampling periods, any number.   lags : one behind the other.   gain : N m/(N m)."""
+    """What the drive makes of the setpoint.   delay : sampling periods, any number.   lags : one behind the other.   gain : N m/(N m).
+
+    delay_interval : half width at 95 %, periods; 0 for a whole delay, and where it is not known.
+    """
 
     delay: float = 1.0
     lags: tuple[Lag, ...] = ()
     gain: float = 1.0
+    delay_interval: float = field(default=0.0, compare=False)
 
     def cells(self, setpoint: Array, sample_s: float, number: int = CELLS) -> Array:
         """Acting torque, mean over each cell of every period, (n, number), N m; a setpoint is held until the next one."""
@@ -122,11 +127,30 @@ class ReadingLaw:
 
 @dataclass(frozen=True)
 class TorquePath:
-    """Both laws.   drive : None where no setpoint was recorded.   commanded : whether the reading is only the command."""
+    """Both laws.   drive : None where no setpoint was recorded.   commanded : whether the reading is only the command.
+
+    acts : share of what the reading differs from the setpoint's part by that acts and is no noise of the sensor; 1 where nobody knows.
+    rivals : other paths that the records do not tell from this one.
+    """
 
     drive: DriveLaw | None = None
     reading: ReadingLaw = field(default_factory=ReadingLaw)
     commanded: bool = False
+    acts: float = 1.0
+    rivals: tuple[TorquePath, ...] = field(default=(), compare=False)
+
+    @property
+    def read_as_acts(self) -> bool:
+        """Whether the reading is the torque that acts."""
+        return self.reading.faithful and not self.commanded
+
+    def likeliest(self, acting: Array, setpoint: Array | None, sample_s: float) -> Array:
+        """The torque that acts without most of the sensor's noise, mean over each period, (n,), N m: for what moves between the samples."""
+        if self.drive is None or setpoint is None or self.acts == 1.0:
+            return acting
+        means = self.drive.cells(setpoint, sample_s).mean(axis=1)
+        offset = float(np.median(acting - means))
+        return np.asarray(means + offset + self.acts * (acting - means - offset))
 
     def acting(self, torque: Array, setpoint: Array | None, sample_s: float) -> tuple[Array, Intersample | None]:
         """The torque that acts, mean over each period, (n,), N m, and its spread inside; from the reading and the setpoint, (n,) each."""
@@ -160,13 +184,24 @@ def path_to_dict(path: TorquePath) -> dict[str, Any]:
     """The path as a plain mapping."""
 
     def lags(law: DriveLaw | ReadingLaw) -> list[dict[str, Any]]:
-        return [{"kind": lag.kind, "values": [float(value) for value in lag.values]} for lag in law.lags]
+        return [
+            {"kind": lag.kind, "values": list(map(float, lag.values)), "intervals": list(map(float, lag.intervals))} for lag in law.lags
+        ]
 
     drive = path.drive
     return {
-        "drive": None if drive is None else {"delay": float(drive.delay), "lags": lags(drive), "gain": float(drive.gain)},
+        "drive": None
+        if drive is None
+        else {
+            "delay": float(drive.delay),
+            "delay_interval": float(drive.delay_interval),
+            "lags": lags(drive),
+            "gain": float(drive.gain),
+        },
         "reading": {"late": float(path.reading.late), "lags": lags(path.reading)},
         "commanded": path.commanded,
+        "acts": float(path.acts),
+        "rivals": [path_to_dict(rival) for rival in path.rivals],
     }
 
 
@@ -178,12 +213,16 @@ def path_from_dict(data: Mapping[str, Any]) -> TorquePath:
         for entry in law["lags"]:
             if entry["kind"] not in VALUES:
                 raise ValueError(f"no filter of the torque is called {entry['kind']!r}")
-            found.append(Lag(entry["kind"], tuple(float(value) for value in entry["values"])))
+            found.append(Lag(entry["kind"], tuple(map(float, entry["values"])), tuple(map(float, entry["intervals"]))))
         return tuple(found)
 
     drive = data["drive"]
-    law = None if drive is None else DriveLaw(float(drive["delay"]), lags(drive), float(drive["gain"]))
-    return TorquePath(law, ReadingLaw(float(data["reading"]["late"]), lags(data["reading"])), bool(data["commanded"]))
+    law = None
+    if drive is not None:
+        law = DriveLaw(float(drive["delay"]), lags(drive), float(drive["gain"]), float(drive["delay_interval"]))
+    reading = ReadingLaw(float(data["reading"]["late"]), lags(data["reading"]))
+    rivals = tuple(path_from_dict(rival) for rival in data["rivals"])
+    return TorquePath(law, reading, bool(data["commanded"]), float(data["acts"]), rivals)
 
 
 def _later(row: Array, samples: int) -> Array:

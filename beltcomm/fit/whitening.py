@@ -67,7 +67,7 @@ class Whitener:
         if slow in (0, 1):
             f, h = np.zeros((levels, ONE_BODY + 1, ONE_BODY + 1)), np.zeros((levels, ONE_BODY + 1))
             f[:, 1 - slow :, 1 - slow :], h[:, 1 - slow :] = self.F, self.H
-            if not f[:, ONE_BODY_ZEROS].any():
+            if not (f[:, ONE_BODY_ZEROS].any() or f[:, -1].any()):
                 out, columns, lanes = np.empty((kept, residual.shape[1])), np.ascontiguousarray(residual), lanes_for(residual.shape[1])
                 _one_body(columns, keep, f, h, self.level, self.gains, self.deviations, slow, lanes, np.empty(112), out)
                 return out
@@ -77,12 +77,14 @@ class Whitener:
         return filtered(np.ascontiguousarray(residual), keep, f, h, self.gains, self.deviations, np.zeros(len(keep)))
 
 
-def whitener(keep: NDArray[np.bool_], way: Way, step_rad: float, noise_nm: float, shares: tuple[float, float] = (1.0, 0.0)) -> Whitener:
+def whitener(
+    keep: NDArray[np.bool_], way: Way, step_rad: float, noise_nm: float, shares: tuple[float, float] = (1.0, 0.0), colour: float = 0.0
+) -> Whitener:
     """Gains for the kept samples of a stretch.   step_rad : rad.   noise_nm : N m rms.
 
     shares : of the rounding's variance step²/12 that is white, and that is slow: decaying with ``SLOW_HZ``.
     """
-    levels = [noises(path, step_rad, noise_nm, shares) for path in way.paths]
+    levels = [noises(path, step_rad, noise_nm, shares, colour) for path in way.paths]
     _, variances, start = levels[way.level[0]]
     paths = [path for path, _, _ in levels]
     gains, deviations = gains_of(keep, paths, way.level, variances, start)
@@ -109,9 +111,9 @@ def gains_of(
 
 
 def noises(
-    path: NoisePath, step_rad: float, noise_nm: float, shares: tuple[float, float], *, alike: bool = False
+    path: NoisePath, step_rad: float, noise_nm: float, shares: tuple[float, float], colour: float = 0.0, *, alike: bool = False
 ) -> tuple[NoisePath, Array, Array]:
-    """The path with its own state for slow rounding where there is some, variances of the noises, covariance of s at the first sample.
+    """The path with its own states for slow rounding and coloured noise, variances of the noises, covariance of s at the first sample.
 
     alike : whether it has that state in any case, so that the paths of all records have one size.
     """
@@ -123,7 +125,25 @@ def noises(
     if slow > 0.0 or alike:
         start[0] = start[:, 0] = slow * path.begins[:, ROUNDING]
         start[0, 0] = slow
+    if colour > 0.0:
+        path, size = with_coloured_torque(path, colour), len(path.H)
+        coloured = np.zeros((size + 1, size + 1))
+        coloured[1:, 1:] = start
+        coloured[0, 0] = coloured[0, size] = coloured[size, 0] = torque
+        start = coloured
     return path, variances, start
+
+
+def with_coloured_torque(path: NoisePath, colour: float) -> NoisePath:
+    """The path for noise of the torque  w[n] = ρ w[n-1] + √(1-ρ²) ν[n],  ρ the colour:  one more state w[n-1] in front, noises (…, ν)."""
+    new, size, last = math.sqrt(1.0 - colour**2), len(path.H), path.G.shape[1] - 1
+    f, g = np.zeros((size + 1, size + 1)), np.zeros((size + 1, path.G.shape[1]))
+    f[0, 0], f[1:, 0], f[1:, 1:] = colour, colour * path.G[:, last], path.F
+    g[0, last], g[1:] = new, path.G
+    g[1:, last] *= new
+    d, h = path.D.copy(), np.concatenate(([colour * path.D[last]], path.H))
+    d[last] *= new
+    return NoisePath(f, g, h, d, np.concatenate([np.zeros((1, path.begins.shape[1])), path.begins]), path.sample_s)
 
 
 def with_slow_rounding(path: NoisePath) -> NoisePath:

@@ -13,10 +13,12 @@ from beltcomm.axis import Axis
 from beltcomm.effects import effect_named
 from beltcomm.effects.belt_spans import stiffness as stiffness_at
 from beltcomm.errors import DataError
+from beltcomm.fit.acting import acting_recording
 from beltcomm.fit.jumps import proven_jumps, refuse
 from beltcomm.fit.model_fit import SUSPECT_MISFIT, ModelFit, fit_model
 from beltcomm.fit.segment import OUTLIER, Stretch, stretches, whitened
 from beltcomm.fit.start import belt_start
+from beltcomm.fit.torque_path import TorquePath
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 
@@ -73,7 +75,7 @@ def final_model(
     share = 0.5 if apart else 1.0
     constant = fit_model(recordings, start, counts_per_rev=counts_per_rev, progress=lambda f: progress(share * f))
     refuse_jumps(recordings, constant, counts_per_rev)
-    places = stiffness_by_record(recordings, constant.model, counts_per_rev, constant.noise_nm)
+    places = stiffness_by_record(recordings, constant.model, counts_per_rev, constant.noise_nm, constant.path)
     spread = clear_spread(places)
     if spread < STIFFNESS_SPREAD or not apart:
         progress(1.0)
@@ -108,7 +110,7 @@ def refuse_jumps(recordings: Sequence[Recording], fit: ModelFit, counts_per_rev:
     step = 2.0 * np.pi / counts_per_rev
     for recording in recordings:
         if fit.record_misfit.get(recording.name, 0.0) > SUSPECT_MISFIT:
-            refuse(proven_jumps(recording, fit.model, step, fit.noise_nm), step)
+            refuse(proven_jumps(acting_recording(recording, fit.path), fit.model, step, fit.noise_nm), step)
 
 
 def evidence(richer: ModelFit, plainer: ModelFit) -> float:
@@ -136,7 +138,9 @@ def clear_spread(places: Mapping[str, PlaceStiffness]) -> float:
     return max((float(np.expm1(d)) for d, deviation in differences if d > CLEAR * deviation), default=0.0)
 
 
-def stiffness_by_record(recordings: Sequence[Recording], model: Model, counts_per_rev: int, noise_nm: float) -> dict[str, PlaceStiffness]:
+def stiffness_by_record(
+    recordings: Sequence[Recording], model: Model, counts_per_rev: int, noise_nm: float, path: TorquePath | None = None
+) -> dict[str, PlaceStiffness]:
     """Belt stiffness that each excited record wants for itself, all else as in ``model``; not of held-out records, nor of moving ones.
 
     Where the carriage stuck before is neglected: below 0.1 % of the stiffness (tests/identify/test_final.py).
@@ -146,7 +150,7 @@ def stiffness_by_record(recordings: Sequence[Recording], model: Model, counts_pe
     for recording in recordings:
         if recording.sidecar.experiment != "frf" or recording.sidecar.held_out or recording.sidecar.moving:
             continue
-        pieces = stretches(recording, model, 2.0 * np.pi / counts_per_rev, noise_nm, fitted=True)
+        pieces = stretches(recording, model, 2.0 * np.pi / counts_per_rev, noise_nm, fitted=True, path=path)
         if not sum(int(p.keep.sum()) for p in pieces):
             continue
 

@@ -102,9 +102,9 @@ def confirmed(data: Data, before: Fitted, after: Fitted, ahead: Data | None = No
 
     The error over the noise must fall, in the mean square and without its outliers, and the plain error must not rise by more than chance.
     """
-    if after.held_ratio is None or before.held_ratio is None:
+    if after.held_ratio is None or before.held_ratio is None or after.held_level is None or before.held_level is None:
         return None
-    if not (after.held_objective < before.held_objective and after.held_ratio < before.held_ratio):
+    if not (after.held_level < before.held_level and after.held_ratio < before.held_ratio):
         return False
     return falls(changes(data, before, after, ahead)[1], before.held_ratio, after.held_ratio)
 

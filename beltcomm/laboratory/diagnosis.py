@@ -40,6 +40,8 @@ BESIDE_ADDED = 1.08
 STRUCTURED, STRUCTURED_BESIDE = 12.0, 25.0
 #: O per sample below which the noise was taken too large, by a rounding in step with the motion, which has a structure of its own.
 QUIET = 0.93
+#: O per sample up to which a model leaves nothing but noise: how well the noise itself is known, 5 % of its rms.
+NOISE_KNOWN = 1.10
 #: Share of what lies above the noise that must not be left for a verdict that something was explained.
 MOSTLY_LEFT = 0.9
 #: Factor from which on the error as a whole has grown by an effect; less is the noise, which is calibrated anew.
@@ -346,7 +348,7 @@ def verdict_of(base: Fitted, steps: Sequence[Step], twins: tuple[str, ...], left
     if added and left_as_a_whole(base, after) > MOSTLY_LEFT:
         return NONE_EXPLAINS
     if not added:
-        return "nothing missing" if level < MISSING and left < (STRUCTURED if level > QUIET else STRUCTURED_BESIDE) else NONE_EXPLAINS
+        return "nothing missing" if level < NOISE_KNOWN and left < (STRUCTURED if level > QUIET else STRUCTURED_BESIDE) else NONE_EXPLAINS
     if level >= MISSING or left >= STRUCTURED_BESIDE or run_away(after.model, base.model):
         return "partly explained"
     if undetermined(with_intervals(after), base.model) or unlikely(after.model, base.model):

@@ -6,6 +6,7 @@ wrong noise look like a delay, a lag or a second pulley.  Without an excited rec
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -13,12 +14,17 @@ import numpy as np
 
 from beltcomm.effects import EFFECTS
 from beltcomm.fit.noise_level import noise_doubt
+from beltcomm.identify.landmarks import shape_of
 from beltcomm.laboratory.diagnosis import NONE_EXPLAINS, Diagnosis, Step
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 
 #: Slots of effects that show near the antiresonance and above.
 FAST_SLOTS = ("torque_delay", "torque_reading", "belt_law", "body", "element")
+#: Slots of effects that a drive has as well, between setpoint, torque and reading; error over the noise up to which it may be all of it.
+DRIVE_SLOTS, FAR_OFF_BASE = ("torque_delay", "torque_reading"), 10.0
+#: Share of the sampling rate up to which a resonance is sampled well enough.
+SWING_SAMPLED = 0.2
 #: Error over the noise up to which the noise of strokes alone explains it: simulated healthy machines read 0.93 to 1.17 there.
 UNDECIDED = 1.2
 #: m/s; strokes below it are slow.   m; records further apart are at two places.
@@ -30,6 +36,9 @@ def within_scope(found: Diagnosis, recordings: Sequence[Recording]) -> tuple[Dia
     doubt = noise_doubt(found.after.ratio, recordings)
     if doubt and found.verdict != "partly explained":
         return replace(found, verdict="cannot tell"), [doubt]
+    sentence = undersampled(found.base.model, recordings) or unknown_delivery(found, recordings)
+    if sentence and found.verdict != "nothing missing":
+        return without_names(found), [sentence]
     unnamed = not_named(found.base.model, recordings)
     if not unnamed:
         return found, []
@@ -49,6 +58,45 @@ def within_scope(found: Diagnosis, recordings: Sequence[Recording]) -> tuple[Dia
         )
         return replace(found, verdict="cannot tell"), [sentence]
     return found, []
+
+
+def without_names(found: Diagnosis) -> Diagnosis:
+    """The diagnosis with nothing added and no verdict."""
+    first = found.steps[0] if found.steps else None
+    kept = (Step(first.before, first.candidates, "", (), first.before),) if first is not None else ()
+    return replace(found, steps=kept, verdict="cannot tell", twins=(), data=found.first)
+
+
+def undersampled(model: Model, recordings: Sequence[Recording]) -> str:
+    """That a belt swings too fast for the sampling, in words; "" where it does not.
+
+    Between two samples nothing but a model says how the motor moves; with less than four of them to a swing that decides the fit.
+    """
+    if "cart" not in model.base_bodies:
+        return ""
+    shape = shape_of(model, float(np.median([r.sidecar.start_position_m or 0.0 for r in recordings])))
+    rate_hz = 1.0 / max(r.sample_period_s for r in recordings)
+    if shape is None or shape.belt.resonance_hz < SWING_SAMPLED * rate_hz:
+        return ""
+    return (
+        f"The belt swings at {shape.belt.resonance_hz:.0f} Hz and was sampled with {rate_hz:.0f} Hz: what it does between two samples "
+        f"these records do not show. Record with at least {math.ceil(shape.belt.resonance_hz / SWING_SAMPLED / 10.0) * 10} Hz and ask again."
+    )
+
+
+def unknown_delivery(found: Diagnosis, recordings: Sequence[Recording]) -> str:
+    """That an error may as well be how the drive delivers and reads its torque, in words; "" where setpoints tell, or another name stands."""
+    effects = {effect.name: effect for effect in EFFECTS}
+    named = [effects[name] for name in found.named if name in effects]
+    told = any(r.torque_setpoint is not None for r in recordings) or recordings[0].side == "load"
+    if told or (named and named[0].slot not in DRIVE_SLOTS) or found.base.ratio > FAR_OFF_BASE:
+        return ""
+    error = f"an error of {found.base.ratio:.2f} times the noise"
+    hint = f"; {named[0].name} fits best" if named else ""
+    return (
+        f"Without the torque setpoint {error} cannot be told from a delay or a filter in the drive or in its torque reading{hint}. Record "
+        "torque_setpoint_nm too and ask again."
+    )
 
 
 def not_named(model: Model, recordings: Sequence[Recording]) -> set[str]:

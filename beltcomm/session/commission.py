@@ -12,6 +12,7 @@ from beltcomm.axis import Axis
 from beltcomm.control import Cascade, CascadeStructure
 from beltcomm.design.cascade import DesignResult
 from beltcomm.errors import DataError, NoMotion, Refused, SafetyStop
+from beltcomm.fit.acting import acting_recording
 from beltcomm.identify.amplitude import AmplitudeStep, around, unknown_masses_kg
 from beltcomm.identify.final import FinalModel, evidence, final_model
 from beltcomm.identify.standstill import largest
@@ -100,7 +101,7 @@ def identify_here(machine: Machine, findings: Findings, *, brief: bool = False) 
     machine.begin(TITLES[3])
     first_response(machine, findings, findings.excited, short_s)
     model = first_model(machine, findings)
-    scale.check_fitted(machine, model, findings.excited.model, machine.folder.recording("frf_1"))
+    scale.check_fitted(machine, model, findings.excited.model, acting_recording(machine.folder.recording("frf_1"), findings.path))
     return model
 
 
@@ -184,8 +185,7 @@ def close_first_loop(machine: Machine, findings: Findings, model: Model, *, ask:
     ask : before a loop with thin margins is closed.   Raises Refused for a no.
     """
     machine.begin(TITLES[4])
-    cascade, margin = first_cascade(machine, findings, model, machine.position_m)
-    return close_loop(machine, findings, model, cascade, margin, ask=ask)
+    return close_loop(machine, findings, model, *first_cascade(machine, findings, model, machine.position_m), ask=ask)
 
 
 def first_cascade(machine: Machine, findings: Findings, model: Model, at_m: float) -> tuple[Cascade, float]:

@@ -22,6 +22,7 @@ from beltcomm.runfolder import RunFolder
 from beltcomm.session import analyse
 from beltcomm.session.delays import assume_delay, delay, measure_delay_and_damping
 from beltcomm.session.findings import Findings
+from beltcomm.session.kept_path import kept_path
 from beltcomm.session.offline import structure_of
 from beltcomm.trajectory import Trajectory, held, plan_trajectory
 from beltcomm.verify import MOVE_M, REST_S, Loop, TrackingError, demand, predict_move, predict_range, tracking_error
@@ -65,7 +66,7 @@ class Cost:
 
 def cost_of(folder: RunFolder, before: Model, after: Model) -> Cost:
     """Cost of what ``after`` has and ``before`` has not.   Raises BeltcommError where no loop or no move can be had."""
-    axis, findings = folder.axis, Findings()
+    axis, findings = folder.axis, Findings(kept_path=kept_path(folder))
     if not axis.has_belt or before.side != "motor":
         raise Refused("an axis without a belt has no verification move yet")
     excited = [r for r in folder.recordings() if r.sidecar.experiment == "frf"]

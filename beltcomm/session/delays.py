@@ -8,6 +8,7 @@ import numpy as np
 
 from beltcomm.control import CascadeStructure
 from beltcomm.errors import DataError, Refused
+from beltcomm.fit.acting import acting_recordings
 from beltcomm.identify.magnitude_fit import Solver
 from beltcomm.model import Model
 from beltcomm.recording import Recording
@@ -21,11 +22,13 @@ LOUD_SHARE = 0.7
 
 
 def measure_delay_and_damping(findings: Findings, recordings: Sequence[Recording], model: Model, solver: Solver = "lm") -> None:
-    """The thesis's fit of every loud response, and the dead time; both only inform, a failure is a remark.
+    """The thesis's fit of every loud response, and the delay from setpoint to acting torque; a failure is a remark.
+
+    Both take the torque that acts by the path in the findings, not a reading that follows it late.
 
     In quiet ones at rest friction poses as so much damping that a loop robust from none up to it would be slow for nothing.
     """
-    recordings = [r for r in recordings if not r.sidecar.held_out]
+    recordings = acting_recordings([r for r in recordings if not r.sidecar.held_out], findings.path)
     loudest = max((float(np.std(r.torque)) for r in recordings if not r.sidecar.moving), default=0.0)
     loud = [r for r in recordings if r.sidecar.moving or np.std(r.torque) > LOUD_SHARE * loudest]
     for name, response in analyse.responses(loud).items():

@@ -95,16 +95,16 @@ def delivered(recording: Recording) -> Delivered | None:
     _, lag = max((abs(_related(asked, torque, lag)[0]), -lag) for lag in range(MOST_LAG + 1))
     lag = -lag
     correlation, share = _related(asked, torque, lag)
-    chain = fit_reading([recording])
-    # A filter, or a delay of no whole sample, takes nothing of a torque away.
-    if chain is not None and chain.rest_nm < EXPLAINED * float(np.std(torque)):
-        share = chain.law.gain
     before, after = asked[: len(asked) - lag] - np.mean(asked), torque[lag:] - np.mean(torque)
     large = np.abs(before) >= LARGE * np.max(np.abs(before))
     level = float(np.mean(np.abs(before[large])))
     reached = float(abs(np.mean(after[large] * np.sign(before[large]))))
     step, slope = _steps(recording, asked, torque)
-    period = recording.sample_period_s
+    period, chain = recording.sample_period_s, fit_reading([recording])
+    # A filter, or a delay of no whole sample, takes nothing of a torque away; a limit of its rate does.
+    filtered = chain is not None and chain.rest_nm < EXPLAINED * float(np.std(torque))
+    if chain is not None and filtered and not (step < AT_ONCE and _limited_rest(asked, torque, slope * period) < chain.rest_nm):
+        share = chain.law.gain
     samples = 1 + round(float(recording.t_s[-1] - recording.t_s[0]) / period)
     return Delivered(share, correlation, lag, level, reached, step, slope, max(0.0, 1.0 - len(recording.t_s) / samples))
 
@@ -130,6 +130,20 @@ def _steps(recording: Recording, asked: Array, torque: Array) -> tuple[float, fl
     mean = float(np.mean([abs(jumps[k]) for k in at]))
     fastest = float(np.max(np.mean(ways, axis=0)))
     return max(fastest / mean, 1e-3), fastest / recording.sample_period_s
+
+
+def _limited_rest(asked: Array, torque: Array, step_nm: float) -> float:
+    """rms of what a setpoint leaves of the torque whose change from sample to sample is limited, N m, at the best lag."""
+    limited, value = np.empty(len(asked)), float(asked[0])
+    for n, wanted in enumerate(asked.tolist()):
+        value += min(max(wanted - value, -step_nm), step_nm)
+        limited[n] = value
+    rests = []
+    for lag in range(MOST_LAG):
+        columns = np.column_stack((limited[1 : len(limited) - lag], limited[: len(limited) - lag - 1], np.ones(len(limited) - lag - 1)))
+        read = torque[lag + 1 :]  # the mean over a period lies between its ends
+        rests.append(float(np.std(read - columns @ np.linalg.lstsq(columns, read, rcond=None)[0])))
+    return min(rests)
 
 
 def check(recording: Recording) -> str:

@@ -22,6 +22,7 @@ from beltcomm.session.delays import measure_delay_and_damping
 from beltcomm.session.design_proof import grounds_of, prove
 from beltcomm.session.design_proof_words import proof_lines
 from beltcomm.session.findings import Findings
+from beltcomm.session.kept_path import kept_path
 from beltcomm.session.opened import records_of
 from beltcomm.session.proof import SUSPECT, doubts, error_of, suspect, thin_margins
 
@@ -48,7 +49,7 @@ def basis_of(run: Path) -> Basis:
             f"laboratory knows of this axis: `beltcomm report {pasted(run)}`"
         )
     model, revision, which = offline.trusted(folder)
-    findings = Findings()
+    findings = Findings(kept_path=kept_path(folder))
     records = records_of(folder)
     recordings = records.recordings
     findings.remarks += records.remarks

@@ -21,6 +21,7 @@ from beltcomm.fit.model_fit import SUSPECT_MISFIT, fit_model
 from beltcomm.fit.noise_level import torque_noise
 from beltcomm.fit.remarks import joint_draws
 from beltcomm.fit.segment import dressed, squares_left, stretches, whitened
+from beltcomm.fit.torque_path import TorquePath
 from beltcomm.identify.dead_time import DeadTime
 from beltcomm.model import Model
 from beltcomm.recording import Recording
@@ -146,8 +147,8 @@ class Grounds:
     """What a design rests on.
 
     model; positions_m and extra_kg (payloads beyond what is mounted, 0 first) : of its plants.   delay_s : from setpoint to torque, with
-    ``dead_time`` where it was measured.   apparent_nm_s_rad : largest damping it counts.   fit : ``results/fit.yaml`` where the model is
-    that fit's, else None.   counts_per_rev : None when not known.
+    ``dead_time`` where it was measured.   apparent_nm_s_rad : largest damping it counts.   fit : ``results/fit.yaml``, None where the model
+    is not that fit's.   counts_per_rev, path (to the torque that acts) : None when not known.
     """
 
     model: Model
@@ -158,6 +159,7 @@ class Grounds:
     apparent_nm_s_rad: float
     fit: Mapping[str, Any] | None
     counts_per_rev: int | None
+    path: TorquePath | None = None
 
 
 def grounds_of(folder: RunFolder, model: Model, revision: str, findings: Findings, payloads_kg: Sequence[float]) -> Grounds:
@@ -176,6 +178,7 @@ def grounds_of(folder: RunFolder, model: Model, revision: str, findings: Finding
         analyse.apparent_damping(findings.thesis),
         fit if fit and _same_fit(fit, model) else None,
         counts,
+        findings.path,
     )
 
 
@@ -284,10 +287,10 @@ def contradicting(
             "whether a record contradicts the model was not examined: the steps of the encoder are not known",
         ) if recordings else ()
     noise, step = torque_noise(recordings), 2.0 * np.pi / counts
-    free = [n for n in model.parameters if n.startswith(LOAD)]
+    fixed = [n for n in model.parameters if not n.startswith(LOAD)]
     found = []
     for recording in recordings:
-        pieces = [dressed(p, model) for p in stretches(recording, model, step, noise, fitted=True)]
+        pieces = [dressed(p, model) for p in stretches(recording, model, step, noise, fitted=True, path=grounds.path)]
         pieces = [p for p in pieces if p.keep.any()]
         if not pieces or _mean_square([whitened(p, model, model.vector()) for p in pieces]) <= SUSPECT_MISFIT:
             continue
@@ -297,9 +300,7 @@ def contradicting(
             continue
         condition = condition_of(recording, model["transmission.ratio"])
         try:
-            alone = fit_model(
-                [_to_fit(recording)], model, counts_per_rev=counts, fixed=[n for n in model.parameters if n not in free], noise_nm=noise
-            )
+            alone = fit_model([_to_fit(recording)], model, counts_per_rev=counts, fixed=fixed, noise_nm=noise, path=grounds.path)
             reached = margins(cascade, _plants(grounds, alone.model, grounds.delay_s), design.structure.period_s)
         except (DataError, Refused, UsageError):
             found.append(Contradiction(condition, misfit, None, None, (), holds=False))

@@ -10,6 +10,7 @@ from beltcomm.control import Cascade, PrefilterKind
 from beltcomm.design.cascade import DesignResult
 from beltcomm.design.feedforward import FeedforwardKind
 from beltcomm.design.specification import Specification
+from beltcomm.fit.torque_path import TorquePath
 from beltcomm.identify.dead_time import DeadTime
 from beltcomm.identify.final import FinalModel
 from beltcomm.identify.friction import FrictionFit
@@ -59,7 +60,8 @@ class Settings:
 class Findings:
     """What is known so far; every phase adds to it, and an interrupted run keeps what it has.
 
-    swing : the model of the first response with a payload that swings, where only that explains it.
+    swing : the model of the first response with a payload that swings, where only that explains it.   kept_path : of the torque, as a fit
+    before has left it in the run folder.
     reservations : in words, why it is no success although the move that was driven met its targets.
     """
 
@@ -69,6 +71,7 @@ class Findings:
     thesis: dict[str, MagnitudeFit] = field(default_factory=dict)
     dead_time: DeadTime | None = None
     assumed_delay_s: float = 0.0
+    kept_path: TorquePath | None = None
     final: FinalModel | None = None
     swing: Model | None = None
     characteristics: Mapping[str, analyse.Characteristic] = field(default_factory=dict)
@@ -86,6 +89,13 @@ class Findings:
     applied: Apply = "restore"
     machine_seconds: float = 0.0
     calibrating_s: float = 0.0
+
+    @property
+    def path(self) -> TorquePath | None:
+        """From setpoint and reading to the torque that acts, as far as it is known."""
+        if self.final is not None:
+            return self.final.fit.path
+        return self.excited.path if self.excited is not None else self.kept_path
 
     @property
     def succeeded(self) -> bool:

@@ -21,6 +21,7 @@ from beltcomm.session import analyse, friction_words, offline, words
 from beltcomm.session import pictures as drawing
 from beltcomm.session.delays import measure_delay_and_damping
 from beltcomm.session.findings import Findings
+from beltcomm.session.kept_path import kept_path
 from beltcomm.session.strokes import slowest_fitted_rad_s
 from beltcomm.talk import Silence, Talk
 
@@ -84,7 +85,7 @@ def friction_compare(runs: Place | Sequence[Place], *, pictures: bool = False, c
         talk.phase(number, len(folders), folder.path.name)
         recordings = folder.recordings()
         model = offline.saved_model(folder) if "final" in folder.names("models") else None
-        findings = Findings()
+        findings = Findings(kept_path=kept_path(folder))
         if model is not None:
             measure_delay_and_damping(findings, [r for r in recordings if r.sidecar.experiment == "frf"], model)
         try:

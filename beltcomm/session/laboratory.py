@@ -9,6 +9,7 @@ from typing import Any
 
 from beltcomm.effects import EFFECTS, effect_named, stands_for
 from beltcomm.errors import UsageError
+from beltcomm.fit.acting import acting_recordings
 from beltcomm.fit.base import NEXT_ITERATIONS, again
 from beltcomm.fit.estimate import Fitted, fit
 from beltcomm.fit.intervals import with_intervals
@@ -37,9 +38,11 @@ from beltcomm.session.cross_check_words import as_data, check_lines, cross_check
 from beltcomm.session.diagnosis_data import diagnosis_data, error_data, seen_as, values_of
 from beltcomm.session.effect_search import search_of
 from beltcomm.session.kept_cost import cost_of, priced
+from beltcomm.session.kept_path import KEY
 from beltcomm.session.kept_result import answered
 from beltcomm.session.next_plan import NAME, plan_for
 from beltcomm.session.opened import Opened, explainable, opened
+from beltcomm.session.path_words import path_data, path_sentences, period_of
 from beltcomm.session.response_table import table_lines, table_of
 from beltcomm.session.revisions import (
     Revision,
@@ -71,13 +74,14 @@ def compared(run: Path, pictures: bool, command: str, talk: Talk) -> Result:
     explainable(comparison.ratio, run)
     chosen, doubt = worst(comparison), noise_doubt(comparison.ratio, here.records.recordings)
     named = landmarks(here.fitted.model, drawn.middle_of(here.folder))
-    table = table_of(here.records.recordings, here.fitted.model)
+    table = table_of(acting_recordings(here.records.recordings, here.data.path), here.fitted.model)
     made, remarks = drawn.comparison_pictures(here.folder, here.data, here.fitted, comparison, command) if pictures else ([], [])
     made += drawn.responses_picture(here.folder, table, command)[0] if pictures and not remarks else []
     data = {
         "run": str(run),
         "model": {"effects": list(here.fitted.model.effects), "parameters": values_of(here.fitted.model)},
         **ratios(comparison),
+        KEY: path_data(here.data.path, period_of(here.data.recordings)),
         "records": [plain(r) for r in comparison.records],
         "worst": [
             {
@@ -100,7 +104,7 @@ def compared(run: Path, pictures: bool, command: str, talk: Talk) -> Result:
     }
     text = words.remark_lines(here.records.remarks)
     text += words.comparison_lines(comparison, [in_words(p, named) for p in chosen], here.fitted.model, run, doubt)
-    text[-1:-1] = [*table_lines(table), *sheet_lines(here.sheets)]
+    text[-1:-1] = [*path_sentences(here.data.path, here.data.recordings), *table_lines(table), *sheet_lines(here.sheets)]
     return Result(data, text[:-1] + drawn.lines(here.folder, made, remarks) + text[-1:])
 
 
@@ -137,13 +141,14 @@ def diagnosed(folder: RunFolder, run: Path, auto: bool, cost: bool, following: b
         "run": str(run),
         **diagnosis_data(found, before, after),
         **as_data(crossed),
+        KEY: path_data(found.data.path, period_of(recordings)),
         "remarks": list(records.remarks),
         "doubts": doubts,
     }
     belonging = together(found.after, found.named)
     data["together"] = [plain(one) for one in belonging]
     text = words.remark_lines(records.remarks) + words.diagnosis_lines(found, before, after) + [one.text for one in belonging] + doubts
-    text += check_lines(crossed)
+    text += [*path_sentences(found.data.path, recordings), *check_lines(crossed)]
     if cost and found.named:
         talk.phase(1, 1, "what it costs in tracking")
         data["cost"], lines = cost_of(folder, found.base.model, with_intervals(found.after), " and ".join(found.named))

@@ -9,6 +9,7 @@ from typing import Any
 from beltcomm.axis import Axis
 from beltcomm.drive import Drive
 from beltcomm.errors import UsageError
+from beltcomm.fit.acting import acting_recordings
 from beltcomm.given import pasted
 from beltcomm.recording import Recording
 from beltcomm.result import Result, plain
@@ -59,7 +60,7 @@ def identify_in_loop(drive: Drive, axis: Axis, run: Path, options: Options, agre
         recording = loop_record.record_all(machine, findings, job, ask=not options.yes)
         seconds = machine.machine_seconds
     slowest = loop_record.slowest_share(recording, drive.capabilities.counts_per_rev)
-    ways = loop_ways.all_ways(folder.recordings(), model, recording.name)
+    ways = loop_ways.all_ways(acting_recordings(folder.recordings(), findings.path), model, recording.name)
     made, remarks = (
         pictures.ways_picture(folder, recording.name, ways, f"beltcomm identify --loop {options.loop}") if options.pictures else ([], [])
     )

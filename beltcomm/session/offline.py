@@ -26,6 +26,7 @@ from beltcomm.runfolder import RunFolder
 from beltcomm.session import analyse
 from beltcomm.session.delays import measure_delay_and_damping
 from beltcomm.session.findings import Findings
+from beltcomm.session.kept_path import kept_path
 from beltcomm.session.revisions import CURRENT, model_named, trusted_model
 from beltcomm.session.store import cascade_from_dict, delay_from_dict, structure_from_dict
 from beltcomm.session.strokes import slowest_fitted_rad_s
@@ -116,7 +117,7 @@ def coarser(recordings: Sequence[Recording], counts: int) -> int:
 
 def fitted(folder: RunFolder, solver: Solver, talk: Talk, model: Model | None = None) -> Findings:
     """Final fit, log-magnitude fits, dead time and friction from what the run folder holds."""
-    findings = Findings()
+    findings = Findings(kept_path=kept_path(folder))
     records = fit_for_belt_model(folder)
     recordings = records.recordings
     findings.remarks += records.remarks

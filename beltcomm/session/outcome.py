@@ -16,6 +16,8 @@ from beltcomm.session import analyse, friction_words, holding, words
 from beltcomm.session.delays import delay
 from beltcomm.session.findings import Findings
 from beltcomm.session.kept_fit import keep_fit
+from beltcomm.session.kept_path import KEY
+from beltcomm.session.path_words import path_data, path_lines, period_of
 from beltcomm.session.store import design_to_dict, fit_to_dict, verdict_to_dict
 
 
@@ -40,6 +42,7 @@ def fit_dict(final: FinalModel, findings: Findings) -> dict[str, Any]:
     """``results/fit.yaml``: the fit, what it was compared with, and what follows from it."""
     return {
         **fit_to_dict(final.fit),
+        KEY: path_data(final.fit.path, period_of(final.fit.data.recordings)),
         "reason": final.reason,
         "rejected": fit_to_dict(final.rejected) if final.rejected else None,
         "characteristics": plain(findings.characteristics),
@@ -89,9 +92,16 @@ def model_text(findings: Findings, *, error: float | None = None, compared: bool
         return []
     lines = words.model_lines(findings.final.fit, findings.characteristics, error)
     lines.append(f"  {findings.final.reason}")
+    late = ""
     if findings.dead_time is not None:
-        interval = 1e3 * findings.dead_time.interval_s
-        lines.append(f"  delay from torque setpoint to torque: {words.number(1e3 * findings.dead_time.value_s, interval, 'ms')}")
+        late = words.number(1e3 * findings.dead_time.value_s, 1e3 * findings.dead_time.interval_s, "ms")
+    fit = findings.final.fit
+    told = path_lines(fit.path, period_of(fit.data.recordings))
+    if told and late:
+        told[0] += f"; delay {late}"
+    elif late:
+        told = [f"delay from torque setpoint to torque: {late}", *told]
+    lines += [f"  {line}" for line in told]
     return lines + (words.thesis_lines(findings.thesis) if compared else [])
 
 

@@ -10,7 +10,10 @@ from numpy.typing import NDArray
 
 from beltcomm.errors import NoMotion, Refused, SafetyStop
 from beltcomm.excitation import prbs
-from beltcomm.fit.first_estimate import data_sheet_model, first_estimate, moved_enough, stiffness_range
+from beltcomm.fit.acting import acting_recording
+from beltcomm.fit.first_estimate import data_sheet_model, moved_enough, stiffness_range
+from beltcomm.fit.first_path import first_path
+from beltcomm.fit.torque_path import FAITHFUL, TorquePath
 from beltcomm.identify.amplitude import UNKNOWN_MASSES_KG, AmplitudeStep, MotionLimits, around, largest_amplitude, unknown_payload
 from beltcomm.model import Model
 from beltcomm.recording import Recording
@@ -33,7 +36,7 @@ MOST_STEPS = 5
 
 @dataclass(frozen=True)
 class Excited:
-    """Outcome of the amplitude search: the last step, all recordings, and the model that they gave.
+    """Outcome of the amplitude search: the last step, all recordings, and the model and torque path that they gave.
 
     at_most_nm : of the next excitation, whatever its sequence: no record is louder than the one before by more than ``GROWTH``.
     """
@@ -42,6 +45,7 @@ class Excited:
     recordings: tuple[Recording, ...]
     model: Model
     at_most_nm: float
+    path: TorquePath = FAITHFUL
 
 
 def unknown_axis(machine: Machine, breakaway: Breakaway, masses_kg: Sequence[float]) -> tuple[Model, Sequence[Model]]:
@@ -121,12 +125,13 @@ def raise_amplitude(
                 shapes = shapes[1:]
                 continue
         with machine.withdrawing():
-            model = believable(first_estimate(recordings[-1:], known, counts), sheet)
+            first = first_path(recordings[-1], known, counts)
+        model = believable(first.model, sheet)
         machine.folder.journal(
             f"amplitude {step.amplitude_nm:.3f} N m ({step.binds}): mass {model['cart.mass']:.2f} kg, "
             f"stiffness {model['belt_stiffness.stiffness']:.4g} N/m"
         )
-        model = scale.check_first(machine, model, recordings[-1])
+        model = scale.check_first(machine, model, acting_recording(recordings[-1], first.path))
         stops.lend_brake(machine, model, following.at_m)
         family = around(balanced(model))
         at_most = GROWTH * step.amplitude_nm
@@ -135,8 +140,8 @@ def raise_amplitude(
         if response is not None and not bound:
             bound = last.binds != "step" or _bound(response, model, at_most)
         if bound or len(recordings) >= MOST_STEPS:
-            return Excited(last, tuple(recordings), model, at_most)
-        found = Excited(step, tuple(recordings), model, step.amplitude_nm)
+            return Excited(last, tuple(recordings), model, at_most, first.path)
+        found = Excited(step, tuple(recordings), model, step.amplitude_nm, first.path)
 
 
 def _next(machine: Machine, breakaway: Breakaway, family: Sequence[Model], shapes: Sequence[tuple[int, int]], at_most_nm: float) -> _Next:

@@ -36,10 +36,10 @@ STARTS, CLEAR_EVIDENCE = 2, 150.0
 
 def with_swing(found: FinalModel, recordings: Sequence[Recording], axis: Axis, counts_per_rev: int) -> Model | None:
     """The model with a payload that swings, where it explains the records to the noise and clearly better than ``found``; else None."""
-    step = 2.0 * math.pi / counts_per_rev
+    step, noise_nm, path = 2.0 * math.pi / counts_per_rev, found.fit.noise_nm, found.fit.path
 
     def left(start: Model) -> float:
-        pieces = [p for r in recordings for p in stretches(r, start, step, found.fit.noise_nm, fitted=True)]
+        pieces = [p for r in recordings for p in stretches(r, start, step, noise_nm, fitted=True, path=path)]
         return float(sum(np.sum(np.minimum(whitened(p, start, start.vector()) ** 2, OUTLIER)) for p in pieces))
 
     for start in sorted(_starts(found.fit.model), key=left)[:STARTS]:

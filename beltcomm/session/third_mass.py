@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from beltcomm.errors import DataError
+from beltcomm.fit.acting import acting_recordings
 from beltcomm.fit.model_fit import ModelFit
 from beltcomm.given import pasted
 from beltcomm.identify.three_mass import ThreeMass, compare_masses, resonances_hz, sheet_mass_kg
@@ -15,6 +16,7 @@ from beltcomm.model import Model
 from beltcomm.result import Result, plain, table
 from beltcomm.runfolder import RunFolder
 from beltcomm.session import analyse, offline, words
+from beltcomm.session.kept_path import kept_path
 from beltcomm.session.revisions import new_revision
 from beltcomm.session.store import fit_to_dict
 from beltcomm.talk import Silence, Talk
@@ -42,7 +44,7 @@ def fit_three_masses(run: Path, *, command: str = "", when: str = "", talk: Talk
     folder = RunFolder.open(run)
     talk.phase(1, 1, "two masses against three")
     recordings = offline.fit_for_belt_model(folder).recordings
-    responses = analyse.responses([r for r in recordings if not r.sidecar.held_out])
+    responses = analyse.responses(acting_recordings([r for r in recordings if not r.sidecar.held_out], kept_path(folder)))
     counts = offline.counts_of(folder)
     found = compare_masses(recordings, folder.axis, counts, responses, progress=lambda f: talk.progress(f, None))
     places = {r.name: r.sidecar.start_position_m or 0.0 for r in recordings}

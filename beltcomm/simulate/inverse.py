@@ -61,7 +61,8 @@ class FineMotion:
     theta, omega : ndarray (n*substeps - substeps + 1,), rad and rad/s at the motor shaft, absolute: theta = position / i_t.
     samples : number of samples n.     sample_s : s, sampling period.    substeps : fine steps per sample.
     time_s : s, session clock at the first sample.   bristle_m : m at the belt, in which the motor's friction turns round.
-    within : of the torque inside the sampling periods; None: it is held.
+    within : of the torque inside the sampling periods; None: it is held.   creep : angle and speed as the motor's friction sees them, where
+    the steps of the encoder hide that a slow motion goes on in one direction; None: as they are.
     """
 
     theta: Array
@@ -72,6 +73,7 @@ class FineMotion:
     time_s: float
     bristle_m: float = BRISTLE_M
     within: Intersample | None = None
+    creep: tuple[Array, Array] | None = None
     #: What :func:`true_motion` last made of it, by the values of the sensor's errors: most of a fit does not change them.
     made_true: dict[tuple[object, ...], FineMotion] = field(init=False, repr=False, compare=False, default_factory=dict)
     #: What :func:`motor_load` last said of it, by effects and values: most of what is tried leaves the motor's own friction alone.
@@ -85,7 +87,10 @@ class FineMotion:
     def coarser(self, substeps: int) -> FineMotion:
         """The same motion with fewer fine steps per sample, of which today's are a multiple; itself where it has no more."""
         skip = self.substeps // substeps
-        return replace(self, theta=self.theta[::skip].copy(), omega=self.omega[::skip].copy(), substeps=substeps) if skip > 1 else self
+        if skip <= 1:
+            return self
+        creep = None if self.creep is None else (self.creep[0][::skip].copy(), self.creep[1][::skip].copy())
+        return replace(self, theta=self.theta[::skip].copy(), omega=self.omega[::skip].copy(), substeps=substeps, creep=creep)
 
 
 def reconstruct(
@@ -206,7 +211,8 @@ def fine_load(model: Model, motion: FineMotion, vector: Array | None = None, off
         kernel.load(*given, motion.bristle_m, offset_m, load, cart, NOTHING)
     if board.motor.any():
         own, level = _SCRATCH.rows(len(load))
-        kernel.motor(*given, motion.bristle_m, own, level)
+        theta, omega = motion.creep or (motion.theta, motion.omega)
+        kernel.motor(theta, omega, *given[2:], motion.bristle_m, own, level)
         load += own
     return load, cart
 
@@ -224,7 +230,8 @@ def motor_load(model: Model, motion: FineMotion, vector: Array, effect: str | No
         if on.any():
             load, level = _SCRATCH.rows(len(motion.theta))
             h = motion.sample_s / motion.substeps
-            inverse_kernel().motor(motion.theta, motion.omega, board.spread(vector), on, motion.time_s, h, motion.bristle_m, load, level)
+            theta, omega = motion.creep or (motion.theta, motion.omega)
+            inverse_kernel().motor(theta, omega, board.spread(vector), on, motion.time_s, h, motion.bristle_m, load, level)
             mean = triangular_mean(load, motion.substeps)
         mean.setflags(write=False)
         if len(motion.rubbed) >= REMEMBERED:

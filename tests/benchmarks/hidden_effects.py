@@ -39,6 +39,7 @@ from beltcomm.fit.intervals import spread_of
 from beltcomm.fit.start import start_model
 from beltcomm.laboratory.diagnosis import Diagnosis, diagnose
 from beltcomm.laboratory.run_checks import checked
+from beltcomm.laboratory.scope import within_scope
 from beltcomm.laboratory.score import ground_of
 from beltcomm.laboratory.stage import with_effect
 from beltcomm.runfolder import RunFolder
@@ -119,6 +120,8 @@ def examined(name: str, seed: int, names: tuple[str, ...], strength: float) -> d
             if "belt_damping" in names:
                 start = start.without_effect("belt_damping")
             found = diagnose(recordings, run.axis, start)
+            if name in FAMILIES:  # as a user hears it
+                found, line["doubts"] = within_scope(found, recordings)
             line["cpu_s"] = time.process_time() - begin
             line |= judged(machine, found, run)
             return line | ({"base": base_of(machine, found.after)} if name in FAMILIES else {})

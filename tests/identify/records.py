@@ -33,7 +33,9 @@ class Recorder:
     """One record's imperfections.
 
     seed : of the torque noise.   delay_s : s, torque setpoint to acting torque.   noise_nm : N m rms on the reported torque.
-    counts : per revolution.   disturbance : (n,), N m, acts on the shaft besides and is not reported.
+    counts : per revolution.   disturbance : (n,), N m, acts on the shaft besides and is not reported.   share : of what is new that
+    a filter of the samples lets through in each, between setpoint and delay.   lag_s : s, of first order, between the delayed setpoint and
+    the acting torque; stepped in pieces of a twentieth of a sample.
     """
 
     seed: int = 0
@@ -41,6 +43,8 @@ class Recorder:
     noise_nm: float = NOISE_NM
     counts: int = COUNTS
     disturbance: Array | None = None
+    share: float = 1.0
+    lag_s: float = 0.0
 
     def record(
         self, plant: TruthPlant, command: Callable[[int, float], float], samples: int, sidecar: Sidecar, name: str = "record"
@@ -52,17 +56,34 @@ class Recorder:
         waiting = [0.0] * (whole + 1)
         setpoint, torque, position, cart = (np.empty(samples) for _ in range(4))
         extra = np.zeros(samples) if self.disturbance is None else self.disturbance
-        zero = plant.position_rad
+        zero, smooth, lagging = plant.position_rad, 0.0, 0.0
+
+        def held(asked: float, duration: float, more: float) -> float:
+            """The plant moved on while a setpoint is held; integral of the torque, N m s."""
+            nonlocal lagging
+            if self.lag_s == 0.0:
+                plant.step(asked + more, duration)
+                return asked * duration
+            total, pieces = 0.0, math.ceil(20.0 * duration / PERIOD_S)
+            for _ in range(pieces):
+                h = duration / pieces
+                left = (lagging - asked) * math.exp(-h / self.lag_s)
+                mean = asked + (lagging - asked - left) * self.lag_s / h
+                lagging = asked + left
+                plant.step(mean + more, h)
+                total += mean * h
+            return total
+
         for n in range(samples):
             position[n] = math.floor((plant.position_rad - zero) / step) * step
             cart[n] = plant.cart_position_m
             setpoint[n] = command(n, float(position[n]))
-            waiting.append(float(setpoint[n]))
+            smooth += self.share * (float(setpoint[n]) - smooth)
+            waiting.append(smooth)
             old = waiting.pop(0)
-            if late > 1e-9:
-                plant.step(old + float(extra[n]), late)
-            plant.step(waiting[0] + float(extra[n]), PERIOD_S - late)
-            torque[n] = (late * old + (PERIOD_S - late) * waiting[0]) / PERIOD_S
+            acted = held(old, late, float(extra[n])) if late > 1e-9 else 0.0
+            acted += held(waiting[0], PERIOD_S - late, float(extra[n]))
+            torque[n] = acted / PERIOD_S
         return Recording(
             name=name,
             t_s=PERIOD_S * np.arange(samples, dtype=np.float64),

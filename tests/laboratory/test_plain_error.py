@@ -140,7 +140,7 @@ def test_when_a_plain_error_falls(rise: float, chance: float, before: float, aft
 def test_what_is_confirmed_lowers_the_plain_error_too(
     monkeypatch: pytest.MonkeyPatch, held: Any, objective: Any, rise: float, said: bool | None
 ) -> None:
-    before, after = (SimpleNamespace(held_ratio=r, held_objective=o) for r, o in zip(held, objective, strict=True))
+    before, after = (SimpleNamespace(held_ratio=r, held_level=o) for r, o in zip(held, objective, strict=True))
     monkeypatch.setattr(acceptance, "changes", lambda *_: ((-1.0, 0.1), (rise, 0.5)))
     data: Any = SimpleNamespace()
     one: Any = before

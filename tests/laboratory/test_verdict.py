@@ -21,7 +21,7 @@ from beltcomm.laboratory.plausible import KNOWN, run_away, undetermined, unlikel
 from beltcomm.laboratory.stage import Candidate
 from beltcomm.laboratory.structure import excess, partitions
 from beltcomm.model import build_model
-from beltcomm.session import laboratory, ladder_words
+from beltcomm.session import effect_search, laboratory, ladder_words
 from beltcomm.session.ladder_words import climb_lines
 from beltcomm.session.revisions import Revision
 
@@ -89,7 +89,9 @@ def test_what_is_explained_would_pass_as_a_machine_of_which_nothing_is_missing(
     monkeypatch.setattr(diagnosis, "with_intervals", lambda _fitted: BASE)
     assert verdict_of(base, [Step(base, (), "tilt", (), after)], (), 0.0) == verdict
     untouched: Any = SimpleNamespace(objective=after.objective, problem=after.problem)  # of it nothing else is asked
-    assert (verdict_of(untouched, [], (), 0.0) == "nothing missing") is (level < diagnosis.MISSING)
+    missing = verdict_of(untouched, [], (), 0.0) != "nothing missing"
+    assert missing is (level >= diagnosis.NOISE_KNOWN)
+    assert not (missing and verdict == "explained")
 
 
 @pytest.mark.parametrize(
@@ -173,7 +175,7 @@ def test_only_what_held_out_records_confirm_is_added_by_itself(
 ) -> None:
     """``held`` : ratio and objective of the held-out records before and with cogging; with warmup they stay as they are."""
     base, once, twice = (
-        SimpleNamespace(model=name, held_ratio=h and h[0], held_objective=h and h[1])
+        SimpleNamespace(model=name, held_ratio=h and h[0], held_level=h and h[1])
         for name, h in zip(("base", "once", "twice"), (*held, held[1]), strict=True)
     )
     monkeypatch.setattr(laboratory, "current_revision", lambda _folder: "there")
@@ -195,7 +197,7 @@ def test_only_what_held_out_records_confirm_is_added_by_itself(
 
 def test_two_effects_that_only_both_together_are_confirmed_become_one_revision(monkeypatch: pytest.MonkeyPatch) -> None:
     base, once, twice = (
-        SimpleNamespace(held_ratio=ratio, held_objective=objective) for ratio, objective in ((3.0, 9.0), (3.1, 9.5), (1.0, 2.0))
+        SimpleNamespace(held_ratio=ratio, held_level=objective) for ratio, objective in ((3.0, 9.0), (3.1, 9.5), (1.0, 2.0))
     )
     monkeypatch.setattr(laboratory, "current_revision", lambda _folder: "there")
     monkeypatch.setattr(laboratory, "revision_of", lambda _folder, new, old, change, *_: (old[1], new[1], change))
@@ -224,18 +226,6 @@ def test_two_effects_that_only_both_together_are_confirmed_become_one_revision(m
 def test_twins_are_told_whichever_comes_first_and_whoever_stands_between(ranked: Any, twins: tuple[str, ...]) -> None:
     given: Any = [SimpleNamespace(effect=effect_named(name), evidence=evidence, accepted=ok) for name, evidence, ok in ranked]
     assert diagnosis.twins_of(given) == twins
-
-
-@pytest.mark.parametrize(("objective", "kept"), [(float("nan"), "before"), (float("inf"), "before"), (5.0, "after")])
-def test_a_model_that_flies_off_on_the_motion_that_it_rebuilds_is_not_taken(
-    monkeypatch: pytest.MonkeyPatch, objective: float, kept: str
-) -> None:
-    rebuilt, found = SimpleNamespace(fitted=(SimpleNamespace(counted=np.arange(10)),)), SimpleNamespace(objective=objective, ratio=1.0)
-    data: Any = SimpleNamespace(fitted=(), held_out=())
-    fitted: Any = SimpleNamespace(model=BASE, offsets=np.zeros(1), problem=SimpleNamespace(samples=10), ratio=1.0)
-    monkeypatch.setattr(diagnosis, "remade", lambda *_: rebuilt)
-    monkeypatch.setattr(diagnosis, "fit", lambda *_, **_options: found)
-    assert diagnosis.again(data, fitted, 3) == {"before": (data, fitted), "after": (rebuilt, found)}[kept]
 
 
 def test_noise_has_no_structure_and_a_small_constant_has() -> None:
@@ -301,7 +291,8 @@ def test_an_effect_with_which_the_error_as_a_whole_grows_is_not_taken(
     found = [[candidate], []]
     monkeypatch.setattr(diagnosis, "search", lambda *_, **_options: found.pop(0))
     monkeypatch.setattr(diagnosis, "again", lambda data, *_: (data, fitted(grown, held)))
-    monkeypatch.setattr(diagnosis, "settled", lambda data, last: (data, last))
+    for name in ("settled", "as_searched"):
+        monkeypatch.setattr(diagnosis, name, lambda data, last: (data, last))
     monkeypatch.setattr(diagnosis, "superfluous", lambda _data, last, *_: (last, ()))
     monkeypatch.setattr(diagnosis, "formed", lambda _data, last, _base: SimpleNamespace(fitted=last, new=(), removed=()))
     monkeypatch.setattr(diagnosis, "placed", lambda *_: SimpleNamespace(new=()))
@@ -326,7 +317,7 @@ def test_each_stage_of_a_search_is_a_phase_of_its_own_and_no_number_of_them_is_p
     times = iter(range(0, 100, 4))
     talk = PlainTalk(text, clock=lambda: float(next(times)))
     talk.phase(1, 0, "search for missing effects")
-    heard = laboratory.staged(talk)
+    heard = effect_search.staged(talk)
     for stage, fraction in ((1, 0.25), (1, 0.5), (2, 0.25)):
         heard(stage, fraction)
     assert text.getvalue().splitlines() == [

@@ -25,7 +25,7 @@ from session.bench import Bench, Listener
 SEED = 1
 #: Long calculations whose result depends on their arguments alone.
 PURE = (
-    (raising, "first_estimate"),
+    (raising, "first_path"),
     (phases, "largest_amplitude"),
     (raising, "largest_amplitude"),
     (sameness, "largest_amplitude"),

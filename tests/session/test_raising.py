@@ -11,6 +11,8 @@ import pytest
 
 from beltcomm.axis import load_axis
 from beltcomm.errors import Refused, SafetyStop
+from beltcomm.fit.first_path import FirstPath
+from beltcomm.fit.torque_path import FAITHFUL
 from beltcomm.identify.amplitude import AmplitudeStep, Prediction
 from beltcomm.model import load_plant
 from beltcomm.session import raising
@@ -44,7 +46,7 @@ class Search:
             "_made": self.make,
             "_louder": lambda _machine, _family, _made, most_nm: self.step(most_nm),
             "moved_enough": lambda recording, *_: recording >= self.moves_from_nm,
-            "first_estimate": lambda *_: MODEL,
+            "first_path": lambda *_: FirstPath(FAITHFUL, MODEL),
             "stands_after": lambda _machine, problem: self.stands and problem.reason == "position",
         }.items():
             monkeypatch.setattr(raising, name, stand_in)

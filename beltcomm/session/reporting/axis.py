@@ -29,7 +29,7 @@ def frequency(run: Gathered) -> Section:
     if run.model is None or not any(r.sidecar.experiment == "frf" for r in run.recordings):
         return Section("responses", title, missing="No response was measured; beltcomm identify does.")
     caption = Caption(run.command, f"{run.name}/recordings")
-    table = table_of(run.recordings, run.model)
+    table = table_of(run.acting, run.model)
     parts: list[Words | Table | Picture] = []
     if run.comparison is not None:
         pairs = bode.response_pairs(run.recordings, run.comparison.judged)

@@ -161,7 +161,7 @@ def _overlays(before: Gathered, now: Gathered, caption: Caption) -> list[Picture
 def _loudest(run: Gathered) -> Row | None:
     if run.model is None:
         return None
-    rows = table_of(run.recordings, run.model).rows
+    rows = table_of(run.acting, run.model).rows
     return max(rows, key=lambda row: (round(row.condition.amplitude_nm, 3), row.response.n_periods), default=None)
 
 

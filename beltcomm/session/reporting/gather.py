@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from beltcomm.errors import BeltcommError, DataError
+from beltcomm.fit.acting import acting_recordings
 from beltcomm.given import pasted
 from beltcomm.laboratory.compare import Comparison, compare, landmarks
 from beltcomm.model import Model
@@ -46,6 +47,11 @@ class Gathered:
     def place(self) -> str:
         """The folder as a command takes it: its path where that is relative, else its name."""
         return str(self.folder.path) if not self.folder.path.is_absolute() else self.name
+
+    @property
+    def acting(self) -> Sequence[Recording]:
+        """The recordings with the torque that acts, where the reading is not that."""
+        return acting_recordings(self.recordings, self.laboratory.data.path if self.laboratory is not None else None)
 
     @property
     def landmarks(self) -> Mapping[str, float]:

@@ -8,6 +8,7 @@ from beltcomm.laboratory.place_words import in_words
 from beltcomm.report.page import Picture, Section, Table, Words, picture_of
 from beltcomm.session import pictures
 from beltcomm.session.ladder_words import record_table
+from beltcomm.session.path_words import path_sentences
 from beltcomm.session.reporting.gather import Gathered
 
 
@@ -18,11 +19,12 @@ def section(run: Gathered) -> Section:
         return Section(
             "model-error", "Where the model fails", missing=f"Nothing to compare; beltcomm fit {pasted(run.place)} makes a model."
         )
+    data = run.laboratory.data
     places = [in_words(place, run.landmarks) for place in worst(found)] or ["No place stands out."]
     titles, rows = record_table(found)
     note = "Error over noise 1.00 means that nothing is missing in that record."
-    drawn = pictures.error_figures(run.folder, run.laboratory.data, run.laboratory.fitted, found, run.command)
-    parts: list[Words | Table | Picture] = [Words(places, listed=True)]
+    drawn = pictures.error_figures(run.folder, data, run.laboratory.fitted, found, run.command)
+    parts: list[Words | Table | Picture] = [Words([*places, *path_sentences(data.path, data.recordings)], listed=True)]
     parts += [picture_of(figure) for figure in drawn.values()]
     parts.append(Table([title.removeprefix(">") for title in titles], rows, note))
     if run.rungs:

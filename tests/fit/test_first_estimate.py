@@ -26,7 +26,7 @@ def estimates() -> list[tuple[Model, Model]]:
         for seed in range(4):
             plant = draw(rig, np.random.default_rng([40, seed]))
             record = Recorder(seed).shaken(plant, 0.25, 1, at_m=0.28)
-            pairs.append((true_model(plant), first_estimate([record], data_sheet_model(AXIS, 0.28, COULOMB_NM), COUNTS)))
+            pairs.append((true_model(plant), first_estimate([record], data_sheet_model(AXIS, 0.28, COULOMB_NM), COUNTS).model))
     return pairs
 
 

@@ -133,7 +133,8 @@ def test_a_fit_ends_with_the_best_model_that_it_saw_behind_its_own_observer(
 
     def noted(*given: Any) -> Problem:
         problem = made(*given)
-        seen.append(problem.objective(problem.residual(problem.start())))
+        x = problem.start()
+        seen.append(problem.objective(problem.residual(x), x))
         return problem
 
     monkeypatch.setattr(fitting, "problem_of", noted)

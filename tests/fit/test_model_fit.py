@@ -8,7 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from beltcomm.effects import effect_named
 from beltcomm.errors import DataError
+from beltcomm.fit import base
 from beltcomm.fit.model_fit import ModelFit, fit_model
 from beltcomm.model import Model
 from beltcomm.recording import Recording
@@ -180,7 +182,7 @@ def test_held_out_records_judge_and_do_not_fit(g_b: Case) -> None:
     np.testing.assert_array_equal(fit.model.vector(), g_b.fit.model.vector())
     np.testing.assert_array_equal(fit.covariance, g_b.fit.covariance)
     assert (fit.misfit, fit.samples, fit.noise_nm) == (g_b.fit.misfit, g_b.fit.samples, g_b.fit.noise_nm)
-    assert fit.held_out_misfit == fit.record_misfit["away"]
+    assert fit.held_out_misfit == pytest.approx(fit.record_misfit["away"], rel=1e-12)
     # Torque noise of 9 instead of 6 mN m on the same encoder: (81/2 + 6 g²)/(36/2 + 6 g²) with g of the residual's module.
     g = g_b.truth["motor.inertia"] * 2.0 * np.pi / COUNTS / np.sqrt(12.0) / PERIOD_S**2 * 1e3
     expected = (81.0 / 2.0 + 6.0 * g**2) / (36.0 / 2.0 + 6.0 * g**2)
@@ -211,11 +213,12 @@ def test_a_record_in_which_nothing_moves_is_refused(g_b: Case) -> None:
         fit_model([rest], g_b.start, counts_per_rev=COUNTS)
 
 
-def test_a_record_that_hardly_moves_is_refused_not_broken(g_b: Case) -> None:
-    """0.3 mm, barely above breakaway: after the first pass hardly a sample is left, and that is a sentence, not a crash."""
+def test_a_record_that_hardly_moves_tells_nothing_and_that_is_said(g_b: Case) -> None:
+    """0.3 mm, barely above breakaway: some hundred samples are left, and every number of them is called chance."""
     barely = Recorder(7).shaken(draw("g_b", np.random.default_rng(22)), 0.115, 4, "barely")
-    with pytest.raises(DataError, match="moving samples"):
-        fit_model([barely], g_b.start, counts_per_rev=COUNTS)
+    fit = fit_model([barely], g_b.start, counts_per_rev=COUNTS)
+    assert named(fit) == set(fit.free)
+    assert sum("is not identifiable from this data" in remark for remark in fit.remarks) == len(fit.free)
 
 
 def test_too_little_data_is_refused_with_seconds(g_b: Case) -> None:
@@ -241,8 +244,10 @@ def test_nothing_but_held_out_records_is_refused(g_b: Case) -> None:
 
 
 def named(fit: ModelFit) -> set[str]:
-    """Parameters that the fit itself calls not determined by its data."""
-    return {name for name in fit.free for remark in fit.remarks if remark.startswith(name) and "told apart" not in remark}
+    """Parameters that the fit itself calls not determined by its data, or of which it saw nothing."""
+    told = [remark for remark in fit.remarks if "told apart" not in remark]
+    nothing = {name: f"no {effect_named(name.split('.')[0]).title} seen" for name in fit.free if name.split(".")[0] in fit.model.effects}
+    return {name for name in fit.free for remark in told if remark.startswith((name, nothing.get(name, name)))}
 
 
 @pytest.mark.parametrize("rig", ["g_a", "g_b"])
@@ -261,8 +266,9 @@ def test_slow_strokes_alone_are_refused_where_they_would_mislead(rig: str) -> No
             assert abs(deviations(fit, truth)[name]) < 4.0, name
 
 
-def test_samples_with_a_reversal_count_where_friction_turns_at_once(g_b: Case) -> None:
-    assert g_b.fit.reversals
+def test_samples_with_a_reversal_count_where_friction_turns_at_once(g_b: Case, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert g_b.fit.data.reversals
+    monkeypatch.setattr(base, "through_reversals", lambda data, fitted, **_: (data, fitted))
     without = fit_model(g_b.records, g_b.fit.model, counts_per_rev=COUNTS)
     assert without.samples < 0.75 * g_b.fit.samples
     assert half(g_b.fit, "motor.inertia") < 0.8 * half(without, "motor.inertia")
@@ -298,5 +304,5 @@ def test_friction_that_needs_a_way_to_turn_round_keeps_them_out() -> None:
     at_once = Recorder(24, delay_s=0.0).shaken(plant, 0.3, 4, "prbs")
     assert at_once.torque_setpoint is not None
     counted = np.floor(bristled(plant.axis, at_once.torque_setpoint, 5e-6) / STEP_RAD) * STEP_RAD
-    assert fit_model([at_once], start, counts_per_rev=COUNTS).reversals
-    assert not fit_model([replace(at_once, position=counted)], start, counts_per_rev=COUNTS).reversals
+    assert fit_model([at_once], start, counts_per_rev=COUNTS).data.reversals
+    assert not fit_model([replace(at_once, position=counted)], start, counts_per_rev=COUNTS).data.reversals

@@ -1,0 +1,78 @@
+"""The torque path that a first excited record shows, before any model is known: the split with which a first estimate leaves least."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+from beltcomm.fit.first_estimate import FirstEstimate, first_estimate
+from beltcomm.fit.noise_level import torque_noise
+from beltcomm.fit.path_choice import EXPLAINED, TIMES_S, commands, splits
+from beltcomm.fit.reading_fit import CLEAR, fit_reading
+from beltcomm.fit.torque_path import FAITHFUL, DriveLaw, Lag, TorquePath
+from beltcomm.model import Model
+from beltcomm.recording import Recording
+
+
+@dataclass(frozen=True)
+class FirstPath:
+    """A first estimate, and the path to the torque that acts with which it was made."""
+
+    path: TorquePath
+    model: Model
+
+
+def first_path(recording: Recording, start: Model, counts_per_rev: int) -> FirstPath:
+    """The path with which the first estimate of a record leaves clearly less torque than with the reading; else the reading's.
+
+    Parameters
+    ----------
+    recording : Recording
+        Short, open loop, excited.
+    start : Model
+        By the data sheets.
+    counts_per_rev : int
+        Of the encoder.
+
+    Returns
+    -------
+    FirstPath
+        Path and first estimate.
+
+    Raises
+    ------
+    DataError
+        The axis hardly moved.
+    DamagedRecord
+        The motor angle jumps.
+    """
+    chain = fit_reading([recording])
+    faithful = TorquePath(chain.law) if chain is not None else FAITHFUL
+    first = first_estimate([recording], start, counts_per_rev, faithful)
+    step = 2.0 * math.pi / counts_per_rev
+    if chain is None or _least(recording, start["motor.inertia"], step) >= (1.0 - EXPLAINED) * first.rest:
+        return FirstPath(faithful, first.model)
+    others = _by_motion(chain.law) if commands(chain, [recording]) else splits(chain.law)
+    trials = [(path, first_estimate([recording], start, counts_per_rev, path)) for path in others if path != faithful]
+    path, best = min(trials, key=lambda trial: trial[1].rest, default=(faithful, first))
+    return FirstPath(path, best.model) if _clearly(first, best) else FirstPath(faithful, first.model)
+
+
+def _least(recording: Recording, inertia_kg_m2: float, step_rad: float) -> float:
+    """What the right path leaves at least, (N m)²: noise of two neighbouring samples, and the rounding of the acceleration."""
+    return 0.5 * (torque_noise([recording], 0.0) ** 2 + (inertia_kg_m2 * step_rad / recording.sample_period_s**2) ** 2)
+
+
+def _clearly(first: FirstEstimate, other: FirstEstimate) -> bool:
+    """Whether another path leaves so much less than the reading that it is no chance, and no small part of what is left."""
+    if not 0.0 < other.rest < (1.0 - EXPLAINED) * first.rest:
+        return False
+    return first.samples * math.log(first.rest / other.rest) > math.log(first.samples) + CLEAR
+
+
+def _by_motion(law: DriveLaw) -> Iterator[TorquePath]:
+    """Of a reading that is the command: the command that acts, and what a current loop of some time constants makes of it."""
+    yield TorquePath(law, commanded=True)
+    for time_s in TIMES_S:
+        yield TorquePath(replace(law, lags=(*law.lags, Lag("first order", (time_s,)))), commanded=True)

@@ -1,0 +1,37 @@
+"""What of the torque balance, and of its noise, goes with a parameter."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from beltcomm.model import Model
+from beltcomm.simulate.writer import acts_on_motor
+
+#: What a parameter touches: the inertia's torque and the noise, the motor's own load, everything beyond the motor, the torque path,
+#: or all of them.
+Touch = Literal["inertia", "motor", "belt", "path", "all"]
+
+
+def touched_by(model: Model, name: str) -> Touch:
+    """What a parameter touches."""
+    if name == "motor.inertia":
+        return "inertia"
+    kinds: set[Touch] = set()
+    for effect in model.effect_list():
+        if name not in (*effect.full_names(), *effect.uses):
+            continue
+        if effect.slot in ("sensor", "kinematics"):
+            kinds.add("all" if effect.slot == "sensor" else "belt")
+        elif effect.slot in ("torque_path", "torque_delay", "torque_reading"):
+            kinds.add("path")
+        else:
+            kinds.add("motor" if acts_on_motor(effect) else "belt")
+    if name.split(".")[0] in {body.name for _, body in model.bodies()}:
+        kinds.add("belt")
+    return kinds.pop() if len(kinds) == 1 else "all"
+
+
+def touches_noise(model: Model, name: str) -> bool:
+    """Whether the noise's path to the residual goes with a parameter: all but those of friction that has one level while it slides."""
+    slots = {effect.slot for effect in model.effect_list() if name in (*effect.full_names(), *effect.uses)}
+    return not slots or not slots <= {"friction_level", "sensor", "external"}

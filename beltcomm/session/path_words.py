@@ -1,0 +1,123 @@
+"""The torque path as a property of the drive: a sentence where it is not ideal, and ``torque_path`` of ``--json``.
+
+"the current loop takes 0.50 ± 0.01 ms"
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from beltcomm.fit.reading_fit import WHOLE
+from beltcomm.fit.torque_path import DriveLaw, Lag, ReadingLaw, TorquePath, path_to_dict
+from beltcomm.recording import Recording
+
+#: Periods by which a reading is late, in words.
+_NUMBERS = {1: "one sample", 2: "two samples", 3: "three samples"}
+#: A share of a filter of samples from which on nothing is left of it after a sample.
+_AT_ONCE = 1.0 - 1e-9
+
+
+def period_of(recordings: Sequence[Recording]) -> float:
+    """Sampling period that the path of some records is told in, s; 0 without any over time."""
+    return next((r.sample_period_s for r in recordings if not r.is_static_map), 0.0)
+
+
+def path_data(path: TorquePath, sample_s: float) -> dict[str, Any]:
+    """``torque_path`` of files and ``--json``.
+
+    Parameters
+    ----------
+    path : TorquePath
+        From setpoint and reading to the torque that acts.
+    sample_s : float
+        Sampling period, s.
+
+    Returns
+    -------
+    dict
+        drive: delay and delay_interval in periods, lags, gain; reading: late in periods, lags; commanded; rivals of the same shape;
+        sample_period_s; delay_s from setpoint to acting torque, None without a setpoint; words, a list of sentences, empty for a whole
+        delay and a faithful reading.
+    """
+    delay_s = None if path.drive is None else path.drive.delay_s(sample_s)
+    return {**path_to_dict(path), "sample_period_s": sample_s, "delay_s": delay_s, "words": path_lines(path, sample_s)}
+
+
+def path_lines(path: TorquePath | None, sample_s: float) -> list[str]:
+    """What the drive makes of the torque, one line, and a second where the records do not tell it; empty for an ideal drive."""
+    if path is None:
+        return []
+    said = words_of(path, sample_s)
+    lines = [said] if said else []
+    if path.rivals:
+        others = " or ".join(dict.fromkeys(words_of(rival, sample_s) or "a plain delay" for rival in path.rivals))
+        lines.append(
+            f"the records do not tell whether {said or 'it is a plain delay'} or {others}; one excited louder, at a higher frequency, would"
+        )
+    return lines
+
+
+def path_sentences(path: TorquePath, recordings: Sequence[Recording]) -> list[str]:
+    """The same as whole sentences, of the drive that made some records."""
+    return [f"{line[0].upper()}{line[1:]}." for line in path_lines(path, period_of(recordings))]
+
+
+def words_of(path: TorquePath, sample_s: float) -> str:
+    """What is not ideal in a path; "" where nothing is."""
+    drive = [] if path.drive is None else _drive_words(path.drive, sample_s)
+    if path.commanded:
+        told = "the reported torque is the command: what acts is told by the motion alone"
+        return "; ".join([told, *drive])
+    return "; ".join([*drive, *_reading_words(path.reading, sample_s)])
+
+
+def _drive_words(drive: DriveLaw, sample_s: float) -> list[str]:
+    part, said = drive.delay - math.floor(drive.delay), []
+    if min(part, 1.0 - part) > WHOLE:
+        said.append(f"the torque switches at {_number(part, drive.delay_interval)} of the sample")
+    for lag in drive.lags:
+        if lag.kind == "second order":
+            said.append(
+                f"the current loop has {_number(lag.values[0], _interval(lag, 0))} Hz, damping {_number(lag.values[1], _interval(lag, 1))}"
+            )
+        elif lag.kind == "first order":
+            said.append(f"the current loop takes {_time(lag, sample_s)}")
+        elif lag.values[0] < _AT_ONCE:
+            said.append(f"the drive filters the torque setpoint with {_time(lag, sample_s)}")
+    return said
+
+
+def _reading_words(reading: ReadingLaw, sample_s: float) -> list[str]:
+    said = []
+    if reading.late:
+        amount = _NUMBERS.get(round(reading.late), "") if abs(reading.late - round(reading.late)) <= WHOLE else ""
+        said.append(f"the torque reading is {amount or f'{reading.late:.2f} samples'} late")
+    for lag in reading.lags:
+        if lag.kind == "second order":
+            said.append(f"the torque reading is filtered at {_number(lag.values[0], _interval(lag, 0))} Hz")
+        elif lag.kind == "first order" or lag.values[0] < _AT_ONCE:
+            said.append(f"the torque reading lags {_time(lag, sample_s)}")
+    return said
+
+
+def _time(lag: Lag, sample_s: float) -> str:
+    """Time constant with its interval, in ms; of a filter of samples that which falls as fast."""
+    value, interval = lag.values[0], _interval(lag, 0)
+    if lag.kind == "sampled":
+        time_s = -sample_s / math.log1p(-value)
+        value, interval = time_s, time_s**2 / sample_s / (1.0 - value) * interval
+    return f"{_number(1e3 * value, 1e3 * interval)} ms"
+
+
+def _interval(lag: Lag, place: int) -> float:
+    return lag.intervals[place] if lag.intervals else 0.0
+
+
+def _number(value: float, interval: float) -> str:
+    """Value with its interval, rounded to the interval's first digit; to three digits where it is not known."""
+    if not 0.0 < interval < math.inf:
+        return f"{value:.3g}"
+    digits = max(0, -math.floor(math.log10(interval)))
+    return f"{value:.{digits}f} ± {interval:.{digits}f}"

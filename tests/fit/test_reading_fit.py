@@ -1,0 +1,114 @@
+"""What drive and reading make of a setpoint together, found from both; the torque is made on a grid far finer than the product's."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from beltcomm.fit.reading_fit import ReadingFit, fit_reading
+from beltcomm.recording import Recording
+from beltcomm.sidecar import Sidecar
+from fit.drives import behind, first_order, held, second_order, smoothed
+
+SAMPLE_S, NOISE_NM = 1e-3, 6e-3
+
+
+@pytest.fixture(scope="module")
+def setpoint() -> np.ndarray:
+    return np.repeat(np.random.default_rng(1).choice([-0.2, 0.2], 2000), 2)
+
+
+def recorded(setpoint: np.ndarray, torque: np.ndarray, noise_nm: float = NOISE_NM) -> Recording:
+    noise = np.random.default_rng(2).normal(0.0, noise_nm, len(setpoint))
+    times = SAMPLE_S * np.arange(len(setpoint))
+    return Recording(
+        name="driven", t_s=times, torque=torque + noise, torque_setpoint=setpoint, position=np.sin(5.0 * times), sidecar=Sidecar("frf")
+    )
+
+
+def found_of(setpoint: np.ndarray, torque: np.ndarray) -> ReadingFit:
+    found = fit_reading([recorded(setpoint, torque)])
+    assert found is not None
+    # It leaves the noise, which is known to √(1/2n).
+    assert found.rest_nm == pytest.approx(NOISE_NM, rel=4.0 * np.sqrt(0.5 / len(setpoint)))
+    return found
+
+
+@pytest.mark.parametrize(("delay", "gain"), [(1.0, 1.0), (2.0, 1.0), (1.57, 1.0), (2.08, 1.0), (0.3, 0.8), (1.95, 1.0)])
+def test_a_delay_is_found_whether_whole_or_not(setpoint: np.ndarray, delay: float, gain: float) -> None:
+    found = found_of(setpoint, gain * held(setpoint, delay).mean(axis=1))
+    assert found.law.lags == ()
+    assert found.law.delay == pytest.approx(delay, abs=0.005)
+    assert found.law.gain == pytest.approx(gain, rel=0.01)
+    assert found.law.delay == delay or delay not in (1.0, 2.0), "a whole one is told as whole"
+
+
+@pytest.mark.parametrize("share", [0.2, 0.5, 0.875])
+def test_a_filter_of_the_samples_is_found(setpoint: np.ndarray, share: float) -> None:
+    found = found_of(setpoint, held(smoothed(setpoint, share), 1.0).mean(axis=1))
+    (lag,) = found.law.lags
+    assert lag.kind == "sampled"
+    assert lag.values[0] == pytest.approx(share, abs=0.005)
+    assert found.law.delay == 1.0
+
+
+@pytest.mark.parametrize("time_s", [4e-4, 2e-3])
+def test_a_filter_of_first_order_is_found_by_what_it_does_to_the_readings(setpoint: np.ndarray, time_s: float) -> None:
+    """Means over the periods of one of time are those of one of the samples behind a share of a period, so its kind is not asked for."""
+    course = behind(held(setpoint, 1.0), SAMPLE_S, *first_order(time_s)).mean(axis=1)
+    law = found_of(setpoint, course).law
+    assert len(law.lags) == 1
+    np.testing.assert_allclose(law.cells(setpoint, SAMPLE_S).mean(axis=1), course, atol=0.1 * NOISE_NM)
+    assert law.delay_s(SAMPLE_S) == pytest.approx(SAMPLE_S + time_s, rel=0.01)
+
+
+def test_a_current_loop_of_second_order_is_found(setpoint: np.ndarray) -> None:
+    found = found_of(setpoint, behind(held(setpoint, 1.0), SAMPLE_S, *second_order(150.0, 0.6)).mean(axis=1))
+    (lag,) = found.law.lags
+    assert lag.kind == "second order"
+    assert lag.values == (pytest.approx(150.0, rel=0.02), pytest.approx(0.6, rel=0.03))
+    assert found.law.delay == pytest.approx(1.0, abs=0.02)
+
+
+def test_two_filters_behind_one_another_are_found_by_what_they_do(setpoint: np.ndarray) -> None:
+    course = behind(held(smoothed(setpoint, 0.5), 1.0), SAMPLE_S, *first_order(2e-3)).mean(axis=1)
+    law = found_of(setpoint, course).law
+    off = law.cells(setpoint, SAMPLE_S).mean(axis=1) - course
+    assert float(np.sqrt(np.mean(off**2))) < 0.15 * NOISE_NM
+    assert law.delay_s(SAMPLE_S) == pytest.approx(SAMPLE_S * (1.0 + 1.0) + 2e-3, rel=0.01)
+
+
+def test_the_liveliest_record_tells(setpoint: np.ndarray) -> None:
+    """Beside one that hardly changes, one without setpoint and one that is held out with another delay."""
+    lively = recorded(setpoint, held(setpoint, 1.57).mean(axis=1))
+    calm = recorded(0.01 * setpoint, 0.01 * held(setpoint, 1.57).mean(axis=1))
+    untold = replace(lively, torque_setpoint=None)
+    away = recorded(setpoint, held(setpoint, 3.0).mean(axis=1))
+    away = replace(away, sidecar=replace(away.sidecar, held_out=True))
+    found = fit_reading([calm, untold, away, lively])
+    assert found is not None
+    assert found.law.delay == pytest.approx(1.57, abs=0.005)
+
+
+def test_a_piece_between_gaps_is_looked_at_by_itself(setpoint: np.ndarray) -> None:
+    """The clock stands still for 50 ms where 300 rows were lost: nothing is read across the gap."""
+    whole = recorded(setpoint, held(setpoint, 1.57).mean(axis=1))
+    kept = np.r_[0:1500, 1800:4000]
+    torn = replace(whole, t_s=whole.t_s[kept], torque=whole.torque[kept], torque_setpoint=setpoint[kept], position=whole.position[kept])
+    found = fit_reading([torn])
+    assert found is not None
+    assert found.law.delay == pytest.approx(1.57, abs=0.005)
+    assert found.rest_nm == pytest.approx(NOISE_NM, rel=0.05)
+
+
+def test_where_no_setpoint_changes_nothing_is_told(setpoint: np.ndarray) -> None:
+    times = np.zeros(len(setpoint))
+    assert fit_reading([recorded(times, times)]) is None
+    assert fit_reading([replace(recorded(setpoint, setpoint), torque_setpoint=None)]) is None
+    assert fit_reading([]) is None
+
+
+def test_a_reading_that_goes_against_its_setpoint_is_none(setpoint: np.ndarray) -> None:
+    assert fit_reading([recorded(setpoint, -held(setpoint, 2.0).mean(axis=1))]) is None

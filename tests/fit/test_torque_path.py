@@ -1,0 +1,164 @@
+"""From setpoint to torque and reading: each filter against its response on a fine grid, and a reading whose filter is put back."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from beltcomm.fit.torque_path import FAITHFUL, DriveLaw, Lag, ReadingLaw, TorquePath, path_from_dict, path_to_dict
+from beltcomm.simulate.intersample import CELLS
+from fit.drives import FINE, behind, first_order, held, second_order, smoothed
+
+SAMPLE_S = 1e-3
+
+
+@pytest.fixture(scope="module")
+def setpoint() -> np.ndarray:
+    """Steps of every size, from another value than zero."""
+    return 0.1 + np.random.default_rng(1).choice([-0.3, -0.1, 0.0, 0.2], 80)
+
+
+def means(course: np.ndarray, cells: int) -> np.ndarray:
+    """Mean of each cell of a course on the fine grid."""
+    return np.asarray(course.reshape(len(course), cells, -1).mean(axis=2))
+
+
+@pytest.mark.parametrize("delay", [0.0, 1.0, 2.0, 1.57, 0.08, 3.5])
+def test_a_delay_holds_each_setpoint_so_much_later(setpoint: np.ndarray, delay: float) -> None:
+    found = DriveLaw(delay, (), 0.8).cells(setpoint, SAMPLE_S)
+    np.testing.assert_allclose(found, 0.8 * means(held(setpoint, delay), CELLS), atol=1e-12)
+
+
+@pytest.mark.parametrize("time_s", [1e-4, 4e-4, 2e-3, 2e-2])
+def test_a_filter_of_first_order_answers_as_its_differential_equation(setpoint: np.ndarray, time_s: float) -> None:
+    found = DriveLaw(1.0, (Lag("first order", (time_s,)),)).cells(setpoint, SAMPLE_S)
+    wanted = means(behind(held(setpoint, 1.0), SAMPLE_S, *first_order(time_s)), CELLS)
+    # The trapezoid of the fine grid: (h/T)²/12 of a step.
+    np.testing.assert_allclose(found, wanted, atol=0.5 * (SAMPLE_S / FINE / time_s) ** 2 / 12.0 + 1e-12)
+
+
+@pytest.mark.parametrize(("frequency_hz", "damping_ratio"), [(300.0, 0.5), (300.0, 1.0), (500.0, 2.0), (800.0, 0.7)])
+def test_a_filter_of_second_order_answers_as_its_differential_equation(
+    setpoint: np.ndarray, frequency_hz: float, damping_ratio: float
+) -> None:
+    """Between the ends of its cells it is taken as straight: off by h² y''/12 at most, h a cell."""
+    found = DriveLaw(1.0, (Lag("second order", (frequency_hz, damping_ratio)),)).cells(setpoint, SAMPLE_S)
+    course = behind(held(setpoint, 1.0), SAMPLE_S, *second_order(frequency_hz, damping_ratio))
+    wanted, bend = means(course, CELLS), float(np.abs(np.diff(course.reshape(-1), 2)).max())
+    off = bend * (FINE / CELLS) ** 2 / 12.0
+    np.testing.assert_allclose(found, wanted, atol=1.05 * off)
+    assert np.abs(found - means(held(setpoint, 1.0), CELLS)).max() > 100.0 * off, "there is something to see"
+
+
+def test_a_filter_of_the_samples_answers_sample_by_sample(setpoint: np.ndarray) -> None:
+    found = DriveLaw(1.0, (Lag("sampled", (0.4,)),)).cells(setpoint, SAMPLE_S)
+    wanted = means(held(smoothed(setpoint, 0.4), 1.0), CELLS)
+    np.testing.assert_allclose(found, wanted, atol=1e-12)
+
+
+def test_filters_behind_one_another(setpoint: np.ndarray) -> None:
+    law = DriveLaw(1.25, (Lag("sampled", (0.6,)), Lag("first order", (5e-4,)), Lag("second order", (400.0, 0.8))))
+    course = behind(held(smoothed(setpoint, 0.6), 1.25), SAMPLE_S, *first_order(5e-4))
+    wanted = means(behind(course, SAMPLE_S, *second_order(400.0, 0.8)), CELLS)
+    np.testing.assert_allclose(law.cells(setpoint, SAMPLE_S), wanted, atol=1e-3 * float(np.ptp(setpoint)))
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        DriveLaw(1.3),
+        DriveLaw(1.0, (Lag("sampled", (0.3,)),)),
+        DriveLaw(0.0, (Lag("first order", (2e-3,)),)),
+        DriveLaw(2.0, (Lag("second order", (300.0, 0.7)), Lag("first order", (3e-4,)))),
+    ],
+)
+def test_the_delay_of_a_slow_torque_is_that_of_a_ramp(law: DriveLaw) -> None:
+    """Behind a ramp everything settles to the same ramp, later."""
+    ramp = np.arange(400.0)
+    late = ramp - law.cells(ramp, SAMPLE_S).mean(axis=1)
+    assert late[300:] * SAMPLE_S == pytest.approx(law.delay_s(SAMPLE_S), abs=1e-7)
+
+
+@pytest.mark.parametrize("late", [0.0, 1.0, 0.3, 2.6])
+def test_a_reading_that_is_late_is_the_mean_of_a_period_that_ended_before(setpoint: np.ndarray, late: float) -> None:
+    """Of a torque that is held from sample to sample."""
+    found = ReadingLaw(late).read(means(held(setpoint, 0.0), CELLS), SAMPLE_S)
+    assert found == pytest.approx(held(setpoint, late).mean(axis=1), abs=1e-12)
+
+
+def test_a_faithful_reading_is_the_torque_whatever_the_setpoint_says(setpoint: np.ndarray) -> None:
+    """Also of what the drive makes beside its setpoint; how the mean is spread inside follows from the setpoint."""
+    cells = means(held(setpoint, 1.4), CELLS)
+    reading = cells.mean(axis=1) + np.random.default_rng(2).normal(0.0, 0.05, len(setpoint))
+    torque, inside = TorquePath(DriveLaw(1.4)).acting(reading, setpoint, SAMPLE_S)
+    np.testing.assert_array_equal(torque, reading)
+    assert inside is not None
+    np.testing.assert_allclose(inside.above, cells - cells.mean(axis=1)[:, None], atol=1e-12)
+    assert TorquePath(DriveLaw(1.0)).acting(reading, setpoint, SAMPLE_S)[1] is None, "held from sample to sample"
+    torque, inside = FAITHFUL.acting(reading, None, SAMPLE_S)
+    np.testing.assert_array_equal(torque, reading)
+    assert inside is None
+
+
+LAGGING: list[tuple[ReadingLaw, Callable[[np.ndarray], np.ndarray]]] = [
+    (ReadingLaw(1.0), lambda u: np.append(u[0], u[:-1])),
+    (ReadingLaw(0.0, (Lag("sampled", (0.3,)),)), lambda u: smoothed(u, 0.3)),
+    (ReadingLaw(0.0, (Lag("first order", (2e-3,)),)), lambda u: behind(held(u, 0.0), SAMPLE_S, *first_order(2e-3)).mean(axis=1)),
+]
+
+
+@pytest.mark.parametrize(("law", "read"), LAGGING, ids=["late", "sampled", "first order"])
+def test_what_the_readings_filter_took_from_the_setpoints_part_is_put_back(
+    setpoint: np.ndarray, law: ReadingLaw, read: Callable[[np.ndarray], np.ndarray]
+) -> None:
+    """The noise of the sensor, behind the filter, is passed on as it is."""
+    acts = held(setpoint, 1.0).mean(axis=1)
+    noise = np.random.default_rng(3).normal(0.0, 0.01, len(acts))
+    torque, _ = TorquePath(DriveLaw(1.0), law).acting(read(acts) + noise, setpoint, SAMPLE_S)
+    np.testing.assert_allclose(torque, acts + noise, atol=1e-5)
+
+
+def test_a_reading_that_is_the_command_says_nothing_beside_the_setpoint(setpoint: np.ndarray) -> None:
+    path = TorquePath(DriveLaw(1.0, (Lag("first order", (1e-3,)),)), commanded=True)
+    torque, inside = path.acting(np.full(len(setpoint), np.nan), setpoint, SAMPLE_S)
+    course = behind(held(setpoint, 1.0), SAMPLE_S, *first_order(1e-3))
+    np.testing.assert_allclose(torque, course.mean(axis=1), atol=1e-5)
+    assert inside is not None
+    np.testing.assert_allclose(inside.cells(torque, 4), means(course, 4).reshape(-1), atol=1e-5)
+
+
+@pytest.mark.parametrize(("lag", "share"), [(Lag("sampled", (0.25,)), 0.25), (Lag("first order", (2e-3,)), 1.0 - np.exp(-0.5))])
+def test_without_a_setpoint_the_readings_filter_is_undone(setpoint: np.ndarray, lag: Lag, share: float) -> None:
+    torque, inside = TorquePath(None, ReadingLaw(0.0, (lag,))).acting(smoothed(setpoint, share), None, SAMPLE_S)
+    np.testing.assert_allclose(torque, setpoint, atol=1e-9)
+    assert inside is None
+    torque, _ = TorquePath(None, ReadingLaw(1.0)).acting(np.append(setpoint[0], setpoint[:-1]), None, SAMPLE_S)
+    np.testing.assert_array_equal(torque[:-1], setpoint[:-1])
+
+
+PATHS = [
+    FAITHFUL,
+    TorquePath(DriveLaw(1.57, (Lag("second order", (800.0, 0.7)), Lag("sampled", (0.4,))), 0.98)),
+    TorquePath(DriveLaw(1.0), ReadingLaw(0.3, (Lag("first order", (2e-3,)),))),
+    TorquePath(DriveLaw(2.0, (Lag("first order", (1e-3,)),)), commanded=True),
+]
+
+
+@pytest.mark.parametrize("path", PATHS)
+def test_a_path_is_read_back_as_it_was_written(path: TorquePath) -> None:
+    assert path_from_dict(json.loads(json.dumps(path_to_dict(path)))) == path
+
+
+@pytest.mark.parametrize(
+    "damage", [{"drive": {"delay": 1.0}}, {"reading": None}, {"commanded": False, "reading": {"late": "soon", "lags": []}}]
+)
+def test_a_damaged_path_is_refused(damage: dict[str, object]) -> None:
+    with pytest.raises((KeyError, TypeError, ValueError)):
+        path_from_dict(path_to_dict(PATHS[1]) | damage)
+    strange = path_to_dict(PATHS[1])
+    strange["drive"]["lags"][0]["kind"] = "notch"
+    with pytest.raises(ValueError, match="notch"):
+        path_from_dict(strange)
