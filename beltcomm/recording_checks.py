@@ -128,12 +128,14 @@ def opposite_signs(t_s: Array, torque: Array, position: Array) -> bool:
 @dataclass(frozen=True)
 class RigidInertia:
     """inertia, error : of everything that the motor turns, and its standard deviation, torque over angular acceleration.
-    accelerating, friction : torque, N m, rms of what accelerates, and Coulomb level."""
+    accelerating, friction : torque, N m, rms of what accelerates, and Coulomb level.   dissipated : mean power of damping and friction, W;
+    negative where the torque drives with the wrong sign."""
 
     inertia: float
     error: float
     accelerating: float
     friction: float
+    dissipated: float = 0.0
 
     @property
     def dynamic(self) -> float:
@@ -167,7 +169,8 @@ def rigid_inertia(t_s: Array, torque: Array, position: Array) -> RigidInertia | 
     covariance = np.linalg.pinv((columns / scale).T @ (columns / scale)) / np.outer(scale, scale)
     error = math.sqrt(8.0 * float(left @ left) / max(rows - 4, 1) * float(covariance[0, 0]))
     accelerating = abs(float(found[0])) * float(np.sqrt(np.mean(acceleration**2)))
-    return RigidInertia(float(found[0]), error, accelerating, abs(float(found[2])))
+    dissipated = float(np.mean(found[1] * speed**2 + found[2] * direction[:rows] * speed))
+    return RigidInertia(float(found[0]), error, accelerating, abs(float(found[2])), dissipated)
 
 
 def _shares(torque: Array, position: Array, width: int) -> tuple[float, float]:

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import binary_erosion
 from scipy.optimize import minimize, nnls
 
 from beltcomm.axis import Axis
 from beltcomm.errors import DataError
 from beltcomm.fit.jumps import CERTAIN, Jump, refuse, striking_step
+from beltcomm.fit.low_pass import fine, legible, smooth
 from beltcomm.fit.noise_level import torque_noise
 from beltcomm.fit.segment import Stretch, evaluate, stretches
 from beltcomm.fit.torque_path import TorquePath
@@ -27,6 +31,8 @@ BASE_EFFECTS = ("belt_stiffness", "belt_damping", "viscous", "viscous_cart", "co
 #: kg: carriages between these are tried.  N/m: belts between these shares of the data sheet's stiffness are tried.
 MASSES_KG = np.geomspace(0.1, 100.0, 25)
 STIFFNESS_SHARES = np.geomspace(0.3, 4.0, 16)
+#: Around how many of every second point of the grid its neighbours are tried.
+NEARER = 6
 #: How many points of the grid are refined; moving samples without which nothing is tried; how far the inertia may leave the sheet's.
 REFINED = 3
 LONGEST_REFINEMENT = 160
@@ -36,6 +42,14 @@ CLEARLY_MOVED_RAD = 0.05
 INERTIA_SHARES = (0.5, 2.0)
 #: N m: no torque of a belt axis; a trial whose motion runs away reaches it.
 RUNAWAY_NM = 1e6
+#: Share of the acceleration that its rounding may be: a belt's resonance needs a wide band, and a start may be off by the square of this.
+ROUNDING = 0.3
+#: rad that the motor swings on a held carriage, by the data sheet, between two rows: more, and the rows do not show it.
+SWINGING = 1.2
+#: By what share the squares may rise for a stiffness one factor e nearer the data sheet's: it decides where a record does not show any.
+SHEET_WEIGHT = 1e-3
+#: Widths of a low-pass over which it smears the friction of a reversal.
+SMEARED = 2.0
 #: N at the carriage, from where its friction is looked for when none is expected.
 LEAST_FRICTION_N = 0.1
 #: Parameters that the torque equation is linear in, beside the inertia; and those it is not.
@@ -107,15 +121,27 @@ def first_estimate(recordings: Sequence[Recording], start: Model, counts_per_rev
             first, size = striking
             refuse([Jump(recording.name, float(recording.t_s[first]), size)], step)
     noise = torque_noise(recordings)
-    pieces = [p for r in recordings for p in stretches(r, start, step, noise, path=path)]
+    pieces = [p for r in recordings for p in legible_stretches(r, start, step, noise, path)]
     if _moving(pieces) < FEWEST_SAMPLES:
         raise DataError(_still(recordings, pieces, step))
     search = _Search(pieces, start)
     friction = max(start["cart_friction.level"], LEAST_FRICTION_N)
-    grid = [(search.rest((m, c, friction)), m, c) for m in MASSES_KG for c in STIFFNESS_SHARES * start["belt_stiffness.stiffness"]]
+    stiffnesses = STIFFNESS_SHARES * start["belt_stiffness.stiffness"]
+    rests = np.full((len(MASSES_KG), len(stiffnesses)), np.inf)
+
+    def tried(i: int, j: int) -> None:
+        if np.isinf(rests[i, j]):
+            rests[i, j] = search.rest((MASSES_KG[i], stiffnesses[j], friction))
+
+    for i, j in itertools.product(range(0, len(MASSES_KG), 2), range(0, len(stiffnesses), 2)):
+        tried(i, j)
+    for i, j in _lowest(rests, NEARER):
+        for near_i, near_j in itertools.product(range(max(i - 1, 0), i + 2), range(max(j - 1, 0), j + 2)):
+            if near_i < len(MASSES_KG) and near_j < len(stiffnesses):
+                tried(near_i, near_j)
     # How the friction is split between motor and carriage is only a guess so far; a wrong split puts mass and stiffness 15 % off.
     # (Where the carriage stuck before is neglected: 1 % of the mass at usual friction, 6 % where friction is all at the carriage.)
-    starts = [np.log([m, c, friction]) for _, m, c in sorted(grid)[:REFINED]]
+    starts = [np.log([MASSES_KG[i], stiffnesses[j], friction]) for i, j in _lowest(rests, REFINED)]
 
     def cost(logarithms: Array) -> float:
         return search.rest(np.exp(logarithms))
@@ -138,10 +164,69 @@ def _still(recordings: Sequence[Recording], pieces: Sequence[Stretch], step_rad:
     )
 
 
+def _lowest(rests: Array, number: int) -> list[tuple[int, int]]:
+    """Places of the smallest values of a grid, the smallest first."""
+    order = np.argsort(rests, axis=None, kind="stable")[:number]
+    return [(int(i), int(j)) for i, j in zip(*np.unravel_index(order, rests.shape), strict=True)]
+
+
 def moved_enough(recording: Recording, model: Model, counts_per_rev: int) -> bool:
     """Whether a record has enough moving samples for a first estimate."""
     noise = torque_noise([recording])
-    return _moving(stretches(recording, model, 2.0 * np.pi / counts_per_rev, noise)) >= FEWEST_SAMPLES
+    return _moving(legible_stretches(recording, model, 2.0 * np.pi / counts_per_rev, noise)) >= FEWEST_SAMPLES
+
+
+def legible_stretches(
+    recording: Recording, model: Model, step_rad: float, noise_nm: float, path: TorquePath | None = None
+) -> list[Stretch]:
+    """The pieces of a record, torque and angle smoothed alike where its rows alone do not show the motion.
+
+    That is so where the encoder is too coarse to show the acceleration from row to row, or the motor swings on a held carriage between
+    two rows.  Then samples count that are away from a reversal by the reach of the filter, over which it smears the friction.
+    """
+    sample = recording.sample_period_s
+    swings = model["transmission.ratio"] * math.sqrt(model["belt_stiffness.stiffness"] / model["motor.inertia"])
+    if fine(recording.position, step_rad) and swings * sample < SWINGING:
+        return stretches(recording, model, step_rad, noise_nm, path=path)
+    width, _ = legible(recording.position, sample, step_rad, ROUNDING)
+    torque, angle = recording.torque.copy(), recording.position.copy()
+    for first, last in pairwise([0, *(int(i) + 1 for i in recording.gaps()), len(torque)]):
+        piece = slice(first, last)
+        setpoint = None if recording.torque_setpoint is None else recording.torque_setpoint[piece]
+        acting = torque[piece] if path is None else path.acting(torque[piece], setpoint, sample)[0]
+        torque[piece], angle[piece] = smooth(acting, width), smooth(angle[piece], width)
+    calm = replace(recording, position=angle, torque=torque, torque_setpoint=None, velocity=None)
+    # a smooth torque does not bend a smooth angle between two rows, whatever the motor's inertia
+    rigid = model.with_values({"motor.inertia": model.parameters["motor.inertia"].high})
+    reach = np.ones(2 * round(SMEARED * width) + 1, dtype=bool)
+    return [replace(piece, keep=binary_erosion(piece.keep, reach, border_value=0)) for piece in stretches(calm, rigid, step_rad, noise_nm)]
+
+
+def _lowest(rests: Array, number: int) -> list[tuple[int, int]]:
+    """Places of the smallest values of a grid, the smallest first."""
+    order = np.argsort(rests, axis=None, kind="stable")[:number]
+    return [(int(i), int(j)) for i, j in zip(*np.unravel_index(order, rests.shape), strict=True)]
+
+
+def moved_enough(recording: Recording, model: Model, counts_per_rev: int) -> bool:
+    """Whether a record has enough moving samples for a first estimate."""
+    noise = torque_noise([recording])
+    return _moving(legible_stretches(recording, model, 2.0 * np.pi / counts_per_rev, noise)) >= FEWEST_SAMPLES
+
+
+def legible_stretches(
+    recording: Recording, model: Model, step_rad: float, noise_nm: float, path: TorquePath | None = None
+) -> list[Stretch]:
+    """The pieces of a record, torque and angle smoothed alike where the encoder is too coarse to show the acceleration from row to row.
+
+    Then samples count that are away from a reversal by the reach of the filter, over which it smears the friction.
+    """
+    if fine(recording.position, step_rad):
+        return stretches(recording, model, step_rad, noise_nm)
+    width, angle = legible(recording.position, recording.sample_period_s, step_rad, ROUNDING)
+    calm = replace(recording, position=angle, torque=smooth(recording.torque, width), torque_setpoint=None)
+    reach = np.ones(2 * round(SMEARED * width) + 1, dtype=bool)
+    return [replace(piece, keep=binary_erosion(piece.keep, reach, border_value=0)) for piece in stretches(calm, model, step_rad, noise_nm)]
 
 
 def _moving(pieces: Sequence[Stretch]) -> int:
@@ -157,6 +242,7 @@ class _Search:
         acceleration = [np.diff(p.position, 2, prepend=0.0, append=0.0)[p.keep] / p.motion.sample_s**2 for p in pieces]
         speed = np.concatenate(omega)
         self.regressor = np.stack([np.concatenate(acceleration), np.sign(speed), speed], axis=1)
+        self.across, self.triangle = np.linalg.qr(self.regressor)
 
     def solved(self, trial: Sequence[float] | Array) -> tuple[Array, float]:
         """Inertia kg m² near the data sheet's, Coulomb N m and viscous N m s/rad >= 0 at the motor; the mean square left, (N m)²."""
@@ -166,21 +252,27 @@ class _Search:
         base = np.concatenate([evaluate(p, model, vector)[p.keep] for p in self.pieces])
         if not np.all(np.abs(base) < RUNAWAY_NM):  # a load so soft that its motion runs away
             return np.zeros(3), np.inf
-        found, norm = nnls(self.regressor, -base)
+        # the same least squares as that over all rows, over three
+        seen = -(self.across.T @ base)
+        unseen = max(float(base @ base - seen @ seen), 0.0)
+        found, norm = nnls(self.triangle, seen)
         low, high = (share * self.start["motor.inertia"] for share in INERTIA_SHARES)
         inertia = min(max(float(found[0]), low), high)
         if inertia != found[0]:  # a feather on a rod explains much of a record, with an inertia that no motor of this size has
-            rest, norm = nnls(self.regressor[:, 1:], -base - inertia * self.regressor[:, 0])
+            rest, norm = nnls(self.triangle[:, 1:], seen - inertia * self.triangle[:, 0])
             found = np.array([inertia, *rest])
-        return found, float(norm**2) / len(base)
+        return found, (unseen + float(norm**2)) / len(base)
 
     def rest(self, trial: Sequence[float] | Array) -> float:
-        """Mean square of what is left, (N m)²; infinite outside the bounds of the parameters."""
+        """Mean square of what is left, (N m)², the data sheet's word weighed in; infinite outside the bounds of the parameters."""
         for name, value in zip(_NONLINEAR, trial, strict=True):
             item = self.start.parameters[name]
             if not item.low <= value <= item.high:
                 return np.inf
-        return self.solved(trial)[1]
+        share = trial[1] / self.start["belt_stiffness.stiffness"]
+        if not STIFFNESS_SHARES[0] <= share * (1.0 + 1e-9) or not share <= STIFFNESS_SHARES[-1] * (1.0 + 1e-9):
+            return np.inf
+        return self.solved(trial)[1] * (1.0 + SHEET_WEIGHT * math.log(share) ** 2)
 
     def model(self, trial: Sequence[float] | Array) -> Model:
         """The model with everything solved for; the data sheet's inertia where the data want none."""

@@ -147,7 +147,8 @@ def remade(data: Data, model: Model, offsets_m: Array, substeps: int = SUBSTEPS,
     else:
         left: dict[str, list[tuple[Stretch, Array]]] = {}
         for piece, offset in zip(pieces, [*offsets_m, *np.zeros(len(data.held_out))], strict=True):
-            left.setdefault(piece.record, []).append((piece, evaluate(piece, model, model.vector(), float(offset))))
+            known = replace(piece, noise_nm=data.noise_nm, colour=data.colour)  # by now maybe better than when the stretch was made
+            left.setdefault(piece.record, []).append((known, evaluate(piece, model, model.vector(), float(offset))))
         shares = {name: rounding_shares(parts, model) for name, parts in left.items()}
     ahead = made(data.recordings, model, data.noise_nm, data.step_rad, shares, substeps, data.path, reversals, data.colour)
     return agitated(ahead, model) if follows(model) else ahead

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from itertools import pairwise
 
@@ -12,14 +11,15 @@ from scipy.ndimage import gaussian_filter1d
 
 from beltcomm.axis import Axis
 from beltcomm.errors import DataError
-from beltcomm.fit.first_estimate import first_estimate
+from beltcomm.fit.first_estimate import INERTIA_SHARES, first_estimate
 from beltcomm.fit.first_path import first_path
+from beltcomm.fit.low_pass import legible
 from beltcomm.fit.records import smallest_step
 from beltcomm.model import Model, build_model
 from beltcomm.recording import Recording
+from beltcomm.recording_checks import rigid_inertia
 
 Array = NDArray[np.float64]
-TAU = math.tau
 
 #: J, m, c, d, d_m, d_c and the Coulomb friction of the motor: what every belt axis has.
 BELT_BASE = ("belt_stiffness", "belt_damping", "viscous", "viscous_cart", "coulomb")
@@ -31,9 +31,11 @@ USUAL = {"belt_stiffness.stiffness": 2e5, "cart.mass": 4.0, "motor.inertia": 7e-
 MOTOR_SHARE = 0.7
 #: rad: an excitation that moves the motor less than this shows no carriage.
 LEAST_MOTION_RAD = 0.05
-#: Rows that a record needs for least squares; cut-off of its low-pass: highest, of the sampling rate, lowest, Hz, and how many are tried;
-#: share of the acceleration that its rounding may be.
-SHORTEST, HIGHEST_CUT, LOWEST_CUT_HZ, CUTS, ROUNDING_SHARE = 20, 0.2, 0.2, 25, 0.1
+#: Rows that a record needs for least squares.
+SHORTEST = 20
+#: From where on the inertia of everything that moves, by its slow motion, corrects the first estimate; its relative error at most, and
+#: torque of acceleration over friction at least; and from where on nothing is left of the first estimate.
+ANCHOR_OFF, ANCHOR_ERROR, ANCHOR_DYNAMIC, ANCHOR_LOST = 1.2, 0.1, 0.5, 3.0
 
 
 def start_model(axis: Axis, recordings: Sequence[Recording]) -> Model:
@@ -44,31 +46,66 @@ def start_model(axis: Axis, recordings: Sequence[Recording]) -> Model:
     if not is_belt_axis(axis, usable):
         return rigid_start(axis, usable)
     excited = [r for r in usable if r.sidecar.experiment == "frf"] or usable
-    found = belt_start(axis, excited, int(axis.get("motor.encoder_counts_per_rev") or 65536))
+    counts = int(axis.get("motor.encoder_counts_per_rev") or 65536)
+    found = anchored(belt_start(axis, excited, counts), sheet_model(axis, loudest(excited)), usable)
     friction = found["coulomb.level"] + axis.transmission_m_rad * found["cart_friction.level"]
     return found.without_effect("cart_friction").with_values({"coulomb.level": friction}, "first estimate")
 
 
-def belt_start(axis: Axis, excited: Sequence[Recording], counts_per_rev: int) -> Model:
-    """A belt axis with friction at both ends, found from the loudest record, with what the axis file leaves open as it usually is."""
-    loudest = max(excited, key=lambda r: float(np.std(r.torque)) * np.sqrt(len(r.t_s)))
-    place, ratio = loudest.sidecar.start_position_m or 0.0, axis.transmission_m_rad
+def loudest(recordings: Sequence[Recording]) -> Recording:
+    """The record with the most torque in it."""
+    return max(recordings, key=lambda r: float(np.std(r.torque)) * np.sqrt(len(r.t_s)))
+
+
+def sheet_model(axis: Axis, recording: Recording) -> Model:
+    """The data sheets at the place of a record, with what the axis file leaves open as it usually is; no friction."""
     known_belt = axis.get("belt.specific_stiffness_n") is not None and axis.get("belt.pulley_distance_m") is not None
+    place = recording.sidecar.start_position_m or 0.0
     values = {
         "motor.inertia": axis.motor_side_inertia_kg_m2 if axis.get("motor.inertia_kg_m2") else USUAL["motor.inertia"],
         "cart.mass": axis.payload.mass_kg or USUAL["cart.mass"],
         "belt_stiffness.stiffness": axis.belt_stiffness_n_m(place) if known_belt else USUAL["belt_stiffness.stiffness"],
-        "transmission.ratio": ratio,
+        "transmission.ratio": axis.transmission_m_rad,
         "coulomb.level": 0.0,
         "cart_friction.level": 0.0,
         "viscous_cart.damping": 0.0,
     }
-    sheet = build_model(axis.name, (*BELT_BASE, "cart_friction"), values, origin="data sheet")
+    return build_model(axis.name, (*BELT_BASE, "cart_friction"), values, origin="data sheet")
+
+
+def belt_start(axis: Axis, excited: Sequence[Recording], counts_per_rev: int) -> Model:
+    """A belt axis with friction at both ends, found from the loudest record."""
+    record = loudest(excited)
+    sheet, ratio = sheet_model(axis, record), axis.transmission_m_rad
     # Twice, because the share of the carriage in the friction is assumed and not found: first its level must be known.
-    first = first_path(loudest, sheet, counts_per_rev)
+    first = first_path(record, sheet, counts_per_rev)
     level = first.model["coulomb.level"]
     shared = {"coulomb.level": MOTOR_SHARE * level, "cart_friction.level": (1.0 - MOTOR_SHARE) * level / ratio}
-    return first_estimate([loudest], sheet.with_values(shared, "data sheet"), counts_per_rev, first.path).model
+    return first_estimate([record], sheet.with_values(shared, "data sheet"), counts_per_rev, first.path).model
+
+
+def anchored(found: Model, sheet: Model, recordings: Sequence[Recording]) -> Model:
+    """The first estimate, put right where slow motion shows clearly another inertia of everything that moves.
+
+    A filter of the reading weakens the fast torque that a first estimate lives on, and so inertia, mass and stiffness by one factor; slow
+    torque passes.  An encoder too coarse for the antiresonance makes any of them: then inertia and stiffness are the data sheet's.
+    """
+    told = [one for r in recordings if (one := rigid_inertia(r.t_s, r.torque, r.position)) is not None and one.inertia > 0.0]
+    sure = [one for one in told if one.error < ANCHOR_ERROR * one.inertia and one.dynamic > ANCHOR_DYNAMIC]
+    if not sure:
+        return found
+    slow, ratio = min(sure, key=lambda one: one.error / one.inertia).inertia, found["transmission.ratio"]
+    factor = slow / (found["motor.inertia"] + found["cart.mass"] * ratio**2)
+    if 1.0 / ANCHOR_OFF < factor < ANCHOR_OFF:
+        return found
+    if 1.0 / ANCHOR_LOST < factor < ANCHOR_LOST:
+        low, high = (share * sheet["motor.inertia"] for share in INERTIA_SHARES)
+        inertia, stiffness = min(max(factor * found["motor.inertia"], low), high), factor * found["belt_stiffness.stiffness"]
+    else:
+        inertia, stiffness = sheet["motor.inertia"], sheet["belt_stiffness.stiffness"]
+    values = {"motor.inertia": inertia, "cart.mass": (slow - inertia) / ratio**2, "belt_stiffness.stiffness": stiffness}
+    fits = all(found.parameters[name].low <= value <= found.parameters[name].high for name, value in values.items())
+    return found.with_values(values, "first estimate") if fits else found
 
 
 def is_belt_axis(axis: Axis, recordings: Sequence[Recording]) -> bool:
@@ -113,16 +150,9 @@ def least_squares(recordings: Sequence[Recording]) -> Array:
 
 def band_limited(position: Array, torque: Array, sample_s: float, step_rad: float) -> tuple[Array, Array]:
     """Rows (acceleration, speed, sign of the speed), (n, 3), and torque, (n,), behind the same low-pass, without its ends."""
-    centred = position - np.linspace(position[0], position[-1], len(position))
-    slope = (position[-1] - position[0]) / ((len(position) - 1) * sample_s)
-    for cut_hz in np.geomspace(HIGHEST_CUT / sample_s, LOWEST_CUT_HZ, CUTS):
-        width = 1.0 / (TAU * cut_hz * sample_s)
-        smooth = gaussian_filter1d(centred, width, mode="nearest")
-        acceleration = np.gradient(np.gradient(smooth, sample_s), sample_s)
-        rounding = step_rad / math.sqrt(12.0) * math.sqrt(2.0 * sample_s * TAU**4 * cut_hz**5 / 5.0)
-        if rounding < ROUNDING_SHARE * float(np.std(acceleration)):
-            break
-    speed = np.gradient(smooth, sample_s) + slope
+    width, smooth_angle = legible(position, sample_s, step_rad)
+    speed = np.gradient(smooth_angle, sample_s)
+    acceleration = np.gradient(speed, sample_s)
     # the torque acts from its sample to the next: half a sample later than the angle
     shifted = np.append(torque[0], 0.5 * (torque[1:] + torque[:-1]))
     sign = gaussian_filter1d(np.sign(speed), width, mode="nearest")

@@ -48,7 +48,7 @@ def kept(data: Data, fitted: Fitted) -> dict[str, Any] | None:
 
 
 def restored(recordings: Sequence[Recording], found: Mapping[str, Any]) -> tuple[Data, Fitted]:
-    """The fit at its minimum: one evaluation, no search.   Raises KeyError, TypeError or ValueError for damaged contents."""
+    """The fit at its minimum: one evaluation, no search.   Raises KeyError, TypeError, ValueError or BeltcommError for damaged contents."""
     model = model_from_dict(found["made_by"])
     shares = {str(name): (float(white), float(slow)) for name, (white, slow) in found["shares"].items()}
     timed = [r for r in recordings if not r.is_static_map]

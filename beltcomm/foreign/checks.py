@@ -10,11 +10,14 @@ from beltcomm.errors import DataError
 from beltcomm.recording import Recording
 from beltcomm.recording_checks import Array, opposite_signs
 from beltcomm.recording_columns import CHANNELS
+from beltcomm.sampling_checks import finest
 
 #: Beyond these no drive train moves: 20 000 rpm; a carriage at 30 m/s.
 FASTEST = {"rad": 2100.0, "m": 30.0}
 #: Longest way of a linear axis, m.
 LONGEST_TRAVEL_M = 100.0
+#: Steps of the encoder that a counter has at least: of a motor that moves by one count or a few nobody can tell.
+_FEWEST_STEPS = 64.0
 #: Below this correlation of successive periods of the torque an excitation does not repeat.
 _REPEATS = 0.7
 
@@ -59,7 +62,7 @@ def _wrap(position: Array) -> float:
     """
     steps = np.diff(position)
     largest = float(np.abs(steps).max())
-    if largest < 0.5 * float(np.ptp(position)):
+    if largest < 0.5 * float(np.ptp(position)) or largest < _FEWEST_STEPS * finest(position):
         return 0.0
     others = np.abs(steps[np.abs(steps) < 0.5 * largest])
     usual = float(np.percentile(others, 99.0)) if len(others) else 0.0

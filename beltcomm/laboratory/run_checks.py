@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
 from beltcomm.axis import Axis
 from beltcomm.errors import DataError
@@ -21,7 +22,7 @@ from beltcomm.laboratory.place_checks import names_of, placed, sensor_remarks
 from beltcomm.recording import Recording
 from beltcomm.recording_checks import clipped_share, long_steps, rigid_inertia, unit_words
 from beltcomm.recording_columns import CHANNELS
-from beltcomm.sampling_checks import EVEN, Jitter, Uneven, encoder_grid, finest, stamp_jitter, uneven_rows
+from beltcomm.sampling_checks import EVEN, SIGMAS, Jitter, Uneven, encoder_grid, finest, stamp_jitter, uneven_rows
 
 Array = NDArray[np.float64]
 
@@ -33,6 +34,9 @@ SLOWEST_RAD_S = 0.5
 LEAST_MOVING_S = 0.5
 #: Rows amiss in one record from which on it is no single slip of the encoder.
 SEVERAL = 2
+#: Share of the period by which samples may be off even ones and still be put right, and how far the motion's unevenness may be from that
+#: of the stamps, beside its own deviations.
+MOST_MOVED, TRUE_STAMPS = 0.03, 0.2
 #: Share of the position's unevenness that may come from uneven sampling.
 MOST_UNEVEN = 0.5
 #: Relative difference of two records' inertia, beside four standard deviations, that payload mode, saturation and eccentricity do not
@@ -132,8 +136,9 @@ def _sampled(timed: Sequence[Recording], axis: Axis, remarks: list[str]) -> list
     uneven_ones = [
         (r, j) for r in timed if (j := stamps[r.name]) is not None and j.real and (j.share > MOST_UNEVEN or _poses(r, j, axis) > 1.0)
     ]
-    if uneven_ones:
-        raise _jitter_fault(uneven_ones, axis)
+    beyond = [(r, j) for r, j in uneven_ones if j.largest > MOST_MOVED or abs(j.follows - 1.0) > SIGMAS * j.error + TRUE_STAMPS]
+    if beyond:
+        raise _jitter_fault(beyond, axis)
     false_stamps = [r for r in timed if (j := stamps[r.name]) is not None and j.only_stamps]
     real_stamps = [r for r in timed if (j := stamps[r.name]) is not None and j.real]
     evened = []
@@ -144,12 +149,21 @@ def _sampled(timed: Sequence[Recording], axis: Axis, remarks: list[str]) -> list
         if found is not None and (found.only_stamps or (false_stamps and not real_stamps)):
             worst = max(worst, found.largest)
             record = replace(record, t_s=record.t_s[0] + found.period_s * _whole(record, found.period_s), notes=())
+        elif any(record is r for r, _ in uneven_ones) and found is not None:
+            record = _moved(record, found.period_s)
         evened.append(record)
     if worst > 1e-3:
         remarks.append(
             f"the time stamps jitter by up to {100.0 * worst:.2g} % of the sample period, but the motion shows that the samples were taken "
             "evenly: the stamps were set even"
         )
+    if uneven_ones:
+        largest = max(float(j.largest) for _, j in uneven_ones)
+        remarks.append(
+            f"{names_of(r for r, _ in uneven_ones)}: the samples were taken unevenly, by up to {100.0 * largest:.2g} % of the period, at the "
+            f"times that t_s says: the angle was interpolated to even ones"
+        )
+    real_stamps = [r for r in real_stamps if not any(r is other for other, _ in uneven_ones)]
     if real_stamps:
         largest = max(float(j.largest) for r in real_stamps if (j := stamps[r.name]) is not None)
         remarks.append(
@@ -183,6 +197,16 @@ def _whole(record: Recording, period_s: float) -> Array:
         around = steps[max(gap - 1, 0) : gap + 2]
         counts[gap] = max(1.0, round(float(around.sum())) - len(around) + 1.0)
     return np.concatenate(([0.0], np.cumsum(counts)))
+
+
+def _moved(record: Recording, period_s: float) -> Recording:
+    """The record with its angle at even times, by a cubic between the samples; lost ones stay lost.
+
+    By far less than a period: the rounding of the angle stays what it was, and what acted over an interval stays the torque of its sample.
+    """
+    even = period_s * _whole(record, period_s)
+    even = even + float(np.mean(record.t_s - even))
+    return replace(record, t_s=even, position=CubicSpline(record.t_s, record.position)(even), notes=())
 
 
 def _refuse_missing(amiss: Sequence[tuple[Recording, Uneven]]) -> None:
@@ -257,7 +281,8 @@ def _refuse_two_axes(timed: Sequence[Recording], axis: Axis) -> None:
         for r, found in sure
         if best is not None and found.accelerating * min(1.0, best.inertia / found.inertia) > DYNAMIC * max(found.friction, best.friction)
     ]
-    _refuse_negative([r for r, found in told if found.inertia < -NEGATIVE * found.error and own])
+    # A reading that is filtered or late shows the friction of a short stroke late, which poses as a negative inertia; but it brakes on.
+    _refuse_negative([r for r, found in told if found.inertia < -NEGATIVE * found.error and found.dissipated <= 0.0 and own])
     _refuse_light(own, axis)
     payloads = {r.sidecar.payload_kg for r, _, _ in own}
     if len(own) > 1 and len(payloads) == 1:

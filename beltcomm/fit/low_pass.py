@@ -1,0 +1,48 @@
+"""How far an angle must be smoothed before its second derivative is motion and not the rounding of the encoder.
+
+Torque and angle behind one Gaussian low-pass obey the same linear equation of motion, so the filter biases nothing but the friction's
+reversals, over its own width.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
+
+Array = NDArray[np.float64]
+TAU = math.tau
+
+#: Cut-off: highest, of the sampling rate, lowest, Hz, and how many are tried; share of the acceleration that its rounding may be.
+HIGHEST_CUT, LOWEST_CUT_HZ, CUTS, ROUNDING_SHARE = 0.2, 0.2, 25, 0.1
+#: Widths of the filter within which it reaches.
+REACH = 4.0
+
+
+def widths(sample_s: float) -> Array:
+    """Standard deviations of the Gaussian that are tried, in samples, the narrowest first."""
+    return 1.0 / (TAU * sample_s * np.geomspace(HIGHEST_CUT / sample_s, LOWEST_CUT_HZ, CUTS))
+
+
+def smooth(values: Array, width: float) -> Array:
+    """A signal behind the low-pass, (n,); its ends go on straight."""
+    slope = np.linspace(values[0], values[-1], len(values))
+    return np.asarray(gaussian_filter1d(values - slope, width, mode="nearest") + slope)
+
+
+def legible(position: Array, sample_s: float, step: float, share: float = ROUNDING_SHARE) -> tuple[float, Array]:
+    """Width, in samples, at which the rounding of the acceleration, σ² = q²/12 2 T (2π)⁴ f⁵/5, is a share of it, and the smooth angle."""
+    for width in widths(sample_s):
+        angle = smooth(position, width)
+        cut_hz = 1.0 / (TAU * width * sample_s)
+        rounding = step / math.sqrt(12.0) * math.sqrt(2.0 * sample_s * TAU**4 * cut_hz**5 / 5.0)
+        if rounding < share * float(np.std(np.gradient(np.gradient(angle, sample_s), sample_s))):
+            break
+    return float(width), angle
+
+
+def fine(position: Array, step: float) -> bool:
+    """Whether the angle needs no smoothing: the rounding of its second differences, σ² = q²/2, is less than a tenth of them."""
+    return step * math.sqrt(0.5) < ROUNDING_SHARE * float(np.std(np.diff(position, 2)))
