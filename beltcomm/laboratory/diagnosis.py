@@ -125,7 +125,7 @@ def diagnose(
 
     Raises DataError when the records cannot be used.
     """
-    data, base = as_searched(*(begun or fitted_base(recordings, axis, start)))
+    data, base = as_searched(*begun) if begun else fit_base(prepare(recordings, axis, start), start, publish=False)
     steps: list[Step] = []
     seen: list[Data] = []  # what each step began with
     current = base
