@@ -35,7 +35,7 @@ STIFFNESS_SHARES = np.geomspace(0.3, 4.0, 16)
 NEARER = 6
 #: How many points of the grid are refined; moving samples without which nothing is tried; how far the inertia may leave the sheet's.
 REFINED = 3
-LONGEST_REFINEMENT = 160
+SHORT_REFINEMENT, LONGEST_REFINEMENT = 60, 160
 FEWEST_SAMPLES = 100
 #: rad: a motor that turned by this has moved, whatever few samples show it.
 CLEARLY_MOVED_RAD = 0.05
@@ -146,8 +146,9 @@ def first_estimate(recordings: Sequence[Recording], start: Model, counts_per_rev
     def cost(logarithms: Array) -> float:
         return search.rest(np.exp(logarithms))
 
-    refined = [minimize(cost, y, method="Nelder-Mead", options={"xatol": 1e-3, "maxfev": LONGEST_REFINEMENT}) for y in starts]
-    best = min(refined, key=lambda found: float(found.fun))
+    tries = [minimize(cost, y, method="Nelder-Mead", options={"xatol": 1e-2, "maxfev": SHORT_REFINEMENT}) for y in starts]
+    nearest = min(tries, key=lambda found: float(found.fun)).x
+    best = minimize(cost, nearest, method="Nelder-Mead", options={"xatol": 1e-3, "maxfev": LONGEST_REFINEMENT})
     return FirstEstimate(search.model(np.exp(best.x)), float(best.fun), _moving(pieces))
 
 
@@ -200,33 +201,6 @@ def legible_stretches(
     rigid = model.with_values({"motor.inertia": model.parameters["motor.inertia"].high})
     reach = np.ones(2 * round(SMEARED * width) + 1, dtype=bool)
     return [replace(piece, keep=binary_erosion(piece.keep, reach, border_value=0)) for piece in stretches(calm, rigid, step_rad, noise_nm)]
-
-
-def _lowest(rests: Array, number: int) -> list[tuple[int, int]]:
-    """Places of the smallest values of a grid, the smallest first."""
-    order = np.argsort(rests, axis=None, kind="stable")[:number]
-    return [(int(i), int(j)) for i, j in zip(*np.unravel_index(order, rests.shape), strict=True)]
-
-
-def moved_enough(recording: Recording, model: Model, counts_per_rev: int) -> bool:
-    """Whether a record has enough moving samples for a first estimate."""
-    noise = torque_noise([recording])
-    return _moving(legible_stretches(recording, model, 2.0 * np.pi / counts_per_rev, noise)) >= FEWEST_SAMPLES
-
-
-def legible_stretches(
-    recording: Recording, model: Model, step_rad: float, noise_nm: float, path: TorquePath | None = None
-) -> list[Stretch]:
-    """The pieces of a record, torque and angle smoothed alike where the encoder is too coarse to show the acceleration from row to row.
-
-    Then samples count that are away from a reversal by the reach of the filter, over which it smears the friction.
-    """
-    if fine(recording.position, step_rad):
-        return stretches(recording, model, step_rad, noise_nm)
-    width, angle = legible(recording.position, recording.sample_period_s, step_rad, ROUNDING)
-    calm = replace(recording, position=angle, torque=smooth(recording.torque, width), torque_setpoint=None)
-    reach = np.ones(2 * round(SMEARED * width) + 1, dtype=bool)
-    return [replace(piece, keep=binary_erosion(piece.keep, reach, border_value=0)) for piece in stretches(calm, model, step_rad, noise_nm)]
 
 
 def _moving(pieces: Sequence[Stretch]) -> int:
