@@ -14,6 +14,7 @@ from beltcomm.fit.intervals import UNEXPLAINED, with_intervals
 from beltcomm.fit.likelihood import OFFSET_M
 from beltcomm.fit.observer import follows
 from beltcomm.fit.path_choice import choose_path, commands
+from beltcomm.fit.path_values import refine_path, with_doubt
 from beltcomm.fit.reading_fit import fit_reading
 from beltcomm.fit.records import PUBLISHED_SUBSTEPS, SUBSTEPS, Data, agitated, likeliest_noise, made, remade
 from beltcomm.fit.reversals import turns_at_once
@@ -62,6 +63,8 @@ def fit_base(
         first = fit(data, first.model if commanded else start, FIRST_ITERATIONS, fixed=fixed)
     progress(0.5)
     data, fitted = again(data, first, NEXT_ITERATIONS, fixed=fixed)
+    if path is None:
+        data, fitted = refine_path(data, fitted)
     progress(0.7)
     split = split_noise(data, fitted)
     if split is not None:
@@ -71,9 +74,9 @@ def fit_base(
         data, fitted = with_own_noise(data, fitted)
     data, fitted = again(data, fitted, LAST_ITERATIONS, PUBLISHED_SUBSTEPS, fixed=fixed)
     progress(0.9)
-    found = through_reversals(data, fitted, fixed=fixed)
+    data, fitted = through_reversals(data, fitted, fixed=fixed)
     progress(1.0)
-    return found
+    return data, with_doubt(data, fitted)
 
 
 def with_own_noise(data: Data, fitted: Fitted) -> tuple[Data, Fitted]:

@@ -202,33 +202,6 @@ def legible_stretches(
     return [replace(piece, keep=binary_erosion(piece.keep, reach, border_value=0)) for piece in stretches(calm, rigid, step_rad, noise_nm)]
 
 
-def _lowest(rests: Array, number: int) -> list[tuple[int, int]]:
-    """Places of the smallest values of a grid, the smallest first."""
-    order = np.argsort(rests, axis=None, kind="stable")[:number]
-    return [(int(i), int(j)) for i, j in zip(*np.unravel_index(order, rests.shape), strict=True)]
-
-
-def moved_enough(recording: Recording, model: Model, counts_per_rev: int) -> bool:
-    """Whether a record has enough moving samples for a first estimate."""
-    noise = torque_noise([recording])
-    return _moving(legible_stretches(recording, model, 2.0 * np.pi / counts_per_rev, noise)) >= FEWEST_SAMPLES
-
-
-def legible_stretches(
-    recording: Recording, model: Model, step_rad: float, noise_nm: float, path: TorquePath | None = None
-) -> list[Stretch]:
-    """The pieces of a record, torque and angle smoothed alike where the encoder is too coarse to show the acceleration from row to row.
-
-    Then samples count that are away from a reversal by the reach of the filter, over which it smears the friction.
-    """
-    if fine(recording.position, step_rad):
-        return stretches(recording, model, step_rad, noise_nm)
-    width, angle = legible(recording.position, recording.sample_period_s, step_rad, ROUNDING)
-    calm = replace(recording, position=angle, torque=smooth(recording.torque, width), torque_setpoint=None)
-    reach = np.ones(2 * round(SMEARED * width) + 1, dtype=bool)
-    return [replace(piece, keep=binary_erosion(piece.keep, reach, border_value=0)) for piece in stretches(calm, model, step_rad, noise_nm)]
-
-
 def _moving(pieces: Sequence[Stretch]) -> int:
     return sum(int(piece.keep.sum()) for piece in pieces)
 

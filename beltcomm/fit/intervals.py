@@ -85,7 +85,7 @@ class Information:
 
     names : of the parameters.   scores : gradient of each group, (groups, n).   pulls, parts : gradient, (records, n), and information,
     (records, n, n), of each record.   inverse : of the information of all, (n, n).   unknown : variance of what is told by nothing, (n, n).
-    level : mean square of what is left, weighted.
+    level : mean square of what is left, weighted.   path : variance by the values of the torque path, (n, n).
     """
 
     names: tuple[str, ...]
@@ -96,6 +96,7 @@ class Information:
     inverse: Array
     unknown: Array
     level: float
+    path: Array
 
     @property
     def freedom(self) -> int:
@@ -109,7 +110,7 @@ class Information:
         # Between few groups the scatter falls below what the noise alone gives, by chance, or where they are fewer than the parameters.
         least = np.diag(self.inverse) * max(self.level, 1.0)
         wider = np.sqrt(np.maximum(least / np.maximum(np.diag(scatter), 1e-300), 1.0))
-        return np.asarray(scatter * np.outer(wider, wider) + self.unknown)
+        return np.asarray(scatter * np.outer(wider, wider) + self.unknown) + self.path
 
 
 def information_of(fitted: Fitted) -> Information:
@@ -146,7 +147,13 @@ def information_of(fitted: Fitted) -> Information:
     inverse, unknown = inverse_of(parts.sum(axis=0))
     names = tuple(problem.free[i] for i in free)
     scores, pulls = summed(gradient, time_blocks(problem.pieces, GROUP_S)), summed(gradient, records)
-    return Information(names, scale, scores, pulls, parts, inverse, unknown, float(np.mean(left**2)))
+    path = np.zeros_like(inverse)
+    if problem.path_doubt is not None:
+        others, prior = problem.path_doubt[0] * weights[:, None], problem.path_doubt[1]
+        cross = columns.T @ others
+        moved = inverse @ cross
+        path = moved @ np.linalg.pinv(others.T @ others - cross.T @ moved + prior, hermitian=True) @ moved.T
+    return Information(names, scale, scores, pulls, parts, inverse, unknown, float(np.mean(left**2)), path)
 
 
 def at_bound(fitted: Fitted) -> NDArray[np.bool_]:

@@ -109,6 +109,8 @@ class Problem:
         self.piece_of_block = np.zeros(len(self.count), dtype=np.intp)
         self.piece_of_block[self.blocks] = owners
         self.bias = RoundingBias(self._pieces, model)
+        #: What the torque path's values do to the residual, (n, k), and how well the reading knows them, 1/variance, (k, k).
+        self.path_doubt: tuple[Array, Array] | None = None
         # What was worked out last of each piece: the search asks for it again.
         self.last: dict[int, tuple[tuple[bytes, float], Parts]] = {}
         self.seen: tuple[bytes, list[Array]] = (b"", [])

@@ -123,6 +123,11 @@ class Nearby:
                     drops[g] = -float(amounts @ slope[own])
         return drops, powers
 
+    def information(self, columns: Array) -> Array:
+        """What the records tell of amounts of columns beside everything fitted, weights as they stand, (n, k) -> (k, k)."""
+        weighted, shared = columns * self.weights[:, None], self.weighted.transposed(columns)[self.used]
+        return self._squares(weighted, columns, shared)[1]
+
     def _squares(self, weighted: Array, columns: Array, shared: Array) -> tuple[Array, Array]:
         """Products of columns with each other, and what is left of them beside everything fitted; (k, k) each."""
         squares = weighted.T @ columns

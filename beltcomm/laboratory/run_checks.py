@@ -160,8 +160,8 @@ def _sampled(timed: Sequence[Recording], axis: Axis, remarks: list[str]) -> list
     if uneven_ones:
         largest = max(float(j.largest) for _, j in uneven_ones)
         remarks.append(
-            f"{names_of(r for r, _ in uneven_ones)}: the samples were taken unevenly, by up to {100.0 * largest:.2g} % of the period, at the "
-            f"times that t_s says: the angle was interpolated to even ones"
+            f"{names_of(r for r, _ in uneven_ones)}: the samples were taken unevenly, by up to {100.0 * largest:.2g} % of the period, "
+            f"at the times that t_s says: the angle was interpolated to even ones"
         )
     real_stamps = [r for r in real_stamps if not any(r is other for other, _ in uneven_ones)]
     if real_stamps:
