@@ -150,7 +150,7 @@ def fit_model(
     path : of the torque, where it is known.   Raises DataError when too few samples are left or the fit does not stay finite.
     """
     noise = torque_noise([r for r in recordings if not r.sidecar.held_out]) if noise_nm is None else noise_nm
-    step = shown_step([r for r in recordings if not r.sidecar.held_out], 2.0 * np.pi / counts_per_rev)
+    step = shown_step([r for r in recordings if not r.sidecar.held_out], 2.0 * np.pi / counts_per_rev, noise)
     data = made(recordings, start, noise, step, {}, path=path)
     _check_enough(data, len(start.parameters) - len(fixed) - 1)
     data, fitted = fit_base(data, start, fixed=fixed, path=path, progress=progress)

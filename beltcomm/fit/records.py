@@ -37,6 +37,8 @@ QUIETEST_SHARE = 1e-4
 QUIETER = 7.0
 #: Samples of a window in which an angle's roughness is taken, and factor from which on it is more than its rounding makes.
 CALM_WINDOW, NOISY = 64, 1.3
+#: Mean change of a torque from sample to sample over its noise up to which nothing but noise changes it: that alone is 2/√π.
+CALM = 2.5
 #: Samples and relative difference of speed for records that repeat each other.
 FEWEST, SAME_SPEED = 400, 0.05
 #: Shares of the rounding's variance that are tried: white and slow.
@@ -77,8 +79,8 @@ def prepare(recordings: Sequence[Recording], axis: Axis, model: Model) -> Data:
     to_fit = [r for r in timed if not r.sidecar.held_out]
     if not to_fit:
         raise DataError("all recordings are held out or static maps; nothing is left to fit: set held_out: false in one sidecar")
-    step = shown_step(to_fit, encoder_step(axis, timed))
     noise = torque_noise(to_fit, QUIETEST_SHARE * float(np.std(to_fit[0].torque)))
+    step = shown_step(to_fit, encoder_step(axis, timed), noise)
     if "cart" not in model.base_bodies:
         step = min(step, max(white_step(r.position) for r in to_fit))
         noise = max(noise, repeat_noise(to_fit, step))
@@ -209,17 +211,20 @@ def rounding_shares(parts: Sequence[tuple[Stretch, Array]], model: Model) -> tup
         here = best
 
 
-def shown_step(recordings: Sequence[Recording], step_rad: float) -> float:
+def shown_step(recordings: Sequence[Recording], step_rad: float, noise_nm: float) -> float:
     """Step whose rounding would be as rough as the angle is where the torque is calmest, rad: more than the encoder's where it is noisy.
 
-    Rounding of a step q has the variance q²/12; noise of the angle adds its own.
+    Rounding of a step q has the variance q²/12; noise of the angle adds its own.  Where the torque changes by more than its noise does,
+    the motion is rough itself.   noise_nm : N m rms.
     """
     calm: list[tuple[float, float]] = []
     for recording in recordings:
         rough, change = np.diff(recording.position, 4) ** 2 / 70.0, np.abs(np.diff(recording.torque))
         for first in range(0, len(rough) - CALM_WINDOW + 1, CALM_WINDOW):
             here = slice(first, first + CALM_WINDOW)
-            calm.append((float(np.mean(change[first : first + CALM_WINDOW + 4])), float(np.mean(rough[here]))))
+            changed = float(np.mean(change[first : first + CALM_WINDOW + 4]))
+            if changed < CALM * noise_nm:
+                calm.append((changed, float(np.mean(rough[here]))))
     if not calm:
         return step_rad
     calm.sort()

@@ -125,7 +125,10 @@ def diagnose(
 
     Raises DataError when the records cannot be used.
     """
-    data, base = as_searched(*begun) if begun else fit_base(prepare(recordings, axis, start), start, publish=False)
+    if begun is None:
+        data, base = fit_base(prepare(recordings, axis, start), start, publish=False)
+    else:
+        data, base = as_searched(*begun)
     steps: list[Step] = []
     seen: list[Data] = []  # what each step began with
     current = base
@@ -184,13 +187,16 @@ def diagnose(
     twins = next((pair for step in steps if step.added and (pair := twins_of(standing(step.candidates)))), ())
     if twins and twins[0] not in current.model.effects:
         twins = ()
+    against = base  # what the last model is held against: a base of the same steps of time and groups of samples
     if any(step.added for step in steps):
         data, last = settled(data, current)
         steps = [replace(step, after=last) if step.after is current else step for step in steps]
         current = last
-        if not lowers(at_first, base, current, data):
-            data, current, twins, steps = at_first, base, (), [withdrawn(steps, base)]
-    verdict = verdict_of(base, steps, twins, remaining_structure(data, current))
+        alike = data.substeps != at_first.substeps  # the last model with finer steps, and so the first one, too
+        before, against = (begun or settled(at_first, base)) if alike else (at_first, base)
+        if not lowers(before, against, current, data):
+            data, current, twins, steps, against = at_first, base, (), [withdrawn(steps, base)], base
+    verdict = verdict_of(against, steps, twins, remaining_structure(data, current))
     return Diagnosis(base, data, tuple(steps), verdict, twins, at_base, at_first)
 
 

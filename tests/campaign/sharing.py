@@ -17,7 +17,7 @@ from beltcomm.session import analyse, offline, phases, proving, raising, stops, 
 from beltcomm.session import commission as sequence
 
 PURE: tuple[tuple[Any, str], ...] = (
-    (raising, "first_estimate"),
+    (raising, "first_path"),
     (phases, "largest_amplitude"),
     (raising, "largest_amplitude"),
     (analyse, "design_cascade"),

@@ -131,7 +131,9 @@ def test_adding_begins_where_the_diagnosis_ended(
     assert better(other, data, base, wrong, "cogging") is wrong, "no diagnosis yet"
     found = {"effects": list(right.model.effects), "parameters": {name: {"value": v.value} for name, v in right.model.parameters.items()}}
     other.save_result("diagnosis", {"after": found})
-    assert better(other, data, base, wrong, "cogging").ratio == pytest.approx(right.ratio, rel=1e-3)
+    led = better(other, data, base, wrong, "cogging")
+    assert led.objective <= right.objective + 0.1, "it begins there, and may go on"
+    assert led.model["cogging.order"] == pytest.approx(right.model["cogging.order"], rel=1e-3)
     assert better(other, data, base, wrong, "stribeck") is wrong, "the diagnosis says nothing of it"
     form = {"stribeck.exponent": {"value": 2.25}, "stribeck.amount": {"value": 0.03}}
     other.save_result("diagnosis", {"after": {"effects": ["stribeck"], "parameters": form}})

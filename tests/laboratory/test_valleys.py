@@ -103,7 +103,7 @@ def test_the_search_goes_on_from_the_better_valley(monkeypatch: pytest.MonkeyPat
     for name in ("Scorer", "ground_of", "strayed", "remaining_structure", "verdict_of"):
         monkeypatch.setattr(diagnosis, name, lambda *_: None)
     monkeypatch.setattr(diagnosis, "lowers", lambda *_: True)
-    begun: Any = SimpleNamespace(fitted=(), held_out=()), model("base")
+    begun: Any = SimpleNamespace(fitted=(), held_out=(), substeps=4), model("base")
     nothing: Any = SimpleNamespace()
     after = diagnosis.diagnose([], nothing, nothing, begun=begun)
     assert [(step.added, step.after.name) for step in after.steps] == [("end_pulley", "better, again"), ("", "better, again")]

@@ -299,7 +299,7 @@ def test_an_effect_with_which_the_error_as_a_whole_grows_is_not_taken(
     for name in ("Scorer", "ground_of", "strayed", "remaining_structure", "verdict_of", "beyond"):
         monkeypatch.setattr(diagnosis, name, lambda *_: None)
     monkeypatch.setattr(diagnosis, "lowers", lambda *_: True)
-    begun: Any = SimpleNamespace(fitted=(), held_out=()), fitted(2.0, 2.0)
+    begun: Any = SimpleNamespace(fitted=(), held_out=(), substeps=4), fitted(2.0, 2.0)
     nothing: Any = SimpleNamespace()
     after = diagnosis.diagnose([], nothing, nothing, begun=begun)
     assert after.steps[0].added == ("measurement_lag" if added else "")
