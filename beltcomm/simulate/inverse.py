@@ -378,13 +378,11 @@ def load_torque(model: Model, motion: FineMotion, vector: Array | None = None, o
     return triangular_mean(load, motion.substeps), cart
 
 
-def torque_residual(model: Model, motion: FineMotion, torque: Array, vector: Array | None = None, offset_m: float = 0.0) -> Array:
-    """e[n] of the module's equation, N m at the motor shaft; (n,), ends 0.   torque : ndarray (n,), N m, as reported."""
-    return torque_residuals(model, motion, torque, [model.vector() if vector is None else vector], [offset_m])[0]
-
-
 def torque_residuals(model: Model, motion: FineMotion, torque: Array, vectors: Sequence[Array], offsets_m: Sequence[float]) -> list[Array]:
-    """The same for several vectors of parameters and offsets, (n,) each: plain belts run side by side."""
+    """e[n] of the module's equation, N m at the motor shaft, (n,) each, ends 0, of several vectors of parameters and offsets side by side.
+
+    torque : ndarray (n,), N m, as reported.
+    """
     board, ratio = switchboard(model.base_bodies, model.effects), model.index("transmission.ratio")
     beside = board.plain and not board.sensor and all(p[ratio] == vectors[0][ratio] for p in vectors)
     loads = belt_loads(model, motion, vectors, offsets_m).T if beside else [None] * len(vectors)
