@@ -61,8 +61,8 @@ class FineMotion:
     theta, omega : ndarray (n*substeps - substeps + 1,), rad and rad/s at the motor shaft, absolute: theta = position / i_t.
     samples : number of samples n.     sample_s : s, sampling period.    substeps : fine steps per sample.
     time_s : s, session clock at the first sample.   bristle_m : m at the belt, in which the motor's friction turns round.
-    within : of the torque inside the sampling periods; None: it is held.   creep : angle and speed as the motor's friction sees them, where
-    the steps of the encoder hide that a slow motion goes on in one direction; None: as they are.
+    within : of the torque inside the sampling periods; None: it is held.   creep : angle and speed as the motor's friction sees them,
+    where the encoder's steps hide that a slow motion goes on in one direction; None: as they are.
     """
 
     theta: Array
@@ -334,8 +334,7 @@ def acting_cells(model: Model, motion: FineMotion, torque: Array, vector: Array 
     board = switchboard(model.base_bodies, model.effects)
     values = model.vector() if vector is None else vector
     finer = max(1, DELAY_CELLS // motion.substeps) if board.delays else 1
-    h = motion.sample_s / motion.substeps
-    cells = _cells(torque, motion.substeps * finer, motion.within)
+    h, cells = motion.sample_s / motion.substeps, _cells(torque, motion.substeps * finer, motion.within)
     for law, places in board.delays:
         cells = law(cells, h / finer, *(float(values[i]) for i in places))
     if not board.bent:
