@@ -42,11 +42,13 @@ def fit_base(
     *,
     fixed: Sequence[str] = (),
     path: TorquePath | None = None,
+    publish: bool = True,
     progress: Callable[[float], None] = lambda _fraction: None,
 ) -> tuple[Data, Fitted]:
     """The start model fitted to records, and the records as it sees them.
 
     data : with the reading taken for the torque that acts.   fixed : parameters that stay.   path : where it is known already.
+    publish : with the finest steps, and reversals, for numbers that are shown; else as a search goes on from it.
     """
     chain = fit_reading([r for r in data.recordings if not r.sidecar.held_out])
     commanded = commands(chain, data.recordings)
@@ -72,7 +74,7 @@ def fit_base(
         data = replace(data, noise_nm=split.sensor_nm, colour=split.colour, path=replace(data.path, acts=acts))
     elif chain is None or commanded:
         data, fitted = with_own_noise(data, fitted)
-    data, fitted = again(data, fitted, LAST_ITERATIONS, PUBLISHED_SUBSTEPS, fixed=fixed)
+    data, fitted = again(data, fitted, LAST_ITERATIONS, PUBLISHED_SUBSTEPS if publish else SUBSTEPS, fixed=fixed)
     progress(0.9)
     data, fitted = through_reversals(data, fitted, fixed=fixed)
     progress(1.0)

@@ -35,7 +35,7 @@ STIFFNESS_SHARES = np.geomspace(0.3, 4.0, 16)
 NEARER = 6
 #: How many points of the grid are refined; moving samples without which nothing is tried; how far the inertia may leave the sheet's.
 REFINED = 3
-LONGEST_REFINEMENT = 160
+SHORT_REFINEMENT, LONGEST_REFINEMENT = 60, 160
 FEWEST_SAMPLES = 100
 #: rad: a motor that turned by this has moved, whatever few samples show it.
 CLEARLY_MOVED_RAD = 0.05
@@ -48,8 +48,8 @@ ROUNDING = 0.3
 SWINGING = 1.2
 #: By what share the squares may rise for a stiffness one factor e nearer the data sheet's: it decides where a record does not show any.
 SHEET_WEIGHT = 1e-3
-#: Widths of a low-pass over which it smears the friction of a reversal.
-SMEARED = 2.0
+#: Widths of a low-pass over which it smears the friction of a reversal, and less where too few samples are left.
+SMEARED = (2.0, 1.0, 0.0)
 #: N at the carriage, from where its friction is looked for when none is expected.
 LEAST_FRICTION_N = 0.1
 #: Parameters that the torque equation is linear in, beside the inertia; and those it is not.
@@ -146,8 +146,9 @@ def first_estimate(recordings: Sequence[Recording], start: Model, counts_per_rev
     def cost(logarithms: Array) -> float:
         return search.rest(np.exp(logarithms))
 
-    refined = [minimize(cost, y, method="Nelder-Mead", options={"xatol": 1e-3, "maxfev": LONGEST_REFINEMENT}) for y in starts]
-    best = min(refined, key=lambda found: float(found.fun))
+    tries = [minimize(cost, y, method="Nelder-Mead", options={"xatol": 1e-2, "maxfev": SHORT_REFINEMENT}) for y in starts]
+    nearest = min(tries, key=lambda found: float(found.fun)).x
+    best = minimize(cost, nearest, method="Nelder-Mead", options={"xatol": 1e-3, "maxfev": LONGEST_REFINEMENT})
     return FirstEstimate(search.model(np.exp(best.x)), float(best.fun), _moving(pieces))
 
 
@@ -198,8 +199,14 @@ def legible_stretches(
     calm = replace(recording, position=angle, torque=torque, torque_setpoint=None, velocity=None)
     # a smooth torque does not bend a smooth angle between two rows, whatever the motor's inertia
     rigid = model.with_values({"motor.inertia": model.parameters["motor.inertia"].high})
-    reach = np.ones(2 * round(SMEARED * width) + 1, dtype=bool)
-    return [replace(piece, keep=binary_erosion(piece.keep, reach, border_value=0)) for piece in stretches(calm, rigid, step_rad, noise_nm)]
+    whole = stretches(calm, rigid, step_rad, noise_nm)
+    kept: list[Stretch] = []
+    for smeared in SMEARED:
+        reach = np.ones(2 * round(smeared * width) + 1, dtype=bool)
+        kept = [replace(piece, keep=binary_erosion(piece.keep, reach, border_value=0)) for piece in whole]
+        if _moving(kept) >= FEWEST_SAMPLES:
+            break
+    return kept
 
 
 def _moving(pieces: Sequence[Stretch]) -> int:

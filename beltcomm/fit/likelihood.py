@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -108,12 +109,16 @@ class Problem:
         owners = np.repeat(np.arange(len(self._pieces)), [len(piece.counted) for piece in self._pieces])
         self.piece_of_block = np.zeros(len(self.count), dtype=np.intp)
         self.piece_of_block[self.blocks] = owners
-        self.bias = RoundingBias(self._pieces, model)
         #: What the torque path's values do to the residual, (n, k), and how well the reading knows them, 1/variance, (k, k).
         self.path_doubt: tuple[Array, Array] | None = None
         # What was worked out last of each piece: the search asks for it again.
         self.last: dict[int, tuple[tuple[bytes, float], Parts]] = {}
         self.seen: tuple[bytes, list[Array]] = (b"", [])
+
+    @cached_property
+    def bias(self) -> RoundingBias:
+        """What rounding alone adds to the squares, against the values of ``model``."""
+        return RoundingBias(self._pieces, self.model)
 
     @property
     def pieces(self) -> list[Stretch]:

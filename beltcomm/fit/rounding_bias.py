@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.compiled import compiled
-from beltcomm.fit.noise_path import NoisePath, noise_path
+from beltcomm.fit.noise_path import NoisePath, course, noise_path
 from beltcomm.fit.segment import Stretch
 from beltcomm.fit.whitening import gains_of, noises
 from beltcomm.model import Model
@@ -41,10 +41,12 @@ class RoundingBias:
         self.kinds: list[_Kind] = []
         self.of_segment = np.full(len(segments), -1)
         known: dict[tuple[object, ...], int] = {}
+        middles = [segment.middle_m(model) for segment in segments]
+        even = bool(segments) and len(course(model, min(middles), max(middles))[1]) == 1  # then one place stands for all
         for i, segment in enumerate(segments):
             if segment.follower is not None:
                 continue
-            place = segment.middle_m(model)
+            place = float(np.mean(middles)) if even else middles[i]
             key = (
                 round(place, 3),
                 segment.motion.sample_s,
@@ -70,8 +72,13 @@ class RoundingBias:
             self._last = (key, excess[self.of_segment])
         return self._last[1]
 
+    def _paths(self, model: Model) -> dict[tuple[float, float], NoisePath]:
+        """How the noises reach the residual, by place and sampling period."""
+        return {where: noise_path(model, *where) for where in {kind.where for kind in self.kinds}}
+
     def _values(self, model: Model) -> Array:
-        return np.array([kind.power(model) for kind in self.kinds])
+        paths = self._paths(model)
+        return np.array([kind.power(paths[kind.where]) for kind in self.kinds])
 
     def responses(self, vector: Array, others: Sequence[Array], steps: Array) -> tuple[Array, Array]:
         """Slope and curvature of v at x: (segments, k) and (segments, k, k), the latter ½ ∂²v to first order in the response.
@@ -80,15 +87,16 @@ class RoundingBias:
         """
         k = len(others)
         slope, curvature = np.zeros((len(self.kinds) + 1, k)), np.zeros((len(self.kinds) + 1, k, k))
-        models = [self.model.with_vector(v) for v in (vector, *others)]
+        every = [self._paths(self.model.with_vector(v)) for v in (vector, *others)]
         for number, kind in enumerate(self.kinds):
-            if not all(math.isfinite(kind.power(model)) for model in models):
+            own = [paths[kind.where] for paths in every]
+            if not all(math.isfinite(kind.power(path)) for path in own):
                 continue
-            here, *beside = (kind.response(model) for model in models)
-            long = max(len(r) for r in (here, *beside))
-            base, ahead = _padded(here, long), np.zeros((k, long))
+            here, *beside = (kind.response(path) for path in own)
+            long = max(r.shape[1] for r in (here, *beside))
+            base, ahead = _padded(here, long).reshape(-1), np.zeros((k, len(here) * long))
             for i, (response, step) in enumerate(zip(beside, steps, strict=True)):
-                ahead[i] = (_padded(response, long) - base) / step
+                ahead[i] = (_padded(response, long).reshape(-1) - base) / step
             slope[number], curvature[number] = 2.0 * ahead @ base, ahead @ ahead.T
         return slope[self.of_segment], curvature[self.of_segment]
 
@@ -97,23 +105,22 @@ class _Kind:
     """Segments whose noises reach the residual alike."""
 
     def __init__(self, segment: Stretch, model: Model, place_m: float) -> None:
-        self.segment, self.place_m = segment, place_m
+        self.segment, self.where = segment, (place_m, segment.motion.sample_s)
         self._known: dict[int, tuple[NoisePath, Array]] = {}
         self.path, self.gains, self.deviation = self._filter(model)
 
-    def _path(self, model: Model) -> NoisePath:
-        return noise_path(model, self.place_m, self.segment.motion.sample_s)
-
     def _filter(self, model: Model) -> tuple[NoisePath, Array, float]:
         segment = self.segment
-        path, variances, start = noises(self._path(model), segment.step_rad, segment.noise_nm, segment.rounding, segment.colour)
+        path, variances, start = noises(
+            noise_path(model, *self.where), segment.step_rad, segment.noise_nm, segment.rounding, segment.colour
+        )
         keep = np.ones(SETTLING, dtype=np.bool_)
         gains, deviations = gains_of(keep, [path], np.zeros(SETTLING, dtype=np.int64), variances, start)
         return path, gains[-1].copy(), float(deviations[-1])
 
-    def response(self, model: Model) -> Array:
-        """σ_m h_m of all noises one after the other, grouped as the residual is, (k,)."""
-        segment, plain = self.segment, self._path(model)
+    def response(self, plain: NoisePath) -> Array:
+        """σ_m h_m of each noise, grouped as the residual is, (noises, k)."""
+        segment = self.segment
         found = self._known.get(id(plain))
         if found is None or found[0] is not plain:
             path, variances, _ = noises(plain, segment.step_rad, segment.noise_nm, segment.rounding, segment.colour)
@@ -122,22 +129,22 @@ class _Kind:
                 out = np.zeros(LONGEST)
                 length = _passed(path.F, path.G[:, m].copy(), path.H, float(path.D[m]), self.path.F, self.path.H, self.gains, out)
                 size = np.sqrt(variance) / (self.deviation * np.sqrt(segment.group))
-                parts.append(_padded(np.convolve(out[:length], np.ones(segment.group)) * size, LONGEST + segment.group))
-            used = max(int(np.max(np.flatnonzero(part), initial=0)) + 1 for part in parts)
-            found = (plain, np.concatenate([part[:used] for part in parts])) if len(parts) == 1 else (plain, np.stack(parts))
+                parts.append(np.convolve(out[:length], np.ones(segment.group)) * size)
+            used = max(len(part) for part in parts)
+            found = plain, np.stack([np.concatenate((part, np.zeros(used - len(part)))) for part in parts])
             self._known = {id(plain): found} if len(self._known) > 40 else {**self._known, id(plain): found}
-        return np.asarray(found[1]).reshape(-1)
+        return found[1]
 
-    def power(self, model: Model) -> float:
+    def power(self, path: NoisePath) -> float:
         """v of the module; inf where the model does not hold its bodies."""
         with np.errstate(over="ignore", invalid="ignore"):
-            response = self.response(model)
-            found = float(response @ response)
+            response = self.response(path)
+            found = float(np.sum(response * response))
         return found if found < ABSURD else math.inf
 
 
-def _padded(row: Array, length: int) -> Array:
-    return row if len(row) == length else np.concatenate((row, np.zeros(length - len(row))))
+def _padded(rows: Array, length: int) -> Array:
+    return rows if rows.shape[1] == length else np.pad(rows, ((0, 0), (0, length - rows.shape[1])))
 
 
 @compiled

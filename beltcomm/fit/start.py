@@ -35,7 +35,7 @@ LEAST_MOTION_RAD = 0.05
 SHORTEST = 20
 #: From where on the inertia of everything that moves, by its slow motion, corrects the first estimate; its relative error at most, and
 #: torque of acceleration over friction at least; and from where on nothing is left of the first estimate.
-ANCHOR_OFF, ANCHOR_ERROR, ANCHOR_DYNAMIC, ANCHOR_LOST = 1.2, 0.1, 0.5, 3.0
+ANCHOR_OFF, ANCHOR_ERROR, ANCHOR_DYNAMIC, ANCHOR_LOST = 1.2, 0.1, 0.5, 2.0
 
 
 def start_model(axis: Axis, recordings: Sequence[Recording]) -> Model:
@@ -47,24 +47,20 @@ def start_model(axis: Axis, recordings: Sequence[Recording]) -> Model:
         return rigid_start(axis, usable)
     excited = [r for r in usable if r.sidecar.experiment == "frf"] or usable
     counts = int(axis.get("motor.encoder_counts_per_rev") or 65536)
-    found = anchored(belt_start(axis, excited, counts), sheet_model(axis, loudest(excited)), usable)
+    places = [place for r in excited if (place := r.sidecar.start_position_m) is not None]
+    middle = sheet_model(axis, float(np.median(places)) if places else 0.0)  # one stiffness is fitted to all places
+    found = anchored(belt_start(axis, excited, counts), middle, usable)
     friction = found["coulomb.level"] + axis.transmission_m_rad * found["cart_friction.level"]
     return found.without_effect("cart_friction").with_values({"coulomb.level": friction}, "first estimate")
 
 
-def loudest(recordings: Sequence[Recording]) -> Recording:
-    """The record with the most torque in it."""
-    return max(recordings, key=lambda r: float(np.std(r.torque)) * np.sqrt(len(r.t_s)))
-
-
-def sheet_model(axis: Axis, recording: Recording) -> Model:
-    """The data sheets at the place of a record, with what the axis file leaves open as it usually is; no friction."""
+def sheet_model(axis: Axis, place_m: float) -> Model:
+    """The data sheets at a place of the carriage, with what the axis file leaves open as it usually is; no friction."""
     known_belt = axis.get("belt.specific_stiffness_n") is not None and axis.get("belt.pulley_distance_m") is not None
-    place = recording.sidecar.start_position_m or 0.0
     values = {
         "motor.inertia": axis.motor_side_inertia_kg_m2 if axis.get("motor.inertia_kg_m2") else USUAL["motor.inertia"],
         "cart.mass": axis.payload.mass_kg or USUAL["cart.mass"],
-        "belt_stiffness.stiffness": axis.belt_stiffness_n_m(place) if known_belt else USUAL["belt_stiffness.stiffness"],
+        "belt_stiffness.stiffness": axis.belt_stiffness_n_m(place_m) if known_belt else USUAL["belt_stiffness.stiffness"],
         "transmission.ratio": axis.transmission_m_rad,
         "coulomb.level": 0.0,
         "cart_friction.level": 0.0,
@@ -75,8 +71,8 @@ def sheet_model(axis: Axis, recording: Recording) -> Model:
 
 def belt_start(axis: Axis, excited: Sequence[Recording], counts_per_rev: int) -> Model:
     """A belt axis with friction at both ends, found from the loudest record."""
-    record = loudest(excited)
-    sheet, ratio = sheet_model(axis, record), axis.transmission_m_rad
+    record = max(excited, key=lambda r: float(np.std(r.torque)) * np.sqrt(len(r.t_s)))
+    sheet, ratio = sheet_model(axis, record.sidecar.start_position_m or 0.0), axis.transmission_m_rad
     # Twice, because the share of the carriage in the friction is assumed and not found: first its level must be known.
     first = first_path(record, sheet, counts_per_rev)
     level = first.model["coulomb.level"]

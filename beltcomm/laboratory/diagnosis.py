@@ -125,8 +125,10 @@ def diagnose(
 
     Raises DataError when the records cannot be used.
     """
-    published = begun or fitted_base(recordings, axis, start)
-    data, base = as_searched(*published)
+    if begun is None:
+        data, base = fit_base(prepare(recordings, axis, start), start, publish=False)
+    else:
+        data, base = as_searched(*begun)
     steps: list[Step] = []
     seen: list[Data] = []  # what each step began with
     current = base
@@ -190,8 +192,8 @@ def diagnose(
         data, last = settled(data, current)
         steps = [replace(step, after=last) if step.after is current else step for step in steps]
         current = last
-        alike = published[0].substeps == data.substeps
-        before, against = published if alike else (at_first, base)
+        alike = data.substeps != at_first.substeps  # the last model with finer steps, and so the first one, too
+        before, against = (begun or settled(at_first, base)) if alike else (at_first, base)
         if not lowers(before, against, current, data):
             data, current, twins, steps, against = at_first, base, (), [withdrawn(steps, base)], base
     verdict = verdict_of(against, steps, twins, remaining_structure(data, current))

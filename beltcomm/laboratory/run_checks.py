@@ -149,7 +149,7 @@ def _sampled(timed: Sequence[Recording], axis: Axis, remarks: list[str]) -> list
         if found is not None and (found.only_stamps or (false_stamps and not real_stamps)):
             worst = max(worst, found.largest)
             record = replace(record, t_s=record.t_s[0] + found.period_s * _whole(record, found.period_s), notes=())
-        elif any(record is r for r, _ in uneven_ones) and found is not None:
+        elif uneven_ones and found is not None and found.largest <= MOST_MOVED:  # again, one clock stamps all
             record = _moved(record, found.period_s)
         evened.append(record)
     if worst > 1e-3:
@@ -160,11 +160,10 @@ def _sampled(timed: Sequence[Recording], axis: Axis, remarks: list[str]) -> list
     if uneven_ones:
         largest = max(float(j.largest) for _, j in uneven_ones)
         remarks.append(
-            f"{names_of(r for r, _ in uneven_ones)}: the samples were taken unevenly, by up to {100.0 * largest:.2g} % of the period, "
-            f"at the times that t_s says: the angle was interpolated to even ones"
+            f"the samples were taken unevenly, by up to {100.0 * largest:.2g} % of the period, at the times that t_s says "
+            f"({names_of(r for r, _ in uneven_ones)} show it): the angle was interpolated to even ones"
         )
-    real_stamps = [r for r in real_stamps if not any(r is other for other, _ in uneven_ones)]
-    if real_stamps:
+    elif real_stamps:
         largest = max(float(j.largest) for r in real_stamps if (j := stamps[r.name]) is not None)
         remarks.append(
             f"{names_of(real_stamps)}: the samples were taken unevenly, by up to {100.0 * largest:.2g} % of the period; the motion is slow "

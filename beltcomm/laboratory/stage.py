@@ -45,6 +45,8 @@ SEARCHED, WAYS, REFITTED, FOLLOWED_REFITTED = 8, 2, 4, 3
 #: observer makes a search dear the best is the best after those before it were searched.
 SEARCH_SHARE, FOLLOWED_SEARCH_SHARE, SEARCH_PROMISE = 0.03, 0.1, 20.0
 REFIT_SHARE, REFIT_PROMISE = 0.3, 30.0
+#: Evidence by which an effect must be ahead of one with fewer parameters, nats.
+SIMPLER = 25.0
 #: Share of what lies above the noise from which on an effect explains most of it.
 MOSTLY = 0.5
 #: Iterations of a refit, also beside an observer and from far away, and the gain that is not worth another one, nats.
@@ -152,7 +154,21 @@ def search(
     elif unexplained and not any(c.accepted for c in candidates):
         for effect in wanted:
             candidates = swallowed(data, scorer, effect, ground, candidates, len(ways[effect.name]))
-    return sorted(candidates, key=lambda c: (c.fitted is None, -c.evidence))
+    return ranked(candidates)
+
+
+def ranked(candidates: Sequence[Candidate]) -> list[Candidate]:
+    """Best first; of two that the records hardly tell apart the one with fewer parameters."""
+    order = sorted(candidates, key=lambda c: (c.fitted is None, -c.evidence))
+    best = next((c for c in order if c.accepted), None)
+    if best is None:
+        return order
+    near = [c for c in order if c.accepted and c.evidence > best.evidence - SIMPLER]
+    simplest = min(near, key=lambda c: sum(p.fitted for p in c.effect.parameters))
+    if sum(p.fitted for p in simplest.effect.parameters) < sum(p.fitted for p in best.effect.parameters):
+        order.remove(simplest)
+        order.insert(order.index(best), simplest)
+    return order
 
 
 def rubs_behind(effect: Effect) -> bool:
@@ -234,7 +250,7 @@ def merged(candidates: Sequence[Candidate], more: Sequence[Candidate]) -> list[C
         old = best.get(item.effect.name)
         if old is None or rank(item) > rank(old):
             best[item.effect.name] = item
-    return sorted(best.values(), key=lambda c: (c.fitted is None, -c.evidence))
+    return ranked(list(best.values()))
 
 
 def rank(item: Candidate) -> tuple[bool, bool, float]:
