@@ -141,7 +141,7 @@ def searched(monkeypatch: pytest.MonkeyPatch, found: list[list[str]], own: Calla
     for name in ("Scorer", "beyond", "shorter", "remaining_structure", "verdict_of"):
         monkeypatch.setattr(diagnosis, name, lambda *_: None)
     monkeypatch.setattr(diagnosis, "lowers", lambda *_: True)
-    begun: Any = SimpleNamespace(fitted=(), held_out=()), fitted(BASE)
+    begun: Any = SimpleNamespace(fitted=(), held_out=(), substeps=4), fitted(BASE)
     nothing: Any = SimpleNamespace()
     after = diagnosis.diagnose([], nothing, nothing, begun=begun, trying=heard.append)
     assert next(stages, None) is None, "every stage was looked at"
