@@ -49,6 +49,8 @@ Array = NDArray[np.float64]
 STICK_SPEED_RAD_S = 0.3
 #: The same in steps of the encoder per sample, where a reversal is looked for: below that its instant is the rounding's.
 STICK_STEPS = 3.0
+#: The same of a motor alone in steps of the encoder per sample: below it rounding turns the sign of the speed, and the friction's with it.
+SURE_STEPS = 1.0
 #: m/s, the same for an axis known at its load side.
 STICK_SPEED_M_S = 4e-3
 #: Fine steps per sample: the carriage's antiresonance is reproduced to (2 pi f h)²/24, 5e-5 at 90 Hz and 1 kHz.
@@ -185,7 +187,8 @@ def stretches(
                 motion, model, slow, partial(rebuilt, model=model, position=position, torque=push, start_rad=place)
             )
         else:
-            keep = ~resting(motion, stick_speed)
+            sure = 0.0 if "cart" in model.base_bodies else SURE_STEPS * step_rad / sample
+            keep = ~resting(motion, max(stick_speed, sure))
         if "cart" in model.base_bodies:
             keep &= ran_in(motion, ratio)
         else:
