@@ -14,9 +14,10 @@ from scipy.optimize import minimize_scalar
 
 from beltcomm.axis import Axis
 from beltcomm.errors import DataError
+from beltcomm.fit.moving import creeping
 from beltcomm.fit.noise_level import torque_noise
 from beltcomm.fit.observer import follows
-from beltcomm.fit.segment import Stretch, creeping, dressed_each, evaluate, stretches, way_of
+from beltcomm.fit.segment import Stretch, dressed_each, evaluate, stretches, way_of
 from beltcomm.fit.torque_path import FAITHFUL, TorquePath
 from beltcomm.fit.whitening import whitener
 from beltcomm.model import Model

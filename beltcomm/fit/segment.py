@@ -17,10 +17,10 @@ from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter1d
 from scipy.optimize import minimize_scalar
 
 from beltcomm.compiled import compiled
+from beltcomm.fit.moving import creeping, crept, ran_in, resting
 from beltcomm.fit.noise_path import Way, way
 from beltcomm.fit.observer import Follower, Seen, follows, innovations, learned, unlearned
 from beltcomm.fit.reversals import LEVEL, passed, turns_at_once
@@ -51,14 +51,6 @@ STICK_SPEED_RAD_S = 0.3
 STICK_STEPS = 3.0
 #: m/s, the same for an axis known at its load side.
 STICK_SPEED_M_S = 4e-3
-#: s, and steps of the encoder: a motor that gets on by so many steps in so long, before and after, is not at rest.
-CREEP_S, CREEP_STEPS = 0.05, 3.0
-#: Steps of the encoder by which it may be off an even motion there.
-EVEN_STEPS = 1.1
-#: m the carriage must have travelled before a stretch counts: until then its belt stretch at the start is unknown.
-RUN_IN_TRAVEL_M = 1e-4
-#: s after that travel, for the free oscillation of the carriage to die out.
-RUN_IN_S = 0.2
 #: Fine steps per sample: the carriage's antiresonance is reproduced to (2 pi f h)²/24, 5e-5 at 90 Hz and 1 kHz.
 SUBSTEPS = 16
 #: The same while start values are refined and nothing is reported yet.
@@ -246,66 +238,6 @@ def start_offset(model: Model, motion: FineMotion) -> float:
     held = matrices(model, at).hold(("motor",))
     compliance = float(np.linalg.inv(held.K)[held.bodies.index("cart"), held.bodies.index("cart")])
     return min(HELD_SPREAD * model.get("cart_friction.level") * compliance, MOVING_STRETCH_M)
-
-
-def resting(motion: FineMotion, stick_speed: float) -> NDArray[np.bool_]:
-    """Samples whose triangular weight (one period before and after) touches a reversal or a speed below the stick speed."""
-    n, m = motion.samples, motion.substeps
-    inside = np.lib.stride_tricks.sliding_window_view(motion.omega, m + 1)[::m]
-    low, high = inside.min(axis=1), inside.max(axis=1)
-    slow = (np.minimum(np.abs(low), np.abs(high)) < stick_speed) | ((low < 0.0) & (high > 0.0))
-    touched = np.ones(n, dtype=bool)
-    touched[1:-1] = slow[:-1] | slow[1:]
-    return touched
-
-
-def creeping(position: Array, sample_s: float, step_rad: float) -> NDArray[np.bool_]:
-    """Samples around which the motor goes on in one direction, however slowly: then friction is known to act against it.
-
-    In each of the two spans of time before and after it, it gets on by several steps of the encoder, nowhere there back by one, and
-    evenly: one that stopped in between has been stuck.
-    """
-    n, w = len(position), max(2, round(CREEP_S / sample_s))
-    found = np.zeros(n, dtype=bool)
-    if n <= 2 * w + 2:
-        return found
-    around, along = np.lib.stride_tricks.sliding_window_view(position, 2 * w + 1), np.linspace(0.0, 1.0, 2 * w + 1)
-    for side in (1.0, -1.0):
-        path = side * around
-        back = np.max(np.maximum.accumulate(path, axis=1) - path, axis=1)
-        gets_on = np.minimum(path[:, w] - path[:, 0], path[:, -1] - path[:, w]) > CREEP_STEPS * step_rad
-        evenly = np.abs(path - path[:, :1] - (path[:, -1:] - path[:, :1]) * along).max(axis=1) <= EVEN_STEPS * step_rad
-        found[w : n - w] |= gets_on & evenly & (back <= step_rad)
-    found[[0, -1]] = False
-    return found
-
-
-def crept(motion: FineMotion, position: Array, creeps: NDArray[np.bool_]) -> tuple[Array, Array] | None:
-    """Angle, rad, and speed, rad/s, on the fine grid, even over the span of time in which the motor creeps; None where it does nowhere.
-
-    Between two steps of the encoder the angle stands, and friction would seem to turn with every step.
-    """
-    if not creeps.any():
-        return None
-    width = 2 * max(2, round(CREEP_S / motion.sample_s)) + 1
-    even = uniform_filter1d(position, width, mode="nearest")
-    place = np.arange(len(motion.theta)) / motion.substeps
-    number = np.arange(len(position))
-    here = np.interp(place, number, creeps.astype(np.float64)) > 0.5
-    start = float(motion.theta[0] - position[0])
-    theta = np.where(here, np.interp(place, number, even) + start, motion.theta)
-    omega = np.where(here, np.interp(place, number, np.gradient(even, motion.sample_s)), motion.omega)
-    return theta, omega
-
-
-def ran_in(motion: FineMotion, ratio: float) -> NDArray[np.bool_]:
-    """Samples after the carriage has first moved far enough to have forgotten where it stuck."""
-    travel = np.abs(motion.theta[:: motion.substeps] - motion.theta[0]) * ratio
-    moved = np.flatnonzero(travel > RUN_IN_TRAVEL_M)
-    done = np.zeros(motion.samples, dtype=bool)
-    if len(moved):
-        done[moved[0] + int(RUN_IN_S / motion.sample_s) :] = True
-    return done
 
 
 def dressed(stretch: Stretch, model: Model) -> Stretch:

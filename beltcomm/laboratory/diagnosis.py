@@ -70,7 +70,7 @@ class Step:
 @dataclass(frozen=True)
 class Diagnosis:
     """What was found.   data : as the last model sees it.   twins : names between which the data cannot tell.
-    scorer : at the base.   first : data as that sees them."""
+    scorer : at the base.   first : data as that sees them.   published : records and fit that the search began from, as they were shown."""
 
     base: Fitted
     data: Data
@@ -79,6 +79,17 @@ class Diagnosis:
     twins: tuple[str, ...]
     scorer: Scorer
     first: Data
+    published: tuple[Data, Fitted] | None = None
+
+    @property
+    def stated(self) -> tuple[Data, Fitted]:
+        """Records and fit of the base whose numbers are told: those that were published, where the search began from them."""
+        return self.published or (self.first, self.base)
+
+    @property
+    def told(self) -> Fitted:
+        """The model whose numbers are told: the base as it was published, where nothing was added."""
+        return self.stated[1] if self.after is self.base else self.after
 
     @property
     def after(self) -> Fitted:
@@ -197,7 +208,7 @@ def diagnose(
         if not lowers(before, against, current, data):
             data, current, twins, steps, against = at_first, base, (), [withdrawn(steps, base)], base
     verdict = verdict_of(against, steps, twins, remaining_structure(data, current))
-    return Diagnosis(base, data, tuple(steps), verdict, twins, at_base, at_first)
+    return Diagnosis(base, data, tuple(steps), verdict, twins, at_base, at_first, begun)
 
 
 def looked_for(

@@ -16,6 +16,7 @@ from beltcomm.effects import EFFECTS
 from beltcomm.fit.noise_level import noise_doubt
 from beltcomm.identify.landmarks import shape_of
 from beltcomm.laboratory.diagnosis import NONE_EXPLAINS, Diagnosis, Step
+from beltcomm.laboratory.samples import units_of
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 
@@ -36,6 +37,8 @@ def within_scope(found: Diagnosis, recordings: Sequence[Recording]) -> tuple[Dia
     doubt = noise_doubt(found.after.ratio, recordings)
     if doubt and found.verdict != "partly explained":
         return replace(found, verdict="cannot tell"), [doubt]
+    if found.data.path.commanded and not found.named:
+        return replace(found, verdict="cannot tell"), [only_commanded(found)]
     sentence = undersampled(found.base.model, recordings) or unknown_delivery(found, recordings)
     if sentence and found.verdict != "nothing missing":
         return without_names(found), [sentence]
@@ -65,6 +68,16 @@ def without_names(found: Diagnosis) -> Diagnosis:
     first = found.steps[0] if found.steps else None
     kept = (Step(first.before, first.candidates, "", (), first.before),) if first is not None else ()
     return replace(found, steps=kept, verdict="cannot tell", twins=(), data=found.first)
+
+
+def only_commanded(found: Diagnosis) -> str:
+    """That nothing independent tells how noisy a torque is of which only the command was recorded, in words."""
+    units = units_of(found.base.model)
+    return (
+        f"The reported {units.word} is only the command that comes back: the motion is consistent with a noise of "
+        f"{units.factor * found.data.noise_nm:.3g} {units.small} rms of what acts, which nothing independent confirms. Record the drive's "
+        f"actual {units.word} (6077h) and ask again."
+    )
 
 
 def undersampled(model: Model, recordings: Sequence[Recording]) -> str:

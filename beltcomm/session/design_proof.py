@@ -292,7 +292,7 @@ def contradicting(
     for recording in recordings:
         pieces = [dressed(p, model) for p in stretches(recording, model, step, noise, fitted=True, path=grounds.path)]
         pieces = [p for p in pieces if p.keep.any()]
-        if not pieces or _mean_square([whitened(p, model, model.vector()) for p in pieces]) <= SUSPECT_MISFIT:
+        if not pieces or np.mean(np.concatenate([whitened(p, model, model.vector()) for p in pieces]) ** 2) <= SUSPECT_MISFIT:
             continue
         # Where its carriage stuck before is nobody's fault.
         misfit = float(np.mean(np.concatenate([squares_left(p, model, model.vector()) for p in pieces])))
@@ -309,10 +309,6 @@ def contradicting(
         holds = explained and sound(reached, design.specification.sensitivity_db)
         found.append(Contradiction(condition, misfit, alone.model if explained else None, alone.misfit, reached, holds=holds))
     return tuple(found), ()
-
-
-def _mean_square(parts: Sequence[Array]) -> float:
-    return float(np.mean(np.concatenate(parts) ** 2))
 
 
 def sound(reached: Sequence[Margins], sensitivity_db: float) -> bool:

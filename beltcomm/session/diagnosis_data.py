@@ -27,8 +27,8 @@ def diagnosis_data(found: Diagnosis, before: Plain, after: Plain) -> dict[str, A
         "named": list(found.named),
         "base": {
             "effects": list(found.base.model.effects),
-            **error_data(found.base, before),
-            "parameters": values_of(with_intervals(found.base)),
+            **error_data(found.stated[1], before),
+            "parameters": values_of(with_intervals(found.stated[1])),
         },
         "ranking": [ranked(c) for c in first],
         "twins": list(found.twins),
@@ -47,8 +47,8 @@ def diagnosis_data(found: Diagnosis, before: Plain, after: Plain) -> dict[str, A
         ],
         "after": {
             "effects": list(found.after.model.effects),
-            **error_data(found.after, after),
-            "parameters": values_of(with_intervals(found.after)),
+            **error_data(found.told, after),
+            "parameters": values_of(with_intervals(found.told)),
         },
     }
 

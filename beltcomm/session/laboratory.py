@@ -214,8 +214,8 @@ def climb(folder: RunFolder, found: Diagnosis, known: bool, command: str, when: 
     """
     made = []
     if not (known and current_revision(folder)):
-        made.append(base_revision(folder, found.first, found.base, command, when))
-    before, seen, parts = found.base, found.first, list[Step]()
+        made.append(base_revision(folder, *found.stated, command, when))
+    (seen, before), parts = found.stated, list[Step]()
     for number, step in enumerate(found.steps):
         if not step.added:
             continue

@@ -67,7 +67,7 @@ def trial_line(candidate: Candidate) -> str:
 
 def diagnosis_lines(found: Diagnosis, before: Plain = (None, None), after: Plain = (None, None)) -> list[str]:
     """``beltcomm diagnose``.   before, after : errors of the first and of the last model in plain units."""
-    lines = [f"Error before: {error_words((found.base.ratio, found.base.held_ratio), before)}."]
+    lines = [f"Error before: {error_words((found.stated[1].ratio, found.stated[1].held_ratio), before)}."]
     known = [name for name in found.base.model.effects if name not in (*BELT_BASE, *RIGID_BASE)]
     if known:
         lines.append(f"The model has already: {', '.join(known)}.")
@@ -97,7 +97,7 @@ def diagnosis_lines(found: Diagnosis, before: Plain = (None, None), after: Plain
     lines += ["", f"Verdict: {found.verdict}."]
     if found.named:
         lines.append(f"With {', '.join(found.named)} the error is {error_words((found.after.ratio, found.after.held_ratio), after)}.")
-        held, then = found.base.held_ratio, found.after.held_ratio
+        held, then = found.stated[1].held_ratio, found.after.held_ratio
         if held is not None and then is not None and then >= held:
             lines.append(f"Not confirmed: on records that were not fitted the error was {held:.2f} without it.")
     if open_ := undetermined(model, found.base.model):

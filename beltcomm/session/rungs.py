@@ -50,8 +50,8 @@ def revision_of(folder: RunFolder, new: tuple[Data, Fitted], old: tuple[Data, Fi
 
 def plain_of(found: Diagnosis) -> tuple[Plain, Plain]:
     """Errors of the first and of the last model of a search in plain units, in the band of the first."""
-    band = band_of(found.first, found.base.model)
-    before = of_run(found.first, found.base, band)
+    band = band_of(found.stated[0], found.base.model)
+    before = of_run(*found.stated, band)
     return before, before if found.after is found.base else of_run(found.data, found.after, band)
 
 

@@ -61,8 +61,8 @@ class FineMotion:
     theta, omega : ndarray (n*substeps - substeps + 1,), rad and rad/s at the motor shaft, absolute: theta = position / i_t.
     samples : number of samples n.     sample_s : s, sampling period.    substeps : fine steps per sample.
     time_s : s, session clock at the first sample.   bristle_m : m at the belt, in which the motor's friction turns round.
-    within : of the torque inside the sampling periods; None: it is held.   creep : angle and speed as the motor's friction sees them, where
-    the steps of the encoder hide that a slow motion goes on in one direction; None: as they are.
+    within : of the torque inside the sampling periods; None: it is held.   creep : angle and speed as the motor's friction sees them,
+    where the encoder's steps hide that a slow motion goes on in one direction; None: as they are.
     """
 
     theta: Array
@@ -334,8 +334,7 @@ def acting_cells(model: Model, motion: FineMotion, torque: Array, vector: Array 
     board = switchboard(model.base_bodies, model.effects)
     values = model.vector() if vector is None else vector
     finer = max(1, DELAY_CELLS // motion.substeps) if board.delays else 1
-    h = motion.sample_s / motion.substeps
-    cells = _cells(torque, motion.substeps * finer, motion.within)
+    h, cells = motion.sample_s / motion.substeps, _cells(torque, motion.substeps * finer, motion.within)
     for law, places in board.delays:
         cells = law(cells, h / finer, *(float(values[i]) for i in places))
     if not board.bent:
@@ -378,13 +377,11 @@ def load_torque(model: Model, motion: FineMotion, vector: Array | None = None, o
     return triangular_mean(load, motion.substeps), cart
 
 
-def torque_residual(model: Model, motion: FineMotion, torque: Array, vector: Array | None = None, offset_m: float = 0.0) -> Array:
-    """e[n] of the module's equation, N m at the motor shaft; (n,), ends 0.   torque : ndarray (n,), N m, as reported."""
-    return torque_residuals(model, motion, torque, [model.vector() if vector is None else vector], [offset_m])[0]
-
-
 def torque_residuals(model: Model, motion: FineMotion, torque: Array, vectors: Sequence[Array], offsets_m: Sequence[float]) -> list[Array]:
-    """The same for several vectors of parameters and offsets, (n,) each: plain belts run side by side."""
+    """e[n] of the module's equation, N m at the motor shaft, (n,) each, ends 0, of several vectors of parameters and offsets side by side.
+
+    torque : ndarray (n,), N m, as reported.
+    """
     board, ratio = switchboard(model.base_bodies, model.effects), model.index("transmission.ratio")
     beside = board.plain and not board.sensor and all(p[ratio] == vectors[0][ratio] for p in vectors)
     loads = belt_loads(model, motion, vectors, offsets_m).T if beside else [None] * len(vectors)

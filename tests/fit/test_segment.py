@@ -25,7 +25,7 @@ from beltcomm.fit.segment import (
 from beltcomm.fit.whitening import whiten, whitener
 from beltcomm.model import Model, build_model
 from beltcomm.recording import Recording
-from beltcomm.simulate.inverse import FineMotion, torque_residual
+from beltcomm.simulate.inverse import FineMotion, torque_residuals
 from identify.records import COUNTS, NOISE_NM, PERIOD_S, STEP_RAD, Recorder, true_model
 from truth import TruthPlant
 from truth.rigs import draw
@@ -95,7 +95,7 @@ def test_rounding_reaches_the_residual_through_the_belt_as_well() -> None:
     fine = np.linspace(0.0, n - 1.0, 64 * (n - 1) + 1)
     angle = np.interp(fine, np.arange(n), counted)
     motion = FineMotion(angle, np.gradient(angle, PERIOD_S / 64), n, PERIOD_S, 64, 0.0)
-    seen = torque_residual(model, motion, np.zeros(n))
+    seen = torque_residuals(model, motion, np.zeros(n), [model.vector()], [0.0])[0]
     path = noise_path(model, 0.25, PERIOD_S)
     state, expected = np.zeros(len(path.H)), np.zeros(n)
     for k in range(n):
@@ -114,7 +114,7 @@ def test_noise_of_a_torque_that_acts_late_is_smoothed(dead_s: float, lag_s: floa
     n, at, substeps = 80, 40, 64
     fine = np.zeros(substeps * (n - 1) + 1)
     motion = FineMotion(fine, fine, n, PERIOD_S, substeps, 0.0)
-    seen = torque_residual(model, motion, NOISE_NM * (np.arange(n) == at))
+    seen = torque_residuals(model, motion, NOISE_NM * (np.arange(n) == at), [model.vector()], [0.0])[0]
     path = noise_path(model, 0.0, PERIOD_S)
     state, expected = np.zeros(len(path.H)), np.zeros(n)
     for k in range(n):

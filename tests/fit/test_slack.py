@@ -9,7 +9,7 @@ from beltcomm.fit.noise_path import way
 from beltcomm.fit.slack import stiffness_left
 from beltcomm.fit.whitening import whitener
 from beltcomm.model import Model, build_model
-from beltcomm.simulate.inverse import FineMotion, torque_residual
+from beltcomm.simulate.inverse import FineMotion, torque_residuals
 
 PERIOD_S, SUBSTEPS, SAMPLES = 1e-3, 16, 6000
 STEP_RAD, NOISE_NM = 2.0 * np.pi / 65536, 1e-3
@@ -59,7 +59,10 @@ def test_rounding_is_white_also_while_a_strand_is_slack() -> None:
     rng = np.random.default_rng(5)
     rounding, noise = STEP_RAD * (rng.random(SAMPLES) - 0.5), rng.normal(0.0, NOISE_NM, SAMPLES)
     silent = np.zeros(SAMPLES)
-    residual = torque_residual(model, shaken(rounding), noise) - torque_residual(model, motion, silent)
+    residual = (
+        torque_residuals(model, shaken(rounding), noise, [model.vector()], [0.0])[0]
+        - torque_residuals(model, motion, silent, [model.vector()], [0.0])[0]
+    )
     keep = np.ones(SAMPLES, dtype=bool)
     keep[:1000] = keep[-1] = False
     places = motion.theta[::SUBSTEPS] * RATIO

@@ -22,7 +22,7 @@ from beltcomm.model import build_model, expected_parameters
 from beltcomm.simulate import ahead
 from beltcomm.simulate.compose import inverse_kernel, load_source, motor_side_source, plain_source
 from beltcomm.simulate.fences import needed
-from beltcomm.simulate.inverse import FineMotion, torque_residual
+from beltcomm.simulate.inverse import FineMotion, torque_residuals
 
 SLEEP = "import time; time.sleep(0.3)"
 
@@ -136,6 +136,6 @@ def test_what_a_search_compiles_last_is_called_with_the_types_of_its_own_calls()
         late = ("dead_time", lag, "torque_ripple", "encoder_eccentricity")
         values = {name: 1.0 if name.endswith("order") else 1e-3 for name in expected_parameters(late, ("motor",))}
         model = build_model(lag, late, values, base_bodies=("motor",))
-        torque_residual(model, motion, torque)
+        torque_residuals(model, motion, torque, [model.vector()], [0.0])[0]
     assert [set(kernel.signatures) for kernel in kernels] == known
     assert all(known)

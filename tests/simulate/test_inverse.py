@@ -17,7 +17,7 @@ from beltcomm.simulate.inverse import (
     fine_load,
     load_torque,
     reconstruct,
-    torque_residual,
+    torque_residuals,
     triangular_mean,
 )
 from truth import Axis, ConstantBelt, TruthPlant
@@ -128,10 +128,11 @@ def test_a_free_inertia_leaves_no_torque_over() -> None:
     angle, _ = held_motion(torque, INERTIA, substeps=1)
     motion = reconstruct(angle, np.append(torque, 0.0), T, INERTIA, start_rad=float(angle[0]), substeps=SUB)
     free = build_model("free", (), {"motor.inertia": INERTIA}, base_bodies=("motor",))
-    left = torque_residual(free, motion, np.append(torque, 0.0))
+    left = torque_residuals(free, motion, np.append(torque, 0.0), [free.vector()], [0.0])[0]
     rounding = INERTIA * 4.0 * np.finfo(float).eps * np.max(np.abs(angle)) / T**2
     np.testing.assert_allclose(left, 0.0, atol=4.0 * rounding)
-    wrong = torque_residual(free.with_values({"motor.inertia": 1.01 * INERTIA}), motion, np.append(torque, 0.0))
+    heavier = free.with_values({"motor.inertia": 1.01 * INERTIA})
+    wrong = torque_residuals(heavier, motion, np.append(torque, 0.0), [heavier.vector()], [0.0])[0]
     np.testing.assert_allclose(wrong[1:-1], 0.01 * 0.5 * (torque[:-1] + torque[1:]), atol=1e-6)
 
 
@@ -147,7 +148,7 @@ def test_a_torque_that_comes_late_is_known_between_the_samples(late_s: float) ->
     given = np.append(torque, 0.0)
     late = build_model("late", ("dead_time",), {"motor.inertia": INERTIA, "dead_time.time": late_s}, base_bodies=("motor",))
     plain = reconstruct(angle[::200], given, T, INERTIA, start_rad=0.0, substeps=4)
-    left = torque_residual(late, plain, given)[10:-10]
+    left = torque_residuals(late, plain, given, [late.vector()], [0.0])[0][10:-10]
     # A step within a cell of T/32 counts as spread over it: T/(8 32²) of time, at most that share of a jump over two samples.
     assert np.max(np.abs(left)) < 2.0 * np.max(np.abs(jumps)) / (8.0 * 32.0**2)
     push = coarse(acting_cells(late, plain, given), 8)

@@ -11,7 +11,7 @@ from beltcomm.effects import EFFECTS, Effect, Ground
 from beltcomm.model import Model, build_model
 from beltcomm.simulate.forward import simulate_torque
 from beltcomm.simulate.imperfect import angle_sensor, torque_as_read
-from beltcomm.simulate.inverse import fine_load, reconstruct, torque_residual
+from beltcomm.simulate.inverse import fine_load, reconstruct, torque_residuals
 
 T, RATIO = 1e-3, 0.0125
 BASE = ("belt_stiffness", "belt_damping", "viscous", "viscous_cart", "coulomb")
@@ -80,7 +80,7 @@ def left_over(model: Model, judged_by: Model, slow: bool) -> float:
     speed = np.abs(motion.omega).reshape(-1)
     least = 0.02 if slow else 0.5
     moving = np.array([speed[max(k * 32 - 64, 0) : k * 32 + 65].min() > least for k in range(1200)])
-    residual = torque_residual(judged_by, motion, torque)[300:-2]
+    residual = torque_residuals(judged_by, motion, torque, [judged_by.vector()], [0.0])[0][300:-2]
     return float(np.sqrt(np.mean(residual[moving[300:-2]] ** 2)))
 
 
