@@ -19,7 +19,7 @@ from beltcomm.linear import Oscillation, operating_point, sampled_response
 from beltcomm.model import Model, load_plant
 from beltcomm.response import estimate_response, log_spaced_lines
 from beltcomm.simulate.forward import simulate_torque
-from beltcomm.simulate.inverse import FineMotion, torque_residual
+from beltcomm.simulate.inverse import FineMotion, torque_residuals
 
 Array = NDArray[np.float64]
 
@@ -101,7 +101,7 @@ def needed(model: Model, theta: Array, time_s: float = 0.0) -> Array:
     moved = motion(theta, time_s)
     reported = np.zeros(moved.samples)
     for _ in range(8 if any(e.slot == "torque_path" for e in model.effect_list()) else 1):
-        reported = reported + torque_residual(model, moved, reported)
+        reported = reported + torque_residuals(model, moved, reported, [model.vector()], [0.0])[0]
     return np.asarray(1e3 * reported)
 
 

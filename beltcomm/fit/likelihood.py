@@ -292,7 +292,8 @@ class Problem:
         bias = self.bias(self.full(x))
         if not np.all(np.isfinite(bias)):
             return math.inf
-        means = np.maximum(self.block_means(residual) - bias[self.piece_of_block], LEAST_MEAN)
+        left = self.block_means(residual)
+        means = np.maximum(left - bias[self.piece_of_block], np.minimum(left, LEAST_MEAN))
         total = float(np.sum(self.count * np.where(means < 1.0, means, 1.0 + np.log(np.maximum(means, 1.0)))))
         return total if math.isfinite(total) else math.inf
 

@@ -136,7 +136,8 @@ def group_of(recording: Recording) -> int:
 
 def rewhitened(piece: Stretch, model: Model) -> Stretch:
     """A stretch with the noise as a model passes it on."""
-    return replace(piece, whitener=whitener(piece.keep, way_of(piece, model), piece.step_rad, piece.noise_nm, piece.rounding, piece.colour))
+    worked_out = whitener(piece.keep, way_of(piece, model), piece.step_rad, piece.noise_nm, piece.rounding, piece.colour)
+    return replace(piece, whitener=worked_out, reference=model)
 
 
 def remade(data: Data, model: Model, offsets_m: Array, substeps: int = SUBSTEPS, *, reversals: bool = False) -> Data:

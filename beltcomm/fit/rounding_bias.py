@@ -34,15 +34,21 @@ ABSURD = 1e6
 
 
 class RoundingBias:
-    """v(x) - v(x₀) of segments, x₀ the values of ``model``; segments behind an observer have none."""
+    """v(x) - v(x₀) of segments, x₀ the model for which they were whitened; segments behind an observer have none.
+
+    However a search began: so two models fitted to the same segments are compared by the same objective.
+    """
 
     def __init__(self, segments: Sequence[Stretch], model: Model) -> None:
         self.model = model
         self.kinds: list[_Kind] = []
         self.of_segment = np.full(len(segments), -1)
         known: dict[tuple[object, ...], int] = {}
-        middles = [segment.middle_m(model) for segment in segments]
-        even = bool(segments) and len(course(model, min(middles), max(middles))[1]) == 1  # then one place stands for all
+        references = [segment.reference or model for segment in segments]
+        middles = [segment.middle_m(reference) for segment, reference in zip(segments, references, strict=True)]
+        models = {id(one): one for one in (model, *references)}.values()
+        # where the belt is as stiff everywhere, one place stands for all
+        even = bool(segments) and all(len(course(one, min(middles), max(middles))[1]) == 1 for one in models)
         for i, segment in enumerate(segments):
             if segment.follower is not None:
                 continue
@@ -55,12 +61,13 @@ class RoundingBias:
                 segment.noise_nm,
                 segment.group,
                 segment.colour,
+                id(references[i]),
             )
             if key not in known:
                 known[key] = len(self.kinds)
-                self.kinds.append(_Kind(segment, model, place))
+                self.kinds.append(_Kind(segment, references[i], place))
             self.of_segment[i] = known[key]
-        self._start = self._values(model)
+        self._start = np.array([kind.start for kind in self.kinds])
         self.of_segment[~np.append(np.isfinite(self._start), True)[self.of_segment]] = -1  # a model to begin with that tells nothing of it
         self._last: tuple[bytes, Array] = (b"", np.zeros(0))
 
@@ -108,6 +115,7 @@ class _Kind:
         self.segment, self.where = segment, (place_m, segment.motion.sample_s)
         self._known: dict[int, tuple[NoisePath, Array]] = {}
         self.path, self.gains, self.deviation = self._filter(model)
+        self.start = self.power(noise_path(model, *self.where))
 
     def _filter(self, model: Model) -> tuple[NoisePath, Array, float]:
         segment = self.segment

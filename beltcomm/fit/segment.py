@@ -71,8 +71,8 @@ class Stretch:
 
     position, torque : ndarray (n,), rad and N m at the motor shaft.   motion : the same on a fine grid.
     keep : ndarray (n,) bool, samples that count.     noise_nm : torque noise, N m rms.    step_rad : encoder step, rad.
-    offset_m : m, the belt may be stretched by up to this at the start.   whitener : gains worked out beforehand for a model near the
-    right one; without it every evaluation works out its own.   group : see :func:`grouped`.   rounding : shares for ``whitener``.
+    offset_m : m, the belt may be stretched by up to this at the start.   whitener : gains worked out beforehand for the reference, a model
+    near the right one; without it every evaluation works out its own.   group : see :func:`grouped`.   rounding : shares for ``whitener``.
     agitation, freedom_m : for ``follower``, the observer where the carriage is free at times, see :func:`dressed`.   turns : what the
     kernel's Coulomb friction of level 1 lacks at the reversals that count, (n,); None where none of those count, or the motor has no such
     friction.   colour : of the torque's noise, see ``whitening``.
@@ -88,6 +88,7 @@ class Stretch:
     step_rad: float
     offset_m: float
     whitener: Whitener | None = None
+    reference: Model | None = None
     rounding: tuple[float, float] = (1.0, 0.0)
     agitation: float = 0.0
     freedom_m: float = 0.0

@@ -9,15 +9,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from beltcomm.fit.moving import RUN_IN_S, RUN_IN_TRAVEL_M, ran_in, resting
 from beltcomm.fit.noise_path import Way, noise_path, way
 from beltcomm.fit.segment import (
-    RUN_IN_S,
-    RUN_IN_TRAVEL_M,
     STICK_SPEED_RAD_S,
     Stretch,
     evaluate,
-    ran_in,
-    resting,
     stretches,
     way_of,
     whitened,

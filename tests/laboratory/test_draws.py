@@ -46,7 +46,7 @@ def test_the_hidden_effect_is_named_and_explains_all(tmp_path: Path) -> None:
     assert [found["ranking"][0]["effect"]] == answer["effects"]
     assert found["ranking"][0]["accepted"]
     assert found["verdict"] == "explained"
-    assert found["base"]["ratio"] > 1.5
+    assert found["base"]["ratio"] > 1.3  # sample by sample, in which a slow error is a smaller share than in fours
     assert found["after"]["ratio"] == pytest.approx(1.0, abs=0.05)
     hidden = answer["hidden"]["friction_position"]
     place = found["after"]["parameters"]["friction_position.place"]["value"]

@@ -156,7 +156,7 @@ def test_every_form_that_followed_an_effect_is_saved_with_it(monkeypatch: pytest
         step("last", (), "", (), "last"),
     ]
     folder: Any = SimpleNamespace()
-    found: Any = SimpleNamespace(base="base", steps=named, first=None, data=None)
+    found: Any = SimpleNamespace(base="base", steps=named, stated=(None, "base"), data=None)
     made: Any = laboratory.climb(folder, found, True, "", "")
     assert made == [("base", "Z", "+end_pulley +viscous_end_pulley -warmup with its form"), ("Z", "last", "+cogging")]
 
@@ -188,7 +188,7 @@ def test_only_what_held_out_records_confirm_is_added_by_itself(
     steps = [step(base, (), "cogging", (), once), step(once, (), "warmup", (), twice), step(twice, (), "", (), twice)]
     folder: Any = SimpleNamespace()
     monkeypatch.setattr(acceptance, "changes", lambda *_: ((-1.0, 0.0), (-1.0, 0.0)))
-    found: Any = SimpleNamespace(base=base, steps=steps, first=None, data=None)
+    found: Any = SimpleNamespace(base=base, steps=steps, stated=(None, base), data=None)
     made = laboratory.climb(folder, found, True, "", "")
     assert len(made) == added
     text = "\n".join(climb_lines(made, ["cogging", "warmup"], held[1] is not None, Path("RUN")))
@@ -205,7 +205,7 @@ def test_two_effects_that_only_both_together_are_confirmed_become_one_revision(m
     steps = [step(base, (), "end_pulley", (), once), step(once, (), "warmup", (), twice), step(twice, (), "", (), twice)]
     folder: Any = SimpleNamespace()
     monkeypatch.setattr(acceptance, "changes", lambda *_: ((-1.0, 0.0), (-1.0, 0.0)))
-    found: Any = SimpleNamespace(base=base, steps=steps, first=None, data=None)
+    found: Any = SimpleNamespace(base=base, steps=steps, stated=(None, base), data=None)
     made: Any = laboratory.climb(folder, found, True, "", "")
     assert made == [(base, twice, "+end_pulley +warmup")]
 
@@ -253,7 +253,9 @@ def test_what_the_held_out_records_do_not_confirm_is_said(
     monkeypatch.setattr(ladder_words, "effect_lines", lambda *_: [])
     quiet = {"objective": 100.0, "problem": SimpleNamespace(samples=10)}
     base, after = (SimpleNamespace(model=BASE, ratio=2.0, held_ratio=ratio, held_residual=(), **quiet) for ratio in held)
-    found: Any = SimpleNamespace(base=base, after=after, steps=(), named=["cogging", "tilt"], twins=(), verdict=verdict)
+    found: Any = SimpleNamespace(
+        base=base, stated=(None, base), after=after, told=after, steps=(), named=["cogging", "tilt"], twins=(), verdict=verdict
+    )
     assert ("Not confirmed: on records that were not fitted the error was 1.49" in "\n".join(ladder_words.diagnosis_lines(found))) is said
     assert following in ladder_words.after_diagnosis(found, Path("RUN"))[0]
 
