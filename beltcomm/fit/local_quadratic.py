@@ -22,6 +22,8 @@ Array = NDArray[np.float64]
 
 #: Square of the share of a column that is left beside everything fitted, below which it says nothing of its own.
 IMITATED = 1e-8
+#: Square of a column below which nothing of an effect shows at all.
+NOTHING = 1e-200
 #: Passes of the reweighting, and the gain below which it ends, nats.
 PASSES, ENOUGH = 12, 0.05
 
@@ -115,7 +117,8 @@ class Nearby:
         for g in range(len(drops)):
             own = slice(g * group, (g + 1) * group)
             square, left = squares[own, own], rest[own, own]
-            if np.all(np.isfinite(left)) and np.all(np.diag(left) > IMITATED * np.diag(square)):
+            seen = np.all(np.diag(left) > IMITATED * np.diag(square)) and np.all(np.diag(left) > NOTHING)
+            if np.all(np.isfinite(left)) and seen:
                 powers[g] = max(float(np.linalg.eigvalsh(left)[0]), 0.0)
                 # Sine and cosine of an order may look alike where the axis hardly turns.
                 amounts = -np.linalg.pinv(left, rcond=1e-12, hermitian=True) @ slope[own]
