@@ -111,9 +111,16 @@ def _best_shape(data: Data, recordings: Sequence[Recording], choice: PathChoice)
     for law in laws:
         trial = replace(choice.path, drive=law)
         found = fit(made(recordings, best.model, data.noise_nm, data.step_rad, {}, path=trial), best.model, ITERATIONS)
-        if _level(found) < _level(best):
+        more = _values(law) - _values(path.drive or law)
+        price = max(more, 0) * (math.log(max(best.problem.samples, 2)) + CLEAR)
+        if _level(found) < _level(best) - price / max(best.problem.samples, 1):
             best, path = found, trial
     return replace(choice, path=path, fitted=best)
+
+
+def _values(law: DriveLaw) -> int:
+    """How many numbers a law has."""
+    return sum(len(lag.values) for lag in law.lags) + (abs(law.delay - round(law.delay)) > WHOLE)
 
 
 def lookalikes(law: DriveLaw, rivals: Sequence[DriveLaw], sample_s: float) -> list[DriveLaw]:

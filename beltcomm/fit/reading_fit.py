@@ -83,7 +83,7 @@ def fit_reading(recordings: Sequence[Recording]) -> ReadingFit | None:
     for chains in (CHAINS[:SINGLE], CHAINS[SINGLE:]):  # a second filter must be clearly better than one, but not one than another
         found = [one for chain in chains if (one := _fitted(pairs, sample_s, chain, colour)) is not None]
         every += found
-        better = min(found, key=lambda one: one.cost, default=best)
+        better = min(found, key=lambda one: one.cost + CLEAR * one.values, default=best)  # what more values do must be clear
         if better.cost < best.cost - CLEAR:
             best = better
         if best.rest_nm <= enough:

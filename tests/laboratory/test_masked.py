@@ -10,7 +10,7 @@ import pytest
 
 from beltcomm.fit.start import start_model
 from beltcomm.laboratory import diagnosis
-from beltcomm.laboratory.diagnosis import fitted_base
+from beltcomm.laboratory.diagnosis import as_searched, fitted_base
 from beltcomm.laboratory.masked import behind_a_delay
 from beltcomm.laboratory.stage import Candidate, held_at
 from beltcomm.runfolder import RunFolder
@@ -28,7 +28,7 @@ def found_in(folder: Path, effects: tuple[str, ...], seed: int) -> tuple[Candida
     run = RunFolder.open(folder / "run")
     records = [recording for recording in run.recordings() if recording.name in RECORDS]
     start = start_model(run.axis, records)
-    data, base = fitted_base(records, run.axis, start)
+    data, base = as_searched(*fitted_base(records, run.axis, start))
     return behind_a_delay(data, base, held_at(data, base, start)), base.ratio
 
 

@@ -187,7 +187,7 @@ def test_a_real_drive_is_identified_and_its_path_told(tmp_path: Path, instrument
     text = find_config("plants", "g_a").read_text(encoding="utf-8")
     plant.write_text(text.replace("counts_per_rev: 65536}", f"counts_per_rev: 65536, {instrument}}}"), encoding="utf-8")
     result = api.identify(f"virtual:{plant}", "egc-70-600", tmp_path / "run", options=YES)
-    assert any(said in line for line in result.text)
+    assert any(said in line for line in result.text), result.text
     assert said in result.data["fit"][KEY]["words"][0]
     mass, stiffness = (result.data["model"]["parameters"][name] for name in ("cart.mass", "belt_stiffness.stiffness"))
     assert abs(mass["value"] - 13.44) < mass["interval"]
@@ -195,6 +195,8 @@ def test_a_real_drive_is_identified_and_its_path_told(tmp_path: Path, instrument
 
 
 def test_a_coarse_encoder_is_not_taken_for_a_brake() -> None:
+    """It shows the motion behind a filter; before that it was told that the axis hardly moved."""
     record = Recorder(3, counts=500).shaken(nominal("g_a"), 0.17, 1, at_m=0.28)
-    with pytest.raises(DataError, match="500 counts per turn are too coarse for 1 ms between samples"):
-        first_path(record, data_sheet_model(AXIS, 0.28, 0.1), 500)
+    found = first_path(record, data_sheet_model(AXIS, 0.28, 0.1), 500)
+    assert found.path.reading.faithful
+    assert 0.5 * AXIS.motor_side_inertia_kg_m2 <= found.model["motor.inertia"] <= 2.0 * AXIS.motor_side_inertia_kg_m2

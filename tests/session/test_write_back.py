@@ -35,7 +35,7 @@ def test_the_table_tells_object_raw_and_si(make_bench: MakeBench, copy_of_comple
     assert gain["value"] == pytest.approx(designed["kp_nm_s_rad"])
     shown = " ".join(call("apply", *DRIVE, "--run", run, "--dry-run").stdout.split())
     assert "raw, now -> then" in shown
-    assert f"2100h:1 0.002 -> {designed['kp_nm_s_rad']:.6g}" in shown
+    assert f"2100h:1 0.002 -> {gain['raw']:.6g}" in shown, "as the drive's real32 holds it"
     assert bench.parameters() == bench.initial
 
 

@@ -141,7 +141,7 @@ def test_the_fast_functions_are_those_of_math() -> None:
 def test_what_is_declared_harmonic_is_a_sine_and_a_cosine() -> None:
     """The kernel does not call these laws: order, sine and cosine must be their parameters, in this order."""
     for effect in EFFECTS:
-        if not effect.harmonic or effect.law is None:
+        if effect.harmonic not in ("load", "gain") or effect.law is None:
             continue
         assert len(effect.parameters) == 3
         law = effect.law(0.7, 0.0, 0.0, 12.0, 0.3, -0.4) if effect.harmonic == "load" else 1.0 - effect.law(1.0, 0.7, 0.0, 12.0, 0.3, -0.4)
