@@ -1,7 +1,7 @@
 """A gap behind a torque that acts late: each hides the other, so that neither alone leads out of a base that made up for both.
 
 Where the fit left the start values of masses and belt, and nothing explains most of what is missing, both are fitted together from those
-values.  If that explains most of it, the gap goes on trial for what both explain, as that fit sees it without the delay: beside the right
+values.  If that explains nearly all of it, the gap goes on trial for what both explain, as that fit sees it without the delay: beside the right
 masses the next stage finds the delay by itself, and tells lag from dead time.
 """
 
@@ -15,17 +15,19 @@ from beltcomm.fit.estimate import Fitted, fit
 from beltcomm.fit.observer import follows
 from beltcomm.fit.records import Data
 from beltcomm.laboratory.acceptance import EVIDENCE, STIFFNESS, drop_by, explained_share, impossible
-from beltcomm.laboratory.stage import MOSTLY, Candidate, candidate, may_add, price
+from beltcomm.laboratory.stage import Candidate, candidate, may_add, price
 from beltcomm.model import Model
 
 #: m and s; gaps and delays that are tried with each other: smaller ones hide nothing.
 GAPS_M, DELAYS_S = (3e-5, 6e-5, 1.2e-4), (5e-4, 1e-3, 2e-3)
+#: Share of what lies above the noise that both together must explain.
+NEARLY_ALL = 0.8
 #: Iterations of the fit of both.
 ITERATIONS = 9
 
 
 def behind_a_delay(data: Data, current: Fitted, held: Fitted) -> Candidate | None:
-    """The gap as a candidate for what it explains beside a delay; None where both together do not explain most.
+    """The gap as a candidate for what it explains beside a delay; None where both together do not explain nearly all.
 
     evidence = O_current - O_both - (n ln N + 2 ln ways),   n : parameters of both   (see ``stage``)
 
@@ -45,7 +47,7 @@ def behind_a_delay(data: Data, current: Fitted, held: Fitted) -> Candidate | Non
     drop = drop_by(current, best)
     ways = len(fits) * len(GAPS_M) * len(DELAYS_S)
     evidence, explained = drop - price(gap, current, ways) - price(delay, current, 1), explained_share(drop, current)
-    if evidence <= EVIDENCE or explained <= MOSTLY or best.ratio >= current.ratio or impossible(best.model):
+    if evidence <= EVIDENCE or explained <= NEARLY_ALL or best.ratio >= current.ratio or impossible(best.model):
         return None
     alone = candidate(data, current, gap, 0.0, fit(data, best.model.without_effect(delay.name), 0), 1)
     if alone.fitted is None or alone.fitted.ratio >= current.ratio:
