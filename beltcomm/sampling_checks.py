@@ -124,7 +124,7 @@ class Jitter:
     largest: float
     rms: float
     period_s: float
-    follows: float
+    needs_observer: float
     error: float
     share: float
     bend: float
@@ -132,12 +132,12 @@ class Jitter:
     @property
     def real(self) -> bool:
         """Whether the samples were taken unevenly: proven."""
-        return self.follows > SIGMAS * self.error and abs(self.follows - 1.0) < abs(self.follows)
+        return self.needs_observer > SIGMAS * self.error and abs(self.needs_observer - 1.0) < abs(self.needs_observer)
 
     @property
     def only_stamps(self) -> bool:
         """Whether the samples were even and the stamps alone jitter: proven."""
-        return 1.0 - self.follows > SIGMAS * self.error and abs(self.follows) < abs(1.0 - self.follows)
+        return 1.0 - self.needs_observer > SIGMAS * self.error and abs(self.needs_observer) < abs(1.0 - self.needs_observer)
 
 
 def stamp_jitter(t_s: Array, position: Array, long_steps: NDArray[np.intp]) -> Jitter | None:
@@ -168,6 +168,6 @@ def stamp_jitter(t_s: Array, position: Array, long_steps: NDArray[np.intp]) -> J
     if power <= 0.0:
         return Jitter(largest, rms, period, math.nan, math.inf, 0.0, 0.0)
     bend = float(np.sqrt(np.mean((speed * (times[1:-1] - times[:-2]))[sound] ** 2)))
-    follows = float(cause @ seen) / power
-    error = math.sqrt(float(np.sum(cause**2 * (seen - follows * cause) ** 2))) / power
-    return Jitter(largest, rms, period, follows, error, max(0.0, follows * float(cause @ seen) / float(seen @ seen)), bend)
+    needs_observer = float(cause @ seen) / power
+    error = math.sqrt(float(np.sum(cause**2 * (seen - needs_observer * cause) ** 2))) / power
+    return Jitter(largest, rms, period, needs_observer, error, max(0.0, needs_observer * float(cause @ seen) / float(seen @ seen)), bend)

@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Bordered:
+class ArrowheadJacobian:
     """columns : (n, k + 1), A and b.   ends : (m + 1,), rows between which the stretches lie; (1,) where none has an unknown of its own."""
 
     columns: Array
@@ -28,39 +28,39 @@ class Bordered:
         """Number of unknowns that all stretches share, k."""
         return int(self.columns.shape[1]) - 1
 
-    def scaled(self, weights: Array) -> Bordered:
+    def scaled(self, weights: Array) -> ArrowheadJacobian:
         """Every row times its weight, (n,)."""
-        return Bordered(self.columns * weights[:, None], self.ends)
+        return ArrowheadJacobian(self.columns * weights[:, None], self.ends)
 
     def times(self, y: Array) -> Array:
         """J y, (k + m,) -> (n,)."""
         moved = self.columns[:, :-1] @ y[: self.own]
-        for i, here in enumerate(self.stretches()):
+        for i, here in enumerate(self.segments()):
             moved[here] += self.columns[here, -1] * y[self.own + i]
         return np.asarray(moved)
 
-    def transposed(self, right: Array) -> Array:
+    def transpose_times(self, right: Array) -> Array:
         """Jᵀ right, (n,) -> (k + m,) or (n, c) -> (k + m, c)."""
-        border = [self.columns[here, -1] @ right[here] for here in self.stretches()]
+        border = [self.columns[here, -1] @ right[here] for here in self.segments()]
         return np.concatenate((self.columns[:, :-1].T @ right, np.reshape(border, (len(border), *right.shape[1:]))))
 
     def information(self) -> Array:
         """Jᵀ J, (k + m, k + m)."""
         inner = self.columns[:, :-1].T @ self.columns[:, :-1]
-        edges = [self.columns[here].T @ self.columns[here, -1] for here in self.stretches()]
-        return bordered(inner, np.reshape(edges, (len(edges), self.own + 1)))
+        edges = [self.columns[here].T @ self.columns[here, -1] for here in self.segments()]
+        return arrowhead(inner, np.reshape(edges, (len(edges), self.own + 1)))
 
     def norms(self) -> Array:
         """Lengths of the columns of J, (k + m,)."""
-        border = [float(np.linalg.norm(self.columns[here, -1])) for here in self.stretches()]
+        border = [float(np.linalg.norm(self.columns[here, -1])) for here in self.segments()]
         return np.concatenate((np.linalg.norm(self.columns[:, :-1], axis=0), np.array(border)))
 
-    def stretches(self) -> list[slice]:
+    def segments(self) -> list[slice]:
         """Rows of each stretch that has an unknown of its own."""
         return [slice(int(a), int(b)) for a, b in pairwise(self.ends)]
 
 
-def bordered(inner: Array, edges: Array) -> Array:
+def arrowhead(inner: Array, edges: Array) -> Array:
     """The whole symmetric matrix, (k + m, k + m), from its corner, (k, k), and the rows of its border with their diagonal, (m, k + 1)."""
     k, m = len(inner), len(edges)
     whole = np.zeros((k + m, k + m))

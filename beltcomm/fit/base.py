@@ -9,14 +9,14 @@ from dataclasses import replace
 import numpy as np
 
 from beltcomm.compiled import in_one_thread
-from beltcomm.fit.estimate import AT_A_TIME, Fitted, fit, gone_on
+from beltcomm.fit.estimate import AT_A_TIME, Fitted, fit, resume_fit
 from beltcomm.fit.intervals import UNEXPLAINED, with_intervals
 from beltcomm.fit.likelihood import OFFSET_M
-from beltcomm.fit.observer import follows
+from beltcomm.fit.observer import needs_observer
 from beltcomm.fit.path_choice import choose_path, commands
 from beltcomm.fit.path_values import refine_path, with_doubt
 from beltcomm.fit.reading_fit import fit_reading
-from beltcomm.fit.records import PUBLISHED_SUBSTEPS, SUBSTEPS, Data, agitated, likeliest_noise, made, remade
+from beltcomm.fit.records import PUBLISHED_SUBSTEPS, SUBSTEPS, Data, likeliest_noise, made, remade, with_process_noise
 from beltcomm.fit.reversals import turns_at_once
 from beltcomm.fit.sensor_noise import split_noise
 from beltcomm.fit.torque_path import TorquePath
@@ -116,11 +116,11 @@ def again(data: Data, fitted: Fitted, iterations: int, substeps: int = SUBSTEPS,
     if left < LEAST_LEFT * before:
         return data, fitted  # by a model that is far off the motor rests nearly all the time
     begun = fitted
-    for _ in range(ROUNDS if follows(fitted.model) else 0):
+    for _ in range(ROUNDS if needs_observer(fitted.model) else 0):
         begun = fit(ahead, begun.model, AT_A_TIME, fixed=fixed)
-        calmer = agitated(ahead, begun.model)  # what a better model does not tell is less
-        if calmer.fitted[0].agitation == ahead.fitted[0].agitation:
-            found = gone_on(ahead, begun, iterations)
+        calmer = with_process_noise(ahead, begun.model)  # what a better model does not tell is less
+        if calmer.fitted[0].process_noise == ahead.fitted[0].process_noise:
+            found = resume_fit(ahead, begun, iterations)
             break
         ahead = calmer
     else:

@@ -13,9 +13,9 @@ from scipy.optimize import minimize_scalar
 
 from beltcomm.fit.likelihood import OFFSET_M, Minimum, Problem, free_parameters, hopeless, time_blocks
 from beltcomm.fit.local_quadratic import Nearby
-from beltcomm.fit.observer import follows
+from beltcomm.fit.observer import needs_observer
 from beltcomm.fit.records import Data
-from beltcomm.fit.segment import Stretch, dressed, dressed_each, whitened
+from beltcomm.fit.segment import Segment, whitened, with_observer, with_observers
 from beltcomm.model import Model
 
 Array = NDArray[np.float64]
@@ -113,12 +113,12 @@ def fit_of(
     goal: float = math.inf,
 ) -> Fitted:
     """The same of a problem made already by :func:`problem_of`."""
-    if follows(problem.model):  # then an observer knows itself how the carriage may stand at first
+    if needs_observer(problem.model):  # then an observer knows itself how the carriage may stand at first
         return _followed(problem, data, iterations, fixed, enough, goal)
     return _found(problem, problem.minimise(problem.start(offsets), iterations, enough=enough, goal=goal), data)
 
 
-def gone_on(data: Data, begun: Fitted, iterations: int) -> Fitted:
+def resume_fit(data: Data, begun: Fitted, iterations: int) -> Fitted:
     """A fit behind observers gone on with, on the same records."""
     if begun.onward is None:
         return begun
@@ -171,7 +171,7 @@ def _found(problem: Problem, at: Minimum, data: Data, onward: Model | None = Non
     return Fitted(best, problem, at.x, at.residual, at.objective, held_residual, held_objective(data, held_residual), onward)
 
 
-def out_of_valley(data: Data, fitted: Fitted, iterations: int) -> Fitted:
+def escape_local_minimum(data: Data, fitted: Fitted, iterations: int) -> Fitted:
     """The same model fitted from the best end of a fit in which each stretch has one weight, also begun with a lighter motor.
 
     Far from the truth nearly every block is bad, and a bad one costs its logarithm: each has valleys of its own, and the fit stays where
@@ -189,15 +189,15 @@ def out_of_valley(data: Data, fitted: Fitted, iterations: int) -> Fitted:
 
 def problem_of(data: Data, model: Model, fixed: Sequence[str] = (), block_s: float = BLOCK_S) -> Problem:
     """The free parameters of a model as unknowns.   block_s : s, stretches of time with one weight."""
-    pieces = dressed_each(data.fitted, [model] * len(data.fitted))
+    pieces = with_observers(data.fitted, [model] * len(data.fitted))
     return Problem(pieces, model, free_parameters(model, ("transmission.ratio", *fixed)), block_s)
 
 
-def judged(piece: Stretch, model: Model) -> Array:
+def judged(piece: Segment, model: Model) -> Array:
     """Whitened residual of a held-out stretch; only where its carriage stuck at the start is fitted to it."""
-    vector, piece = model.vector(), dressed(piece, model)
+    vector, piece = model.vector(), with_observer(piece, model)
     here = whitened(piece, model, vector)
-    if "cart" not in model.base_bodies or piece.follower is not None:
+    if "cart" not in model.base_bodies or piece.observer is not None:
         return here
 
     def cost(offset: float) -> float:

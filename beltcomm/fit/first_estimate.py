@@ -18,7 +18,7 @@ from beltcomm.errors import DataError
 from beltcomm.fit.jumps import CERTAIN, Jump, refuse, striking_step
 from beltcomm.fit.low_pass import fine, legible, smooth
 from beltcomm.fit.noise_level import torque_noise
-from beltcomm.fit.segment import Stretch, evaluate, stretches
+from beltcomm.fit.segment import Segment, evaluate, segments
 from beltcomm.fit.torque_path import TorquePath
 from beltcomm.model import Model, build_model
 from beltcomm.recording import Recording
@@ -152,7 +152,7 @@ def first_estimate(recordings: Sequence[Recording], start: Model, counts_per_rev
     return FirstEstimate(search.model(np.exp(best.x)), float(best.fun), _moving(pieces))
 
 
-def _still(recordings: Sequence[Recording], pieces: Sequence[Stretch], step_rad: float) -> str:
+def _still(recordings: Sequence[Recording], pieces: Sequence[Segment], step_rad: float) -> str:
     """Why too few samples count, in words: the axis hardly moved, or its encoder is too coarse to show how."""
     total, way = sum(len(p.keep) for p in pieces), max(float(np.ptp(r.position)) for r in recordings)
     counted = f"{_moving(pieces)} of {total} samples"
@@ -179,7 +179,7 @@ def moved_enough(recording: Recording, model: Model, counts_per_rev: int) -> boo
 
 def legible_stretches(
     recording: Recording, model: Model, step_rad: float, noise_nm: float, path: TorquePath | None = None
-) -> list[Stretch]:
+) -> list[Segment]:
     """The pieces of a record, torque and angle smoothed alike where its rows alone do not show the motion.
 
     That is so where the encoder is too coarse to show the acceleration from row to row, or the motor swings on a held carriage between
@@ -188,7 +188,7 @@ def legible_stretches(
     sample = recording.sample_period_s
     swings = model["transmission.ratio"] * math.sqrt(model["belt_stiffness.stiffness"] / model["motor.inertia"])
     if fine(recording.position, step_rad) and swings * sample < SWINGING:
-        return stretches(recording, model, step_rad, noise_nm, path=path)
+        return segments(recording, model, step_rad, noise_nm, path=path)
     width, _ = legible(recording.position, sample, step_rad, ROUNDING)
     torque, angle = recording.torque.copy(), recording.position.copy()
     for first, last in pairwise([0, *(int(i) + 1 for i in recording.gaps()), len(torque)]):
@@ -199,8 +199,8 @@ def legible_stretches(
     calm = replace(recording, position=angle, torque=torque, torque_setpoint=None, velocity=None)
     # a smooth torque does not bend a smooth angle between two rows, whatever the motor's inertia
     rigid = model.with_values({"motor.inertia": model.parameters["motor.inertia"].high})
-    whole = stretches(calm, rigid, step_rad, noise_nm)
-    kept: list[Stretch] = []
+    whole = segments(calm, rigid, step_rad, noise_nm)
+    kept: list[Segment] = []
     for smeared in SMEARED:
         reach = np.ones(2 * round(smeared * width) + 1, dtype=bool)
         kept = [replace(piece, keep=binary_erosion(piece.keep, reach, border_value=0)) for piece in whole]
@@ -209,14 +209,14 @@ def legible_stretches(
     return kept
 
 
-def _moving(pieces: Sequence[Stretch]) -> int:
+def _moving(pieces: Sequence[Segment]) -> int:
     return sum(int(piece.keep.sum()) for piece in pieces)
 
 
 class _Search:
     """Torque equation of some stretches as a function of mass, stiffness and carriage friction, the other parameters solved for."""
 
-    def __init__(self, pieces: Sequence[Stretch], start: Model) -> None:
+    def __init__(self, pieces: Sequence[Segment], start: Model) -> None:
         self.pieces, self.start = pieces, start
         omega = [p.motion.omega[:: p.motion.substeps][p.keep] for p in pieces]
         acceleration = [np.diff(p.position, 2, prepend=0.0, append=0.0)[p.keep] / p.motion.sample_s**2 for p in pieces]

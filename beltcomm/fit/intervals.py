@@ -123,7 +123,7 @@ def information_of(fitted: Fitted) -> Information:
     jacobian, left = problem.jacobian(fitted.x).scaled(weights), fitted.residual * weights
     # What a start offset can take up says nothing.
     columns = jacobian.columns[:, :own]
-    for here in jacobian.stretches():
+    for here in jacobian.segments():
         offset = jacobian.columns[here, own]
         size = float(offset @ offset)
         if size > 0.0:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from beltcomm.errors import DamagedRecord
-from beltcomm.fit.segment import stretches, whitened
+from beltcomm.fit.segment import segments, whitened
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 
@@ -104,6 +104,6 @@ def refuse(jumps: Sequence[Jump], step_rad: float) -> None:
 
 
 def _squares(recording: Recording, model: Model, step_rad: float, noise_nm: float) -> Array | None:
-    pieces = stretches(recording, model, step_rad, noise_nm, fitted=True)
+    pieces = segments(recording, model, step_rad, noise_nm, fitted=True)
     squares = [whitened(piece, model, model.vector()) ** 2 for piece in pieces]
     return np.concatenate(squares) if sum(map(len, squares)) else None

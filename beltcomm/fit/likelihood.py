@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 
 from beltcomm.compiled import in_one_thread
 from beltcomm.effects import effect_named
-from beltcomm.fit.arrowhead import Bordered
+from beltcomm.fit.arrowhead import ArrowheadJacobian
 from beltcomm.fit.observer import Step, slopes
 from beltcomm.fit.reversals import LEVEL
 from beltcomm.fit.rounding_bias import RoundingBias
-from beltcomm.fit.segment import Stretch, dressed_each, followed, in_noise
+from beltcomm.fit.segment import Segment, followed, in_noise, with_observers
 from beltcomm.fit.touches import Touch, touched_by, touches_noise
 from beltcomm.model import Model, expected_parameters
 from beltcomm.simulate.inverse import (
@@ -83,7 +83,7 @@ class Minimum:
 class Problem:
     """Unknowns are the free parameters, then one start offset of the carriage per stretch."""
 
-    def __init__(self, pieces: Sequence[Stretch], model: Model, free: Sequence[str], block_s: float) -> None:
+    def __init__(self, pieces: Sequence[Segment], model: Model, free: Sequence[str], block_s: float) -> None:
         self._bare = False
         self._pieces, self.model, self.free = list(pieces), model, tuple(free)
         self.vector = model.vector()
@@ -121,18 +121,18 @@ class Problem:
         return RoundingBias(self._pieces, self.model)
 
     @property
-    def pieces(self) -> list[Stretch]:
+    def pieces(self) -> list[Segment]:
         """The stretches, each with the observer of its own where the model needs one."""
         if self._bare:
-            self._pieces, self._bare = dressed_each(self._pieces, [self.model] * len(self._pieces)), False
+            self._pieces, self._bare = with_observers(self._pieces, [self.model] * len(self._pieces)), False
         return self._pieces
 
     def forget(self) -> None:
         """Give back the memory of what was worked out last, and of observers, which must be those of ``model``, until they are needed."""
         self.last.clear()
         self.seen = (b"", [])
-        self._bare |= any(piece.follower is not None for piece in self._pieces)
-        self._pieces = [replace(piece, follower=None) for piece in self._pieces]
+        self._bare |= any(piece.observer is not None for piece in self._pieces)
+        self._pieces = [replace(piece, observer=None) for piece in self._pieces]
         for piece in self._pieces:
             piece.motion.forget()
 
@@ -169,7 +169,7 @@ class Problem:
 
     def one(self, i: int, x: Array) -> Array:
         """Whitened residual of piece i."""
-        if self.pieces[i].follower is not None:
+        if self.pieces[i].observer is not None:
             return self.followed(x)[i]
         offset = OFFSET_M * float(x[len(self.free) + i]) if self.movable else 0.0
         key = (x[: len(self.free)].tobytes(), offset)
@@ -191,17 +191,17 @@ class Problem:
             return parts
         piece, vector = self.pieces[i], self.full(x)
         motion = true_motion(self.model, piece.motion, vector)
-        follows = piece.follower is not None  # then the belt's part is only known sample by sample, see ``one``
+        needs_observer = piece.observer is not None  # then the belt's part is only known sample by sample, see ``one``
         return Parts(
             self.inertia_of(motion, vector),
             self.motor_of(piece, motion, vector),
-            np.zeros(motion.samples) if follows else belt_load(self.model, motion, vector, offset_m),
+            np.zeros(motion.samples) if needs_observer else belt_load(self.model, motion, vector, offset_m),
             acting_torque(self.model, motion, piece.torque, vector),
             motion,
             reading_lags(self.model, vector),
         )
 
-    def motor_of(self, piece: Stretch, motion: FineMotion, vector: Array) -> Array:
+    def motor_of(self, piece: Segment, motion: FineMotion, vector: Array) -> Array:
         """Torque that the effects of the motor alone take, N m, (n,)."""
         load = motor_load(self.model, motion, vector)
         return load if piece.turns is None else load + vector[self.model.index(LEVEL)] * piece.turns
@@ -228,7 +228,7 @@ class Problem:
         """Whitened residual of all pieces, (n,)."""
         return np.concatenate([self.one(i, x) for i in range(len(self.pieces))])
 
-    def jacobian(self, x: Array, only: Sequence[int] | None = None) -> Bordered:
+    def jacobian(self, x: Array, only: Sequence[int] | None = None) -> ArrowheadJacobian:
         """One-sided differences; ``only`` : unknowns that are asked for, the columns of others stay 0."""
         own = len(self.free)
         columns = np.zeros((self.samples, own + 1))
@@ -236,7 +236,7 @@ class Problem:
         asked = set(range(len(x)) if only is None else only)
         shared = [j for j in range(own) if j in asked]
         vector = self.full(x)
-        observed = [j for j in shared if self.touches[j] in ("belt", "all")] if self.pieces[0].follower is not None else []
+        observed = [j for j in shared if self.touches[j] in ("belt", "all")] if self.pieces[0].observer is not None else []
         if observed:
             columns[:, observed] = self.followed_slopes(x, observed)
         for i, piece in enumerate(self.pieces):
@@ -245,7 +245,7 @@ class Problem:
             changes: dict[int, Array] = {}
             belts: dict[int, tuple[float, Array, float]] = {}
             # An observer knows itself how the carriage may stand at first.
-            offset_of = [own + i] if own + i in asked and piece.follower is None else []
+            offset_of = [own + i] if own + i in asked and piece.observer is None else []
             for j in [j for j in shared if j not in observed] + offset_of:
                 step, ahead = self.stepped(x, j)
                 touch: Touch = self.touches[j] if j < own else "belt"
@@ -262,7 +262,7 @@ class Problem:
             if changes:
                 white = in_noise(piece, self.model, vector, np.stack(list(changes.values()), axis=1))
                 columns[self.ends[i] : self.ends[i + 1], [min(j, own) for j in changes]] = white
-        return Bordered(columns, self.ends if self.movable else self.ends[:1])
+        return ArrowheadJacobian(columns, self.ends if self.movable else self.ends[:1])
 
     def followed_slopes(self, x: Array, numbers: Sequence[int]) -> Array:
         """Columns of unknowns behind the observers of the pieces, (n, numbers)."""
@@ -329,7 +329,7 @@ class Problem:
         for left in reversed(range(iterations if math.isfinite(value) else 0)):
             weights = self.weights(residual)
             jacobian = self.jacobian(x, asked).scaled(weights)
-            gradient, information = jacobian.transposed(residual * weights), jacobian.information()
+            gradient, information = jacobian.transpose_times(residual * weights), jacobian.information()
             unit, own = np.diag(information).copy(), len(self.free)
             of_block = np.zeros(len(self.count))
             of_block[self.blocks] = weights**2
@@ -378,7 +378,7 @@ def free_parameters(model: Model, fixed: Sequence[str] = ("transmission.ratio",)
     return tuple(name for name, item in model.parameters.items() if name not in known and item.low < item.high)
 
 
-def time_blocks(pieces: Sequence[Stretch], seconds: float) -> NDArray[np.int64]:
+def time_blocks(pieces: Sequence[Segment], seconds: float) -> NDArray[np.int64]:
     """Running number of the time block of every value of the residual, blocks never crossing a stretch."""
     labels, first = [], 0
     for piece in pieces:

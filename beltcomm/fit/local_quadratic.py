@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.compiled import compiled
-from beltcomm.fit.arrowhead import Bordered, bordered
+from beltcomm.fit.arrowhead import ArrowheadJacobian, arrowhead
 from beltcomm.fit.likelihood import Problem
 
 Array = NDArray[np.float64]
@@ -50,14 +50,14 @@ class Nearby:
         beside = jacobian.columns[:, own] * (border if len(border) else 0.0)
         # Of one layout, here and below, so that ``_products`` is compiled once.
         columns = np.ascontiguousarray(np.column_stack((jacobian.columns[:, shared] / norms[shared], beside)))
-        self.jacobian = Bordered(columns, jacobian.ends)
+        self.jacobian = ArrowheadJacobian(columns, jacobian.ends)
         #: Of the unknowns that all stretches share and of one for each stretch those that move.
         self.used = np.concatenate((np.arange(len(shared)), len(shared) + self.moving[len(shared) :] - own))
         self.low, self.high = ((bound - x)[self.moving] * self.norms for bound in (problem.low, problem.high))
         self.unknowns = len(x)
         self.starts = np.concatenate((np.flatnonzero(np.diff(problem.blocks, prepend=-1)), [len(residual)])).astype(np.int64)
         # Blocks never cross a stretch.
-        self.stretch = np.searchsorted(jacobian.ends, self.starts[:-1], side="right") - 1 if len(border) else None
+        self.segment = np.searchsorted(jacobian.ends, self.starts[:-1], side="right") - 1 if len(border) else None
         self.count, self.residual = problem.count, residual
         self.active = np.add.reduceat(columns**2, self.starts[:-1]) > 0.0
         self.products = _products(self.starts, self.active, columns, columns)
@@ -73,7 +73,7 @@ class Nearby:
         self.weighted = self.jacobian.scaled(self.weights)
         inner, _ = self._summed(1.0 / np.maximum(means, 1.0), self.products, np.zeros(self.products.shape[:2]))
         self.inverse = np.linalg.inv(inner + 1e-12 * np.diag(np.diag(inner)))
-        self.rest = rest - self._moved(self.inverse @ self.weighted.transposed(rest)[self.used])
+        self.rest = rest - self._moved(self.inverse @ self.weighted.transpose_times(rest)[self.used])
 
     def _moved(self, place: Array) -> Array:
         """Change of the residual by everything fitted, (p,) -> (n,)."""
@@ -87,10 +87,10 @@ class Nearby:
         others = np.delete(np.arange(system.shape[1]), k)
         inner, ahead = np.tensordot(weights, system, 1)[np.ix_(others, others)], (weights @ slope)[others]
         edges, borders = np.zeros((count, system.shape[1])), np.zeros(count)
-        if self.stretch is not None:
-            np.add.at(edges, self.stretch, weights[:, None] * system[:, k])
-            np.add.at(borders, self.stretch, weights * slope[:, k])
-        whole = bordered(inner, np.column_stack((edges[:, others], edges[:, k])))
+        if self.segment is not None:
+            np.add.at(edges, self.segment, weights[:, None] * system[:, k])
+            np.add.at(borders, self.segment, weights * slope[:, k])
+        whole = arrowhead(inner, np.column_stack((edges[:, others], edges[:, k])))
         order = np.concatenate((self.used + (self.used >= k) * (len(others) - k), np.arange(k, len(others))))
         return whole[np.ix_(order, order)], np.concatenate((ahead, borders))[order]
 
@@ -100,7 +100,7 @@ class Nearby:
         of_stretch = np.zeros(max(len(self.jacobian.ends) - 1, 1))
         of_stretch[self.used[k:] - k] = place[k:p]
         found = np.empty((len(self.count), k + 1 + len(place) - p))
-        found[:, :k], found[:, k], found[:, k + 1 :] = place[:k], of_stretch[0 if self.stretch is None else self.stretch], place[p:]
+        found[:, :k], found[:, k], found[:, k + 1 :] = place[:k], of_stretch[0 if self.segment is None else self.segment], place[p:]
         return found
 
     def screened(self, columns: Array, group: int, signed: bool) -> tuple[Array, Array]:
@@ -110,7 +110,7 @@ class Nearby:
         signed : amounts below 0 count as well.
         """
         weighted = columns * self.weights[:, None]
-        shared = self.weighted.transposed(columns)[self.used]
+        shared = self.weighted.transpose_times(columns)[self.used]
         slope = weighted.T @ self.rest
         squares, rest = self._squares(weighted, columns, shared)
         drops, powers = np.zeros((2, columns.shape[1] // group))
@@ -128,7 +128,7 @@ class Nearby:
 
     def information(self, columns: Array) -> Array:
         """What the records tell of amounts of columns beside everything fitted, weights as they stand, (n, k) -> (k, k)."""
-        weighted, shared = columns * self.weights[:, None], self.weighted.transposed(columns)[self.used]
+        weighted, shared = columns * self.weights[:, None], self.weighted.transpose_times(columns)[self.used]
         return self._squares(weighted, columns, shared)[1]
 
     def _squares(self, weighted: Array, columns: Array, shared: Array) -> tuple[Array, Array]:

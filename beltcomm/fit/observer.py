@@ -34,7 +34,7 @@ class Step(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Follower:
+class Observer:
     """The observer of one stretch.   watch : its filter, with gains, deviations and shares as worked out near the right model.
 
     model, motion, torque : those it was worked out with; what it found on the way stands in ``watch`` as well.
@@ -61,15 +61,15 @@ class Follower:
 class Seen(NamedTuple):
     """What is looked at behind an observer.   torque : ndarray (n,), N m, as reported."""
 
-    follower: Follower
+    observer: Observer
     motion: FineMotion
     torque: Array
 
 
 def innovations(seen: Sequence[Seen], model: Model, vectors: Sequence[Array]) -> list[tuple[Array, Array]]:
     """ν over its deviation, 0 where nothing is kept, and e, N m at the motor shaft, of a model behind each observer; (n,) each."""
-    watches = [one.follower.watch for one in seen]
-    others = [i for i, (one, vector) in enumerate(zip(seen, vectors, strict=True)) if not one.follower.knows(one, model, vector)]
+    watches = [one.observer.watch for one in seen]
+    others = [i for i, (one, vector) in enumerate(zip(seen, vectors, strict=True)) if not one.observer.knows(one, model, vector)]
     motions = [true_motion(model, seen[i].motion, vectors[i]) for i in others]
     for i, motion in zip(others, motions, strict=True):
         watches[i] = unseen(watches[i], left_for_bodies(model, motion, seen[i].torque, vectors[i]))
@@ -84,7 +84,7 @@ def slopes(seen: Sequence[Seen], model: Model, vector: Array, steps: Sequence[St
     found = []
     for one in seen:
         true = true_motion(model, one.motion, vector)
-        watch = one.follower.watch._replace(wanted=left_for_bodies(model, true, one.torque, vector))
+        watch = one.observer.watch._replace(wanted=left_for_bodies(model, true, one.torque, vector))
         white = followed_beside(model, true, [vector, *(steps[number].vector for number in still)], watch)
         found.append(np.column_stack((white, np.empty((len(white), len(moving))))))
     for place, number in enumerate(moving, start=1 + len(still)):
@@ -94,7 +94,7 @@ def slopes(seen: Sequence[Seen], model: Model, vector: Array, steps: Sequence[St
     return [((white[:, 1:] - white[:, :1]) / lengths)[:, order] for white in found]
 
 
-def follows(model: Model) -> bool:
+def needs_observer(model: Model) -> bool:
     """Whether the model's bodies are to be followed: a carriage, a gap, and no lag between what the motor needs and what is read."""
     effects = model.effect_list()
     loose = "cart" in model.base_bodies and any(e.rattles for e in effects)
@@ -125,7 +125,7 @@ def stiffest(model: Model, low_m: float, high_m: float, places_m: Array) -> tupl
     return float(at[np.argmax(logarithms)]), np.exp(np.interp(places_m, at, logarithms) - logarithms.max())
 
 
-def unlearned(
+def untuned(
     model: Model,
     motion: FineMotion,
     torque: Array,
@@ -134,13 +134,13 @@ def unlearned(
     noise_nm: float,
     rounding: tuple[float, float],
     start_m: float,
-    agitation: float,
+    process_noise: float,
     freedom_m: float = 0.0,
-) -> Follower:
-    """The observer of a stretch for a model, before it is :func:`learned`.   start_m : rms stretch of the belt at first, m.
+) -> Observer:
+    """The observer of a stretch for a model, before it is :func:`tuned`.   start_m : rms stretch of the belt at first, m.
 
-    agitation : by how much the speed of the carriage changes in each sample as no model tells, rms, as a share of that at which it would
-    swing through half the gap on its belt: in its gap it strikes rough ends at an angle, and rubs.   freedom_m : width of the gap, m, whose
+    process_noise : by how much the speed of the carriage changes in each sample as no model tells, rms, as a share of that at which it
+    would swing through half the gap on its belt: in its gap it strikes rough ends at an angle, and rubs.   freedom_m : width of the gap, m, whose
     freedom the carriage is given, whatever the model's; 0 for the model's own.
     """
     ratio = model["transmission.ratio"]
@@ -182,7 +182,7 @@ def unlearned(
         G=np.concatenate([np.stack([opened.G, shut.G]), by_chance], axis=2),
         H=np.stack([opened.H, shut.H]),
         D=np.concatenate([np.stack([opened.D, shut.D]), np.zeros((2, 1))], axis=1),
-        variances=np.append(variances, (agitation * swing) ** 2),
+        variances=np.append(variances, (process_noise * swing) ** 2),
         P=covariance,
         s=np.zeros(size),
         ahead=np.zeros(size),
@@ -193,13 +193,13 @@ def unlearned(
         white=np.zeros(n),
         room=np.zeros(0),
     )
-    return Follower(watch, model, motion, torque)
+    return Observer(watch, model, motion, torque)
 
 
-def learned(followers: Sequence[Follower]) -> list[Follower]:
+def tuned(followers: Sequence[Observer]) -> list[Observer]:
     """Observers of models with the same effects, each with the gains, deviations and shares that its model finds on its stretch."""
-    vectors = [follower.model.vector() for follower in followers]
-    motions = [true_motion(follower.model, follower.motion, vector) for follower, vector in zip(followers, vectors, strict=True)]
+    vectors = [observer.model.vector() for observer in followers]
+    motions = [true_motion(observer.model, observer.motion, vector) for observer, vector in zip(followers, vectors, strict=True)]
     if followers:
-        followed(followers[0].model, motions, vectors, [follower.watch for follower in followers])
-    return [replace(follower, watch=follower.watch._replace(learning=False)) for follower in followers]
+        followed(followers[0].model, motions, vectors, [observer.watch for observer in followers])
+    return [replace(observer, watch=observer.watch._replace(learning=False)) for observer in followers]

@@ -16,8 +16,8 @@ from beltcomm.axis import Axis
 from beltcomm.errors import DataError
 from beltcomm.fit.moving import creeping
 from beltcomm.fit.noise_level import torque_noise
-from beltcomm.fit.observer import follows
-from beltcomm.fit.segment import Stretch, dressed_each, evaluate, stretches, way_of
+from beltcomm.fit.observer import needs_observer
+from beltcomm.fit.segment import Segment, evaluate, noise_paths_of, segments, with_observers
 from beltcomm.fit.torque_path import FAITHFUL, TorquePath
 from beltcomm.fit.whitening import whitener
 from beltcomm.model import Model
@@ -61,8 +61,8 @@ class Data:
     """
 
     recordings: tuple[Recording, ...]
-    fitted: tuple[Stretch, ...]
-    held_out: tuple[Stretch, ...]
+    fitted: tuple[Segment, ...]
+    held_out: tuple[Segment, ...]
     noise_nm: float
     step_rad: float
     path: TorquePath = FAITHFUL
@@ -112,7 +112,7 @@ def made(
         group = 1 if usual == PUBLISHED_SUBSTEPS else group_of(recording)
         stroke = recording.sidecar.experiment == "friction_sweep"
         substeps = (RATTLING_STROKE_SUBSTEPS if rattles else STROKE_SUBSTEPS) if stroke else (RATTLING_SUBSTEPS if rattles else usual)
-        for piece in stretches(recording, model, step_rad, noise_nm, fitted=True, substeps=substeps, path=path, reversals=reversals):
+        for piece in segments(recording, model, step_rad, noise_nm, fitted=True, substeps=substeps, path=path, reversals=reversals):
             pieces.append(rewhitened(replace(piece, rounding=shown, group=group, colour=colour), model))
     return Data(
         tuple(recordings),
@@ -134,9 +134,9 @@ def group_of(recording: Recording) -> int:
     return min(STEADY_GROUP, max(EXCITED_GROUP, int(0.5 / (BAND_HZ * recording.sample_period_s))))
 
 
-def rewhitened(piece: Stretch, model: Model) -> Stretch:
+def rewhitened(piece: Segment, model: Model) -> Segment:
     """A stretch with the noise as a model passes it on."""
-    worked_out = whitener(piece.keep, way_of(piece, model), piece.step_rad, piece.noise_nm, piece.rounding, piece.colour)
+    worked_out = whitener(piece.keep, noise_paths_of(piece, model), piece.step_rad, piece.noise_nm, piece.rounding, piece.colour)
     return replace(piece, whitener=worked_out, reference=model)
 
 
@@ -146,19 +146,19 @@ def remade(data: Data, model: Model, offsets_m: Array, substeps: int = SUBSTEPS,
     offsets_m : start offsets of the fitted stretches, m.   substeps : fine steps a sample, where nothing rattles and nothing creeps.
     """
     pieces = (*data.fitted, *data.held_out)
-    if follows(model):  # what an observer leaves says nothing of the rounding; the shares found before stay
+    if needs_observer(model):  # what an observer leaves says nothing of the rounding; the shares found before stay
         shares = {piece.record: piece.rounding for piece in pieces}
     else:
-        left: dict[str, list[tuple[Stretch, Array]]] = {}
+        left: dict[str, list[tuple[Segment, Array]]] = {}
         for piece, offset in zip(pieces, [*offsets_m, *np.zeros(len(data.held_out))], strict=True):
             known = replace(piece, noise_nm=data.noise_nm, colour=data.colour)  # by now maybe better than when the stretch was made
             left.setdefault(piece.record, []).append((known, evaluate(piece, model, model.vector(), float(offset))))
         shares = {name: rounding_shares(parts, model) for name, parts in left.items()}
     ahead = made(data.recordings, model, data.noise_nm, data.step_rad, shares, substeps, data.path, reversals, data.colour)
-    return agitated(ahead, model) if follows(model) else ahead
+    return with_process_noise(ahead, model) if needs_observer(model) else ahead
 
 
-def agitated(data: Data, model: Model) -> Data:
+def with_process_noise(data: Data, model: Model) -> Data:
     """The same with what no model tells of a carriage in its gap, see ``follower_for``: the likeliest of :data:`AGITATIONS`.
 
     Without it an observer knows too well where the carriage is, and takes the next stroke for an error of the model.
@@ -166,32 +166,34 @@ def agitated(data: Data, model: Model) -> Data:
 
     @cache
     def unlikely(number: int) -> float:
-        return unlikelihood([replace(piece, agitation=AGITATIONS[number]) for piece in data.fitted], model)
+        return negative_log_likelihood([replace(piece, process_noise=AGITATIONS[number]) for piece in data.fitted], model)
 
-    best, here = -1, AGITATIONS.index(data.fitted[0].agitation) or USUAL
+    best, here = -1, AGITATIONS.index(data.fitted[0].process_noise) or USUAL
     while best != here:
         best, here = here, min((n for n in (here, here - 1, here + 1) if 0 <= n < len(AGITATIONS)), key=unlikely)
-    fitted, held_out = (tuple(replace(piece, agitation=AGITATIONS[best]) for piece in pieces) for pieces in (data.fitted, data.held_out))
+    fitted, held_out = (
+        tuple(replace(piece, process_noise=AGITATIONS[best]) for piece in pieces) for pieces in (data.fitted, data.held_out)
+    )
     return replace(data, fitted=fitted, held_out=held_out)
 
 
-def unlikelihood(pieces: Sequence[Stretch], model: Model) -> float:
+def negative_log_likelihood(pieces: Sequence[Segment], model: Model) -> float:
     """-2 ln likelihood of the innovations of a model whose carriage is followed, strays left aside; inf where it flies off."""
     total = 0.0
-    for piece in dressed_each(pieces, [model] * len(pieces)):
-        assert piece.follower is not None
-        squares = np.minimum(piece.follower.watch.white[piece.keep] ** 2, STRAY**2)
-        total += float(np.sum(squares + 2.0 * np.log(piece.follower.watch.deviations[piece.keep])))
+    for piece in with_observers(pieces, [model] * len(pieces)):
+        assert piece.observer is not None
+        squares = np.minimum(piece.observer.watch.white[piece.keep] ** 2, STRAY**2)
+        total += float(np.sum(squares + 2.0 * np.log(piece.observer.watch.deviations[piece.keep])))
     return total if math.isfinite(total) else math.inf
 
 
-def rounding_shares(parts: Sequence[tuple[Stretch, Array]], model: Model) -> tuple[float, float]:
+def rounding_shares(parts: Sequence[tuple[Segment, Array]], model: Model) -> tuple[float, float]:
     """Shares of the rounding's variance that a record shows, white and slow: the likeliest of :data:`SHARES` and :data:`SLOW_SHARES`.
 
     An axis that moves slowly and steadily rounds in step with its motion: then the error is less, and no white noise.  What a model
     cannot explain raises the shares up to 1, never beyond: an effect is not taken for rounding.
     """
-    passed = [way_of(piece, model) for piece, _ in parts]
+    passed = [noise_paths_of(piece, model) for piece, _ in parts]
 
     @cache
     def unlikely(white: int, slow: int) -> float:
@@ -240,7 +242,7 @@ def likeliest_noise(data: Data, model: Model, residuals: Sequence[Array], most_n
 
     Least of Σ ν²/S + ln S over the noise, the model as it is.   Source: method sheet, section 3, second equation.
     """
-    passed = [way_of(piece, model) for piece in data.fitted]
+    passed = [noise_paths_of(piece, model) for piece in data.fitted]
 
     def unlikely(logarithm: float) -> float:
         total = 0.0

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from beltcomm.compiled import compiled
 from beltcomm.fit.noise_path import NoisePath, course, noise_path
-from beltcomm.fit.segment import Stretch
+from beltcomm.fit.segment import Segment
 from beltcomm.fit.whitening import gains_of, noises
 from beltcomm.model import Model
 
@@ -39,7 +39,7 @@ class RoundingBias:
     However a search began: so two models fitted to the same segments are compared by the same objective.
     """
 
-    def __init__(self, segments: Sequence[Stretch], model: Model) -> None:
+    def __init__(self, segments: Sequence[Segment], model: Model) -> None:
         self.model = model
         self.kinds: list[_Kind] = []
         self.of_segment = np.full(len(segments), -1)
@@ -50,7 +50,7 @@ class RoundingBias:
         # where the belt is as stiff everywhere, one place stands for all
         even = bool(segments) and all(len(course(one, min(middles), max(middles))[1]) == 1 for one in models)
         for i, segment in enumerate(segments):
-            if segment.follower is not None:
+            if segment.observer is not None:
                 continue
             place = float(np.mean(middles)) if even else middles[i]
             key = (
@@ -111,7 +111,7 @@ class RoundingBias:
 class _Kind:
     """Segments whose noises reach the residual alike."""
 
-    def __init__(self, segment: Stretch, model: Model, place_m: float) -> None:
+    def __init__(self, segment: Segment, model: Model, place_m: float) -> None:
         self.segment, self.where = segment, (place_m, segment.motion.sample_s)
         self._known: dict[int, tuple[NoisePath, Array]] = {}
         self.path, self.gains, self.deviation = self._filter(model)

@@ -22,7 +22,7 @@ from scipy.optimize import minimize_scalar
 from beltcomm.compiled import compiled
 from beltcomm.fit.moving import creeping, crept, ran_in, resting
 from beltcomm.fit.noise_path import Way, way
-from beltcomm.fit.observer import Follower, Seen, follows, innovations, learned, unlearned
+from beltcomm.fit.observer import Observer, Seen, innovations, needs_observer, tuned, untuned
 from beltcomm.fit.reversals import LEVEL, passed, turns_at_once
 from beltcomm.fit.slack import stiffness_left
 from beltcomm.fit.torque_path import TorquePath
@@ -66,14 +66,14 @@ HELD_SPREAD = 1.2
 
 
 @dataclass(frozen=True)
-class Stretch:
+class Segment:
     """A gapless piece of one recording, ready for evaluation.
 
     position, torque : ndarray (n,), rad and N m at the motor shaft.   motion : the same on a fine grid.
     keep : ndarray (n,) bool, samples that count.     noise_nm : torque noise, N m rms.    step_rad : encoder step, rad.
     offset_m : m, the belt may be stretched by up to this at the start.   whitener : gains worked out beforehand for the reference, a model
     near the right one; without it every evaluation works out its own.   group : see :func:`grouped`.   rounding : shares for ``whitener``.
-    agitation, freedom_m : for ``follower``, the observer where the carriage is free at times, see :func:`dressed`.   turns : what the
+    process_noise, freedom_m : for ``observer``, that of a carriage which is free at times, see :func:`with_observer`.   turns : what the
     kernel's Coulomb friction of level 1 lacks at the reversals that count, (n,); None where none of those count, or the motor has no such
     friction.   colour : of the torque's noise, see ``whitening``.
     """
@@ -90,10 +90,10 @@ class Stretch:
     whitener: Whitener | None = None
     reference: Model | None = None
     rounding: tuple[float, float] = (1.0, 0.0)
-    agitation: float = 0.0
+    process_noise: float = 0.0
     freedom_m: float = 0.0
     group: int = 1
-    follower: Follower | None = None
+    observer: Observer | None = None
     turns: Array | None = None
     colour: float = 0.0
 
@@ -110,7 +110,7 @@ class Stretch:
     @property
     def seen(self) -> list[Seen]:
         """What is looked at behind its observer; nothing without one."""
-        return [] if self.follower is None else [Seen(self.follower, self.motion, self.torque)]
+        return [] if self.observer is None else [Seen(self.observer, self.motion, self.torque)]
 
     def middle_m(self, model: Model) -> float:
         """Middle of the way of the carriage, m."""
@@ -118,8 +118,8 @@ class Stretch:
 
     def white(self, torque: Array) -> Array:
         """A torque, N m, (n,) or (n, k), in units of the noise by the whitener worked out beforehand; linear in the torque."""
-        if self.follower is not None:
-            return self.grouped(self.follower.white(torque, self.keep))
+        if self.observer is not None:
+            return self.grouped(self.observer.white(torque, self.keep))
         assert self.whitener is not None
         return self.grouped(self.whitener(torque, self.keep))
 
@@ -133,7 +133,7 @@ class Stretch:
         return out.reshape(-1, *single.shape[1:])
 
 
-def stretches(
+def segments(
     recording: Recording,
     model: Model,
     step_rad: float,
@@ -143,7 +143,7 @@ def stretches(
     substeps: int = SUBSTEPS,
     reversals: bool = False,
     path: TorquePath | None = None,
-) -> list[Stretch]:
+) -> list[Segment]:
     """The gapless pieces of a recording that hold at least 50 samples; ``model`` gives inertia and transmission.
 
     fitted : the model's load is good enough to say how the motor moves between the samples.   substeps : fine steps then.
@@ -198,7 +198,7 @@ def stretches(
             keep |= creeps
             motion = replace(motion, bristle_m=max(motion.bristle_m, ratio * step_rad), creep=crept(motion, position, creeps))
         pieces.append(
-            Stretch(
+            Segment(
                 recording.name,
                 recording.sidecar.held_out,
                 position,
@@ -243,52 +243,52 @@ def start_offset(model: Model, motion: FineMotion) -> float:
     return min(HELD_SPREAD * model.get("cart_friction.level") * compliance, MOVING_STRETCH_M)
 
 
-def dressed(stretch: Stretch, model: Model) -> Stretch:
+def with_observer(segment: Segment, model: Model) -> Segment:
     """The stretch with the observer that a model with a gap needs, or without one."""
-    return dressed_each([stretch], [model])[0]
+    return with_observers([segment], [model])[0]
 
 
-def dressed_each(stretches: Sequence[Stretch], models: Sequence[Model]) -> list[Stretch]:
+def with_observers(segments: Sequence[Segment], models: Sequence[Model]) -> list[Segment]:
     """The same of several stretches, each for a model of its own; the effects of all are the same."""
-    if not models or not follows(models[0]):
-        return [stretch if stretch.follower is None else replace(stretch, follower=None) for stretch in stretches]
+    if not models or not needs_observer(models[0]):
+        return [segment if segment.observer is None else replace(segment, observer=None) for segment in segments]
     observers = []
-    for stretch, model in zip(stretches, models, strict=True):
-        noise = (stretch.step_rad, stretch.noise_nm, stretch.rounding, stretch.offset_m, stretch.agitation, stretch.freedom_m)
-        observers.append(unlearned(model, stretch.motion, stretch.torque, stretch.keep, *noise))
-    return [replace(stretch, follower=follower) for stretch, follower in zip(stretches, learned(observers), strict=True)]
+    for segment, model in zip(segments, models, strict=True):
+        noise = (segment.step_rad, segment.noise_nm, segment.rounding, segment.offset_m, segment.process_noise, segment.freedom_m)
+        observers.append(untuned(model, segment.motion, segment.torque, segment.keep, *noise))
+    return [replace(segment, observer=observer) for segment, observer in zip(segments, tuned(observers), strict=True)]
 
 
-def evaluate(stretch: Stretch, model: Model, vector: Array, offset_m: float = 0.0) -> Array:
+def evaluate(segment: Segment, model: Model, vector: Array, offset_m: float = 0.0) -> Array:
     """Residual e[n], N m at the motor shaft, (n,): all samples, also those not kept.   offset_m : see ``fine_load``."""
-    if stretch.follower is not None:
-        return innovations(stretch.seen, model, [vector])[0][1]
-    return evaluated(stretch, model, [vector], [offset_m])[0]
+    if segment.observer is not None:
+        return innovations(segment.seen, model, [vector])[0][1]
+    return evaluated(segment, model, [vector], [offset_m])[0]
 
 
-def evaluated(stretch: Stretch, model: Model, vectors: Sequence[Array], offsets_m: Sequence[float]) -> list[Array]:
+def evaluated(segment: Segment, model: Model, vectors: Sequence[Array], offsets_m: Sequence[float]) -> list[Array]:
     """The same of a stretch without an observer for several vectors of parameters side by side, (n,) each."""
-    left = torque_residuals(model, stretch.motion, stretch.torque, vectors, offsets_m)
-    if stretch.turns is None:
+    left = torque_residuals(model, segment.motion, segment.torque, vectors, offsets_m)
+    if segment.turns is None:
         return left
     level = model.index(LEVEL)
-    return [e + p[level] * stretch.turns for e, p in zip(left, vectors, strict=True)]
+    return [e + p[level] * segment.turns for e, p in zip(left, vectors, strict=True)]
 
 
-def whitened(stretch: Stretch, model: Model, vector: Array, offset_m: float = 0.0) -> Array:
+def whitened(segment: Segment, model: Model, vector: Array, offset_m: float = 0.0) -> Array:
     """Residual of the kept samples in units of its own noise: independent, variance 1 where the model is right."""
-    if stretch.follower is not None:
-        return followed([stretch], model, [vector])[0]
-    return in_noise(stretch, model, vector, evaluate(stretch, model, vector, offset_m))
+    if segment.observer is not None:
+        return followed([segment], model, [vector])[0]
+    return in_noise(segment, model, vector, evaluate(segment, model, vector, offset_m))
 
 
-def whitened_beside(stretch: Stretch, model: Model, vectors: Sequence[Array], offsets_m: Sequence[float]) -> Array:
+def whitened_beside(segment: Segment, model: Model, vectors: Sequence[Array], offsets_m: Sequence[float]) -> Array:
     """The same of a stretch without observer and whitener for several vectors side by side, (values, k): each in its own noise.
 
     What does not touch the noise, as a start offset or the level of friction, is whitened together.
     """
-    left = evaluated(stretch, model, vectors, offsets_m)
-    ways = {p.tobytes(): (way_of(stretch, model.with_vector(p)), list[int]()) for p in vectors}
+    left = evaluated(segment, model, vectors, offsets_m)
+    ways = {p.tobytes(): (noise_paths_of(segment, model.with_vector(p)), list[int]()) for p in vectors}
     for column, p in enumerate(vectors):
         ways[p.tobytes()][1].append(column)
     alike: list[tuple[Way, list[int]]] = []
@@ -298,14 +298,14 @@ def whitened_beside(stretch: Stretch, model: Model, vectors: Sequence[Array], of
             alike.append((course, columns))
         else:
             same += columns
-    out = np.empty((np.count_nonzero(stretch.keep), len(vectors)))
+    out = np.empty((np.count_nonzero(segment.keep), len(vectors)))
     for course, columns in alike:
         together = np.stack([left[c] for c in columns], axis=1)
-        out[:, columns] = whiten(together, stretch.keep, course, stretch.step_rad, stretch.noise_nm)
+        out[:, columns] = whiten(together, segment.keep, course, segment.step_rad, segment.noise_nm)
     return out
 
 
-def squares_left(piece: Stretch, model: Model, vector: Array) -> Array:
+def squares_left(piece: Segment, model: Model, vector: Array) -> Array:
     """Squared whitened residual of a stretch that the model was not fitted to; only where its carriage stuck at the start is."""
 
     def cost(offset_m: float) -> float:
@@ -315,20 +315,20 @@ def squares_left(piece: Stretch, model: Model, vector: Array) -> Array:
     return whitened(piece, model, vector, float(best.x)) ** 2
 
 
-def followed(stretches: Sequence[Stretch], model: Model, vectors: Sequence[Array]) -> list[Array]:
+def followed(segments: Sequence[Segment], model: Model, vectors: Sequence[Array]) -> list[Array]:
     """The same of stretches with observers, each with a vector of its own."""
-    whites = innovations([one for stretch in stretches for one in stretch.seen], model, vectors)
-    return [stretch.grouped(white[stretch.keep]) for stretch, (white, _) in zip(stretches, whites, strict=True)]
+    whites = innovations([one for segment in segments for one in segment.seen], model, vectors)
+    return [segment.grouped(white[segment.keep]) for segment, (white, _) in zip(segments, whites, strict=True)]
 
 
-def in_noise(stretch: Stretch, model: Model, vector: Array, torque: Array) -> Array:
+def in_noise(segment: Segment, model: Model, vector: Array, torque: Array) -> Array:
     """A torque, N m, (n,), of the kept samples in units of the residual's noise; linear in the torque.
 
     With a whitener worked out beforehand several torques at once, (n, k) -> (kept, k).
     """
-    if stretch.whitener is not None or stretch.follower is not None:
-        return stretch.white(torque)
-    return whiten(torque, stretch.keep, way_of(stretch, model.with_vector(vector)), stretch.step_rad, stretch.noise_nm)
+    if segment.whitener is not None or segment.observer is not None:
+        return segment.white(torque)
+    return whiten(torque, segment.keep, noise_paths_of(segment, model.with_vector(vector)), segment.step_rad, segment.noise_nm)
 
 
 def grouped(keep: NDArray[np.bool_], size: int) -> NDArray[np.intp]:
@@ -356,8 +356,8 @@ def _together(single: Array, firsts: NDArray[np.intp], size: int, out: Array) ->
             out[g, c] = scale * total
 
 
-def way_of(stretch: Stretch, model: Model) -> Way:
+def noise_paths_of(segment: Segment, model: Model) -> Way:
     """How torque noise and rounding reach the residual of a stretch."""
-    motion = stretch.motion
+    motion = segment.motion
     places = motion.theta[:: motion.substeps] * model["transmission.ratio"]
     return way(model, places, motion.sample_s, stiffness_left(model, motion))

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.noise_level import robust_rms, torque_step
 from beltcomm.fit.records import Data
-from beltcomm.fit.segment import Stretch
+from beltcomm.fit.segment import Segment
 from beltcomm.recording import Recording
 
 Array = NDArray[np.float64]
@@ -80,7 +80,7 @@ def _own_colour(rests: list[Array]) -> float:
     return min(colour, MOST_COLOUR) if colour > max(LEAST_COLOUR, COLOURED / math.sqrt(number)) else 0.0
 
 
-def _covariances(piece: Stretch, residual: Array, rest: Array) -> Array:
+def _covariances(piece: Segment, residual: Array, rest: Array) -> Array:
     """Sums over the kept samples:  -e (rest now and before)/2,  -e times two before,  their product's squares,  number."""
     inside = np.flatnonzero(piece.keep)
     inside = inside[inside >= 2]

@@ -33,8 +33,8 @@ def stiffness_left(model: Model, motion: FineMotion) -> Array | None:
     wanted[[0, -1]] = wanted[[1, -2]]  # the mean has no ends
     reach = max(float(np.abs(wanted).max()), 1e-9)
     for _ in range(DOUBLED):
-        stretch = np.linspace(-reach, reach, STRETCHES)
-        loading, slope = stretch, np.ones(STRETCHES)
+        segment = np.linspace(-reach, reach, STRETCHES)
+        loading, slope = segment, np.ones(STRETCHES)
         for effect in laws:
             law, slope_of, values = effect.law, effect.slope, values_of(model, effect, middle)
             assert law is not None

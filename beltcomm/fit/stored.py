@@ -11,7 +11,7 @@ import numpy as np
 
 from beltcomm.axis import Axis
 from beltcomm.fit.estimate import Fitted, held_objective, judged, problem_of
-from beltcomm.fit.observer import follows
+from beltcomm.fit.observer import needs_observer
 from beltcomm.fit.path_values import with_doubt
 from beltcomm.fit.records import Data, made
 from beltcomm.fit.torque_path import path_from_dict, path_to_dict
@@ -32,7 +32,7 @@ def key_of(records: Mapping[str, str], axis: Axis, start: Model | None) -> str:
 
 def kept(data: Data, fitted: Fitted) -> dict[str, Any] | None:
     """What :func:`restored` needs; None for a model with an observer, whose gains go with the way of the search."""
-    if follows(fitted.model):
+    if needs_observer(fitted.model):
         return None
     return {
         "made_by": fitted.problem.model.to_dict(),

@@ -16,7 +16,7 @@ from beltcomm.errors import DataError
 from beltcomm.fit.acting import acting_recording
 from beltcomm.fit.jumps import proven_jumps, refuse
 from beltcomm.fit.model_fit import SUSPECT_MISFIT, ModelFit, fit_model
-from beltcomm.fit.segment import OUTLIER, Stretch, stretches, whitened
+from beltcomm.fit.segment import OUTLIER, Segment, segments, whitened
 from beltcomm.fit.start import belt_start
 from beltcomm.fit.torque_path import TorquePath
 from beltcomm.model import Model
@@ -150,11 +150,11 @@ def stiffness_by_record(
     for recording in recordings:
         if recording.sidecar.experiment != "frf" or recording.sidecar.held_out or recording.sidecar.moving:
             continue
-        pieces = stretches(recording, model, 2.0 * np.pi / counts_per_rev, noise_nm, fitted=True, path=path)
+        pieces = segments(recording, model, 2.0 * np.pi / counts_per_rev, noise_nm, fitted=True, path=path)
         if not sum(int(p.keep.sum()) for p in pieces):
             continue
 
-        def cost(logarithm: float, pieces: Sequence[Stretch] = pieces) -> float:
+        def cost(logarithm: float, pieces: Sequence[Segment] = pieces) -> float:
             vector = model.vector()
             vector[place] *= np.exp(logarithm)
             return float(sum(np.sum(np.minimum(whitened(p, model, vector) ** 2, OUTLIER)) for p in pieces))

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from beltcomm.errors import BeltcommError, DataError
 from beltcomm.fit.noise_level import torque_noise
-from beltcomm.fit.segment import stretches
+from beltcomm.fit.segment import segments
 from beltcomm.identify.friction import FrictionFit
 from beltcomm.identify.magnitude_fit import MagnitudeFit, fit_magnitude
 from beltcomm.model import Model, Value
@@ -97,7 +97,7 @@ def motion_of(recording: Recording, model: Model) -> tuple[Array, Array]:
     step = float(np.min(np.abs(np.diff(recording.position)[np.diff(recording.position) != 0.0]), initial=np.inf))
     motor, cart = list[Array](), list[Array]()
     begun = (recording.sidecar.session_time_s or 0.0) - float(recording.t_s[0])
-    for stretch in stretches(recording, model, step, torque_noise([recording]), fitted=True):
+    for stretch in segments(recording, model, step, torque_noise([recording]), fitted=True):
         h = stretch.motion.sample_s / stretch.motion.substeps
         _, place = fine_load(model, stretch.motion)
         counted = stretch.motion.time_s - begun + h * np.arange(len(place)) >= first

@@ -17,7 +17,7 @@ from beltcomm.axis import Axis
 from beltcomm.effects.belt_spans import stiffness as stiffness_at
 from beltcomm.errors import DataError, Refused
 from beltcomm.fit.model_fit import SUSPECT_MISFIT, ModelFit, fit_model
-from beltcomm.fit.segment import stretches, whitened
+from beltcomm.fit.segment import segments, whitened
 from beltcomm.identify.final import FinalModel, PlaceStiffness, by_position, evidence, final_model
 from beltcomm.linear import modes, operating_point
 from beltcomm.model import Model, build_model
@@ -220,7 +220,7 @@ def _ranked(starts: Sequence[Model], excited: Sequence[Recording], counts_per_re
         cost = 0.0
         for record in few:
             substeps = 2 * math.ceil(record.sample_period_s / (2.0 * RANKING_STEP_S))  # even, for Simpson's rule
-            for piece in stretches(record, start, math.tau / counts_per_rev, noise_nm, fitted=True, substeps=substeps):
+            for piece in segments(record, start, math.tau / counts_per_rev, noise_nm, fitted=True, substeps=substeps):
                 cost += float(np.sum(np.log1p(whitened(piece, start, start.vector()) ** 2)))
         if math.isfinite(cost) and (start[MASS] not in costs or cost < costs[start[MASS]][0]):
             costs[start[MASS]] = (cost, start)

@@ -23,9 +23,9 @@ import numpy as np
 from beltcomm.effects import Effect
 from beltcomm.fit.estimate import BLOCK_S, Fitted
 from beltcomm.fit.likelihood import Problem
-from beltcomm.fit.observer import follows
+from beltcomm.fit.observer import needs_observer
 from beltcomm.fit.records import Data, rewhitened
-from beltcomm.fit.segment import Stretch
+from beltcomm.fit.segment import Segment
 from beltcomm.laboratory.plain_error import changes
 from beltcomm.model import Model
 from beltcomm.simulate.inverse import acting_torque, true_motion
@@ -147,7 +147,7 @@ def drop_by(base: Fitted, grown: Fitted) -> float:
     old, new = price_of_bending(base.problem, base.x), price_of_bending(grown.problem, grown.x)
     if lags(base) != lags(grown):
         drop += min(0.0, base_noise(grown))
-    elif follows(base.model) != follows(grown.model):
+    elif needs_observer(base.model) != needs_observer(grown.model):
         drop += loudness(base.problem.pieces) - loudness(grown.problem.pieces)
         grown.problem.forget()
     return drop - (new - old)
@@ -160,17 +160,17 @@ def most_within(smaller: Problem, grown: Fitted, loss: float) -> float:
     if bends:
         return math.inf
     most = grown.objective + loss
-    if follows(smaller.model) != follows(grown.model):
+    if needs_observer(smaller.model) != needs_observer(grown.model):
         most += loudness(grown.problem.pieces) - loudness(smaller.pieces)
         grown.problem.forget()
     return most
 
 
-def loudness(pieces: Sequence[Stretch]) -> float:
+def loudness(pieces: Sequence[Segment]) -> float:
     """2 Σ ln deviation of the innovations, nats: an observer's noise goes with what its model says is closed."""
     total = 0.0
     for piece in pieces:
-        noise = piece.follower.watch if piece.follower is not None else piece.whitener
+        noise = piece.observer.watch if piece.observer is not None else piece.whitener
         if noise is not None:
             total += 2.0 * float(np.sum(piece.grouped(np.log(noise.deviations[piece.keep])))) / math.sqrt(piece.group)
     return total

@@ -11,7 +11,7 @@ from beltcomm.errors import Refused, UsageError
 from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.likelihood import OFFSET_M
 from beltcomm.fit.records import Data
-from beltcomm.fit.segment import Stretch, evaluate
+from beltcomm.fit.segment import Segment, evaluate
 from beltcomm.identify.landmarks import shape_of
 from beltcomm.laboratory.figures import PlainError
 from beltcomm.laboratory.places import Place, worst_places
@@ -76,7 +76,7 @@ def compare(data: Data, fitted: Fitted) -> Comparison:
     return Comparison(fitted.ratio, fitted.held_ratio, tuple(records), tuple(worst_places(judged)), tuple(judged), whole, held)
 
 
-def _judged(piece: Stretch, fitted: Fitted, vector: Array, white: Array, offset_m: float) -> Judged:
+def _judged(piece: Segment, fitted: Fitted, vector: Array, white: Array, offset_m: float) -> Judged:
     torque = evaluate(piece, fitted.model, vector, offset_m)
     return Judged(piece, white, torque[piece.counted], fitted.model["transmission.ratio"], torque, units_of(fitted.model))
 

@@ -11,9 +11,9 @@ from beltcomm.axis import Axis
 from beltcomm.compiled import in_one_thread
 from beltcomm.effects import EFFECTS, effect_named
 from beltcomm.fit.base import FIRST_ITERATIONS, NEXT_ITERATIONS, again, fit_base
-from beltcomm.fit.estimate import Fitted, fit, out_of_valley
+from beltcomm.fit.estimate import Fitted, escape_local_minimum, fit
 from beltcomm.fit.intervals import with_intervals
-from beltcomm.fit.observer import follows
+from beltcomm.fit.observer import needs_observer
 from beltcomm.fit.records import PUBLISHED_SUBSTEPS, Data, prepare
 from beltcomm.laboratory.acceptance import EVIDENCE, drop_by, impossible, left_as_a_whole, lowers, refuted
 from beltcomm.laboratory.compare import compare
@@ -110,12 +110,12 @@ def fitted_base(recordings: Sequence[Recording], axis: Axis, start: Model) -> tu
 
 def as_searched(data: Data, fitted: Fitted) -> tuple[Data, Fitted]:
     """The fit of a base with the steps of time of a search."""
-    return (data, fitted) if follows(fitted.model) else again(data, fitted, SETTLED_ITERATIONS)
+    return (data, fitted) if needs_observer(fitted.model) else again(data, fitted, SETTLED_ITERATIONS)
 
 
 def settled(data: Data, fitted: Fitted) -> tuple[Data, Fitted]:
     """The last model of a search at its best, with the steps of time halved: they cost stiffness 0.05 % and belt damping 0.5 %."""
-    return (data, fitted) if follows(fitted.model) else again(data, fitted, SETTLED_ITERATIONS, PUBLISHED_SUBSTEPS)
+    return (data, fitted) if needs_observer(fitted.model) else again(data, fitted, SETTLED_ITERATIONS, PUBLISHED_SUBSTEPS)
 
 
 @in_one_thread
@@ -290,9 +290,9 @@ def beyond(data: Data, fitted: Fitted) -> Fitted | None:
 
     Asked when nothing more explains what is left beside an added effect, so that it costs no time where a search ends well.
     """
-    if follows(fitted.model) or fitted.objective <= FAR_OFF * fitted.problem.samples:
+    if needs_observer(fitted.model) or fitted.objective <= FAR_OFF * fitted.problem.samples:
         return None
-    found = out_of_valley(data, fitted, NEXT_ITERATIONS)
+    found = escape_local_minimum(data, fitted, NEXT_ITERATIONS)
     drop, held_gain = drop_by(fitted, found), fitted.held_objective - found.held_objective
     return found if drop > EVIDENCE and not refuted(drop, held_gain) and not impossible(found.model) else None
 

@@ -20,7 +20,7 @@ from beltcomm.effects import Effect, effect_named
 from beltcomm.errors import UsageError
 from beltcomm.fit.estimate import Fitted, fit
 from beltcomm.fit.likelihood import OFFSET_M
-from beltcomm.fit.observer import follows
+from beltcomm.fit.observer import needs_observer
 from beltcomm.fit.records import Data
 from beltcomm.fit.segment import whitened
 from beltcomm.laboratory.acceptance import EVIDENCE as TO_BE_NAMED  # of an effect; that of a form is below
@@ -52,7 +52,7 @@ def formed(data: Data, fitted: Fitted, base: Model) -> Formed:
 
     First a form in place of an effect that was added later, then one form after the other, in the order of the model's effects.
     """
-    if follows(fitted.model):
+    if needs_observer(fitted.model):
         return Formed(fitted)  # an observer forgives what a form would explain
     new: list[str] = []
     removed: list[str] = []
@@ -86,7 +86,7 @@ def placed(data: Data, fitted: Fitted, effect: Effect) -> Formed:
     On the wrong body it would mislead the search.  It takes the evidence of an effect; with less it is asked again when all is found.
     """
     before = fitted
-    for one in effect.completed_by if not follows(fitted.model) else ():
+    for one in effect.completed_by if not needs_observer(fitted.model) else ():
         if rubs_like(effect, one):
             fitted = divided(data, fitted, effect, one, TO_BE_NAMED)
     return Formed(fitted, tuple(name for name in fitted.model.effects if name not in before.model.effects))

@@ -1,6 +1,6 @@
 """Whether a gap explains more than the freedom that its observer gives the carriage.
 
-The observer of a model with a gap follows the carriage by the torque and lets it stray (``agitation``), so it follows whatever pushes
+The observer of a model with a gap follows the carriage by the torque and lets it stray (``process_noise``), so it follows whatever pushes
 the carriage: friction that jumped between 8 and 20 N was explained by a gap, 21.6 to 3.5 times the noise, on held-out records as well.
 Such a push needs no gap.  So the model is judged against the same one with the gap closed and a carriage that may stray as far: only
 what the gap adds to that speaks for it.
@@ -16,8 +16,8 @@ from dataclasses import replace
 
 from beltcomm.effects import Effect
 from beltcomm.fit.estimate import Fitted, fit
-from beltcomm.fit.observer import follows
-from beltcomm.fit.records import AGITATIONS, Data, agitated, unlikelihood
+from beltcomm.fit.observer import needs_observer
+from beltcomm.fit.records import AGITATIONS, Data, negative_log_likelihood, with_process_noise
 from beltcomm.laboratory.acceptance import drop_by, enough, explained_share, loudness
 from beltcomm.model import Model
 
@@ -29,7 +29,7 @@ CLEARLY = 4.0
 
 def unneeded(data: Data, grown: Fitted, effect: Effect) -> bool:
     """Whether an effect is a gap that a carriage which strays can do without."""
-    return effect.rattles and follows(grown.model) and not needed(data, grown, effect)
+    return effect.rattles and needs_observer(grown.model) and not needed(data, grown, effect)
 
 
 def needed(data: Data, grown: Fitted, gap: Effect) -> bool:
@@ -74,10 +74,10 @@ def free_by(data: Data, width_m: float) -> Data:
 
 def straying(data: Data, model: Model) -> Data:
     """The same with a carriage that strays as far as is likeliest."""
-    best = agitated(data, model)
-    while best.fitted[0].agitation == AGITATIONS[-1]:
-        wider = agitated(free_by(best, WIDER * best.fitted[0].freedom_m), model)
-        if unlikelihood(wider.fitted, model) >= unlikelihood(best.fitted, model):
+    best = with_process_noise(data, model)
+    while best.fitted[0].process_noise == AGITATIONS[-1]:
+        wider = with_process_noise(free_by(best, WIDER * best.fitted[0].freedom_m), model)
+        if negative_log_likelihood(wider.fitted, model) >= negative_log_likelihood(best.fitted, model):
             break
         best = wider
     return best

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.compiled import compiled
-from beltcomm.fit.segment import Stretch
+from beltcomm.fit.segment import Segment
 
 Array = NDArray[np.float64]
 
@@ -21,7 +21,7 @@ def powers_of(number: int) -> Array:
     return np.stack([np.zeros(number), np.ones(number)])
 
 
-def load_means(piece: Stretch, powers: Array, orders: int) -> Iterator[tuple[Array, Array]]:
+def load_means(piece: Segment, powers: Array, orders: int) -> Iterator[tuple[Array, Array]]:
     """Triangular means of sin(N θ) and cos(N θ) for the next so many orders N; (n,) each, ends 0.   powers : (2, fine), of the last one."""
     theta, m = piece.motion.theta, piece.motion.substeps
     sine, cosine = np.sin(theta), np.cos(theta)
@@ -31,7 +31,7 @@ def load_means(piece: Stretch, powers: Array, orders: int) -> Iterator[tuple[Arr
         yield means[0], means[1]
 
 
-def gain_means(piece: Stretch, powers: Array, orders: int) -> Iterator[tuple[Array, Array]]:
+def gain_means(piece: Segment, powers: Array, orders: int) -> Iterator[tuple[Array, Array]]:
     """Triangular means of torque sin(N θ) and torque cos(N θ), the torque held from sample n to n+1.   powers : (2, fine - 1)."""
     theta, m = piece.motion.theta, piece.motion.substeps
     middle = 0.5 * (theta[:-1] + theta[1:])
@@ -42,7 +42,7 @@ def gain_means(piece: Stretch, powers: Array, orders: int) -> Iterator[tuple[Arr
         yield means[0], means[1]
 
 
-def line_columns(piece: Stretch, inertia: float, lines: float) -> Array:
+def line_columns(piece: Segment, inertia: float, lines: float) -> Array:
     """What errors of the angle shown, 1 rad once and twice per line, ask of the inertia alone, N m; (n, 4), ends 0.
 
         J (θ[n+1] - 2 θ[n] + θ[n-1])/T²  of  -sin Nθ, -cos Nθ, -sin 2Nθ, -cos 2Nθ

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from beltcomm.fit.estimate import BLOCK_S, Fitted
 from beltcomm.fit.likelihood import OFFSET_M, Problem
-from beltcomm.fit.observer import follows
+from beltcomm.fit.observer import needs_observer
 from beltcomm.fit.records import SUBSTEPS
-from beltcomm.fit.segment import Stretch, dressed_each, followed, in_noise
+from beltcomm.fit.segment import Segment, followed, in_noise, with_observers
 from beltcomm.simulate.inverse import belt_loads, fine_load, true_motion
 from beltcomm.simulate.vectors import LANES
 
@@ -56,7 +56,7 @@ def explained_stretch(fitted: Fitted) -> tuple[float, float]:
     A strand that goes slack does so beyond it, however little the moments beyond tell of where.
     """
     model, problem = fitted.model, fitted.problem
-    if STIFFNESS not in problem.free or follows(model):
+    if STIFFNESS not in problem.free or needs_observer(model):
         return 0.0, 0.0
     vector, ratio = model.vector(), model["transmission.ratio"]
     ends: list[tuple[float, float]] = []
@@ -80,7 +80,7 @@ def explained_stretch(fitted: Fitted) -> tuple[float, float]:
     return float(minus), float(plus)
 
 
-def likeliest(fitted: Fitted, piece: Stretch) -> float | None:
+def likeliest(fitted: Fitted, piece: Segment) -> float | None:
     """The stiffness that explains a record best, N/m; None where a third or three times of it explain it nearly as well."""
     rough = replace(piece, motion=piece.motion.coarser(min(SUBSTEPS, piece.motion.substeps)))
     vector, place = fitted.model.vector(), fitted.model.index(STIFFNESS)
@@ -97,9 +97,9 @@ def likeliest(fitted: Fitted, piece: Stretch) -> float | None:
 
     def costs(logarithms: Array) -> list[float]:
         vectors = [at(logarithm) for logarithm in logarithms]
-        if follows(fitted.model):
+        if needs_observer(fitted.model):
             models = [fitted.model.with_vector(there) for there in vectors]
-            white = np.stack(followed(dressed_each([rough] * len(models), models), models[0], vectors), axis=1)
+            white = np.stack(followed(with_observers([rough] * len(models), models), models[0], vectors), axis=1)
         else:
             belts = belt_loads(fitted.model, parts.motion, vectors, [0.0] * len(vectors))
             white = in_noise(rough, fitted.model, vector, np.stack([replace(parts, belt=belt).residual for belt in belts.T], axis=1))

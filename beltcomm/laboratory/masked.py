@@ -1,8 +1,8 @@
 """A gap behind a torque that acts late: each hides the other, so that neither alone leads out of a base that made up for both.
 
 Where the fit left the start values of masses and belt, and nothing explains most of what is missing, both are fitted together from those
-values.  If that explains nearly all of it, the gap goes on trial for what both explain, as that fit sees it without the delay: beside the right
-masses the next stage finds the delay by itself, and tells lag from dead time.
+values.  If that explains nearly all of it, the gap goes on trial for what both explain, as that fit sees it without the delay: beside the
+right masses the next stage finds the delay by itself, and tells lag from dead time.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import math
 
 from beltcomm.effects import EFFECTS, Effect
 from beltcomm.fit.estimate import Fitted, fit
-from beltcomm.fit.observer import follows
+from beltcomm.fit.observer import needs_observer
 from beltcomm.fit.records import Data
 from beltcomm.laboratory.acceptance import EVIDENCE, STIFFNESS, drop_by, explained_share, impossible
 from beltcomm.laboratory.stage import Candidate, candidate, may_add, price
@@ -33,7 +33,7 @@ def behind_a_delay(data: Data, current: Fitted, held: Fitted) -> Candidate | Non
 
     current : model that they must be better than.   held : the same with masses and belt as the start values have them.
     """
-    if STIFFNESS not in held.model.parameters or follows(held.model):
+    if STIFFNESS not in held.model.parameters or needs_observer(held.model):
         return None
     fits: list[tuple[Effect, Effect, Fitted]] = []
     for gap in EFFECTS:

@@ -22,7 +22,7 @@ from scipy.ndimage import correlate1d
 
 from beltcomm.fit.estimate import BLOCK_S, Fitted
 from beltcomm.fit.records import Data
-from beltcomm.fit.segment import Stretch, dressed_each, evaluate, evaluated, way_of
+from beltcomm.fit.segment import Segment, evaluate, evaluated, noise_paths_of, with_observers
 from beltcomm.fit.whitening import noises
 from beltcomm.laboratory.figures import PlainError
 from beltcomm.laboratory.samples import units_of
@@ -79,10 +79,10 @@ def banded(data: Data, fitted: Fitted, band_hz: float) -> list[Banded]:
     """All stretches of the records, those held out last, as a model leaves them in the band."""
     pieces = (*data.fitted, *data.held_out)
     vector = fitted.model.vector()
-    return [in_band(piece, fitted.model, vector, band_hz) for piece in dressed_each(pieces, [fitted.model] * len(pieces))]
+    return [in_band(piece, fitted.model, vector, band_hz) for piece in with_observers(pieces, [fitted.model] * len(pieces))]
 
 
-def in_band(piece: Stretch, model: Model, vector: Array, band_hz: float) -> Banded:
+def in_band(piece: Segment, model: Model, vector: Array, band_hz: float) -> Banded:
     """One stretch.
 
     What a carriage that was stretched or swung at the start adds to e is no error of the model, and how it was nobody knows: the part of e
@@ -90,7 +90,7 @@ def in_band(piece: Stretch, model: Model, vector: Array, band_hz: float) -> Band
     """
     sample = piece.motion.sample_s
     reported, counts = low_passed(piece.torque, piece.keep, band_hz, sample)
-    if piece.follower is not None or piece.offset_m == 0.0:
+    if piece.observer is not None or piece.offset_m == 0.0:
         error, _ = low_passed(evaluate(piece, model, vector), piece.keep, band_hz, sample)
     else:
         left, stretched = evaluated(piece, model, [vector, vector], [0.0, STRETCH_M])
@@ -166,9 +166,9 @@ def gaussian(band_hz: float, sample_s: float) -> Array:
     return np.asarray(weights / weights.sum())
 
 
-def noise_spectrum(piece: Stretch, model: Model) -> tuple[Array, Array]:
+def noise_spectrum(piece: Segment, model: Model) -> tuple[Array, Array]:
     """Frequencies from 0 to half the sample rate, Hz, (k,), and the predicted power of e's noise there, N² m² a sample, (k,)."""
-    found = way_of(piece, model)
+    found = noise_paths_of(piece, model)
     usual = int(np.bincount(found.level).argmax())
     path, variances, _ = noises(found.paths[usual], piece.step_rad, piece.noise_nm, piece.rounding)
     freq = (np.arange(LINES) + 0.5) * 0.5 / LINES / path.sample_s
@@ -178,7 +178,7 @@ def noise_spectrum(piece: Stretch, model: Model) -> tuple[Array, Array]:
     return freq, np.asarray(np.abs(passed) ** 2 @ variances)
 
 
-def noise_in(piece: Stretch, spectrum: tuple[Array, Array], band_hz: float) -> float:
+def noise_in(piece: Segment, spectrum: tuple[Array, Array], band_hz: float) -> float:
     """rms of the noise behind the low-pass, N m."""
     freq, power = spectrum
     weights = gaussian(band_hz, piece.motion.sample_s)

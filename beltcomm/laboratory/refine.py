@@ -15,7 +15,7 @@ from scipy.optimize import minimize
 
 from beltcomm.effects import Effect
 from beltcomm.effects._effect import BELT_STIFFNESS
-from beltcomm.fit.observer import follows
+from beltcomm.fit.observer import needs_observer
 from beltcomm.laboratory.score import Scored, Scorer
 from beltcomm.model import Model
 
@@ -70,7 +70,7 @@ def climbed(scorer: Scorer, way: Scored, names: Sequence[str], trials: Sequence[
             best = found
         return -found.drop
 
-    looks = FOLLOWED_LOOKS if follows(scorer.model) else LOOKS
+    looks = FOLLOWED_LOOKS if needs_observer(scorer.model) else LOOKS
     corners = np.vstack([np.zeros(len(names)), np.diag(np.where(high >= 1.0, 1.0, -1.0))])
     minimize(
         look,

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beltcomm.fit.segment import Stretch
+from beltcomm.fit.segment import Segment
 from beltcomm.model import Model
 
 Array = NDArray[np.float64]
@@ -71,7 +71,7 @@ class Judged:
     """A stretch with its residual.   white : of the kept samples, in units of the noise.   torque : the same samples, model minus
     measured.   whole : torque of all samples, kept or not.   units : of the axis, so torque may be a force or a current."""
 
-    piece: Stretch
+    piece: Segment
     white: Array
     torque: Array
     ratio_m_rad: float

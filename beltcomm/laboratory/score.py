@@ -17,9 +17,9 @@ from beltcomm.axis import Axis
 from beltcomm.effects import Effect, Ground, Trial
 from beltcomm.fit.estimate import BLOCK_S, Fitted
 from beltcomm.fit.likelihood import OFFSET_M, Parts, Problem
-from beltcomm.fit.observer import follows
+from beltcomm.fit.observer import needs_observer
 from beltcomm.fit.records import SUBSTEPS
-from beltcomm.fit.segment import Stretch, dressed_each, followed, in_noise, whitened
+from beltcomm.fit.segment import Segment, followed, in_noise, whitened, with_observers
 from beltcomm.laboratory.acceptance import loudness
 from beltcomm.laboratory.harmonics import gain_means, line_columns, load_means, powers_of
 from beltcomm.laboratory.hints import explained_stretch, stiffness_by_record
@@ -75,10 +75,10 @@ class Scorer:
         self.offsets = OFFSET_M * fitted.offsets if fitted.problem.movable else np.zeros(len(fitted.problem.pieces))
         self.nearby = fitted.nearby
         # The change by an effect is a difference of two runs: what coarse steps do wrong is in both.
-        most = SUBSTEPS if follows(self.model) else ROUGH_SUBSTEPS
+        most = SUBSTEPS if needs_observer(self.model) else ROUGH_SUBSTEPS
         rough_pieces = [replace(p, motion=p.motion.coarser(min(most, p.motion.substeps))) for p in self.problem.pieces]
-        self.rough = dressed_each(rough_pieces, [self.model] * len(rough_pieces))
-        if follows(self.model):
+        self.rough = with_observers(rough_pieces, [self.model] * len(rough_pieces))
+        if needs_observer(self.model):
             self.problem.forget()  # the observers of the fine steps: nothing here asks for them any more, and they are large
         rough = Problem(self.rough, self.model, self.problem.free, BLOCK_S)
         self.parts: list[Parts] = [rough.balance(i, fitted.x, float(o)) for i, o in enumerate(self.offsets)]
@@ -101,7 +101,7 @@ class Scorer:
             best += [(drops[i], trial, columns[:, i * width : (i + 1) * width].copy()) for i, trial in enumerate(some)]
             best = sorted(best, key=lambda entry: -entry[0])
             # Behind an observer of a model that is far off columns say little: what the records told of the base is looked at anyway.
-            best = [entry for at, entry in enumerate(best) if at < LOOKED_AT or (entry[1].base and follows(self.model))]
+            best = [entry for at, entry in enumerate(best) if at < LOOKED_AT or (entry[1].base and needs_observer(self.model))]
         return best
 
     def powers_of(self, effect: Effect, ground: Ground) -> Sequence[tuple[float, Trial]]:
@@ -143,7 +143,7 @@ class Scorer:
         wanted = {round(trial.values[key]): trial for trial in trials}
         highest = max(wanted)
         load = effect.harmonic == "load"
-        pieces = self.rough if follows(self.model) else self.problem.pieces  # an observer's steps are finer than a ripple asks for
+        pieces = self.rough if needs_observer(self.model) else self.problem.pieces  # an observer's steps are finer than a ripple asks for
         powers = [powers_of(len(p.motion.theta) - (not load)) for p in pieces]
         for first in range(1, highest + 1, BATCH):
             orders = range(first, min(first + BATCH, highest + 1))
@@ -188,7 +188,7 @@ class Scorer:
     def followed(self, effect: Effect, trial: Trial) -> Scored:
         """A trial of an effect that needs an observer: what one of its own leaves instead of the residual."""
         grown = self.grown(effect, trial.values, trial)
-        pieces = dressed_each(self.problem.pieces, [grown] * len(self.problem.pieces))
+        pieces = with_observers(self.problem.pieces, [grown] * len(self.problem.pieces))
         near = self.nearby.best(np.concatenate([whitened(piece, grown, grown.vector()) for piece in pieces]) - self.fitted.residual)
         drop = self.nearby.objective - near.objective + loudness(self.problem.pieces) - loudness(pieces)
         return Scored(effect, trial, drop, dict(trial.values), near.step)
@@ -232,7 +232,7 @@ class Scorer:
         extended : models that have the effect, and that may have another belt.
         """
         vectors = [model.vector() for model in extended]
-        if self.rough[0].follower is not None and not (acts_on_motor(effect) and effect.slot != "friction_onset"):
+        if self.rough[0].observer is not None and not (acts_on_motor(effect) and effect.slot != "friction_onset"):
             return self.told(effect, extended) - self.told_here[:, None]
         parts = []
         for i, piece in enumerate(self.rough):
@@ -254,7 +254,7 @@ class Scorer:
         parts = []
         for pieces in [[piece] for piece in self.rough] if many else [self.rough]:
             every, models = [p for p in pieces for _ in extended], [*extended] * len(pieces)
-            found = followed(dressed_each(every, models) if anew else every, extended[0], [model.vector() for model in models])
+            found = followed(with_observers(every, models) if anew else every, extended[0], [model.vector() for model in models])
             parts += [np.stack(found[i : i + len(extended)], axis=1) for i in range(0, len(found), len(extended))]
         return np.concatenate(parts)
 
@@ -290,7 +290,7 @@ def switched_on(effect: Effect, trial: Trial) -> Iterator[dict[str, float]]:
         yield {key: (0.0 if key in trial.amplitudes and key != name else value) for key, value in trial.values.items()}
 
 
-def ground_of(fitted: Fitted, pieces: Sequence[Stretch], axis: Axis) -> Ground:
+def ground_of(fitted: Fitted, pieces: Sequence[Segment], axis: Axis) -> Ground:
     """What the trials need to know of an axis."""
     model = fitted.model
     ratio = model["transmission.ratio"]

@@ -17,7 +17,7 @@ from beltcomm.compiled import in_one_thread
 from beltcomm.effects import EFFECTS, Effect, Ground
 from beltcomm.errors import UsageError
 from beltcomm.fit.estimate import Fitted, fit, fit_of, problem_of
-from beltcomm.fit.observer import follows
+from beltcomm.fit.observer import needs_observer
 from beltcomm.fit.records import Data
 from beltcomm.laboratory.acceptance import (
     EVIDENCE,
@@ -129,24 +129,26 @@ def search(
     order = sorted(best, key=lambda name: -promise(best[name], base, len(ways[name])))
     most = promise(best[order[0]], base, len(ways[order[0]])) if order else 0.0
     for number, name in enumerate(order[:SEARCHED]):
-        if follows(base.model):
+        if needs_observer(base.model):
             most = max(promise(best[n], base, len(ways[n])) for n in order)
-        share = FOLLOWED_SEARCH_SHARE if follows(base.model) else SEARCH_SHARE
+        share = FOLLOWED_SEARCH_SHARE if needs_observer(base.model) else SEARCH_SHARE
         if promise(best[name], base, len(ways[name])) > max(SEARCH_PROMISE, share * most):
-            best[name] = refined(scorer, ways[name], 1 if follows(base.model) else WAYS)
+            best[name] = refined(scorer, ways[name], 1 if needs_observer(base.model) else WAYS)
         progress(0.4 + 0.3 * (number + 1) / SEARCHED)
     order = sorted(best, key=lambda name: -promise(best[name], base, len(ways[name])))
     candidates: list[Candidate] = []
     for number, name in enumerate(order):
         promised = promise(best[name], base, len(ways[name]))
         found_most = max((c.evidence for c in candidates if c.stands), default=promised)
-        if number < (FOLLOWED_REFITTED if follows(base.model) else REFITTED) and promised > max(REFIT_PROMISE, REFIT_SHARE * found_most):
+        if number < (FOLLOWED_REFITTED if needs_observer(base.model) else REFITTED) and promised > max(
+            REFIT_PROMISE, REFIT_SHARE * found_most
+        ):
             candidates.append(refitted(data, base, best[name], len(ways[name]), against or base))
         else:
             candidates.append(Candidate(best[name].effect, best[name].drop, promised, 0.0, 0.0, None, False))
         progress(0.7 + 0.3 * min(1.0, (number + 1) / REFITTED))
     unexplained = base.objective > swallowed_above * base.problem.samples
-    if unexplained and follows(base.model) and not any(c.accepted and c.explained > MOSTLY for c in candidates):
+    if unexplained and needs_observer(base.model) and not any(c.accepted and c.explained > MOSTLY for c in candidates):
         left = {c.effect.name for c in candidates if c.fitted is None}
         for way in (best[e.name] for e in wanted if e.name in left and e.name in best and rubs_behind(e)):
             more = refitted(data, base, way, len(ways[way.effect.name]), against or base)
@@ -193,7 +195,7 @@ def swallowed(data: Data, scorer: Scorer, effect: Effect, ground: Ground, candid
 def may_add(base: Fitted, effect: Effect) -> bool:
     """Whether the model can take the effect, one of a numbered family at a time."""
     present = base.model.effects
-    if effect.name in present or (effect.behind_gap and not follows(base.model)):
+    if effect.name in present or (effect.behind_gap and not needs_observer(base.model)):
         return False
     if base.model.side == "load" and (effect.harmonic or effect.slot in ("kinematics", "sensor")):
         return False  # at the load side no angle is known
@@ -232,7 +234,7 @@ def strayed(base: Fitted, start: Model, above: float = MISSING) -> bool:
     """
     solid = [inertia for inertia, body in base.model.bodies() if body.name in base.model.base_bodies]
     shared = [name for name in (*solid, STIFFNESS) if name in base.model.parameters and name in start.parameters]
-    missing = base.objective > above * base.problem.samples and not follows(base.model)
+    missing = base.objective > above * base.problem.samples and not needs_observer(base.model)
     return missing and any(abs(math.log(base.model[name] / start[name])) > math.log(STRAYED) for name in shared)
 
 
@@ -291,8 +293,8 @@ def grown(data: Data, base: Fitted, way: Scored, goal: float = math.inf) -> Fitt
         starts.append((problem.objective(problem.residual(begin), begin), problem, here.offsets(x)))
     _, problem, offsets = min(starts, key=lambda start: start[0])
     starts.clear()  # the other one's observers are large
-    if follows(problem.model):
-        return fit_of(problem, data, FOLLOWED_ITERATIONS if follows(base.model) else ITERATIONS, enough=ENOUGH, goal=goal)
+    if needs_observer(problem.model):
+        return fit_of(problem, data, FOLLOWED_ITERATIONS if needs_observer(base.model) else ITERATIONS, enough=ENOUGH, goal=goal)
     return fit_of(problem, data, ITERATIONS, offsets=offsets, enough=ENOUGH)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from beltcomm.effects import effect_named
 from beltcomm.fit.estimate import Fitted, fit_of, problem_of
-from beltcomm.fit.observer import follows
+from beltcomm.fit.observer import needs_observer
 from beltcomm.fit.records import Data
 from beltcomm.laboratory.acceptance import EVIDENCE, drop_by, fitted_to_nothing, most_within
 from beltcomm.laboratory.forms import additions, without
@@ -36,7 +36,7 @@ def superfluous(data: Data, fitted: Fitted, base: Model, newest: str) -> tuple[F
         if smaller is None:
             continue
         # Where an observer is no longer needed, where each carriage stood at first has to be found anew.
-        iterations = ITERATIONS if follows(smaller) == follows(fitted.model) else MORE_ITERATIONS
+        iterations = ITERATIONS if needs_observer(smaller) == needs_observer(fitted.model) else MORE_ITERATIONS
         nothing = fitted_to_nothing(fitted.model, effect_named(name))
         problem = problem_of(data, smaller)
         goal = math.inf if nothing else most_within(problem, fitted, SURE * EVIDENCE)

@@ -20,7 +20,7 @@ from beltcomm.errors import DataError, Refused, UsageError
 from beltcomm.fit.model_fit import SUSPECT_MISFIT, fit_model
 from beltcomm.fit.noise_level import torque_noise
 from beltcomm.fit.remarks import joint_draws
-from beltcomm.fit.segment import dressed, squares_left, stretches, whitened
+from beltcomm.fit.segment import segments, squares_left, whitened, with_observer
 from beltcomm.fit.torque_path import TorquePath
 from beltcomm.identify.dead_time import DeadTime
 from beltcomm.model import Model
@@ -290,7 +290,7 @@ def contradicting(
     fixed = [n for n in model.parameters if not n.startswith(LOAD)]
     found = []
     for recording in recordings:
-        pieces = [dressed(p, model) for p in stretches(recording, model, step, noise, fitted=True, path=grounds.path)]
+        pieces = [with_observer(p, model) for p in segments(recording, model, step, noise, fitted=True, path=grounds.path)]
         pieces = [p for p in pieces if p.keep.any()]
         if not pieces or np.mean(np.concatenate([whitened(p, model, model.vector()) for p in pieces]) ** 2) <= SUSPECT_MISFIT:
             continue

@@ -14,7 +14,7 @@ from beltcomm.fit.base import NEXT_ITERATIONS, again
 from beltcomm.fit.estimate import Fitted, fit
 from beltcomm.fit.intervals import with_intervals
 from beltcomm.fit.noise_level import noise_doubt
-from beltcomm.fit.observer import follows
+from beltcomm.fit.observer import needs_observer
 from beltcomm.fit.records import Data
 from beltcomm.given import Place, pasted, place, word
 from beltcomm.laboratory.acceptance import confirmed
@@ -254,7 +254,7 @@ def add_to_run(
     run, asked = place(run), word(effect, "effect")
     effect_named(stands_for(asked))
     here = opened(run, talk or Silence())
-    effect = stands_for(asked, behind_gap=follows(here.fitted.model))
+    effect = stands_for(asked, behind_gap=needs_observer(here.fitted.model))
     if effect in here.fitted.model.effects:
         raise UsageError(f"the model of {run} has {effect} already; take it out with `beltcomm remove {effect} {pasted(run)}`")
     grown = with_effect(here.data, here.fitted, ground_of(here.fitted, here.data.fitted, here.folder.axis), effect_named(effect))

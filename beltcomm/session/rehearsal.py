@@ -224,7 +224,7 @@ def _copied(folder: RunFolder, run: Path) -> set[str]:
 
 def _options_for(options: Options, machine: Machine, twin: _Twin, place_m: float) -> Options:
     """The same job on the twin, with nobody to ask."""
-    follows = machine.drive.capabilities.structure.torque_feedforward
+    needs_observer = machine.drive.capabilities.structure.torque_feedforward
     return replace(
         options,
         yes=True,
@@ -240,7 +240,7 @@ def _options_for(options: Options, machine: Machine, twin: _Twin, place_m: float
         wall_clock=None,
         visible=False,
         pictures=False,
-        profile=WITH_FEEDFORWARD if follows else WITHOUT_FEEDFORWARD,
+        profile=WITH_FEEDFORWARD if needs_observer else WITHOUT_FEEDFORWARD,
         node=None,
         bitrate=None,
         realtime=False,

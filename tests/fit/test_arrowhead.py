@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from beltcomm.fit.arrowhead import Bordered
+from beltcomm.fit.arrowhead import ArrowheadJacobian
 
 
 @pytest.mark.parametrize("lengths", [(5, 0, 7, 3), ()])
@@ -20,9 +20,9 @@ def test_it_does_what_the_matrix_written_out_does(lengths: tuple[int, ...]) -> N
     for i, (first, last) in enumerate(pairwise(ends)):
         dense[first:last, 3 + i] = columns[first:last, 3]
     weights, y = rng.uniform(0.5, 1.0, rows), rng.normal(size=3 + len(lengths))
-    found, dense = Bordered(columns, ends).scaled(weights), dense * weights[:, None]
+    found, dense = ArrowheadJacobian(columns, ends).scaled(weights), dense * weights[:, None]
     np.testing.assert_allclose(found.times(y), dense @ y, rtol=1e-12, atol=1e-12)
     np.testing.assert_allclose(found.information(), dense.T @ dense, rtol=1e-12, atol=1e-12)
     np.testing.assert_allclose(found.norms(), np.linalg.norm(dense, axis=0), rtol=1e-12)
     for right in (rng.normal(size=rows), rng.normal(size=(rows, 2))):
-        np.testing.assert_allclose(found.transposed(right), dense.T @ right, rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(found.transpose_times(right), dense.T @ right, rtol=1e-12, atol=1e-12)

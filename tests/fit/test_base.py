@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from beltcomm.fit import base
-from beltcomm.fit.segment import Stretch
+from beltcomm.fit.segment import Segment
 from beltcomm.model import build_model
 
 BASE = build_model("axis", ("belt_stiffness", "belt_damping", "viscous", "viscous_cart", "coulomb"), {})
@@ -66,4 +66,4 @@ def kept_samples(number: int, group: int = 1) -> Any:
     """A stretch with so many samples that count, so many of which make one value."""
     keep = np.append(np.ones(number, dtype=np.bool_), np.zeros(5, dtype=np.bool_))
     motion: Any = SimpleNamespace(forget=lambda: None)
-    return Stretch("one", False, np.zeros(len(keep)), np.zeros(len(keep)), motion, keep, 1e-3, 1e-4, 0.0, group=group)
+    return Segment("one", False, np.zeros(len(keep)), np.zeros(len(keep)), motion, keep, 1e-3, 1e-4, 0.0, group=group)

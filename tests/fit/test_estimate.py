@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from beltcomm.fit.estimate import AT_A_TIME, Fitted, fit, gone_on, problem_of
+from beltcomm.fit.estimate import AT_A_TIME, Fitted, fit, problem_of, resume_fit
 from beltcomm.fit.likelihood import Problem, hopeless
 from beltcomm.fit.records import Data, prepare
 from beltcomm.fit.start import start_model
@@ -40,7 +40,7 @@ def test_a_fit_behind_an_observer_that_is_gone_on_with_ends_where_one_at_once_do
     data, start, begun = gapped
     assert begun.onward is not None
     at_once = fit(data, start, 4 * AT_A_TIME)
-    went_on = gone_on(data, begun, 3 * AT_A_TIME)
+    went_on = resume_fit(data, begun, 3 * AT_A_TIME)
     assert went_on.objective == pytest.approx(at_once.objective, rel=1e-9)
     assert np.allclose(went_on.x, at_once.x, rtol=1e-9)
     assert went_on.objective < begun.objective
@@ -49,7 +49,7 @@ def test_a_fit_behind_an_observer_that_is_gone_on_with_ends_where_one_at_once_do
 def test_a_fit_that_is_through_is_not_gone_on_with(gapped: Gapped) -> None:
     data, _, begun = gapped
     through = replace(begun, onward=None)
-    assert gone_on(data, through, 12) is through
+    assert resume_fit(data, through, 12) is through
 
 
 @pytest.mark.parametrize(

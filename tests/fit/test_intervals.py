@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
-from beltcomm.fit.arrowhead import Bordered
+from beltcomm.fit.arrowhead import ArrowheadJacobian
 from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.intervals import LAW, Spread, spread_of
 
@@ -54,7 +54,7 @@ class Line:
         problem = SimpleNamespace(
             pieces=pieces, free=("line.slope", "body.level"), scale=SCALE, ends=size * np.arange(self.records + 1),
             low=np.array([-9.0, x[1] if at_bound else -9.0]), high=np.array([9.0, 9.0]),
-            jacobian=lambda _x: Bordered(np.pad(self.columns * SCALE, ((0, 0), (0, 1))), np.zeros(1, dtype=np.intp)),
+            jacobian=lambda _x: ArrowheadJacobian(np.pad(self.columns * SCALE, ((0, 0), (0, 1))), np.zeros(1, dtype=np.intp)),
             weights=lambda _r: np.ones(len(self.left)), blocks=blocks, count=count, path_doubt=None,
             rounding=lambda x: (count[:, None] * (2.0 * turned @ x), count[:, None, None] * turned),
         )  # fmt: skip

@@ -8,7 +8,7 @@ from typing import cast
 import numpy as np
 import pytest
 
-from beltcomm.fit.arrowhead import Bordered
+from beltcomm.fit.arrowhead import ArrowheadJacobian
 from beltcomm.fit.likelihood import Problem
 from beltcomm.fit.local_quadratic import Nearby
 
@@ -22,7 +22,7 @@ def beside(seed: int) -> tuple[Nearby, np.ndarray, np.ndarray]:
     residual = 3.0 * rng.normal(size=SAMPLES)
     residual -= known @ np.linalg.lstsq(known, residual, rcond=None)[0]
     blocks = np.repeat(np.arange(BLOCKS), SAMPLES // BLOCKS)
-    jacobian = Bordered(np.pad(known, ((0, 0), (0, 1))), np.zeros(1, dtype=np.intp))
+    jacobian = ArrowheadJacobian(np.pad(known, ((0, 0), (0, 1))), np.zeros(1, dtype=np.intp))
     problem = SimpleNamespace(
         jacobian=lambda _x: jacobian, low=np.full(2, -9.0), high=np.full(2, 9.0), blocks=blocks, count=np.bincount(blocks).astype(float)
     )
@@ -54,21 +54,21 @@ def test_a_pair_that_looks_alike_promises_what_one_does(factor: float) -> None:
 
 def test_an_unknown_of_each_stretch_counts_as_one_of_all_that_is_zero_elsewhere() -> None:
     """Bounds that bind, blocks of unequal loudness, a stretch whose own unknown moves nothing."""
-    rng, stretches = np.random.default_rng(4), 4
-    columns, ends = rng.normal(size=(SAMPLES, 3)), np.linspace(0, SAMPLES, stretches + 1).astype(np.intp)
+    rng, segments = np.random.default_rng(4), 4
+    columns, ends = rng.normal(size=(SAMPLES, 3)), np.linspace(0, SAMPLES, segments + 1).astype(np.intp)
     columns[ends[1] : ends[2], 2] = 0.0
-    written_out = np.zeros((SAMPLES, 2 + stretches))
+    written_out = np.zeros((SAMPLES, 2 + segments))
     written_out[:, :2] = columns[:, :2]
-    for i in range(stretches):
+    for i in range(segments):
         written_out[ends[i] : ends[i + 1], 2 + i] = columns[ends[i] : ends[i + 1], 2]
     blocks = np.repeat(np.arange(BLOCKS), SAMPLES // BLOCKS)
     residual = rng.normal(size=SAMPLES) * rng.uniform(0.5, 3.0, BLOCKS)[blocks] + 0.3 * columns[:, 2]
-    bounds = {"low": np.full(2 + stretches, -0.2), "high": np.full(2 + stretches, 9.0)}
+    bounds = {"low": np.full(2 + segments, -0.2), "high": np.full(2 + segments, 9.0)}
     change, extra = 0.2 * rng.normal(size=SAMPLES), rng.normal(size=(SAMPLES, 2)) + 0.05 * residual[:, None]
     found = []
-    for jacobian in (Bordered(columns, ends), Bordered(np.pad(written_out, ((0, 0), (0, 1))), ends[:1])):
+    for jacobian in (ArrowheadJacobian(columns, ends), ArrowheadJacobian(np.pad(written_out, ((0, 0), (0, 1))), ends[:1])):
         problem = SimpleNamespace(jacobian=lambda _x, j=jacobian: j, blocks=blocks, count=np.bincount(blocks).astype(float), **bounds)
-        near = Nearby(cast("Problem", problem), np.zeros(2 + stretches), residual)
+        near = Nearby(cast("Problem", problem), np.zeros(2 + segments), residual)
         best = near.best(change, extra)
         found.append((near.objective, best.objective, best.amounts, best.step, *near.screened(extra, 2, True), near.rest))
     for one, other in zip(*found, strict=True):

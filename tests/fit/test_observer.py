@@ -13,8 +13,8 @@ from beltcomm.effects import effect_named
 from beltcomm.fit import estimate as fitting
 from beltcomm.fit.likelihood import Problem
 from beltcomm.fit.observer import forgotten, stiffest
-from beltcomm.fit.records import Data, agitated, prepare, remade
-from beltcomm.fit.segment import Stretch, dressed, evaluate, in_noise, whitened
+from beltcomm.fit.records import Data, prepare, remade, with_process_noise
+from beltcomm.fit.segment import Segment, evaluate, in_noise, whitened, with_observer
 from beltcomm.fit.start import start_model
 from beltcomm.laboratory.stage import candidate
 from beltcomm.model import Model, build_model
@@ -38,7 +38,7 @@ def rattling(tmp_path_factory: pytest.TempPathFactory) -> tuple[Data, Model]:
     return remade(data, model, np.zeros(len(data.fitted))), model
 
 
-def excited(data: Data) -> list[Stretch]:
+def excited(data: Data) -> list[Segment]:
     return [piece for piece in data.fitted if "frf" in piece.record and len(piece.counted) > 300]
 
 
@@ -46,7 +46,7 @@ def test_true_values_leave_noise_only_where_the_torque_tells_where_the_carriage_
     data, model = rattling
     followed, rebuilt = [], []
     for piece in excited(data):
-        followed.append(whitened(dressed(piece, model), model, model.vector()))
+        followed.append(whitened(with_observer(piece, model), model, model.vector()))
         rebuilt.append(in_noise(piece, model, model.vector(), evaluate(piece, model, model.vector())))
     assert len(followed) >= 4
     rms = [float(np.sqrt(np.mean(np.concatenate(parts) ** 2))) for parts in (followed, rebuilt)]
@@ -59,7 +59,7 @@ def test_a_wrong_gap_leaves_more_than_noise(rattling: tuple[Data, Model]) -> Non
     errors = []
     for share in (1.0, 0.7, 1.3):
         wrong = model.with_values({"backlash.gap": share * model["backlash.gap"]})
-        white = [whitened(dressed(piece, wrong), wrong, wrong.vector()) for piece in excited(data)]
+        white = [whitened(with_observer(piece, wrong), wrong, wrong.vector()) for piece in excited(data)]
         errors.append(float(np.mean(np.log(np.maximum(np.concatenate(white) ** 2, 1.0)))))
     assert errors[1] > 1.5 * errors[0]
     assert errors[2] > 1.5 * errors[0]
@@ -69,18 +69,18 @@ def test_an_observer_says_how_much_the_carriage_strays(rattling: tuple[Data, Mod
     """The contact is another in the simulator than in the model; a model that is wrong leaves more to chance."""
     data, model = rattling
 
-    def unlikely(piece: Stretch) -> float:
-        follower = dressed(piece, model).follower
-        assert follower is not None
-        return float(np.sum(follower.watch.white[piece.keep] ** 2 + 2.0 * np.log(follower.watch.deviations[piece.keep])))
+    def unlikely(piece: Segment) -> float:
+        observer = with_observer(piece, model).observer
+        assert observer is not None
+        return float(np.sum(observer.watch.white[piece.keep] ** 2 + 2.0 * np.log(observer.watch.deviations[piece.keep])))
 
-    shaken = agitated(replace(data, fitted=tuple(excited(data)), held_out=()), model)  # at a steady speed nothing strays
+    shaken = with_process_noise(replace(data, fitted=tuple(excited(data)), held_out=()), model)  # at a steady speed nothing strays
     pieces = shaken.fitted
-    assert 0.0 < pieces[0].agitation < 0.1
-    assert sum(map(unlikely, pieces)) < sum(unlikely(replace(piece, agitation=0.0)) for piece in pieces) - 100.0
+    assert 0.0 < pieces[0].process_noise < 0.1
+    assert sum(map(unlikely, pieces)) < sum(unlikely(replace(piece, process_noise=0.0)) for piece in pieces) - 100.0
     few = replace(data, fitted=tuple(pieces[:2]), held_out=())
     wrong = model.with_values({"backlash.gap": 1.5 * model["backlash.gap"]})
-    assert agitated(few, wrong).fitted[0].agitation > agitated(few, model).fitted[0].agitation
+    assert with_process_noise(few, wrong).fitted[0].process_noise > with_process_noise(few, model).fitted[0].process_noise
 
 
 def test_behind_a_long_rest_the_carriage_may_be_anywhere() -> None:
@@ -95,13 +95,13 @@ def test_without_a_gap_the_observer_is_the_whitening_filter(rattling: tuple[Data
     piece = replace(excited(data)[0], offset_m=0.0)
     one = whitened(piece, plain, plain.vector())
     # The observer takes its correction off at the end of a sample, the filter in the middle of its weight.
-    other = whitened(dressed(piece, closed), closed, closed.vector())
+    other = whitened(with_observer(piece, closed), closed, closed.vector())
     assert np.sqrt(np.mean((one - other) ** 2)) < 0.03 * np.sqrt(np.mean(one**2))
 
 
 def test_a_torque_beside_the_observer_is_whitened_to_first_order(rattling: tuple[Data, Model]) -> None:
     data, model = rattling
-    piece = dressed(excited(data)[0], model)
+    piece = with_observer(excited(data)[0], model)
     change = 1e-6 * np.sin(np.arange(piece.motion.samples) / 7.0)
     change[[0, -1]] = 0.0
     felt = replace(piece, torque=piece.torque + change)
@@ -115,7 +115,7 @@ def test_a_gap_in_a_belt_of_two_spans_is_followed_too(rattling: tuple[Data, Mode
     data, model = rattling
     effects = tuple("belt_spans" if name == "belt_stiffness" else name for name in model.effects)
     spans = build_model("spans", effects, {n: v.value for n, v in model.parameters.items() if not n.startswith("belt_stiffness")})
-    piece = dressed(excited(data)[0], spans)
+    piece = with_observer(excited(data)[0], spans)
     residual = evaluate(piece, spans, spans.vector())
     assert np.all(np.isfinite(whitened(piece, spans, spans.vector())))
     assert np.all(residual[2:-2] != 0.0)  # of all samples, also of those that do not count
@@ -152,7 +152,7 @@ def test_what_a_problem_forgot_is_worked_out_anew(rattling: tuple[Data, Model]) 
     before = problem.residual(x)
     problem.forget()
     problem.forget()
-    assert problem.pieces[0].follower is not None
+    assert problem.pieces[0].observer is not None
     np.testing.assert_array_equal(problem.residual(x), before)
 
 
@@ -183,7 +183,7 @@ def test_on_a_belt_that_stiffens_threefold_along_the_way_the_observer_keeps_the_
     model = model.with_values(truth | {"backlash.gap": machine.hidden["backlash"]["gap_m"]})
     data = prepare(records, run.axis, model)
     for piece in data.fitted:
-        white = whitened(dressed(piece, model), model, model.vector())
+        white = whitened(with_observer(piece, model), model, model.vector())
         assert float(np.sqrt(np.mean(white**2))) < 1.5
     place, held = stiffest(model, 0.1, 0.9, np.linspace(0.1, 0.9, 9))
     assert place == pytest.approx(0.1, abs=0.01)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from beltcomm.fit.reversals import _rest
-from beltcomm.fit.segment import stretches
+from beltcomm.fit.segment import segments
 from identify.records import NOISE_NM, PERIOD_S, STEP_RAD, Recorder, true_model
 from truth.rigs import nominal
 
@@ -58,7 +58,7 @@ def test_the_path_of_a_motor_that_sticks_is_that_of_the_independent_simulator() 
     record = Recorder(noise_nm=0.0, counts=2**34, delay_s=0.0).shaken(nominal("g_a"), 0.28, 2)
     plant = nominal("g_a")
     model = true_model(plant)
-    (piece,) = stretches(record, model, STEP_RAD, NOISE_NM, fitted=True, reversals=True)
+    (piece,) = segments(record, model, STEP_RAD, NOISE_NM, fitted=True, reversals=True)
     assert record.torque_setpoint is not None
     path = [plant.position_rad]
     for torque in record.torque_setpoint[:-1]:

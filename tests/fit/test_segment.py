@@ -13,10 +13,10 @@ from beltcomm.fit.moving import RUN_IN_S, RUN_IN_TRAVEL_M, ran_in, resting
 from beltcomm.fit.noise_path import Way, noise_path, way
 from beltcomm.fit.segment import (
     STICK_SPEED_RAD_S,
-    Stretch,
+    Segment,
     evaluate,
-    stretches,
-    way_of,
+    noise_paths_of,
+    segments,
     whitened,
 )
 from beltcomm.fit.whitening import whiten, whitener
@@ -28,7 +28,7 @@ from truth import TruthPlant
 from truth.rigs import draw
 
 Array = NDArray[np.float64]
-Pieces = dict[tuple[str, str], tuple[Stretch, Model, float]]
+Pieces = dict[tuple[str, str], tuple[Segment, Model, float]]
 #: Counts per revolution that drown in the torque noise.
 FINE = 2**20
 
@@ -76,8 +76,8 @@ def test_gains_worked_out_beforehand_give_the_same() -> None:
     plant = draw("g_b", np.random.default_rng(10))
     model = true_model(plant)
     record = Recorder().shaken(plant, 0.3, 1)
-    piece = stretches(without_rows(record, slice(1300, None)), model, STEP_RAD, NOISE_NM, fitted=True)[0]
-    fixed = replace(piece, whitener=whitener(piece.keep, way_of(piece, model), STEP_RAD, NOISE_NM))
+    piece = segments(without_rows(record, slice(1300, None)), model, STEP_RAD, NOISE_NM, fitted=True)[0]
+    fixed = replace(piece, whitener=whitener(piece.keep, noise_paths_of(piece, model), STEP_RAD, NOISE_NM))
     np.testing.assert_array_equal(whitened(fixed, model, model.vector()), whitened(piece, model, model.vector()))
 
 
@@ -184,7 +184,7 @@ def at_truth() -> Pieces:
             recorder = Recorder(seed=seed, counts=FINE if "fine" in kind else COUNTS)
             record = recorder.shaken(plant, 0.3, 4) if kind == "prbs" else swept(recorder, plant)
             model = true_model(plant)
-            (piece,) = stretches(record, model, 2.0 * np.pi / recorder.counts, NOISE_NM, fitted=True)
+            (piece,) = segments(record, model, 2.0 * np.pi / recorder.counts, NOISE_NM, fitted=True)
             found[rig, kind] = (piece, model, offset)
     return found
 
@@ -261,7 +261,7 @@ def test_without_noise_the_torque_is_explained_far_below_the_noise(rig: str) -> 
         plant = draw(rig, np.random.default_rng(13))
         model = true_model(plant)
         record = clean.shaken(plant, 0.3, 2) if kind == "prbs" else swept(clean, plant)
-        (piece,) = stretches(record, model, STEP_RAD, NOISE_NM, fitted=True)
+        (piece,) = segments(record, model, STEP_RAD, NOISE_NM, fitted=True)
         assert np.sqrt(np.mean(evaluate(piece, model, model.vector())[piece.keep] ** 2)) < 0.1 * floor
 
 
@@ -320,7 +320,7 @@ def test_lost_samples_split_a_record() -> None:
     model = true_model(plant)
     lever = model["transmission.ratio"]
     torn = without_rows(record, slice(500, 503), slice(540, 541), slice(1200, 1300))  # 37 rows between the first two: too few
-    pieces = stretches(torn, model, STEP_RAD, NOISE_NM)
+    pieces = segments(torn, model, STEP_RAD, NOISE_NM)
     firsts, lasts = [0, 541, 1300], [500, 1200, len(record.t_s)]
     assert [len(p.position) for p in pieces] == [b - a for a, b in zip(firsts, lasts, strict=True)]
     for piece, a, b in zip(pieces, firsts, lasts, strict=True):
@@ -336,5 +336,5 @@ def test_a_stretch_that_begins_in_motion_is_explained_as_well() -> None:
     model = true_model(plant)
     record = Recorder(1).stroked(plant, (0.6,), 0.5)
     middle = int(np.argmax(np.gradient(record.position))) + 50
-    _, after = stretches(without_rows(record, slice(middle, middle + 5)), model, STEP_RAD, NOISE_NM, fitted=True)
+    _, after = segments(without_rows(record, slice(middle, middle + 5)), model, STEP_RAD, NOISE_NM, fitted=True)
     assert np.mean(whitened(after, model, model.vector()) ** 2) < 1.5

@@ -15,7 +15,7 @@ from click.testing import CliRunner
 from numpy.typing import NDArray
 
 from beltcomm.cli.main import cli
-from beltcomm.fit.segment import Stretch, stretches
+from beltcomm.fit.segment import Segment, segments
 from beltcomm.laboratory.plain_error import Banded, in_band, low_passed, plain_error
 from beltcomm.linear import operating_point, state_space
 from beltcomm.model import Model
@@ -29,7 +29,7 @@ EMPS, COGGING, BENCH = (2.5e-8, 40.0), (2.0 * np.pi / 8192, 240.0), (5e-6, 240.0
 CASES = CHECKOUT.parent / "shared" / "cases"
 Array = NDArray[np.float64]
 #: The stretches of a record, each with what a model leaves of it in a band.
-Parts = list[tuple[Stretch, Banded]]
+Parts = list[tuple[Segment, Banded]]
 
 
 def imported(name: str, folder: Path, data: Path = DATA) -> Path:
@@ -56,7 +56,7 @@ def as_run(files: Mapping[str, Path], folder: Path, inertia_kg_m2: float, counts
 
 def banded_of(model: Model, record: Recording, step: float, band_hz: float) -> Parts:
     """Every stretch of a record, and what a model leaves of it in a band."""
-    pieces = stretches(record, model, step, 1.0, fitted=True, substeps=4)
+    pieces = segments(record, model, step, 1.0, fitted=True, substeps=4)
     return [(piece, in_band(piece, model, model.vector(), band_hz)) for piece in pieces]
 
 
@@ -68,7 +68,7 @@ def record_error(model: Model, record: Recording, step: float, band_hz: float) -
 
 
 def least_squares(
-    fitted: Sequence[list[tuple[Stretch, Banded]]], judged: Sequence[list[tuple[Stretch, Banded]]], band_hz: float
+    fitted: Sequence[list[tuple[Segment, Banded]]], judged: Sequence[list[tuple[Segment, Banded]]], band_hz: float
 ) -> list[float]:
     """Share that inertia, viscous and Coulomb friction leave by least squares on filtered signals, of each judged record.
 

@@ -12,7 +12,7 @@ import pytest
 
 from beltcomm.effects import effect_named
 from beltcomm.fit.estimate import fit
-from beltcomm.fit.records import agitated, prepare
+from beltcomm.fit.records import prepare, with_process_noise
 from beltcomm.fit.start import start_model
 from beltcomm.laboratory import diagnosis, freedom
 from beltcomm.laboratory.freedom import needed
@@ -56,9 +56,9 @@ def needed_in(machine: Machine, folder: Path) -> bool:
     write_records(machine, [session.record(task)], str(folder))
     run = RunFolder.open(folder)
     model = start_model(run.axis, run.recordings()).with_effect("backlash", {"gap": 5e-5})
-    data = agitated(prepare(run.recordings(), run.axis, model), model)
+    data = with_process_noise(prepare(run.recordings(), run.axis, model), model)
     found = fit(data, model, 12)
-    calmer = agitated(data, found.model)
+    calmer = with_process_noise(data, found.model)
     return needed(calmer, fit(calmer, found.model, 6), GAP)
 
 

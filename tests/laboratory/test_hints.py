@@ -11,7 +11,7 @@ import pytest
 
 from beltcomm.fit.estimate import BLOCK_S, Fitted
 from beltcomm.fit.likelihood import Problem, free_parameters, time_blocks
-from beltcomm.fit.segment import stretches
+from beltcomm.fit.segment import segments
 from beltcomm.laboratory.hints import BY_CHANCE, explained_stretch, likeliest
 from identify.records import NOISE_NM, STEP_RAD, Recorder, true_model
 from truth.rigs import draw
@@ -25,7 +25,7 @@ def test_only_explained_moments_count(share: float) -> None:
     record = Recorder().shaken(plant, 0.3, 2)
     assert record.cart_position_m is not None
     stretch = model["transmission.ratio"] * (record.position - record.position[0]) - (record.cart_position_m - record.cart_position_m[0])
-    (piece,) = stretches(record, model, STEP_RAD, NOISE_NM, fitted=True)
+    (piece,) = segments(record, model, STEP_RAD, NOISE_NM, fitted=True)
     assert len(piece.position) == len(stretch)
     blocks = time_blocks([piece], BLOCK_S)
     ends = {}
@@ -55,7 +55,7 @@ def test_a_record_at_one_place_says_how_stiff_the_belt_is_there(factor: float, s
         },
     )
     soft = model.with_values({"belt_stiffness.stiffness": model["belt_stiffness.stiffness"] / factor})
-    pieces = stretches(part, soft, STEP_RAD, NOISE_NM, fitted=True)
+    pieces = segments(part, soft, STEP_RAD, NOISE_NM, fitted=True)
     found = likeliest(cast("Fitted", SimpleNamespace(model=soft)), pieces[0])
     if not seen:
         assert found is None

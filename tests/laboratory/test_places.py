@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from beltcomm.fit.segment import Stretch
+from beltcomm.fit.segment import Segment
 from beltcomm.laboratory.compare import Comparison, worst
 from beltcomm.laboratory.place_words import in_words
 from beltcomm.laboratory.places import worst_places
@@ -41,7 +41,7 @@ def judged(missing: Any, seconds: float = 40.0, units: Units | None = None) -> l
     motion = FineMotion(angle, speed / RATIO, n, SAMPLE_S, 1, 0.0)
     load = 0.1 * np.sign(speed) + 0.05 * np.sin(time)
     white_noise: Any = Plain()
-    piece = Stretch("sweep", False, angle, load, motion, np.ones(n, dtype=bool), NOISE, 0.0, 0.0, white_noise)
+    piece = Segment("sweep", False, angle, load, motion, np.ones(n, dtype=bool), NOISE, 0.0, 0.0, white_noise)
     return [Judged(piece, torque / NOISE, torque, RATIO, torque, units or Units())]
 
 

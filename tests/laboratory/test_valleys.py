@@ -70,7 +70,7 @@ def test_only_a_bad_end_is_looked_at_again_and_only_a_better_one_is_taken(
         asked.append(before)
         return fitted(before.objective - fall, before.held_objective - held_fall)
 
-    monkeypatch.setattr(diagnosis, "out_of_valley", other)
+    monkeypatch.setattr(diagnosis, "escape_local_minimum", other)
     data: Any = SimpleNamespace()
     assert (beyond(data, fitted(level * 10_000, 2000.0)) is not None) is taken
     assert len(asked) == (level > 1.3), "a machine that is found right loses no time"

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from beltcomm.effects import EFFECTS as CATALOGUE
 from beltcomm.fit.noise_path import way
-from beltcomm.fit.observer import Follower, Seen, innovations, learned, unlearned
-from beltcomm.fit.segment import Stretch, grouped
+from beltcomm.fit.observer import Observer, Seen, innovations, tuned, untuned
+from beltcomm.fit.segment import Segment, grouped
 from beltcomm.fit.whitening import whitener
 from beltcomm.model import Model, build_model
 from beltcomm.simulate.inverse import (
@@ -110,7 +110,7 @@ def shorter(motion: FineMotion, samples: int) -> FineMotion:
     return replace(motion, theta=motion.theta[:fine].copy(), omega=motion.omega[:fine].copy(), samples=samples)
 
 
-def observers(axis: Model, motions: list[FineMotion]) -> list[Follower]:
+def observers(axis: Model, motions: list[FineMotion]) -> list[Observer]:
     """Before they have learned, one for each motion, all a little different."""
     found = []
     for number, motion in enumerate(motions):
@@ -118,20 +118,20 @@ def observers(axis: Model, motions: list[FineMotion]) -> list[Follower]:
         keep = np.ones(motion.samples, dtype=np.bool_)
         keep[[0, 700, 701, -1]] = False
         keep[300 : 345 + number] = False  # long enough to forget where the carriage is
-        agitation = 0.01 + 0.002 * number
+        process_noise = 0.01 + 0.002 * number
         rounding = (1.0, 0.0) if number % 4 == 1 else (0.7, 0.1)
-        found.append(unlearned(axis, motion, torque, keep, 1e-4, 5e-3, rounding, 1e-5, agitation))
+        found.append(untuned(axis, motion, torque, keep, 1e-4, 5e-3, rounding, 1e-5, process_noise))
     return found
 
 
-def seen(observer: Follower) -> Seen:
+def seen(observer: Observer) -> Seen:
     """What it was worked out with."""
     return Seen(observer, observer.motion, observer.torque)
 
 
-def each_alone(observers_of: list[Follower]) -> list[Follower]:
+def each_alone(observers_of: list[Observer]) -> list[Observer]:
     """Learned one by one, so that none runs beside another."""
-    return [learned([one])[0] for one in observers_of]
+    return [tuned([one])[0] for one in observers_of]
 
 
 def same(found: Array, right: Array, name: str = "") -> None:
@@ -143,7 +143,7 @@ def test_stretches_behind_a_gap_are_followed_as_by_the_masked_kernel(more: tuple
     """Each its own length, motion and noise: what a lane learns, and what it then says of another model."""
     axis = model("backlash", *more)
     motions = [shorter(shaken(16 if i % 3 else 4, speed=0.02 * i), 1500 - 29 * i) for i in range(count)]
-    beside_each_other, alone = learned(observers(axis, motions)), each_alone(observers(axis, motions))
+    beside_each_other, alone = tuned(observers(axis, motions)), each_alone(observers(axis, motions))
     assert any(one.watch.lost.any() for one in alone)  # else the correction by contact is not tried
     assert all(one.watch.forgets.any() for one in alone)
     for one, other in zip(beside_each_other, alone, strict=True):
@@ -202,7 +202,7 @@ def test_every_effect_beyond_the_motor_runs_in_lock_step_as_by_the_masked_kernel
 @pytest.mark.parametrize("more", [(), ("tilt",)])
 def test_models_behind_one_observer_are_followed_as_by_the_masked_kernel(more: tuple[str, ...]) -> None:
     axis, motion = model("backlash", *more), shaken(16)
-    (one,) = learned(observers(axis, [motion]))
+    (one,) = tuned(observers(axis, [motion]))
     vectors = beside(axis, 11)
     for found, vector in zip(followed_beside(axis, motion, vectors, one.watch).T, vectors, strict=True):
         same(found, followed_beside(axis, motion, [vector], one.watch)[:, 0])
@@ -232,7 +232,7 @@ def test_columns_are_whitened_side_by_side_as_by_the_general_filter(shares: tupl
 
 def test_a_record_in_which_nothing_counts_leaves_nothing() -> None:
     motion = shaken(2)
-    still = Stretch("reversal", False, np.zeros(1500), np.zeros(1500), motion, np.zeros(1500, dtype=np.bool_), 5e-3, 1e-4, 0.0, group=4)
+    still = Segment("reversal", False, np.zeros(1500), np.zeros(1500), motion, np.zeros(1500, dtype=np.bool_), 5e-3, 1e-4, 0.0, group=4)
     assert still.grouped(np.zeros(0)).shape == (0,)
     assert still.grouped(np.zeros((0, 3))).shape == (0, 3)
 

@@ -7,7 +7,7 @@ import pytest
 
 from beltcomm.effects import EFFECTS, Effect, effect_named
 from beltcomm.fit.noise_path import MOTION, noise_path
-from beltcomm.fit.observer import follows
+from beltcomm.fit.observer import needs_observer
 from beltcomm.model import Model, build_model, effect_parameters
 from beltcomm.simulate.compose import states_of
 from beltcomm.simulate.forward import Simulated, State, at_rest, simulate_torque
@@ -64,8 +64,8 @@ def test_the_second_record_goes_on_where_the_first_ended(effect: Effect) -> None
     model, (first, second) = model_with(effect), torques()
     whole = run(model, np.concatenate([first, second]))
     ended = run(model, first)
-    gone_on = run(model, second, ended.end, FIRST * T)
-    apart = np.max(np.abs(gone_on.velocity_rad_s - whole.velocity_rad_s[FIRST:])) / np.max(np.abs(whole.velocity_rad_s))
+    resume_fit = run(model, second, ended.end, FIRST * T)
+    apart = np.max(np.abs(resume_fit.velocity_rad_s - whole.velocity_rad_s[FIRST:])) / np.max(np.abs(whole.velocity_rad_s))
     assert (apart > 1e-3) if carried(effect, "no") else (apart < 1e-9)
 
 
@@ -103,7 +103,7 @@ def test_a_record_begins_as_it_says(effect: Effect) -> None:
     rest = at_rest(model, AT_M)
     assert not rest.speeds.any()
     assert not rest.positions[len(model.bodies()) :].any(), "unloaded"
-    assert follows(model) == ("estimated" in starts)
+    assert needs_observer(model) == ("estimated" in starts)
     if "unloaded" in starts:
         level = ("coulomb" if effect.body == "motor" else "cart_friction") + ".level"
         theta = AT_M / RATIO + 3.0 * T / 20 * np.arange(400.0) * np.minimum(1.0, np.arange(400.0) / 200.0)
