@@ -140,8 +140,8 @@ def untuned(
     """The observer of a stretch for a model, before it is :func:`tuned`.   start_m : rms stretch of the belt at first, m.
 
     process_noise : by how much the speed of the carriage changes in each sample as no model tells, rms, as a share of that at which it
-    would swing through half the gap on its belt: in its gap it strikes rough ends at an angle, and rubs.   freedom_m : width of the gap, m, whose
-    freedom the carriage is given, whatever the model's; 0 for the model's own.
+    would swing through half the gap on its belt: in its gap it strikes rough ends at an angle, and rubs.
+    freedom_m : width of the gap, m, whose freedom the carriage is given, whatever the model's; 0 for the model's own.
     """
     ratio = model["transmission.ratio"]
     low, high = (float(end) * ratio for end in (motion.theta.min(), motion.theta.max()))
