@@ -26,7 +26,7 @@ def _checked_number(name: str, value: object, entry: Entry) -> float | int:
 
 @dataclass(frozen=True)
 class Instruments:
-    """What a real drive does to torque and angle beyond a pure delay, white noise and whole counts.
+    """Deviations of a real drive's torque and angle from a pure delay, white noise and whole counts, at the motor shaft.
 
     The torque goes: setpoint, ``setpoint_delay_s``, slope limit, setpoint filter, current loop, + process torque = acting torque; acting
     torque (or the command in front of the current loop), mean of a tick, late, filter and noise, steps = 6077h.

@@ -204,7 +204,7 @@ class Frame:
         )
 
     def _aftermath(self, error: BeltcommError) -> Mapping[str, str]:
-        """What a failed verb on a machine leaves behind; nothing where it has no folder yet, or a wrong word kept it from beginning."""
+        """State of drive and run folder after a failed command; empty without a run folder, or where a wrong option stopped it."""
         verb = self.words[0] if self.words else ""
         unbegun = error.exit_code == UsageError.exit_code and error.run is None
         if verb not in RECORDING or self.run is None or not self.run.is_dir() or unbegun:

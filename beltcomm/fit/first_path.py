@@ -60,7 +60,7 @@ def first_path(recording: Recording, start: Model, counts_per_rev: int) -> First
 
 
 def _least(recording: Recording, inertia_kg_m2: float, step_rad: float) -> float:
-    """What the right path leaves at least, (N m)²: noise of two neighbouring samples, and the rounding of the acceleration."""
+    """Least mean square that the right path leaves, (N m)² at the motor: noise of two neighbouring samples, rounded acceleration."""
     return 0.5 * (torque_noise([recording], 0.0) ** 2 + (inertia_kg_m2 * step_rad / recording.sample_period_s**2) ** 2)
 
 

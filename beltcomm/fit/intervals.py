@@ -81,7 +81,7 @@ _KNOWN: WeakKeyDictionary[Fitted, Model] = WeakKeyDictionary()
 
 @dataclass(frozen=True)
 class Information:
-    """What the data say of some parameters around a minimum, in units of ``scale``.
+    """Gradients and information of some parameters around a minimum, in units of ``scale``.
 
     names : of the parameters.   scores : gradient of each group, (groups, n).   pulls, parts : gradient, (records, n), and information,
     (records, n, n), of each record.   inverse : of the information of all, (n, n).   unknown : variance of what is told by nothing, (n, n).
@@ -211,7 +211,7 @@ def records_of(problem: Problem) -> NDArray[np.int64]:
 
 
 def without_each(told: Information) -> tuple[Array, Array]:
-    """What leaving out each record moves, (records, n), and its information carried to the parameters, (records, n, n)."""
+    """Shift of the parameters without each record, (records, n), in ``scale``, and its share of their variance, (records, n, n)."""
     whole = told.parts.sum(axis=0)
     moved = [inverse_of(whole - LEFT_OUT * part)[0] @ pull for part, pull in zip(told.parts, told.pulls, strict=True)]
     return np.array(moved), told.inverse @ told.parts @ told.inverse

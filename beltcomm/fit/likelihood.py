@@ -117,7 +117,7 @@ class Problem:
 
     @cached_property
     def bias(self) -> RoundingBias:
-        """What rounding alone adds to the squares, against the values of ``model``."""
+        """Expected share of the squares that the encoder's rounding adds, against the values of ``model``."""
         return RoundingBias(self._pieces, self.model)
 
     @property

@@ -127,7 +127,7 @@ class Nearby:
         return drops, powers
 
     def information(self, columns: Array) -> Array:
-        """What the records tell of amounts of columns beside everything fitted, weights as they stand, (n, k) -> (k, k)."""
+        """Information on amounts of columns beside everything fitted, weights as they stand, (n, k) -> (k, k)."""
         weighted, shared = columns * self.weights[:, None], self.weighted.transpose_times(columns)[self.used]
         return self._squares(weighted, columns, shared)[1]
 

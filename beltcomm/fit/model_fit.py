@@ -50,7 +50,7 @@ class ModelFit:
 
     @property
     def held_out_misfit(self) -> float | None:
-        """The same on held-out ones; None without any."""
+        """Mean square of the whitened residual on held-out records, 1 at the noise; None without any."""
         return None if self.fitted.held_ratio is None else self.fitted.held_ratio**2
 
     @property

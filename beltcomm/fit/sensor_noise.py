@@ -101,7 +101,7 @@ def _colour(sums: Array) -> float:
 
 
 def rest_of(recording: Recording, data: Data) -> Array | None:
-    """What a reading differs by from what the setpoint makes of it, (n,), N m; None without setpoint, or with gaps."""
+    """Torque reading less the reading predicted from the setpoint, (n,), N m at the motor; None without setpoint, or with gaps."""
     drive = data.path.drive
     if recording.torque_setpoint is None or drive is None or len(recording.gaps()):
         return None

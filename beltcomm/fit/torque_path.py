@@ -75,7 +75,7 @@ class Lag:
 
 @dataclass(frozen=True)
 class DriveLaw:
-    """What the drive makes of the setpoint.   delay : sampling periods, any number.   lags : one behind the other.   gain : N m/(N m).
+    """Law from torque setpoint to acting torque.   delay : sampling periods, any number.   lags : one behind the other.   gain : N m/(N m).
 
     delay_interval : half width at 95 %, periods; 0 for a whole delay, and where it is not known.
     """

@@ -13,7 +13,7 @@ Touch = Literal["inertia", "motor", "belt", "path", "all"]
 
 
 def touched_by(model: Model, name: str) -> Touch:
-    """What a parameter touches."""
+    """Part of the equation of motion in which a parameter stands."""
     if name == "motor.inertia":
         return "inertia"
     kinds: set[Touch] = set()

@@ -134,7 +134,7 @@ def read_frames(path: Path, channel: str | None = None) -> FrameLog:
 
 @dataclass
 class _Others:
-    """What a file holds beside frames that are read.   count : of them.   what : they are.   first : line, 0 when not known."""
+    """Lines of a file that are no frames to be read.   count : of them.   what : they are.   first : line, 0 when not known."""
 
     count: int = 0
     what: str = "lines that are no classic CAN frames"

@@ -69,7 +69,7 @@ class Step:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """What was found.   data : as the last model sees it.   twins : names between which the data cannot tell.
+    """Result of a search.   data : as the last model sees it.   twins : names between which the data cannot tell.
     scorer : at the base.   first : data as that sees them.   published : records and fit that the search began from, as they were shown."""
 
     base: Fitted

@@ -163,7 +163,7 @@ class Scorer:
                 yield some, np.concatenate(parts) * sizes
 
     def lines(self, effect: Effect, trials: Sequence[Trial]) -> Iterator[tuple[list[Trial], Array]]:
-        """The same for the lines of an encoder, by what they ask of the motor's inertia."""
+        """Scores of trials for the lines of an encoder, by the torque at the motor, N m, that they ask of its inertia."""
         key, inertia = effect.parameters[0].name, self.model["motor.inertia"]
         for trial in trials:
             sizes = [trial.values[name] for name in trial.amplitudes]

@@ -54,7 +54,7 @@ def diagnosis_data(found: Diagnosis, before: Plain, after: Plain) -> dict[str, A
 
 
 def error_data(fitted: Fitted, both: Plain) -> dict[str, Any]:
-    """What a model leaves over: over the noise, and in plain units, of the fitted records and of those held out."""
+    """Error of a model, over the noise and in plain units, on the fitted records and on those held out."""
     return {
         "ratio": fitted.ratio,
         "held_out": fitted.held_ratio,

@@ -74,7 +74,7 @@ def by_the_axis(problem: BeltcommError) -> bool:
 
 
 def early_end(folder: RunFolder, problem: BeltcommError, talk: Talk) -> Mapping[str, object] | None:
-    """What the complete records of a run show; None without any, or where the search was broken off.
+    """Diagnosis of the complete records of a run that ended early; None without any, or where the search was broken off.
 
     ``found``, ``check`` : sentences.   ``verdict``, ``named`` : of the search.   ``repeated`` : the session before ended with the same
     records, so that going on leads nowhere.   Searched once per set of records; whatever is wrong with the search, ``problem`` stands.
@@ -98,7 +98,7 @@ def early_end(folder: RunFolder, problem: BeltcommError, talk: Talk) -> Mapping[
         return told
     except KeyboardInterrupt:  # one who waits for nothing has still to hear why the session ended
         return None
-    except Exception as trouble:
+    except Exception as trouble:  # the error that ended the session must be shown, whatever is wrong with the search
         return {"found": f"cannot tell ({trouble})", "check": "", "verdict": "", "named": [], "repeated": False, **command}
 
 

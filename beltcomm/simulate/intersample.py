@@ -15,12 +15,12 @@ CELLS = 32
 
 @dataclass(frozen=True)
 class Intersample:
-    """What a torque is above its mean in each of :data:`CELLS` cells of every period, (n, CELLS), N m; the rows' means are 0."""
+    """Torque less its mean over the period, in each of :data:`CELLS` cells, (n, CELLS), N m at the motor; the rows' means are 0."""
 
     above: Array
 
     def part(self, rows: slice) -> Intersample:
-        """The same of some of the samples."""
+        """Some of the samples, as an own value."""
         return Intersample(self.above[rows])
 
     def cells(self, torque: Array, per_sample: int) -> Array:

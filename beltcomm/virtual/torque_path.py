@@ -234,7 +234,7 @@ def mean_torque(pieces: Iterable[tuple[float, float]]) -> float:
 
 
 def _cut(pieces: Pieces, end: float) -> Pieces:
-    """What lies in front of ``end``, a share of the tick."""
+    """Pieces in front of ``end``, a share of the tick."""
     found, begin = [], 0.0
     for torque_nm, share in pieces:
         if begin >= end:
