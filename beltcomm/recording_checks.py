@@ -14,6 +14,10 @@ Array = NDArray[np.float64]
 CLIPPED_SHARE = 0.02
 #: Fewer samples in a row at the end of the range are chance.
 CLIPPED_RUN = 3
+#: Chance of so many equal neighbours, under noise, from which a torque counts as cut off: far fewer than there are records.
+CHANCE = 1e-6
+#: Median deviation of normal noise over its standard deviation.
+MEDIAN_DEVIATION = 0.6745
 #: Share of a step below which time stamps differ by the rounding of their numbers.
 ROUNDING = 1e-5
 #: Deviations of a step from the median one that are no jitter.
@@ -83,7 +87,8 @@ def clipped_share(torque: Array, setpoint: Array | None, amplitude: float | None
         asked = np.minimum.reduce([np.roll(np.abs(setpoint), lag) for lag in range(3)])  # the torque follows 1 to 2 samples late
         beyond = float(np.mean(at_end & (asked > 1.02 * np.abs(torque))))
         # a setpoint that was cut off with it: noise that is everywhere but at the ends
-        silent = len(levels) > SWITCHED_LEVELS and _noise(torque, setpoint) > 3.0 * float(np.min(np.diff(levels)))
+        noise, step = _noise(torque, setpoint), float(np.min(np.diff(levels))) if len(levels) > 1 else math.inf
+        silent = len(levels) > SWITCHED_LEVELS and noise > 3.0 * step and not _by_chance(at_end, noise / step)
         return max(beyond, float(np.mean(at_end)) if silent else 0.0)
     if len(levels) <= SWITCHED_LEVELS:
         short = amplitude is not None and np.abs(torque).max() < 0.9 * amplitude
@@ -93,6 +98,12 @@ def clipped_share(torque: Array, setpoint: Array | None, amplitude: float | None
     jumps = np.abs(torque[entries + 1] - torque[entries])
     smallest = float(np.min(np.diff(levels)))
     return float(np.mean(at_end)) if len(entries) and np.median(jumps) > 3.0 * smallest else 0.0
+
+
+def _by_chance(at_end: NDArray[np.bool_], noise_steps: float) -> bool:
+    """Whether noise alone may put that many neighbours at one value.   noise_steps : median deviation, steps of the reading."""
+    equal = MEDIAN_DEVIATION / (noise_steps * math.sqrt(2.0 * math.pi))  # most probable value of normal noise, for one neighbour
+    return float(equal ** np.count_nonzero(at_end[1:] & at_end[:-1])) > CHANCE
 
 
 def _noise(torque: Array, setpoint: Array) -> float:
