@@ -53,7 +53,7 @@ def first_path(recording: Recording, start: Model, counts_per_rev: int) -> First
     step = 2.0 * math.pi / counts_per_rev
     if chain is None or _least(recording, start["motor.inertia"], step) >= (1.0 - EXPLAINED) * first.rest:
         return FirstPath(faithful, first.model)
-    others = _by_motion(chain.law) if commands(chain, [recording]) else splits(chain.law)
+    others = _by_motion(chain.law) if commands(chain, [recording]) else splits(chain.law, chain.at_end)
     trials = [(path, first_estimate([recording], start, counts_per_rev, path)) for path in others if path != faithful]
     path, best = min(trials, key=lambda trial: trial[1].rest, default=(faithful, first))
     return FirstPath(path, best.model) if _clearly(first, best) else FirstPath(faithful, first.model)

@@ -37,6 +37,8 @@ TIMES_S = (2e-4, 5e-4, 1e-3, 2e-3, 4e-3, 8e-3)
 LOOP_SHARES = (0.1, 0.25, 0.5, 1.0)
 #: Damping ratios of a current loop that are tried.
 DAMPING_RATIOS = (0.35, 0.5, 0.7, 1.0)
+#: Damping ratio from which on a filter of second order may be two of first.
+DAMPED = 0.9
 #: Step of ln(time constant) for the curvature of O.
 APART = 0.03
 #: Share of the values by the plain path that must count by another one.
@@ -80,12 +82,30 @@ def choose_path(data: Data, fitted: Fitted, start: Model, chain: ReadingFit | No
     if fitted.ratio <= GOOD and not shaped:
         return PathChoice(faithful, chain)
     lively = _liveliest(to_fit)
-    found = _best([(path, _tried(data, lively, start, path)) for path in splits(chain.law)], chain)
+    other = next((rival for rival in sorted(chain.rivals, key=lambda rival: rival.cost) if rival.at_end != chain.at_end), None)
+    ways = [path for one in (chain, other) if one is not None for law in _apart(one.law) for path in splits(law, one.at_end)]
+    if not any(path.reading.faithful for path in ways):
+        ways.append(faithful)
+    found = _best([(path, _tried(data, lively, start, path)) for path in ways], chain)
     return _best_shape(data, lively, found)
 
 
-def splits(law: DriveLaw) -> Iterator[TorquePath]:
-    """Every way to divide a chain between drive and reading; first the one that leaves the reading faithful."""
+def _apart(law: DriveLaw) -> list[DriveLaw]:
+    """The law, and the same with two filters of first order in place of a damped one of second: one of them may be the reading's."""
+    found = [law]
+    for place, lag in enumerate(law.lags):
+        if lag.kind == "second order" and lag.values[1] > DAMPED:
+            root = math.sqrt(max(lag.values[1] ** 2 - 1.0, 0.0))
+            two = tuple(Lag("first order", ((lag.values[1] + way * root) / (math.tau * lag.values[0]),)) for way in (1.0, -1.0))
+            found.append(replace(law, lags=(*law.lags[:place], *two, *law.lags[place + 1 :])))
+    return found
+
+
+def splits(law: DriveLaw, at_end: bool = False) -> Iterator[TorquePath]:
+    """Every way to divide a chain between drive and reading; first the one that leaves the reading faithful, if it can be.
+
+    at_end : whether the reading is the torque at the end of the period.
+    """
     whole = math.floor(law.delay + WHOLE)
     part = max(law.delay - whole, 0.0)
     delays = [(law.delay, 0.0)]
@@ -94,10 +114,10 @@ def splits(law: DriveLaw) -> Iterator[TorquePath]:
     if whole >= 1:
         delays.append((max(law.delay - 1.0, 0.0), 1.0))
     for before, late in delays:
-        for chosen in itertools.product((True, False), repeat=len(law.lags)):
+        for chosen in itertools.product(*(((True,) if lag.kind == "slew rate" else (True, False)) for lag in law.lags)):
             drive = tuple(lag for lag, own in zip(law.lags, chosen, strict=True) if own)
             reading = tuple(lag for lag, own in zip(law.lags, chosen, strict=True) if not own)
-            yield TorquePath(DriveLaw(before, drive, law.gain), ReadingLaw(late, reading))
+            yield TorquePath(DriveLaw(before, drive, law.gain), ReadingLaw(late, reading, at_end))
 
 
 def _best_shape(data: Data, recordings: Sequence[Recording], choice: PathChoice) -> PathChoice:
@@ -106,7 +126,8 @@ def _best_shape(data: Data, recordings: Sequence[Recording], choice: PathChoice)
     if drive is None or choice.fitted is None or choice.reading is None:
         return choice
     sample_s = recordings[0].sample_period_s
-    laws = [law for law in lookalikes(drive, choice.reading.rivals, sample_s) if law != drive]
+    same = [rival.law for rival in choice.reading.rivals if rival.at_end == choice.path.reading.at_end]
+    laws = [law for law in lookalikes(drive, same, sample_s) if law != drive]
     best, path = choice.fitted, choice.path
     for law in laws:
         trial = replace(choice.path, drive=law)
@@ -130,7 +151,7 @@ def lookalikes(law: DriveLaw, rivals: Sequence[DriveLaw], sample_s: float) -> li
     more or less damping; and what else explains the reading nearly as well.
     """
     found = [rival for rival in rivals if len(rival.lags) <= max(len(law.lags), 1)]
-    if len(law.lags) <= 1 and not any(lag.kind == "sampled" for lag in law.lags):
+    if len(law.lags) <= 1 and not any(lag.kind in ("sampled", "slew rate") for lag in law.lags):
         whole = math.floor(law.delay + WHOLE)
         late_s = law.delay_s(sample_s) - whole * sample_s
         if late_s > WHOLE * sample_s:

@@ -1,18 +1,21 @@
 """The values of a torque path by what the motion says of them, beside what setpoint and reading said.
 
-    δ = (H + P⁻¹)⁻¹ H δ_m,     δ_m : what the motion alone asks for, H its information beside everything fitted, P from the reading
+    (H + P) δ = H δ_m + p,     δ_m : what the motion alone asks for, H its information beside everything fitted;
+                               P, p : information and pull of the reading, r = reading - prediction
 
 A current loop's shape inside the sampling period hardly shows in the means that are read, and much in the inertia.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.fit.estimate import Fitted, fit
+from beltcomm.fit.noise_level import robust_rms, torque_step
+from beltcomm.fit.reading_fit import NORMAL_95, TAPS, WHOLE, colour_of, lively_pairs, whitened_row
 from beltcomm.fit.records import Data, made
 from beltcomm.fit.torque_path import Lag, TorquePath
 from beltcomm.simulate.inverse import acting_torque, true_motion
@@ -21,8 +24,8 @@ Array = NDArray[np.float64]
 
 #: Rounds; relative step of a difference; largest relative change at a time; fall of O that is worth a round, nats; iterations of its fit.
 ROUNDS, STEP, MOST, WORTH, ITERATIONS = 3, 0.02, 0.4, 10.0, 6
-#: What the reading's interval is taken for beyond itself, and share of a value that it is known to at least where there is none.
-DOUBT, UNKNOWN = 3.0, 1.0
+#: Share of a value that it is known to at least.
+UNKNOWN = 1.0
 
 
 def refine_path(data: Data, fitted: Fitted) -> tuple[Data, Fitted]:
@@ -34,20 +37,30 @@ def refine_path(data: Data, fitted: Fitted) -> tuple[Data, Fitted]:
         columns = _columns(data, fitted, values)
         if columns is None:
             break
-        near = fitted.nearby.best(columns=columns)
+        near, told = fitted.nearby.best(columns=columns), by_reading(data, values)
         known = fitted.nearby.information(columns)
-        prior = np.diag(1.0 / np.maximum(_deviations(data.path, values), 1e-12) ** 2)
-        step = np.linalg.solve(known + prior + 1e-12 * np.diag(np.diag(known + prior)), known @ near.amounts)
+        step = np.linalg.solve(known + told.information, known @ near.amounts + told.pull)
         step = np.clip(step, -MOST * values, MOST * values)
         path = _with_values(data.path, values + step)
         same = (data.noise_nm, data.step_rad, _shares(data), data.substeps, path, data.reversals, data.colour)
         ahead = made(data.recordings, fitted.model, *same)
         better = fit(ahead, fitted.model, ITERATIONS, offsets=fitted.offsets)
-        gain = _level(fitted) - _level(better)
-        if gain * fitted.problem.samples < WORTH:
+        gain = (_level(fitted) - _level(better)) * fitted.problem.samples
+        if gain + told.squares - by_reading(ahead, values + step).squares < WORTH:
             break
         data, fitted = ahead, better
-    return data, fitted
+    return _with_half_widths(data, fitted), fitted
+
+
+def _with_half_widths(data: Data, fitted: Fitted) -> Data:
+    """The records by a path whose values have their intervals, from motion and reading beside everything fitted."""
+    values = _values(data.path)
+    columns = _columns(data, fitted, values) if len(values) else None
+    if columns is None:
+        return data
+    known = fitted.nearby.information(columns) + by_reading(data, values).information
+    halves = NORMAL_95 * np.sqrt(np.maximum(np.diag(np.linalg.pinv(known, hermitian=True)), 0.0))
+    return replace(data, path=_with_values(data.path, values, halves))
 
 
 def with_doubt(data: Data, fitted: Fitted) -> Fitted:
@@ -55,8 +68,38 @@ def with_doubt(data: Data, fitted: Fitted) -> Fitted:
     values = _values(data.path)
     columns = _columns(data, fitted, values) if len(values) else None
     if columns is not None and np.any(columns):
-        fitted.problem.path_doubt = columns, np.diag(1.0 / np.maximum(_deviations(data.path, values), 1e-12) ** 2)
+        fitted.problem.path_doubt = columns, by_reading(data, values).information
     return fitted
+
+
+@dataclass(frozen=True)
+class ByReading:
+    """What setpoint and reading say of a path's values: information, (k, k), pull, (k,), and the squares left, in units of the noise."""
+
+    information: Array
+    pull: Array
+    squares: float
+
+
+def by_reading(data: Data, values: Array) -> ByReading:
+    """Of the path of some records; next to nothing where its reading is the command, or without a setpoint."""
+    path, hardly = data.path, np.diag(1.0 / (UNKNOWN * values) ** 2)
+    pairs, sample_s = lively_pairs([r for r in data.recordings if not r.sidecar.held_out])
+    if path.drive is None or path.commanded or not pairs:
+        return ByReading(hardly, np.zeros(len(values)), 0.0)
+
+    def rest_at(place: Array, colour: float = 0.0) -> Array:
+        trial = _with_values(path, place)
+        assert trial.drive is not None
+        rests = [reading - trial.reading.read(trial.drive.cells(setpoint, sample_s), sample_s) for setpoint, reading in pairs]
+        return np.concatenate([whitened_row(rest - rest.mean(), colour)[TAPS:] for rest in rests])
+
+    colour = colour_of([rest_at(values)])
+    rest = rest_at(values, colour)
+    noise = robust_rms(rest, torque_step(np.concatenate([reading for _, reading in pairs])))
+    steps = STEP * values
+    slopes = np.column_stack([(rest_at(values + step, colour) - rest) / np.sum(step) for step in np.diag(steps)]) / noise
+    return ByReading(slopes.T @ slopes + hardly, -slopes.T @ rest / noise, float(rest @ rest) / noise**2)
 
 
 def _level(fitted: Fitted) -> float:
@@ -72,20 +115,18 @@ def _lags(path: TorquePath) -> tuple[Lag, ...]:
 
 
 def _values(path: TorquePath) -> Array:
-    """Values of all filters of the drive, then of the reading, then the loop's that no setpoint shows, (k,)."""
+    """Values of all filters of the drive, then of the reading, then delays that are not whole, then the loop's that no setpoint shows."""
     own = [value for lag in _lags(path) for value in lag.values]
+    own += [delay for delay in _delays(path) if abs(delay - round(delay)) > WHOLE]
     return np.array([*own, *([path.loop_s] if path.loop_s > 0.0 else [])])
 
 
-def _deviations(path: TorquePath, values: Array) -> Array:
-    """How well the reading knows them, one standard deviation, (k,)."""
-    own = [half for lag in _lags(path) for half in (lag.intervals or (0.0,) * len(lag.values))]
-    half = np.array([*own, *([0.0] if path.loop_s > 0.0 else [])])
-    return np.where(half > 0.0, DOUBT * half / 2.0, UNKNOWN * values)
+def _delays(path: TorquePath) -> tuple[float, float]:
+    return path.drive.delay if path.drive is not None else 0.0, path.reading.late
 
 
-def _with_values(path: TorquePath, values: Array) -> TorquePath:
-    """The path with other values."""
+def _with_values(path: TorquePath, values: Array, halves: Array | None = None) -> TorquePath:
+    """The path with other values.   halves : of their intervals at 95 %; None leaves those that it has."""
     place = 0
 
     def lags(of: tuple[Lag, ...]) -> tuple[Lag, ...]:
@@ -93,12 +134,19 @@ def _with_values(path: TorquePath, values: Array) -> TorquePath:
         found = []
         for lag in of:
             own = tuple(float(v) for v in values[place : place + len(lag.values)])
+            known = lag.intervals if halves is None else tuple(float(h) for h in halves[place : place + len(lag.values)])
             place += len(lag.values)
-            found.append(replace(lag, values=(min(own[0], 1.0),) if lag.kind == "sampled" else own))
+            found.append(replace(lag, values=(min(own[0], 1.0),) if lag.kind == "sampled" else own, intervals=known))
         return tuple(found)
 
     drive = None if path.drive is None else replace(path.drive, lags=lags(path.drive.lags))
     reading = replace(path.reading, lags=lags(path.reading.lags))
+    delay, late = _delays(path)
+    if drive is not None and abs(delay - round(delay)) > WHOLE:
+        half = drive.delay_interval if halves is None else float(halves[place])
+        drive, place = replace(drive, delay=float(values[place]), delay_interval=half), place + 1
+    if abs(late - round(late)) > WHOLE:
+        reading, place = replace(reading, late=float(values[place])), place + 1
     return replace(path, drive=drive, reading=reading, loop_s=float(values[place]) if path.loop_s > 0.0 else 0.0)
 
 

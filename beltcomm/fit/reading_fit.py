@@ -1,6 +1,6 @@
 """How a torque reading follows its setpoint: the chain of drive and reading together, by least squares; nobody asks the motion here.
 
-reading[n] = g R(setpoint)[n] + offset + noise,   R : a delay and up to two filters
+reading[n] = g R(setpoint)[n] + offset + noise,   R : a delay and up to two filters, mean over a period or value at its end
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from beltcomm.fit.torque_path import DriveLaw, Kind, Lag
+from beltcomm.fit.torque_path import DriveLaw, Kind, Lag, torque_at
 from beltcomm.recording import Recording
 
 Array = NDArray[np.float64]
@@ -28,12 +28,24 @@ CHAINS: tuple[tuple[Kind, ...], ...] = (
     ("sampled",),
     ("first order",),
     ("second order",),
+    ("slew rate",),
     ("sampled", "sampled"),
     ("first order", "sampled"),
+    ("first order", "first order"),
     ("second order", "sampled"),
+    ("slew rate", "first order"),
+    ("slew rate", "sampled"),
 )
-#: Chains of one filter, which come first: all of them are held against each other.
-SINGLE = 3
+#: The same where the reading is the torque at the end of the period.
+AT_END: tuple[tuple[Kind, ...], ...] = (
+    ("first order",),
+    ("second order",),
+    ("slew rate",),
+    ("sampled", "first order"),
+    ("first order", "first order"),
+    ("second order", "first order"),
+    ("slew rate", "first order"),
+)
 #: Cells of a period here.
 COARSE = 8
 #: Periods of delay at most; taps of the free response that a chain is held against.
@@ -55,8 +67,8 @@ COMMAND = 1e-4
 class ReadingFit:
     """law : of drive and reading together, with intervals.   rest_nm : rms it leaves, N m.   cost : -2 ln L with ln N for each value.
 
-    samples : N, how many were looked at.   values : how many were found.   rivals : chains of as many filters or fewer that explain the
-    reading nearly as well.
+    samples : N, how many were looked at.   values : how many were found.   at_end : whether the reading is the torque at the end of the
+    period.   rivals : others that explain the reading nearly as well.
     """
 
     law: DriveLaw
@@ -64,35 +76,46 @@ class ReadingFit:
     cost: float
     samples: int
     values: int
-    rivals: tuple[DriveLaw, ...] = ()
+    at_end: bool = False
+    rivals: tuple[ReadingFit, ...] = ()
 
 
 def fit_reading(recordings: Sequence[Recording]) -> ReadingFit | None:
     """The chain that explains the readings best; None where no setpoint changes."""
-    pairs, sample_s = _pieces(recordings)
+    pairs, sample_s = lively_pairs(recordings)
     if not pairs:
         return None
     free, colour = _free_rest(pairs)
+    best = _best_chain(pairs, sample_s, free, colour)
+    if best is not None and any(lag.kind == "slew rate" for lag in best.law.lags):  # no response, however free, knows one
+        best = _best_chain(pairs, sample_s, 0.0, _colour_beside(best, pairs, sample_s), "slew rate")
+    return best
+
+
+def _best_chain(pairs: Sequence[Pair], sample_s: float, free: float, colour: float, first: Kind | None = None) -> ReadingFit | None:
+    """The chain that explains pairs best.   free : what a free response leaves, N m rms.   colour : of the noise.   first : known."""
     best = _fitted(pairs, sample_s, (), colour)
     if best is None:
         return None
     enough = free * math.exp(0.5 * (TAPS * math.log(best.samples) + CLEAR) / best.samples)
-    if best.rest_nm <= enough and abs(best.law.delay - round(best.law.delay)) <= WHOLE:
+    if free <= best.rest_nm <= enough and abs(best.law.delay - round(best.law.delay)) <= WHOLE:
         return best
     every = [best]
-    for chains in (CHAINS[:SINGLE], CHAINS[SINGLE:]):  # a second filter must be clearly better than one, but not one than another
-        found = [one for chain in chains if (one := _fitted(pairs, sample_s, chain, colour)) is not None]
+    for number in (1, 2):  # a second filter must be clearly better than one, but not one than another
+        chains = [(chain, at_end) for at_end, some in ((False, CHAINS), (True, AT_END)) for chain in some if len(chain) == number]
+        chains = [(chain, at_end) for chain, at_end in chains if first in (None, chain[0])]
+        found = [one for chain, at_end in chains if (one := _fitted(pairs, sample_s, chain, colour, at_end)) is not None]
         every += found
-        better = min(found, key=lambda one: one.cost + CLEAR * one.values, default=best)  # what more values do must be clear
+        # What more values do must be clear, and a held torque behind a filter is at the end what one of the samples is in the mean.
+        better = min(found, key=lambda one: one.cost + CLEAR * (one.values + one.at_end), default=best)
         if better.cost < best.cost - CLEAR:
             best = better
-        if best.rest_nm <= enough:
+        if free <= best.rest_nm <= enough:  # less than a response of finite length leaves is a slower filter's
             break
-    rivals = tuple(one.law for one in every if one is not best and one.cost < best.cost + NEARLY)
-    return replace(best, rivals=rivals)
+    return replace(best, rivals=tuple(one for one in every if one is not best and one.cost < best.cost + NEARLY))
 
 
-def _pieces(recordings: Sequence[Recording]) -> tuple[list[Pair], float]:
+def lively_pairs(recordings: Sequence[Recording]) -> tuple[list[Pair], float]:
     """Gapless pieces of setpoint and reading, the liveliest first, all of one sampling period, s."""
     found: list[tuple[float, float, Array, Array]] = []
     for recording in recordings:
@@ -123,36 +146,50 @@ def _law(chain: tuple[Kind, ...], x: Array, sample_s: float) -> DriveLaw:
         elif kind == "first order":
             lags.append(Lag(kind, (sample_s * math.exp(x[place]),)))
             place += 1
+        elif kind == "slew rate":
+            lags.append(Lag(kind, (math.exp(x[place]) / sample_s,)))
+            place += 1
         else:
             lags.append(Lag(kind, (math.exp(x[place]) / sample_s, math.exp(x[place + 1]))))
             place += 2
     return DriveLaw(float(x[0]), tuple(lags))
 
 
-def _start(chain: tuple[Kind, ...]) -> list[tuple[float, float, float]]:
+def _start(chain: tuple[Kind, ...], pairs: Sequence[Pair]) -> list[tuple[float, float, float]]:
     """Value to begin with and bounds, of each value of a chain."""
+    steepest = max(float(np.abs(np.diff(reading)).max()) for _, reading in pairs)
     bounds: list[tuple[float, float, float]] = []
     for number, kind in enumerate(chain):
         if kind == "sampled":
             bounds.append(((0.5, -0.5)[number], -5.0, 7.0))
         elif kind == "first order":
-            bounds.append((-0.7, -4.0, 4.0))
+            bounds.append(((-0.7, 0.2)[number], -4.0, 4.0))
+        elif kind == "slew rate":  # the steepest reading is that limit, with noise
+            bounds.append((math.log(0.9 * steepest), math.log(0.2 * steepest), math.log(2.0 * steepest)))
         else:
             bounds += [(-0.7, -4.0, 1.5), (-0.4, -2.3, 1.1)]
     return bounds
 
 
-def _fitted(pairs: Sequence[Pair], sample_s: float, chain: tuple[Kind, ...], colour: float = 0.0) -> ReadingFit | None:
+def _shown(law: DriveLaw, setpoint: Array, sample_s: float, at_end: bool) -> Array:
+    """Reading without noise, (n,), N m, of gain 1."""
+    cells = law.cells(setpoint, sample_s, COARSE)
+    return torque_at(cells, 1.0) if at_end else np.asarray(cells.mean(axis=1))
+
+
+def _fitted(
+    pairs: Sequence[Pair], sample_s: float, chain: tuple[Kind, ...], colour: float = 0.0, at_end: bool = False
+) -> ReadingFit | None:
     """The best values of a chain, from every whole delay.   colour : of the noise, by which all is whitened."""
-    begin = _start(chain)
+    begin = _start(chain, pairs)
     samples = sum(len(setpoint) for setpoint, _ in pairs)
     skip = math.ceil(LONGEST_DELAY)
 
-    read = np.concatenate([_white(reading, colour)[skip:] for _, reading in pairs])
+    read = np.concatenate([whitened_row(reading, colour)[skip:] for _, reading in pairs])
 
     def left(x: Array) -> tuple[Array, float]:
         law = _law(chain, x, sample_s)
-        shown = np.concatenate([_white(law.cells(setpoint, sample_s, COARSE).mean(axis=1), colour)[skip:] for setpoint, _ in pairs])
+        shown = np.concatenate([whitened_row(_shown(law, setpoint, sample_s, at_end), colour)[skip:] for setpoint, _ in pairs])
         shown_0, read_0 = shown - shown.mean(), read - read.mean()
         gain = float(shown_0 @ read_0) / max(float(shown_0 @ shown_0), 1e-300)
         return read_0 - gain * shown_0, gain
@@ -189,7 +226,7 @@ def _fitted(pairs: Sequence[Pair], sample_s: float, chain: tuple[Kind, ...], col
     if gain <= 0.0:
         return None
     law = _with_intervals(_law(chain, best[1], sample_s), _deviations(rest_at, best[1], rest))
-    return ReadingFit(replace(law, gain=gain), float(np.sqrt(np.mean(rest**2))), best[0], samples, best[2])
+    return ReadingFit(replace(law, gain=gain), float(np.sqrt(np.mean(rest**2))), best[0], samples, best[2], at_end)
 
 
 def _deviations(rest_at: Callable[[Array], Array], x: Array, rest: Array) -> Array:
@@ -216,7 +253,20 @@ def _with_intervals(law: DriveLaw, deviations: Array) -> DriveLaw:
     return replace(law, lags=tuple(lags), delay_interval=float(NORMAL_95 * deviations[0]))
 
 
-def _white(row: Array, colour: float) -> Array:
+def _colour_beside(found: ReadingFit, pairs: Sequence[Pair], sample_s: float) -> float:
+    """Colour of what a law leaves."""
+    rests = [reading - _shown(found.law, setpoint, sample_s, found.at_end) for setpoint, reading in pairs]
+    return colour_of([rest - rest.mean() for rest in rests])
+
+
+def colour_of(rests: Sequence[Array]) -> float:
+    """Correlation of neighbours; 0 where it is hardly any."""
+    power = sum(float(rest @ rest) for rest in rests)
+    found = sum(float(rest[1:] @ rest[:-1]) for rest in rests) / power if power > 0.0 else 0.0
+    return min(found, MOST_COLOUR) if found > LEAST_COLOUR else 0.0
+
+
+def whitened_row(row: Array, colour: float) -> Array:
     """A row whose noise has a colour, its noise white: x[n] - ρ x[n-1]."""
     return row if colour == 0.0 else row - colour * np.concatenate((row[:1], row[:-1]))
 
@@ -225,15 +275,11 @@ def _free_rest(pairs: Sequence[Pair]) -> tuple[float, float]:
     """rms of what a response with :data:`TAPS` free values leaves, white, N m, and its colour."""
     colour = 0.0
     for _ in range(2):
-        rows = [
-            np.stack([_white(setpoint, colour)[TAPS - k : len(setpoint) - k] for k in range(TAPS + 1)], axis=1) for setpoint, _ in pairs
-        ]
-        read = np.concatenate([_white(reading, colour)[TAPS:] for _, reading in pairs])
+        white = [whitened_row(setpoint, colour) for setpoint, _ in pairs]
+        rows = [np.stack([row[TAPS - k : len(row) - k] for k in range(TAPS + 1)], axis=1) for row in white]
+        read = np.concatenate([whitened_row(reading, colour)[TAPS:] for _, reading in pairs])
         regressor = np.column_stack((np.concatenate(rows), np.ones(len(read))))
         rest = read - regressor @ np.linalg.lstsq(regressor, read, rcond=None)[0]
-        power = float(rest @ rest)
-        found = float(rest[1:] @ rest[:-1]) / power if power > 0.0 else 0.0
-        if colour > 0.0 or found < LEAST_COLOUR:
+        if colour > 0.0 or (colour := colour_of([rest])) == 0.0:
             break
-        colour = min(found, MOST_COLOUR)
     return float(np.sqrt(np.mean(rest**2))), colour

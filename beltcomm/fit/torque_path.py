@@ -22,17 +22,19 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from beltcomm.compiled import compiled
 from beltcomm.simulate.intersample import CELLS, Intersample
 
 Array = NDArray[np.float64]
-#: A filter: of the drive's samples, or of continuous time and of first or second order, as a current loop is.
-Kind = Literal["sampled", "first order", "second order"]
+#: A filter: of the drive's samples, or of continuous time and of first or second order, as a current loop is; or a limit of the slew rate.
+Kind = Literal["sampled", "first order", "second order", "slew rate"]
 
-#: Values of each kind: share that is new in each sample (0 to 1), time constant s, natural frequency Hz and damping ratio.
+#: Values of each kind: share that is new in each sample (0 to 1), time constant s, natural frequency Hz and damping ratio, N m/s at most.
 VALUES: Mapping[Kind, tuple[str, ...]] = {
     "sampled": ("share",),
     "first order": ("time_s",),
     "second order": ("frequency_hz", "damping_ratio"),
+    "slew rate": ("limit_nm_s",),
 }
 #: Deviation from its mean below which a torque is held, as a share of the largest mean.
 HELD = 1e-6
@@ -40,7 +42,9 @@ HELD = 1e-6
 
 @dataclass(frozen=True)
 class Lag:
-    """A filter of the torque, 1 for a slow one.   values : see :data:`VALUES`.   intervals : half widths at 95 %, () where not known."""
+    """A filter of the torque, 1 for a slow one, or a limit of its slew rate.
+
+    values : see :data:`VALUES`.   intervals : half widths at 95 %, () where not known."""
 
     kind: Kind
     values: tuple[float, ...]
@@ -55,6 +59,8 @@ class Lag:
             before = (1.0 - share) * cells[:1]
             return np.asarray(lfilter([share], [1.0, share - 1.0], cells, axis=0, zi=before)[0])
         u, h = cells.reshape(-1), sample_s / cells.shape[1]
+        if self.kind == "slew rate":
+            return np.asarray(_slewed(np.ascontiguousarray(u), self.values[0] * h).reshape(cells.shape))
         if self.kind == "first order":
             keeps = math.exp(-h / self.values[0])
             ends = lfilter([1.0 - keeps], [1.0, -keeps], u, zi=[keeps * u[0]])[0]
@@ -68,6 +74,8 @@ class Lag:
 
     def delay_s(self, sample_s: float) -> float:
         """Delay of a slow torque, s."""
+        if self.kind == "slew rate":
+            return 0.0
         if self.kind == "sampled":
             return sample_s * (1.0 / self.values[0] - 1.0)
         return self.values[0] if self.kind == "first order" else 2.0 * self.values[1] / (math.tau * self.values[0])
@@ -102,22 +110,29 @@ class DriveLaw:
 
 @dataclass(frozen=True)
 class ReadingLaw:
-    """How the reading follows the acting torque.   late : sampling periods, 0 and more.   lags : one behind the other."""
+    """How the reading follows the acting torque.   late : sampling periods, 0 and more.   lags : one behind the other.
+
+    at_end : whether it is the torque at the end of the period, else its mean over the period.
+    """
 
     late: float = 0.0
     lags: tuple[Lag, ...] = ()
+    at_end: bool = False
 
     @property
     def faithful(self) -> bool:
         """Whether the reading is the mean of the torque that acted from its sample to the next."""
-        return self.late == 0.0 and not self.lags
+        return self.late == 0.0 and not self.lags and not self.at_end
 
     def read(self, cells: Array, sample_s: float) -> Array:
         """The reading without noise, (n,), N m, of a torque, mean over each cell of every period, (n, cells)."""
         for lag in self.lags:
             cells = lag.filtered(cells, sample_s)
-        means, whole = cells.mean(axis=1), math.floor(self.late)
+        whole = math.floor(self.late)
         part = self.late - whole
+        if self.at_end:
+            return _later(torque_at(cells, 1.0 - part), whole)
+        means = cells.mean(axis=1)
         return np.asarray((1.0 - part) * _later(means, whole) + part * _later(means, whole + 1))
 
     def delay_s(self, sample_s: float) -> float:
@@ -201,7 +216,7 @@ def path_to_dict(path: TorquePath) -> dict[str, Any]:
             "lags": lags(drive),
             "gain": float(drive.gain),
         },
-        "reading": {"late": float(path.reading.late), "lags": lags(path.reading)},
+        "reading": {"late": float(path.reading.late), "lags": lags(path.reading), "at_end": path.reading.at_end},
         "commanded": path.commanded,
         "acts": float(path.acts),
         "loop_s": float(path.loop_s),
@@ -224,7 +239,7 @@ def path_from_dict(data: Mapping[str, Any]) -> TorquePath:
     law = None
     if drive is not None:
         law = DriveLaw(float(drive["delay"]), lags(drive), float(drive["gain"]), float(drive["delay_interval"]))
-    reading = ReadingLaw(float(data["reading"]["late"]), lags(data["reading"]))
+    reading = ReadingLaw(float(data["reading"]["late"]), lags(data["reading"]), bool(data["reading"]["at_end"]))
     rivals = tuple(path_from_dict(rival) for rival in data["rivals"])
     return TorquePath(law, reading, bool(data["commanded"]), float(data["acts"]), float(data["loop_s"]), rivals)
 
@@ -248,9 +263,33 @@ def _behind_loop(means: Array, time_s: float, sample_s: float) -> Array:
     return np.asarray((begins - held)[:, None] * (falling - share))
 
 
+def torque_at(cells: Array, share: float) -> Array:
+    """Torque at a share of every period, (n,), N m, from its mean over each cell, (n, cells): of the parabola through three of them."""
+    row, number = cells.reshape(-1), cells.shape[1]
+    edges = np.arange(len(cells)) * number + round(share * number)  # the cell that begins there
+    last = np.maximum(edges - 1, 0)
+    return np.asarray((11.0 * row[last] - 7.0 * row[np.maximum(last - 1, 0)] + 2.0 * row[np.maximum(last - 2, 0)]) / 6.0)
+
+
 def _later(row: Array, samples: int) -> Array:
     """The row so many samples later, its first value before."""
     return np.concatenate((np.full(samples, row[0]), row[: len(row) - samples])) if samples else row
+
+
+@compiled
+def _slewed(u: Array, most: float) -> Array:
+    """Mean over each cell of a torque that follows u, (n,), and changes by at most so much a cell."""
+    out, y = np.empty_like(u), u[0]
+    for i in range(len(u)):
+        ahead = u[i] - y
+        if abs(ahead) <= most:  # there within the cell, after the share |ahead|/most of it
+            out[i] = y + ahead * (1.0 - 0.5 * abs(ahead) / most)
+            y = u[i]
+        else:
+            step = most if ahead > 0.0 else -most
+            out[i] = y + 0.5 * step
+            y += step
+    return out
 
 
 def _held_second_order(poles: tuple[complex, complex], h: float) -> tuple[Array, Array]:

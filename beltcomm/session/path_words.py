@@ -84,6 +84,8 @@ def _drive_words(drive: DriveLaw, sample_s: float) -> list[str]:
             )
         elif lag.kind == "first order":
             said.append(f"the current loop takes {_time(lag, sample_s)}")
+        elif lag.kind == "slew rate":
+            said.append(f"the drive changes the torque by at most {_number(lag.values[0], _interval(lag, 0))} N m/s")
         elif lag.values[0] < _AT_ONCE:
             said.append(f"the drive filters the torque setpoint with {_time(lag, sample_s)}")
     return said

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from beltcomm.fit.reading_fit import ReadingFit, fit_reading
+from beltcomm.fit.torque_path import ReadingLaw
 from beltcomm.recording import Recording
 from beltcomm.sidecar import Sidecar
 from fit.drives import behind, first_order, held, second_order, smoothed
@@ -74,10 +75,36 @@ def test_a_current_loop_of_second_order_is_found(setpoint: np.ndarray) -> None:
 
 def test_two_filters_behind_one_another_are_found_by_what_they_do(setpoint: np.ndarray) -> None:
     course = behind(held(smoothed(setpoint, 0.5), 1.0), SAMPLE_S, *first_order(2e-3)).mean(axis=1)
-    law = found_of(setpoint, course).law
-    off = law.cells(setpoint, SAMPLE_S).mean(axis=1) - course
-    assert float(np.sqrt(np.mean(off**2))) < 0.15 * NOISE_NM
-    assert law.delay_s(SAMPLE_S) == pytest.approx(SAMPLE_S * (1.0 + 1.0) + 2e-3, rel=0.01)
+    found = found_of(setpoint, course)
+    off = ReadingLaw(at_end=found.at_end).read(found.law.cells(setpoint, SAMPLE_S), SAMPLE_S) - course
+    assert float(np.std(off)) < 0.15 * NOISE_NM
+    earlier_s = 0.5 * SAMPLE_S if found.at_end else 0.0  # than the mean of the period
+    assert found.law.delay_s(SAMPLE_S) - earlier_s == pytest.approx(SAMPLE_S * (1.0 + 1.0) + 2e-3, rel=0.01)
+
+
+@pytest.mark.parametrize("limit_nm_s", [60.0, 150.0])
+def test_a_limited_slew_rate_is_found(setpoint: np.ndarray, limit_nm_s: float) -> None:
+    """Steps of 0.4 N m take 6.7 and 2.7 samples; the course is made step by step on the fine grid."""
+    wanted = held(setpoint, 1.0)
+    most, y, course = limit_nm_s * SAMPLE_S / wanted.shape[1], setpoint[0], np.empty(wanted.size)
+    for i, target in enumerate(wanted.reshape(-1)):
+        y += min(max(target - y, -most), most)
+        course[i] = y
+    found = found_of(setpoint, course.reshape(wanted.shape).mean(axis=1))
+    (lag,) = found.law.lags
+    assert lag.kind == "slew rate"
+    assert lag.values[0] == pytest.approx(limit_nm_s, rel=0.005)
+    assert found.law.delay == 1.0
+
+
+def test_a_reading_of_the_end_of_the_period_is_told_from_its_mean(setpoint: np.ndarray) -> None:
+    """A current loop of 0.4 ms, its torque read at the end of each sample: little of it is seen, and the loop is found by that."""
+    fine = behind(held(setpoint, 1.0), SAMPLE_S, *first_order(4e-4))
+    found = fit_reading([recorded(setpoint, fine[:, -1])])
+    assert found is not None
+    ends = [one for one in (found, *found.rivals) if one.at_end and [lag.kind for lag in one.law.lags] == ["first order"]]
+    assert ends
+    assert ends[0].law.lags[0].values[0] == pytest.approx(4e-4, rel=0.02)
 
 
 def test_the_liveliest_record_tells(setpoint: np.ndarray) -> None:
