@@ -7,21 +7,38 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from beltcomm.compiled import in_one_thread
+from beltcomm.fit.doubt import hold, next_to_hold, with_doubt
 from beltcomm.fit.estimate import AT_A_TIME, Fitted, fit, resume_fit
 from beltcomm.fit.intervals import UNEXPLAINED, with_intervals
 from beltcomm.fit.likelihood import OFFSET_M
 from beltcomm.fit.observer import needs_observer
 from beltcomm.fit.path_choice import choose_path, commands
-from beltcomm.fit.path_values import refine_path, with_doubt
+from beltcomm.fit.path_values import refine_path
 from beltcomm.fit.reading_fit import fit_reading
-from beltcomm.fit.records import PUBLISHED_SUBSTEPS, SUBSTEPS, Data, likeliest_noise, made, remade, with_process_noise
+from beltcomm.fit.records import (
+    NOISY,
+    PUBLISHED_SUBSTEPS,
+    SUBSTEPS,
+    Data,
+    likeliest_noise,
+    likeliest_step,
+    made,
+    remade,
+    smallest_step,
+    with_process_noise,
+)
 from beltcomm.fit.reversals import turns_at_once
 from beltcomm.fit.sensor_noise import split_noise
 from beltcomm.fit.torque_path import TorquePath
 from beltcomm.model import Model
 
+Array = NDArray[np.float64]
+
+#: Error over the noise below which only the noise may be wrong.
+NEARLY = 1.25
 #: Iterations of the first fit from start values, of one that goes on from a neighbouring model, and of the last one.
 FIRST_ITERATIONS, NEXT_ITERATIONS, LAST_ITERATIONS = 25, 12, 6
 #: Mean square of the whitened residual in samples with a reversal, over that of the others, up to which they count; intervals by which
@@ -42,14 +59,26 @@ def fit_base(
     *,
     fixed: Sequence[str] = (),
     path: TorquePath | None = None,
+    sheet: Model | None = None,
     publish: bool = True,
     progress: Callable[[float], None] = lambda _fraction: None,
 ) -> tuple[Data, Fitted]:
     """The start model fitted to records, and the records as it sees them.
 
     data : with the reading taken for the torque that acts.   fixed : parameters that stay.   path : where it is known already.
-    publish : with the finest steps, and reversals, for numbers that are shown; else as a search goes on from it.
+    sheet : the data sheets, for what the records do not tell.   publish : with the finest steps, and reversals, for numbers that are
+    shown; else as a search goes on from it.
     """
+    found = _fit_base(data, start, fixed, path, publish, progress)
+    while sheet is not None and (name := next_to_hold(found[1], sheet)) is not None:
+        start = hold(start, sheet, name)
+        found = _fit_base(data, start, fixed, path, publish, progress)
+    return found
+
+
+def _fit_base(
+    data: Data, start: Model, fixed: Sequence[str], path: TorquePath | None, publish: bool, progress: Callable[[float], None]
+) -> tuple[Data, Fitted]:
     chain = fit_reading([r for r in data.recordings if not r.sidecar.held_out])
     commanded = commands(chain, data.recordings)
     if commanded:  # then nothing but the motion tells how noisy the torque is
@@ -61,7 +90,7 @@ def fit_base(
     progress(0.3)
     chosen = path if path is not None else choose_path(data, first, start, chain).path
     if chosen != data.path:
-        data = made(data.recordings, first.model if commanded else start, data.noise_nm, data.step_rad, {}, path=chosen)
+        data = made(data.recordings, first.model if commanded else start, data.noise_nm, data.step_rad, {}, path=chosen, colour=data.colour)
         first = fit(data, first.model if commanded else start, FIRST_ITERATIONS, fixed=fixed)
     progress(0.5)
     data, fitted = again(data, first, NEXT_ITERATIONS, fixed=fixed)
@@ -74,6 +103,9 @@ def fit_base(
         data = replace(data, noise_nm=split.sensor_nm, colour=split.colour, path=replace(data.path, acts=acts))
     elif chain is None or commanded:
         data, fitted = with_own_noise(data, fitted)
+    least = min(smallest_step(r.position) for r in data.recordings)
+    if fitted.ratio < NEARLY and data.step_rad > NOISY * least:
+        data = replace(data, step_rad=likeliest_step(data, fitted.model, _residuals(fitted), least))
     data, fitted = again(data, fitted, LAST_ITERATIONS, PUBLISHED_SUBSTEPS if publish else SUBSTEPS, fixed=fixed)
     progress(0.9)
     data, fitted = through_reversals(data, fitted, fixed=fixed)
@@ -83,9 +115,13 @@ def fit_base(
 
 def with_own_noise(data: Data, fitted: Fitted) -> tuple[Data, Fitted]:
     """The records with no more noise of the torque than what the model leaves tells; the fit as it was."""
-    residuals = [fitted.problem.balance(i, fitted.x, OFFSET_M * o).residual for i, o in enumerate(fitted.offsets)]
-    noise = likeliest_noise(data, fitted.model, residuals, data.noise_nm)
+    noise = likeliest_noise(data, fitted.model, _residuals(fitted), data.noise_nm)
     return (replace(data, noise_nm=noise) if noise < QUIET * data.noise_nm else data), fitted
+
+
+def _residuals(fitted: Fitted) -> list[Array]:
+    """Residual of each segment as it is, (n,) N m."""
+    return [fitted.problem.balance(i, fitted.x, OFFSET_M * o).residual for i, o in enumerate(fitted.offsets)]
 
 
 def through_reversals(data: Data, fitted: Fitted, *, fixed: Sequence[str] = ()) -> tuple[Data, Fitted]:

@@ -1,9 +1,9 @@
 """95 % intervals of a fitted model, from how its records disagree: over time and among each other, whichever says more.
 
     over time       V = A⁻¹ (Σ_g s_g s_gᵀ) A⁻¹ G/(G - n)              sandwich form, groups g of :data:`GROUP_S`; never below A⁻¹
-    among records   V = (G - 1)/G Σ_r d_r d_rᵀ,  d_r = (A - A_r)⁻¹ s_r   what leaving out a record would move (jackknife, to first order)
+    among records   V = (G - 1)/G Σ_r d_r d_rᵀ,  d_r = A⁻¹ B (B - B_r)⁻¹ s_r   what leaving out a record would move (jackknife)
 
-A = Σ A_r : information, that of the rounding taken off (``rounding_bias``).   s : gradient.
+A : information, B = Σ B_r less that of the rounding (``rounding_bias``).   s : gradient.
 
 A law that is not quite the machine's makes long stretches pull the same way, each kind of record another one; the scatter over time is
 blind to that.  What all records share of it no record can tell: so much is added (:data:`LAW`) to the parameters of every effect that is
@@ -35,6 +35,8 @@ LEFT_OUT = 0.99
 LAW = 0.005
 #: Information in a direction, as a share of the largest, columns of length 1, below which it is rounding.
 NOTHING = 1e-14
+#: Share of the information that rounding, which is no white noise where the motor hardly moves, leaves in any direction.
+LEAST_LEFT = 0.05
 #: Least degrees of freedom of a comparison among records.
 LEAST_FREEDOM = 2.0
 #: Effects whose law is the machine's own, not a likeness of it; error over the noise from which on something else is at work.
@@ -85,7 +87,7 @@ class Information:
 
     names : of the parameters.   scores : gradient of each group, (groups, n).   pulls, parts : gradient, (records, n), and information,
     (records, n, n), of each record.   inverse : of the information of all, (n, n).   unknown : variance of what is told by nothing, (n, n).
-    level : mean square of what is left, weighted.   path : variance by the values of the torque path, (n, n).
+    level : mean square of what is left, weighted.   doubt : variance by what comes from elsewhere, (n, n).
     """
 
     names: tuple[str, ...]
@@ -96,7 +98,7 @@ class Information:
     inverse: Array
     unknown: Array
     level: float
-    path: Array
+    doubt: Array
 
     @property
     def freedom(self) -> int:
@@ -110,7 +112,7 @@ class Information:
         # Between few groups the scatter falls below what the noise alone gives, by chance, or where they are fewer than the parameters.
         least = np.diag(self.inverse) * max(self.level, 1.0)
         wider = np.sqrt(np.maximum(least / np.maximum(np.diag(scatter), 1e-300), 1.0))
-        return np.asarray(scatter * np.outer(wider, wider) + self.unknown) + self.path
+        return np.asarray(scatter * np.outer(wider, wider) + self.unknown) + self.doubt
 
 
 def information_of(fitted: Fitted) -> Information:
@@ -139,21 +141,22 @@ def information_of(fitted: Fitted) -> Information:
     pulled = (of_block / problem.count)[:, None] * slope[:, free] / norms
     gradient = columns * left[:, None] - 0.5 * pulled[problem.blocks]
     records = records_of(problem)
-    record_of_block = np.zeros(len(of_block), dtype=np.int64)
-    record_of_block[problem.blocks] = records
     turned = of_block[:, None, None] * curvature[:, free[:, None], free] / np.outer(norms, norms)
     parts = np.array([columns[records == r].T @ columns[records == r] for r in range(int(records.max()) + 1)])
-    np.subtract.at(parts, record_of_block, turned)
-    inverse, unknown = inverse_of(parts.sum(axis=0))
+    whole = parts.sum(axis=0)
+    inverse, unknown = inverse_of(whole - turned.sum(axis=0) * least_left(whole, turned.sum(axis=0)))
     names = tuple(problem.free[i] for i in free)
     scores, pulls = summed(gradient, time_blocks(problem.pieces, GROUP_S)), summed(gradient, records)
-    path = np.zeros_like(inverse)
-    if problem.path_doubt is not None:
-        others, prior = problem.path_doubt[0] * weights[:, None], problem.path_doubt[1]
+    doubt = np.zeros_like(inverse)
+    if problem.doubt is not None:
+        others, known = problem.doubt.columns * weights[:, None], problem.doubt.information
         cross = columns.T @ others
         moved = inverse @ cross
-        path = moved @ np.linalg.pinv(others.T @ others - cross.T @ moved + prior, hermitian=True) @ moved.T
-    return Information(names, scale, scores, pulls, parts, inverse, unknown, float(np.mean(left**2)), path)
+        told = np.outer(problem.doubt.told, problem.doubt.told)
+        values, vectors = np.linalg.eigh(told * (others.T @ others - cross.T @ moved))
+        beside = (vectors * np.maximum(values, 0.0)) @ vectors.T  # nothing is told less than not at all
+        doubt = moved @ np.linalg.pinv(beside + known, hermitian=True) @ moved.T
+    return Information(names, scale, scores, pulls, parts, inverse, unknown, float(np.mean(left**2)), doubt)
 
 
 def at_bound(fitted: Fitted) -> NDArray[np.bool_]:
@@ -189,6 +192,14 @@ def wanted_of(fitted: Fitted) -> dict[str, tuple[float, float]]:
     return {name: (fitted.model[name] + float(a), float(d)) for name, a, d in zip(told.names, ahead, deviation, strict=True)}
 
 
+def least_left(information: Array, off: Array) -> float:
+    """Share of what rounding takes off an information that leaves :data:`LEAST_LEFT` of it in every direction: 1 where it does anyway."""
+    values, vectors = np.linalg.eigh(information)
+    root = vectors / np.sqrt(np.maximum(values, NOTHING * values[-1]))
+    most = float(np.linalg.eigvalsh(root.T @ off @ root)[-1])
+    return min(1.0, (1.0 - LEAST_LEFT) / most) if most > 0.0 else 1.0
+
+
 def inverse_of(information: Array) -> tuple[Array, Array]:
     """Its inverse, and the variance, a huge one, in the directions of which the data say nothing: those are not known exactly."""
     values, vectors = np.linalg.eigh(information)
@@ -213,8 +224,8 @@ def records_of(problem: Problem) -> NDArray[np.int64]:
 def without_each(told: Information) -> tuple[Array, Array]:
     """Shift of the parameters without each record, (records, n), in ``scale``, and its share of their variance, (records, n, n)."""
     whole = told.parts.sum(axis=0)
-    moved = [inverse_of(whole - LEFT_OUT * part)[0] @ pull for part, pull in zip(told.parts, told.pulls, strict=True)]
-    return np.array(moved), told.inverse @ told.parts @ told.inverse
+    pulls = [whole @ inverse_of(whole - LEFT_OUT * part)[0] @ pull for part, pull in zip(told.parts, told.pulls, strict=True)]
+    return np.array(pulls) @ told.inverse, told.inverse @ told.parts @ told.inverse
 
 
 def with_intervals(fitted: Fitted) -> Model:

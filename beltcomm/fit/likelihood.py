@@ -72,6 +72,19 @@ class Parts:
 
 
 @dataclass(frozen=True)
+class Doubt:
+    """What comes from elsewhere and is not quite known.
+
+    columns : change of the whitened residual with each of it, (n, k).   information : how well it is known, 1/variance, (k, k).
+    told : whether the records tell it too, (k,).
+    """
+
+    columns: Array
+    information: Array
+    told: NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
 class Minimum:
     """Where a search ended.   x : scaled unknowns.   residual : whitened, (n,).   objective : O."""
 
@@ -109,8 +122,7 @@ class Problem:
         owners = np.repeat(np.arange(len(self._pieces)), [len(piece.counted) for piece in self._pieces])
         self.piece_of_block = np.zeros(len(self.count), dtype=np.intp)
         self.piece_of_block[self.blocks] = owners
-        #: What the torque path's values do to the residual, (n, k), and how well the reading knows them, 1/variance, (k, k).
-        self.path_doubt: tuple[Array, Array] | None = None
+        self.doubt: Doubt | None = None
         # What was worked out last of each piece: the search asks for it again.
         self.last: dict[int, tuple[tuple[bytes, float], Parts]] = {}
         self.seen: tuple[bytes, list[Array]] = (b"", [])

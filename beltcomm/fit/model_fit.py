@@ -13,9 +13,10 @@ from scipy.special import stdtrit
 
 from beltcomm.errors import DataError
 from beltcomm.fit.base import fit_base
+from beltcomm.fit.doubt import held_remarks
 from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.intervals import Spread, spread_of, wanted_of, with_intervals
-from beltcomm.fit.noise_level import torque_noise
+from beltcomm.fit.noise_level import noise_colour, torque_noise
 from beltcomm.fit.records import Data, made, shown_step
 from beltcomm.fit.remarks import remark_on, remarks_on_pairs
 from beltcomm.fit.torque_path import TorquePath
@@ -131,6 +132,7 @@ class ModelFit:
                 f"the model leaves {math.sqrt(self.misfit):.1f} times the noise unexplained: something it does not know acts on this axis, "
                 "or a record is disturbed; its numbers may be off by more than their intervals"
             )
+        told += held_remarks(self.model)
         told += remarks_on_pairs(self.free, [parameters[name] for name in self.free], self.correlation)
         return tuple(remark for remark in told if remark)
 
@@ -143,17 +145,21 @@ def fit_model(
     fixed: Sequence[str] = (),
     noise_nm: float | None = None,
     path: TorquePath | None = None,
+    sheet: Model | None = None,
     progress: Callable[[float], None] = lambda _fraction: None,
 ) -> ModelFit:
     """Fit all parameters of ``start`` but the ``fixed`` ones to the recordings that are not held out.
 
-    path : of the torque, where it is known.   Raises DataError when too few samples are left or the fit does not stay finite.
+    path : of the torque, where it is known.   sheet : the data sheets, for what the records do not tell.
+
+    Raises DataError when too few samples are left or the fit does not stay finite.
     """
-    noise = torque_noise([r for r in recordings if not r.sidecar.held_out]) if noise_nm is None else noise_nm
-    step = shown_step([r for r in recordings if not r.sidecar.held_out], 2.0 * np.pi / counts_per_rev, noise)
-    data = made(recordings, start, noise, step, {}, path=path)
+    to_fit = [r for r in recordings if not r.sidecar.held_out]
+    noise = torque_noise(to_fit) if noise_nm is None else noise_nm
+    step = shown_step(to_fit, 2.0 * np.pi / counts_per_rev, noise)
+    data = made(recordings, start, noise, step, {}, path=path, colour=noise_colour(to_fit))
     _check_enough(data, len(start.parameters) - len(fixed) - 1)
-    data, fitted = fit_base(data, start, fixed=fixed, path=path, progress=progress)
+    data, fitted = fit_base(data, start, fixed=fixed, path=path, sheet=sheet, progress=progress)
     if not math.isfinite(fitted.objective):
         raise DataError("the fit did not converge; compare the recordings with the axis file (units, signs, feed constant)")
     return ModelFit(data, fitted, _of_fit(with_intervals(fitted)))

@@ -23,7 +23,8 @@ RUN_IN_S = 0.2
 def resting(motion: FineMotion, stick_speed: float) -> NDArray[np.bool_]:
     """Samples whose triangular weight (one period before and after) touches a reversal or a speed below the stick speed."""
     n, m = motion.samples, motion.substeps
-    inside = np.lib.stride_tricks.sliding_window_view(motion.omega, m + 1)[::m]
+    omega = motion.omega if motion.creep is None else motion.creep[1]
+    inside = np.lib.stride_tricks.sliding_window_view(omega, m + 1)[::m]
     low, high = inside.min(axis=1), inside.max(axis=1)
     slow = (np.minimum(np.abs(low), np.abs(high)) < stick_speed) | ((low < 0.0) & (high > 0.0))
     touched = np.ones(n, dtype=bool)

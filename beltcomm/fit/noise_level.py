@@ -22,6 +22,8 @@ CLEARLY = 1.25
 QUARTER, JUMP, TOUCHED, FEWEST = 0.3186, 8.0, 0.1, 200
 #: Times what is rough otherwise that what two periods differ by may have: more, and the torque does not repeat so.
 REPEATING = 2.0
+#: Correlations of neighbours from which on noise has a colour, and up to which; distance of that two apart from its square.
+COLOURED, MOST_COLOUR, LIKE_FIRST_ORDER = 0.25, 0.98, 0.08
 #: Share of the torque's own deviation above which the roughness of a record that may be excited is the excitation, as far as anybody knows.
 MOSTLY = 0.1
 #: Error over the noise below which the noise is not what it was taken for: healthy machines leave 0.93 and more.
@@ -42,10 +44,11 @@ _REMEDY = (
 
 @dataclass(frozen=True)
 class Level:
-    """nm : N m rms.   told : whether it is surely noise, not excitation."""
+    """nm : N m rms.   told : whether it is surely noise, not excitation.   colour : correlation of neighbours, 0 of white noise."""
 
     nm: float
     told: bool
+    colour: float = 0.0
 
 
 def torque_noise(recordings: Sequence[Recording], quiet_nm: float = 1e-3) -> float:
@@ -54,6 +57,11 @@ def torque_noise(recordings: Sequence[Recording], quiet_nm: float = 1e-3) -> flo
     Where no record has a setpoint it is the least, over the records, of what periods or differences leave: ``_without_setpoint``.
     """
     return max(_level(recordings).nm, quiet_nm)
+
+
+def noise_colour(recordings: Sequence[Recording]) -> float:
+    """Correlation of neighbours of the torque's noise where no record has a setpoint and periods show it; 0 of white noise."""
+    return _level(recordings).colour
 
 
 def torque_step(torque: Array) -> float:
@@ -111,7 +119,22 @@ def _level(recordings: Sequence[Recording]) -> Level:
         levels.append(robust_rms(rest, step) if step > size else size)
     if levels:
         return Level(float(np.median(levels)), True)
-    return min(map(_without_setpoint, recordings), key=lambda level: level.nm, default=Level(0.0, True))
+    coloured = [level for r in recordings if (level := _coloured(r)) is not None]  # what differences of a high order hardly show
+    return min(coloured or map(_without_setpoint, recordings), key=lambda level: level.nm, default=Level(0.0, True))
+
+
+def _coloured(recording: Recording) -> Level | None:
+    """Noise of first order, by what two whole periods of a record differ by; None where they differ by white noise or something else."""
+    repeated, note = _repeated(recording), recording.sidecar.excitation
+    if repeated is None or note is None or len(repeated) < (note.period_samples or 0):
+        return None
+    number = np.arange(len(repeated))
+    rest = repeated - np.polyval(np.polyfit(number, repeated, 1), number)
+    power = float(rest @ rest)
+    first, second = (float(rest[k:] @ rest[:-k]) / power if power > 0.0 else 0.0 for k in (1, 2))
+    if not COLOURED < first < MOST_COLOUR or abs(second - first**2) > LIKE_FIRST_ORDER:
+        return None
+    return Level(math.sqrt(power / len(rest)), True, first)
 
 
 def _without_setpoint(recording: Recording) -> Level:

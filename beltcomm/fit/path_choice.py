@@ -37,10 +37,14 @@ TIMES_S = (2e-4, 5e-4, 1e-3, 2e-3, 4e-3, 8e-3)
 LOOP_SHARES = (0.1, 0.25, 0.5, 1.0)
 #: Damping ratios of a current loop that are tried.
 DAMPING_RATIOS = (0.35, 0.5, 0.7, 1.0)
+#: Rounding of a torque of acceleration over the torque from which on the motion does not tell a path.
+ILLEGIBLE = 10.0
 #: Damping ratio from which on a filter of second order may be two of first.
 DAMPED = 0.9
 #: Step of ln(time constant) for the curvature of O.
 APART = 0.03
+#: Samples that must count for a path to be told.
+FEWEST = 200
 #: Share of the values by the plain path that must count by another one.
 LEAST_LEFT = 0.5
 #: Share of what lies above the noise that a split other than the faithful one must explain.
@@ -79,7 +83,7 @@ def choose_path(data: Data, fitted: Fitted, start: Model, chain: ReadingFit | No
     if chain is None:
         good = fitted.ratio <= GOOD and not _loop_shows(fitted)
         return PathChoice(faithful, chain) if good else _undone(data, start, to_fit)
-    if fitted.ratio <= GOOD and not shaped:
+    if (fitted.ratio <= GOOD and not shaped) or _illegible(data, start):
         return PathChoice(faithful, chain)
     lively = _liveliest(to_fit)
     other = next((rival for rival in sorted(chain.rivals, key=lambda rival: rival.cost) if rival.at_end != chain.at_end), None)
@@ -88,6 +92,12 @@ def choose_path(data: Data, fitted: Fitted, start: Model, chain: ReadingFit | No
         ways.append(faithful)
     found = _best([(path, _tried(data, lively, start, path)) for path in ways], chain)
     return _best_shape(data, lively, found)
+
+
+def _illegible(data: Data, start: Model) -> bool:
+    """Whether the rounding of the acceleration hides all that a torque does within a few samples."""
+    rounded = [start["motor.inertia"] * data.step_rad * math.sqrt(0.5) / piece.motion.sample_s**2 for piece in data.fitted]
+    return all(nm > ILLEGIBLE * float(np.std(piece.torque)) for nm, piece in zip(rounded, data.fitted, strict=True))
 
 
 def _apart(law: DriveLaw) -> list[DriveLaw]:
@@ -131,7 +141,7 @@ def _best_shape(data: Data, recordings: Sequence[Recording], choice: PathChoice)
     best, path = choice.fitted, choice.path
     for law in laws:
         trial = replace(choice.path, drive=law)
-        found = fit(made(recordings, best.model, data.noise_nm, data.step_rad, {}, path=trial), best.model, ITERATIONS)
+        found = fit(made(recordings, best.model, data.noise_nm, data.step_rad, {}, path=trial, colour=data.colour), best.model, ITERATIONS)
         more = _values(law) - _values(path.drive or law)
         price = max(more, 0) * (math.log(max(best.problem.samples, 2)) + CLEAR)
         if _level(found) < _level(best) - price / max(best.problem.samples, 1):
@@ -174,16 +184,16 @@ def _liveliest(recordings: Sequence[Recording]) -> list[Recording]:
 
 def _tried(data: Data, recordings: Sequence[Recording], start: Model, path: TorquePath) -> Fitted:
     """The base model fitted to some records by one path, and once more with the motion rebuilt."""
-    trial = made(recordings, start, data.noise_nm, data.step_rad, {}, path=path)
+    trial = made(recordings, start, data.noise_nm, data.step_rad, {}, path=path, colour=data.colour)
     found = fit(trial, start, ITERATIONS)
-    again = made(recordings, found.model, data.noise_nm, data.step_rad, {}, path=path)
+    again = made(recordings, found.model, data.noise_nm, data.step_rad, {}, path=path, colour=data.colour)
     better = fit(again, found.model, ITERATIONS, offsets=found.offsets)
     return better if better.objective / max(better.problem.samples, 1) < found.objective / max(found.problem.samples, 1) else found
 
 
 def _level(fitted: Fitted, first: Fitted | None = None) -> float:
     """O per sample; inf where nothing counts, or much less than by another path: by a wrong one the motor may rest nearly all the time."""
-    fewest = LEAST_LEFT * first.problem.samples if first is not None else 0.0
+    fewest = LEAST_LEFT * first.problem.samples if first is not None else FEWEST
     return fitted.objective / fitted.problem.samples if fitted.problem.samples > fewest else math.inf
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -15,7 +15,7 @@ from scipy.optimize import minimize_scalar
 from beltcomm.axis import Axis
 from beltcomm.errors import DataError
 from beltcomm.fit.moving import creeping
-from beltcomm.fit.noise_level import torque_noise
+from beltcomm.fit.noise_level import noise_colour, torque_noise
 from beltcomm.fit.observer import needs_observer
 from beltcomm.fit.segment import Segment, evaluate, noise_paths_of, segments, with_observers
 from beltcomm.fit.torque_path import FAITHFUL, TorquePath
@@ -36,6 +36,8 @@ STROKE_SUBSTEPS, RATTLING_STROKE_SUBSTEPS, RATTLING_SUBSTEPS = 2, 4, 16
 QUIETEST_SHARE = 1e-4
 #: ln of the factor by which noise may be less than it was taken for.
 QUIETER = 7.0
+#: ln of the factor by which a noisy angle may be rougher than it looks where it rests, for there it hangs on the encoder's steps.
+ROUGHER = 0.5
 #: Samples of a window in which an angle's roughness is taken, and factor from which on it is more than its rounding makes.
 CALM_WINDOW, NOISY = 64, 1.3
 #: Mean change of a torque from sample to sample over its noise up to which nothing but noise changes it: that alone is 2/√π.
@@ -85,7 +87,7 @@ def prepare(recordings: Sequence[Recording], axis: Axis, model: Model) -> Data:
     if "cart" not in model.base_bodies:
         step = min(step, max(white_step(r.position) for r in to_fit))
         noise = max(noise, repeat_noise(to_fit, step))
-    return made(timed, model, noise, step, {})
+    return made(timed, model, noise, step, {}, colour=noise_colour(to_fit))
 
 
 def made(
@@ -242,19 +244,40 @@ def likeliest_noise(data: Data, model: Model, residuals: Sequence[Array], most_n
 
     Least of Σ ν²/S + ln S over the noise, the model as it is.   Source: method sheet, section 3, second equation.
     """
+    high = math.log(most_nm)
+    return math.exp(_likeliest(data, model, residuals, (high - QUIETER, high), lambda piece, x: (piece.step_rad, math.exp(x))))
+
+
+def likeliest_step(data: Data, model: Model, residuals: Sequence[Array], least_rad: float) -> float:
+    """Step whose rounding is as much as the noise of the angle that the residuals tell, rad: from a least one to somewhat more than so far.
+
+    Where the torque is calm the motion may be rough by what the drive makes beside its setpoint.
+    """
+    bounds = (math.log(least_rad / data.step_rad), ROUGHER)
+    more = _likeliest(data, model, residuals, bounds, lambda piece, x: (piece.step_rad * math.exp(x), piece.noise_nm))
+    return data.step_rad * math.exp(more)
+
+
+def _likeliest(
+    data: Data,
+    model: Model,
+    residuals: Sequence[Array],
+    bounds: tuple[float, float],
+    noises: Callable[[Segment, float], tuple[float, float]],
+) -> float:
+    """x of the likeliest noises.   noises : step, rad, and noise of the torque, N m, of a segment by x."""
     passed = [noise_paths_of(piece, model) for piece in data.fitted]
 
-    def unlikely(logarithm: float) -> float:
+    def unlikely(x: float) -> float:
         total = 0.0
         for piece, torque, along in zip(data.fitted, residuals, passed, strict=True):
-            trial = whitener(piece.keep, along, piece.step_rad, math.exp(logarithm), piece.rounding, piece.colour)
+            trial = whitener(piece.keep, along, *noises(piece, x), piece.rounding, piece.colour)
             squares = np.minimum(trial(torque, piece.keep) ** 2, STRAY**2)
             total += float(np.sum(squares) + 2.0 * np.sum(np.log(trial.deviations[piece.keep])))
         return total
 
-    high = math.log(most_nm)
-    found = minimize_scalar(unlikely, bounds=(high - QUIETER, high), method="bounded", options={"xatol": 0.01, "maxiter": 20})
-    return math.exp(float(found.x))
+    found = minimize_scalar(unlikely, bounds=bounds, method="bounded", options={"xatol": 0.01, "maxiter": 20})
+    return float(found.x)
 
 
 def encoder_step(axis: Axis, recordings: Sequence[Recording]) -> float:

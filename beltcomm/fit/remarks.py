@@ -38,7 +38,8 @@ def remark_on(name: str, item: Value, wanted: float, deviation: float) -> str:
     side = "lower" if item.value - item.low < item.high - item.value else "upper"
     if deviation == 0.0:
         return f"{name} stays at {item.value:g} {item.unit}: the residual does not depend on it"
-    if not max(deviation, item.interval or 0.0) < item.high - item.low:
+    chance = item.low > 0.0 and (item.interval or 0.0) > abs(item.value)
+    if chance or not max(deviation, item.interval or 0.0) < item.high - item.low:
         return (
             f"{name} is not identifiable from this data, its number is chance. Look at the recordings, or record an excitation with "
             "`beltcomm identify`"

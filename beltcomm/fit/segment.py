@@ -25,6 +25,7 @@ from beltcomm.fit.noise_path import Way, way
 from beltcomm.fit.observer import Observer, Seen, innovations, needs_observer, tuned, untuned
 from beltcomm.fit.reversals import LEVEL, passed, turns_at_once
 from beltcomm.fit.slack import stiffness_left
+from beltcomm.fit.smoother import smoothed
 from beltcomm.fit.torque_path import TorquePath
 from beltcomm.fit.whitening import Whitener, whiten
 from beltcomm.linear import matrices, operating_point
@@ -51,6 +52,12 @@ STICK_SPEED_RAD_S = 0.3
 STICK_STEPS = 3.0
 #: The same of a motor alone in steps of the encoder per sample: below it rounding turns the sign of the speed, and the friction's with it.
 SURE_STEPS = 1.0
+#: rad/s that a step of the encoder in a sample makes, from which on friction acts against the smoothed speed behind a belt.
+COARSE_RAD_S = 5.0
+#: The stick speed in deviations of a smoothed speed.
+SURE = 3.0
+#: The same in steps of the encoder per sample: below it rounding follows the motion for many samples, and is no white noise.
+WHITE_STEPS = 0.15
 #: m/s, the same for an axis known at its load side.
 STICK_SPEED_M_S = 4e-3
 #: Fine steps per sample: the carriage's antiresonance is reproduced to (2 pi f h)²/24, 5e-5 at 90 Hz and 1 kHz.
@@ -182,7 +189,12 @@ def segments(
         if fitted:
             motion = rebuilt(motion, model, position, push, place)
         stick_speed, turns = STICK_SPEED_M_S if recording.side == "load" else STICK_SPEED_RAD_S, None
-        if fitted and reversals and turns_at_once(model):
+        hidden = fitted and step_rad / sample > COARSE_RAD_S
+        smooth = smoothed(model, motion, push, step_rad, noise_nm) if hidden else None
+        if smooth is not None:
+            motion = replace(motion, creep=(smooth.theta, smooth.omega))
+            keep = ~resting(motion, max(stick_speed + SURE * smooth.off_rad_s, WHITE_STEPS * step_rad / sample))
+        elif fitted and reversals and turns_at_once(model):
             slow = max(stick_speed, STICK_STEPS * step_rad / sample)
             motion, keep, turns = passed(
                 motion, model, slow, partial(rebuilt, model=model, position=position, torque=push, start_rad=place)
@@ -196,7 +208,8 @@ def segments(
             # Nothing rings behind the motor: what creeps on counts as well, and friction that turns within a step of the encoder is noise.
             creeps = creeping(position, sample, step_rad)
             keep |= creeps
-            motion = replace(motion, bristle_m=max(motion.bristle_m, ratio * step_rad), creep=crept(motion, position, creeps))
+            if smooth is None:
+                motion = replace(motion, bristle_m=max(motion.bristle_m, ratio * step_rad), creep=crept(motion, position, creeps))
         pieces.append(
             Segment(
                 recording.name,

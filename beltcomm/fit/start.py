@@ -47,11 +47,21 @@ def start_model(axis: Axis, recordings: Sequence[Recording]) -> Model:
         return rigid_start(axis, usable)
     excited = [r for r in usable if r.sidecar.experiment == "frf"] or usable
     counts = int(axis.get("motor.encoder_counts_per_rev") or 65536)
-    places = [place for r in excited if (place := r.sidecar.start_position_m) is not None]
-    middle = sheet_model(axis, float(np.median(places)) if places else 0.0)  # one stiffness is fitted to all places
-    found = anchored(belt_start(axis, excited, counts), middle, usable)
+    sheet = data_sheet(axis, usable)
+    assert sheet is not None
+    found = anchored(belt_start(axis, excited, counts), sheet, usable)
     friction = found["coulomb.level"] + axis.transmission_m_rad * found["cart_friction.level"]
     return found.without_effect("cart_friction").with_values({"coulomb.level": friction}, "first estimate")
+
+
+def data_sheet(axis: Axis, recordings: Sequence[Recording]) -> Model | None:
+    """The data sheets in the middle of where records were made; None for an axis without a belt, whose inertia no data sheet knows."""
+    usable = [r for r in recordings if not (r.is_static_map or r.sidecar.held_out)]
+    if not is_belt_axis(axis, usable):
+        return None
+    excited = [r for r in usable if r.sidecar.experiment == "frf"] or usable
+    places = [place for r in excited if (place := r.sidecar.start_position_m) is not None]
+    return sheet_model(axis, float(np.median(places)) if places else 0.0)  # one stiffness is fitted to all places
 
 
 def sheet_model(axis: Axis, place_m: float) -> Model:
@@ -66,7 +76,9 @@ def sheet_model(axis: Axis, place_m: float) -> Model:
         "cart_friction.level": 0.0,
         "viscous_cart.damping": 0.0,
     }
-    return build_model(axis.name, (*BELT_BASE, "cart_friction"), values, origin="data sheet")
+    known = {"motor.inertia": bool(axis.get("motor.inertia_kg_m2")), "belt_stiffness.stiffness": known_belt}
+    guessed = {name: values[name] for name, told in known.items() if not told}
+    return build_model(axis.name, (*BELT_BASE, "cart_friction"), values, origin="data sheet").with_values(guessed, "usual value")
 
 
 def belt_start(axis: Axis, excited: Sequence[Recording], counts_per_rev: int) -> Model:

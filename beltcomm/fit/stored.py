@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from beltcomm.axis import Axis
+from beltcomm.fit.doubt import with_doubt
 from beltcomm.fit.estimate import Fitted, held_objective, judged, problem_of
 from beltcomm.fit.observer import needs_observer
-from beltcomm.fit.path_values import with_doubt
 from beltcomm.fit.records import Data, made
 from beltcomm.fit.torque_path import path_from_dict, path_to_dict
 from beltcomm.model import Model, model_from_dict

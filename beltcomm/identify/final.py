@@ -17,7 +17,7 @@ from beltcomm.fit.acting import acting_recording
 from beltcomm.fit.jumps import proven_jumps, refuse
 from beltcomm.fit.model_fit import SUSPECT_MISFIT, ModelFit, fit_model
 from beltcomm.fit.segment import OUTLIER, Segment, segments, whitened
-from beltcomm.fit.start import belt_start
+from beltcomm.fit.start import belt_start, data_sheet
 from beltcomm.fit.torque_path import TorquePath
 from beltcomm.model import Model
 from beltcomm.recording import Recording
@@ -73,7 +73,8 @@ def final_model(
         return replace(found, reason=f"{found.reason}; left out, because nobody knows where it was made: {', '.join(nowhere)}")
     start = as_constant(start, float(np.median(at)) if at else 0.0)
     share = 0.5 if apart else 1.0
-    constant = fit_model(recordings, start, counts_per_rev=counts_per_rev, progress=lambda f: progress(share * f))
+    sheet = data_sheet(axis, recordings)
+    constant = fit_model(recordings, start, counts_per_rev=counts_per_rev, sheet=sheet, progress=lambda f: progress(share * f))
     refuse_jumps(recordings, constant, counts_per_rev)
     places = stiffness_by_record(recordings, constant.model, counts_per_rev, constant.noise_nm, constant.path)
     spread = clear_spread(places)

@@ -15,6 +15,7 @@ from beltcomm.fit.estimate import Fitted, escape_local_minimum, fit
 from beltcomm.fit.intervals import with_intervals
 from beltcomm.fit.observer import needs_observer
 from beltcomm.fit.records import PUBLISHED_SUBSTEPS, Data, prepare
+from beltcomm.fit.start import data_sheet
 from beltcomm.laboratory.acceptance import EVIDENCE, drop_by, impossible, left_as_a_whole, lowers, refuted
 from beltcomm.laboratory.compare import compare
 from beltcomm.laboratory.forms import formed, placed
@@ -105,7 +106,7 @@ class Diagnosis:
 
 def fitted_base(recordings: Sequence[Recording], axis: Axis, start: Model) -> tuple[Data, Fitted]:
     """The start model fitted to the records, and the records as it sees them."""
-    return fit_base(prepare(recordings, axis, start), start)
+    return fit_base(prepare(recordings, axis, start), start, sheet=data_sheet(axis, recordings))
 
 
 def as_searched(data: Data, fitted: Fitted) -> tuple[Data, Fitted]:
@@ -137,7 +138,7 @@ def diagnose(
     Raises DataError when the records cannot be used.
     """
     if begun is None:
-        data, base = fit_base(prepare(recordings, axis, start), start, publish=False)
+        data, base = fit_base(prepare(recordings, axis, start), start, sheet=data_sheet(axis, recordings), publish=False)
     else:
         data, base = as_searched(*begun)
     steps: list[Step] = []

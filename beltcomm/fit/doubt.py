@@ -1,0 +1,88 @@
+"""What a fit takes from elsewhere and is not quite known: values of the torque path, and parameters held at the data sheet.
+
+A parameter that the records do not tell is no result of theirs: it is held at the data sheet, its tolerance is its interval, and the
+intervals of the others bear that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import block_diag
+
+from beltcomm.fit.estimate import Fitted
+from beltcomm.fit.intervals import with_intervals
+from beltcomm.fit.likelihood import OFFSET_M, Doubt
+from beltcomm.fit.path_values import path_doubt
+from beltcomm.fit.records import Data
+from beltcomm.fit.segment import evaluated
+from beltcomm.model import Model
+
+Array = NDArray[np.float64]
+
+#: Half an interval over the value above which records do not tell it.   Source: method sheet, section 8.
+UNTOLD = 0.3
+#: What may be held, the first one first, with the tolerance of a data sheet: half an interval at 95 % over the value.
+TOLERANCES: Mapping[str, float] = {"motor.inertia": 0.1, "belt_stiffness.stiffness": 0.3}
+#: Parameters that must be told.
+NEEDED = ("motor.inertia", "cart.mass", "belt_stiffness.stiffness")
+#: Origin of a held value.
+HELD = "data sheet, held"
+#: Relative step of a difference.
+STEP = 1e-3
+
+
+def with_doubt(data: Data, fitted: Fitted) -> Fitted:
+    """The fit, whose intervals count with what path and held parameters leave open."""
+    known = [one for one in (path_doubt(data, fitted), _held_doubt(fitted)) if one is not None]
+    if known:
+        information = block_diag(*(one.information for one in known))
+        told = np.concatenate([one.told for one in known])
+        fitted.problem.doubt = Doubt(np.hstack([one.columns for one in known]), information, told)
+    return fitted
+
+
+def next_to_hold(fitted: Fitted, sheet: Model) -> str | None:
+    """The parameter to be held next, because the records do not tell mass, inertia or stiffness; None where they do, or nothing helps."""
+    told = with_intervals(fitted).parameters
+    needed = [told[name] for name in NEEDED if name in told and name in fitted.problem.free]
+    if all(item.interval is not None and item.interval <= UNTOLD * item.value for item in needed):
+        return None
+    return next((name for name in TOLERANCES if name in fitted.problem.free and sheet.parameters[name].origin == "data sheet"), None)
+
+
+def hold(model: Model, sheet: Model, name: str) -> Model:
+    """The model with a parameter held at the data sheet."""
+    value = sheet[name]
+    item = replace(model.parameters[name], value=value, low=value, high=value, interval=TOLERANCES[name] * value, origin=HELD)
+    return replace(model, parameters={**model.parameters, name: item})
+
+
+def held_remarks(model: Model) -> list[str]:
+    """What is to be said of the parameters that are held."""
+    held = [(name, item) for name, item in model.parameters.items() if item.origin == HELD and item.interval is not None]
+    return [
+        f"these records do not tell {name}: the data sheet's {item.value:.4g} ± {item.interval:.2g} {item.unit} was taken; an excitation "
+        "that moves the motor by more steps of the encoder would tell it"
+        for name, item in held
+    ]
+
+
+def _held_doubt(fitted: Fitted) -> Doubt | None:
+    """Of the parameters that are held; None without any."""
+    problem, held = fitted.problem, [name for name, item in fitted.model.parameters.items() if item.origin == HELD]
+    if not held or any(piece.whitener is None for piece in problem.pieces):
+        return None
+    vector, columns = problem.full(fitted.x), []
+    steps = {name: STEP * fitted.model[name] for name in held}
+    moved = [vector + step * np.eye(len(vector))[fitted.model.index(name)] for name, step in steps.items()]
+    for piece, offset in zip(problem.pieces, OFFSET_M * fitted.offsets, strict=True):
+        here, *ahead = evaluated(piece, fitted.model, [vector, *moved], [float(offset)] * (1 + len(moved)))
+        changes = np.stack([(one - here) / step for one, step in zip(ahead, steps.values(), strict=True)], axis=1)
+        columns.append(piece.white(changes))
+    deviations = [TOLERANCES[name] * fitted.model[name] / 1.96 for name in held]
+    information = np.diag([1.0 / deviation**2 for deviation in deviations])
+    return Doubt(np.concatenate(columns), information, np.zeros(len(held), dtype=np.bool_))
