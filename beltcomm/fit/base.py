@@ -90,6 +90,8 @@ def _fit_base(
     progress(0.3)
     chosen = path if path is not None else choose_path(data, first, start, chain).path
     if chosen != data.path:
+        size, colour = chosen.noise_undone(data.colour)
+        data = replace(data, noise_nm=data.noise_nm * size, colour=colour)
         data = made(data.recordings, first.model if commanded else start, data.noise_nm, data.step_rad, {}, path=chosen, colour=data.colour)
         first = fit(data, first.model if commanded else start, FIRST_ITERATIONS, fixed=fixed)
     progress(0.5)

@@ -35,6 +35,8 @@ ENOUGH_S, ITERATIONS = 8.0, 15
 TIMES_S = (2e-4, 5e-4, 1e-3, 2e-3, 4e-3, 8e-3)
 #: Time constants of a current loop without setpoint that are tried, in sampling periods.
 LOOP_SHARES = (0.1, 0.25, 0.5, 1.0)
+#: Lateness of a reading without setpoint that is tried, in sampling periods; between the last two neighbours cancel.
+LATE_SHARES = (0.08, 0.2, 0.35, 0.65, 0.8, 1.0)
 #: Damping ratios of a current loop that are tried.
 DAMPING_RATIOS = (0.35, 0.5, 0.7, 1.0)
 #: Rounding of a torque of acceleration over the torque from which on the motion does not tell a path.
@@ -263,9 +265,14 @@ def _undone(data: Data, start: Model, to_fit: Sequence[Recording]) -> PathChoice
     def behind_loop(time_s: float, half_s: float) -> TorquePath:
         return TorquePath(loop_s=time_s)
 
+    def late(time_s: float, half_s: float) -> TorquePath:
+        return TorquePath(None, ReadingLaw(min(time_s / sample_s, 1.0)))
+
     first = _tried(data, lively, start, faithful)
     found = [(faithful, first), _searched(data, lively, start, first, path_of)]
-    return _best([*found, _searched(data, lively, start, first, behind_loop, [share * sample_s for share in LOOP_SHARES])], None)
+    for family, shares in ((behind_loop, LOOP_SHARES), (late, LATE_SHARES)):
+        found.append(_searched(data, lively, start, first, family, [share * sample_s for share in shares]))
+    return _best(found, None)
 
 
 def _loop_shows(fitted: Fitted) -> bool:
@@ -292,6 +299,12 @@ def _by_motion(data: Data, start: Model, to_fit: Sequence[Recording], chain: Rea
         law = replace(chain.law, delay=chain.law.delay + time_s / sample_s, delay_interval=half_s / sample_s)
         return TorquePath(law, commanded=True)
 
+    swing = max(float(np.abs(np.diff(r.torque_setpoint)).max()) for r in lively if r.torque_setpoint is not None)
+
+    def limited(time_s: float, half_s: float) -> TorquePath:
+        limit = Lag("slew rate", (swing / time_s,), (half_s * swing / time_s**2,))
+        return TorquePath(replace(chain.law, lags=(*chain.law.lags, limit)), commanded=True)
+
     first = _tried(data, lively, start, plain)
-    trials = [(plain, first), *(_searched(data, lively, start, first, family) for family in (behind, later))]
+    trials = [(plain, first), *(_searched(data, lively, start, first, family) for family in (behind, later, limited))]
     return _best(trials, chain)

@@ -184,14 +184,27 @@ class TorquePath:
         held = float(np.abs(above).max()) <= HELD * max(float(np.abs(means).max()), 1e-300)
         return torque, None if held else Intersample(above)
 
+    def noise_undone(self, colour: float) -> tuple[float, float]:
+        """Factor on the noise of a late reading that is undone without a setpoint, and the noise's colour then; 1 and as it was for others.
+
+        x[n] = (w[n] - c x[n-1])/p,   p the larger part of the sample, c = (1 - p)/p:   factor 1/(p √(1 - c²)), colour -c.
+        """
+        part = self.reading.late - math.floor(self.reading.late)
+        if self.drive is not None or part == 0.0:
+            return 1.0, colour
+        larger = max(part, 1.0 - part)
+        c = (1.0 - larger) / larger
+        return 1.0 / (larger * math.sqrt(1.0 - c**2)), colour if colour else -c
+
     def _unfiltered(self, torque: Array, sample_s: float) -> Array:
         """The reading with its filter undone, as one of samples."""
         undone = torque
         for lag in self.reading.lags:
             share = lag.values[0] if lag.kind == "sampled" else 1.0 - math.exp(-sample_s / lag.values[0])
             undone = (undone - (1.0 - share) * _later(undone, 1)) / share
-        whole = round(self.reading.late)
-        return np.append(undone[whole:], np.full(whole, undone[-1])) if whole else undone
+        whole = math.floor(self.reading.late)
+        undone = np.append(undone[whole:], np.full(whole, undone[-1])) if whole else undone
+        return _unmixed(undone, self.reading.late - whole)
 
 
 #: The reading is the torque that acts.
@@ -269,6 +282,19 @@ def torque_at(cells: Array, share: float) -> Array:
     edges = np.arange(len(cells)) * number + round(share * number)  # the cell that begins there
     last = np.maximum(edges - 1, 0)
     return np.asarray((11.0 * row[last] - 7.0 * row[np.maximum(last - 1, 0)] + 2.0 * row[np.maximum(last - 2, 0)]) / 6.0)
+
+
+def _unmixed(read: Array, part: float) -> Array:
+    """Torque m of a reading (1 - part) m[n] + part m[n-1], (n,): solved forwards, or backwards where more of it is of the sample before."""
+    from scipy.signal import lfilter  # takes a second to import, and most drives have no filter
+
+    if part == 0.0:
+        return read
+    if part <= 0.5:
+        return np.asarray(lfilter([1.0 / (1.0 - part)], [1.0, part / (1.0 - part)], read, zi=[-part / (1.0 - part) * read[0]])[0])
+    back = (1.0 - part) / part
+    found = lfilter([1.0 / part], [1.0, back], read[::-1], zi=[-back * read[-1]])[0][::-1]
+    return np.append(found[1:], found[-1])
 
 
 def _later(row: Array, samples: int) -> Array:

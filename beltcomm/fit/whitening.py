@@ -125,7 +125,7 @@ def noises(
     if slow > 0.0 or alike:
         start[0] = start[:, 0] = slow * path.begins[:, ROUNDING]
         start[0, 0] = slow
-    if colour > 0.0:
+    if colour != 0.0:
         path, size = with_coloured_torque(path, colour), len(path.H)
         coloured = np.zeros((size + 1, size + 1))
         coloured[1:, 1:] = start
