@@ -34,7 +34,7 @@ ENOUGH_S, ITERATIONS = 8.0, 15
 #: Time constants of a reading without setpoint and of a drive whose reading is its command, s, that are tried.
 TIMES_S = (2e-4, 5e-4, 1e-3, 2e-3, 4e-3, 8e-3)
 #: Time constants of a current loop without setpoint that are tried, in sampling periods.
-LOOP_SHARES = (0.1, 0.25, 0.5, 1.0)
+LOOP_SHARES = (0.03, 0.1, 0.25, 0.5, 1.0)
 #: Lateness of a reading without setpoint that is tried, in sampling periods; between the last two neighbours cancel.
 LATE_SHARES = (0.08, 0.2, 0.35, 0.65, 0.8, 1.0)
 #: Damping ratios of a current loop that are tried.
