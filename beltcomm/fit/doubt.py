@@ -18,13 +18,14 @@ from beltcomm.fit.intervals import with_intervals
 from beltcomm.fit.likelihood import OFFSET_M, Doubt
 from beltcomm.fit.path_values import path_doubt
 from beltcomm.fit.records import Data
+from beltcomm.fit.remarks import BADLY_KNOWN_SHARE
 from beltcomm.fit.segment import evaluated
 from beltcomm.model import Model
 
 Array = NDArray[np.float64]
 
-#: Half an interval over the value above which records do not tell it.   Source: method sheet, section 8.
-UNTOLD = 0.3
+#: Error over the noise up to which a base model explains records.
+EXPLAINED = 1.5
 #: What may be held, the first one first, with the tolerance of a data sheet: half an interval at 95 % over the value.
 TOLERANCES: Mapping[str, float] = {"motor.inertia": 0.1, "belt_stiffness.stiffness": 0.3}
 #: Parameters that must be told.
@@ -47,9 +48,12 @@ def with_doubt(data: Data, fitted: Fitted) -> Fitted:
 
 def next_to_hold(fitted: Fitted, sheet: Model) -> str | None:
     """The parameter to be held next, because the records do not tell mass, inertia or stiffness; None where they do, or nothing helps."""
+    coarse = any(piece.motion.creep is not None for piece in fitted.problem.pieces)
+    if fitted.ratio > EXPLAINED and not coarse:  # what an effect hides may be told beside it
+        return None
     told = with_intervals(fitted).parameters
     needed = [told[name] for name in NEEDED if name in told and name in fitted.problem.free]
-    if all(item.interval is not None and item.interval <= UNTOLD * item.value for item in needed):
+    if all(item.interval is not None and item.interval <= BADLY_KNOWN_SHARE * item.value for item in needed):
         return None
     return next((name for name in TOLERANCES if name in fitted.problem.free and sheet.parameters[name].origin == "data sheet"), None)
 

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from beltcomm.fit.estimate import Fitted
-from beltcomm.fit.likelihood import Problem, time_blocks
+from beltcomm.fit.likelihood import Doubt, Problem, time_blocks
 from beltcomm.model import Model
 
 Array = NDArray[np.float64]
@@ -77,8 +77,8 @@ class Spread:
         return float(np.hypot(max(over_time, among * float(stdtrit(freedom, 0.975))), law))
 
 
-#: Models with their intervals, as long as the fits live that they are of.
-_KNOWN: WeakKeyDictionary[Fitted, Model] = WeakKeyDictionary()
+#: Models with their intervals, and by what doubt, as long as the fits live that they are of.
+_KNOWN: WeakKeyDictionary[Fitted, tuple[Doubt | None, Model]] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True)
@@ -230,10 +230,12 @@ def without_each(told: Information) -> tuple[Array, Array]:
 
 def with_intervals(fitted: Fitted) -> Model:
     """The model with half widths of 95 %, worked out once: several answers in a row ask for it; None where a parameter sits at a bound."""
-    if fitted not in _KNOWN:
+    doubt, known = _KNOWN.get(fitted, (None, None))
+    if known is None or doubt is not fitted.problem.doubt:
         spread = spread_of(fitted)
         parameters = dict(fitted.model.parameters)
         for name in fitted.problem.free:
             parameters[name] = replace(parameters[name], interval=spread.half_width({name: 1.0}))
-        _KNOWN[fitted] = replace(fitted.model, parameters=parameters)
-    return _KNOWN[fitted]
+        known = replace(fitted.model, parameters=parameters)
+        _KNOWN[fitted] = fitted.problem.doubt, known
+    return known

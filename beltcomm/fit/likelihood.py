@@ -73,11 +73,8 @@ class Parts:
 
 @dataclass(frozen=True)
 class Doubt:
-    """What comes from elsewhere and is not quite known.
-
-    columns : change of the whitened residual with each of it, (n, k).   information : how well it is known, 1/variance, (k, k).
-    told : whether the records tell it too, (k,).
-    """
+    """What comes from elsewhere and is not quite known: change of the whitened residual with each of it, (n, k), 1/variance, (k, k), and
+    whether the records tell it too, (k,)."""
 
     columns: Array
     information: Array
