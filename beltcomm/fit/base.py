@@ -88,7 +88,7 @@ def _fit_base(
     if commanded:
         data, first = with_own_noise(*again(data, first, NEXT_ITERATIONS, fixed=fixed))
     progress(0.3)
-    chosen = path if path is not None else choose_path(data, first, start, chain).path
+    chosen = path if path is not None else replace(choose_path(data, first, start, chain).path, commanded=commanded)
     if chosen != data.path:
         size, colour = chosen.noise_undone(data.colour)
         data = replace(data, noise_nm=data.noise_nm * size, colour=colour)

@@ -18,7 +18,6 @@ from beltcomm.fit.intervals import with_intervals
 from beltcomm.fit.likelihood import OFFSET_M, Doubt
 from beltcomm.fit.path_values import path_doubt
 from beltcomm.fit.records import Data
-from beltcomm.fit.remarks import BADLY_KNOWN_SHARE
 from beltcomm.fit.segment import evaluated
 from beltcomm.model import Model
 
@@ -28,8 +27,8 @@ Array = NDArray[np.float64]
 EXPLAINED = 1.5
 #: What may be held, the first one first, with the tolerance of a data sheet: half an interval at 95 % over the value.
 TOLERANCES: Mapping[str, float] = {"motor.inertia": 0.1, "belt_stiffness.stiffness": 0.3}
-#: Parameters that must be told.
-NEEDED = ("motor.inertia", "cart.mass", "belt_stiffness.stiffness")
+#: Half an interval over the value above which records do not tell it.   Source: method sheet, section 8.
+UNTOLD = 0.3
 #: Origin of a held value.
 HELD = "data sheet, held"
 #: Relative step of a difference.
@@ -47,15 +46,16 @@ def with_doubt(data: Data, fitted: Fitted) -> Fitted:
 
 
 def next_to_hold(fitted: Fitted, sheet: Model) -> str | None:
-    """The parameter to be held next, because the records do not tell mass, inertia or stiffness; None where they do, or nothing helps."""
+    """The parameter to be held next, because the records do not tell it; None where they do, or the data sheets do not know it."""
     coarse = any(piece.motion.creep is not None for piece in fitted.problem.pieces)
     if fitted.ratio > EXPLAINED and not coarse:  # what an effect hides may be told beside it
         return None
     told = with_intervals(fitted).parameters
-    needed = [told[name] for name in NEEDED if name in told and name in fitted.problem.free]
-    if all(item.interval is not None and item.interval <= BADLY_KNOWN_SHARE * item.value for item in needed):
-        return None
-    return next((name for name in TOLERANCES if name in fitted.problem.free and sheet.parameters[name].origin == "data sheet"), None)
+    for name in TOLERANCES:
+        if name in fitted.problem.free and sheet.parameters[name].origin == "data sheet":
+            item = told[name]
+            return None if item.interval is not None and item.interval <= UNTOLD * item.value else name
+    return None
 
 
 def hold(model: Model, sheet: Model, name: str) -> Model:

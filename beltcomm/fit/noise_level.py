@@ -22,6 +22,8 @@ CLEARLY = 1.25
 QUARTER, JUMP, TOUCHED, FEWEST = 0.3186, 8.0, 0.1, 200
 #: Times what is rough otherwise that what two periods differ by may have: more, and the torque does not repeat so.
 REPEATING = 2.0
+#: Share of the values that are the same a period later, and share of the torque that they differ by, of a command that comes back.
+SAME, NO_NOISE = 0.3, 2e-3
 #: Correlations of neighbours from which on noise has a colour, and up to which; distance of that two apart from its square.
 COLOURED, MOST_COLOUR, LIKE_FIRST_ORDER = 0.25, 0.98, 0.08
 #: Share of the torque's own deviation above which the roughness of a record that may be excited is the excitation, as far as anybody knows.
@@ -57,6 +59,17 @@ def torque_noise(recordings: Sequence[Recording], quiet_nm: float = 1e-3) -> flo
     Where no record has a setpoint it is the least, over the records, of what periods or differences leave: ``_without_setpoint``.
     """
     return max(_level(recordings).nm, quiet_nm)
+
+
+def repeats_itself(recordings: Sequence[Recording]) -> bool:
+    """Whether a torque repeats from period to period as no measured one does: most values the same, the others a step or two apart."""
+    for recording in recordings:
+        repeated, note = _repeated(recording), recording.sidecar.excitation
+        if repeated is None or note is None or len(repeated) < (note.period_samples or 0):
+            continue
+        if np.mean(repeated == 0.0) > SAME and float(np.std(repeated)) < NO_NOISE * float(np.std(recording.torque)):
+            return True
+    return False
 
 
 def noise_colour(recordings: Sequence[Recording]) -> float:

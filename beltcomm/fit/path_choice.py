@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from beltcomm.fit.estimate import Fitted, fit
+from beltcomm.fit.noise_level import repeats_itself
 from beltcomm.fit.reading_fit import CLEAR, COMMAND, NORMAL_95, WHOLE, ReadingFit
 from beltcomm.fit.records import Data, made, smallest_step
 from beltcomm.fit.torque_path import DriveLaw, Lag, ReadingLaw, TorquePath
@@ -69,7 +70,7 @@ class PathChoice:
 def commands(chain: ReadingFit | None, recordings: Sequence[Recording]) -> bool:
     """Whether the readings are the setpoint that comes back, without noise."""
     if chain is None:
-        return False
+        return repeats_itself(recordings)
     scale = max(float(np.sqrt(np.mean(r.torque**2))) for r in recordings)
     rounded = min(smallest_step(r.torque) for r in recordings) / math.sqrt(12.0)
     return chain.rest_nm <= max(COMMAND * scale, ROUNDED * rounded)

@@ -206,9 +206,9 @@ def segments(
             keep &= ran_in(motion, ratio)
         else:
             # Nothing rings behind the motor: what creeps on counts as well, and friction that turns within a step of the encoder is noise.
-            creeps = creeping(position, sample, step_rad)
-            keep |= creeps
             if smooth is None:
+                creeps = creeping(position, sample, step_rad)
+                keep |= creeps
                 motion = replace(motion, bristle_m=max(motion.bristle_m, ratio * step_rad), creep=crept(motion, position, creeps))
         pieces.append(
             Segment(

@@ -39,7 +39,8 @@ def within_scope(found: Diagnosis, recordings: Sequence[Recording]) -> tuple[Dia
         return replace(found, verdict="cannot tell"), [doubt]
     if found.data.path.commanded and not found.named:
         return replace(found, verdict="cannot tell"), [only_commanded(found)]
-    sentence = undersampled(found.base.model, recordings) or unknown_delivery(found, recordings)
+    sentence = "" if found.verdict == "explained" else undersampled(found.base.model, recordings)
+    sentence = sentence or unknown_delivery(found, recordings)
     if sentence and found.verdict != "nothing missing":
         return without_names(found), [sentence]
     unnamed = not_named(found.base.model, recordings)
