@@ -166,7 +166,8 @@ def again(data: Data, fitted: Fitted, iterations: int, substeps: int = SUBSTEPS,
     for piece in (*data.fitted, *data.held_out):
         piece.motion.forget()  # these records are looked at as they were once more at most
     # Behind an observer a light body may fly off; a motion rebuilt by a model far off makes it worse.
-    louder = fitted.problem.pieces[0].noise_nm / data.noise_nm  # the same error over a noise that is known better now
+    first = fitted.problem.pieces[0]
+    louder = first.noise_nm / (first.quieter * data.noise_nm)  # the same error over a noise that is known better now
     now, then = in_groups_of(found, fitted), in_groups_of(fitted, found)
     sound = math.isfinite(found.objective) and now < WORSE * then * max(louder, 1.0)
     return (ahead, found) if sound else (data, fitted)

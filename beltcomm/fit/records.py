@@ -153,7 +153,9 @@ def remade(data: Data, model: Model, offsets_m: Array, substeps: int = SUBSTEPS,
     else:
         left: dict[str, list[tuple[Segment, Array]]] = {}
         for piece, offset in zip(pieces, [*offsets_m, *np.zeros(len(data.held_out))], strict=True):
-            known = replace(piece, noise_nm=data.noise_nm, colour=data.colour)  # by now maybe better than when the stretch was made
+            known = replace(
+                piece, noise_nm=piece.quieter * data.noise_nm, colour=data.colour
+            )  # by now maybe better than when the stretch was made
             left.setdefault(piece.record, []).append((known, evaluate(piece, model, model.vector(), float(offset))))
         shares = {name: rounding_shares(parts, model) for name, parts in left.items()}
     ahead = made(data.recordings, model, data.noise_nm, data.step_rad, shares, substeps, data.path, reversals, data.colour)
@@ -245,7 +247,9 @@ def likeliest_noise(data: Data, model: Model, residuals: Sequence[Array], most_n
     Least of Σ ν²/S + ln S over the noise, the model as it is.   Source: method sheet, section 3, second equation.
     """
     high = math.log(most_nm)
-    return math.exp(_likeliest(data, model, residuals, (high - QUIETER, high), lambda piece, x: (piece.step_rad, math.exp(x))))
+    return math.exp(
+        _likeliest(data, model, residuals, (high - QUIETER, high), lambda piece, x: (piece.step_rad, piece.quieter * math.exp(x)))
+    )
 
 
 def likeliest_step(data: Data, model: Model, residuals: Sequence[Array], least_rad: float) -> float:

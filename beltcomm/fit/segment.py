@@ -26,6 +26,7 @@ from beltcomm.fit.observer import Observer, Seen, innovations, needs_observer, t
 from beltcomm.fit.reversals import LEVEL, passed, turns_at_once
 from beltcomm.fit.slack import stiffness_left
 from beltcomm.fit.smoother import smoothed
+from beltcomm.fit.thinning import thinned, thinned_noise, thinned_torque, thinning
 from beltcomm.fit.torque_path import TorquePath
 from beltcomm.fit.whitening import Whitener, whiten
 from beltcomm.linear import matrices, operating_point
@@ -82,7 +83,7 @@ class Segment:
     near the right one; without it every evaluation works out its own.   group : see :func:`grouped`.   rounding : shares for ``whitener``.
     process_noise, freedom_m : for ``observer``, that of a carriage which is free at times, see :func:`with_observer`.   turns : what the
     kernel's Coulomb friction of level 1 lacks at the reversals that count, (n,); None where none of those count, or the motor has no such
-    friction.   colour : of the torque's noise, see ``whitening``.
+    friction.   colour : of the torque's noise, see ``whitening``.   quieter : factor on the noise of a stretch that was thinned.
     """
 
     record: str
@@ -103,6 +104,7 @@ class Segment:
     observer: Observer | None = None
     turns: Array | None = None
     colour: float = 0.0
+    quieter: float = 1.0
 
     @cached_property
     def firsts(self) -> NDArray[np.intp]:
@@ -157,7 +159,9 @@ def segments(
     reversals : samples in which the motor passes through a reversal count too, for a model with :func:`turns_at_once`, and fitted.
     path : from the reading to the torque that acts; None takes the reading.
     """
-    sample = recording.sample_period_s
+    own = recording.sample_period_s
+    every = thinning(own, step_rad, "cart" in model.base_bodies) if fitted else 1
+    sample, quieter = every * own, thinned_noise(every)
     cuts = [0, *(int(i) + 1 for i in recording.gaps()), len(recording.t_s)]
     start = recording.sidecar.start_position_m
     pieces = []
@@ -170,8 +174,11 @@ def segments(
         push = torque
         if path is not None:
             setpoint = recording.torque_setpoint
-            torque, within = path.acting(torque, None if setpoint is None else setpoint[part], sample)
-            push = path.likeliest(torque, None if setpoint is None else setpoint[part], sample)
+            torque, within = path.acting(torque, None if setpoint is None else setpoint[part], own)
+            push = path.likeliest(torque, None if setpoint is None else setpoint[part], own)
+        if every > 1:
+            position, push = position[::every][: len(position) // every], thinned(push, every)
+            torque, within = thinned_torque(torque, within, every)
         # Without a start position the recorded angle is the absolute one: a phase of cogging holds for all records of a run.
         place = float(recording.position[first]) if start is None else start / ratio + recording.position[first] - recording.position[0]
         time = (recording.sidecar.session_time_s or 0.0) + recording.t_s[first] - recording.t_s[0]
@@ -218,10 +225,11 @@ def segments(
                 torque,
                 motion,
                 keep,
-                noise_nm,
+                quieter * noise_nm,
                 step_rad,
                 start_offset(model, motion),
                 turns=turns,
+                quieter=quieter,
             )
         )
     return pieces

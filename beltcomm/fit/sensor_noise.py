@@ -18,6 +18,7 @@ from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.noise_level import robust_rms, torque_step
 from beltcomm.fit.records import Data
 from beltcomm.fit.segment import Segment
+from beltcomm.fit.thinning import thinned
 from beltcomm.recording import Recording
 
 Array = NDArray[np.float64]
@@ -54,6 +55,8 @@ def split_noise(data: Data, fitted: Fitted) -> NoiseSplit | None:
         if rest is None or piece.whitener is None:
             continue
         rests.append(rest)
+        every = round(piece.motion.sample_s / by_name[piece.record].sample_period_s)
+        rest = thinned(rest, every)
         mean = np.zeros(len(rest))
         mean[1:-1] = 0.5 * (rest[:-2] + rest[1:-1])
         white, left, weight = piece.white(mean), fitted.residual[here], weights[here]

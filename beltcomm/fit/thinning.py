@@ -1,0 +1,45 @@
+"""Every which sample of a coarse encoder is taken: between neighbours rounding follows the motion, and is no white noise.
+
+The second difference over m periods is an exact average of the acceleration, too, so nothing is biased: the torque is known in between.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltcomm.simulate.intersample import CELLS, Intersample
+
+Array = NDArray[np.float64]
+
+#: rad/s that a step of the encoder may make in a sample, so that every sample is taken, and longest period of those that are, s.
+THIN_RAD_S, THINNED_BELT_S, THINNED_S = 2.0, 1e-3, 2e-3
+
+
+def thinning(sample_s: float, step_rad: float, belt: bool) -> int:
+    """Every which sample of a coarse encoder's angle is taken, a power of two: then rounding is white, and the torque's mean exact."""
+    longest, every = THINNED_BELT_S if belt else THINNED_S, 1
+    while step_rad > THIN_RAD_S * every * sample_s and 2 * every * sample_s <= longest * (1.0 + 1e-9):
+        every *= 2
+    return every
+
+
+def thinned_noise(every: int) -> float:
+    """Noise of a thinned torque, so that its mean over two periods is as noisy as that with the triangular weight; 1 for all samples."""
+    return math.sqrt((4.0 / 3.0 - 1.0 / (3.0 * every**2)) / every)
+
+
+def thinned(row: Array, every: int) -> Array:
+    """Mean over so many samples, without the rest at the end."""
+    return np.asarray(row[: len(row) // every * every].reshape(-1, every).mean(axis=1))
+
+
+def thinned_torque(torque: Array, within: Intersample | None, every: int) -> tuple[Array, Intersample]:
+    """Mean of the torque over so many periods, and how it is spread over them."""
+    number = len(torque) // every
+    cells = torque[:, None] + (np.zeros((1, CELLS)) if within is None else within.above)
+    cells = cells[: number * every].reshape(number, CELLS, every).mean(axis=2)
+    means = cells.mean(axis=1)
+    return means, Intersample(cells - means[:, None])
