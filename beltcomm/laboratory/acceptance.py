@@ -110,10 +110,13 @@ def confirmed(data: Data, before: Fitted, after: Fitted, ahead: Data | None = No
 
 
 def impossible(model: Model) -> list[str]:
-    """Inertias of the base and stiffness of the belt that shrank or grew to a bound: no axis is like that, whatever it explains."""
+    """Inertias of the base and stiffness of the belt that shrank or grew to a bound: no axis is like that, whatever it explains.
+
+    One that is held has no room.
+    """
     solid = [inertia for inertia, body in model.bodies() if body.name in model.base_bodies]
     limits = {name: model.parameters[name] for name in (*solid, STIFFNESS) if name in model.parameters}
-    return [name for name, v in limits.items() if not v.low * (1.0 + CLOSE) < v.value < v.high * (1.0 - CLOSE)]
+    return [name for name, v in limits.items() if v.low < v.high and not v.low * (1.0 + CLOSE) < v.value < v.high * (1.0 - CLOSE)]
 
 
 def grown_out_of_bounds(model: Model, effect: Effect) -> bool:
