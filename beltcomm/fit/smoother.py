@@ -71,7 +71,10 @@ def smoothed(model: Model, motion: FineMotion, torque: Array, step_rad: float, n
     A, B = np.zeros((2 * n, 2 * n)), np.zeros((2 * n, n))
     A[:n, n:], A[n:, :n], A[n:, n:], B[n:] = np.eye(n), -inverse @ linear.K, -inverse @ linear.D, inverse
     block = expm(np.block([[A, B], [np.zeros((n, 3 * n))]]) * sample)
-    F, each = block[: 2 * n, : 2 * n], block[: 2 * n, 2 * n :]
+    # In units in which all bodies are as heavy, and the sample lasts 1: the filter's equations are well conditioned there.
+    own = np.sqrt(linear.M[0, 0] / np.diag(linear.M))
+    units = np.concatenate((own, own / sample))
+    F, each = block[: 2 * n, : 2 * n] * units / units[:, None], block[: 2 * n, 2 * n :] / units[:, None]
     G = each @ linear.input
     levels = np.array([model.get("coulomb.level") if i == 0 else 0.0 for i in range(n)])
     if "cart" in linear.bodies:
@@ -87,14 +90,14 @@ def smoothed(model: Model, motion: FineMotion, torque: Array, step_rad: float, n
             gain = P @ H / (P[0, 0] + r)
             after = P - np.outer(gain, P[0])
             back = after @ F.T @ np.linalg.inv(P)
-            off = math.sqrt(max(float(solve_discrete_lyapunov(back, after - back @ P @ back.T)[n, n]), 0.0))
+            off = math.sqrt(max(float(solve_discrete_lyapunov(back, after - back @ P @ back.T)[n, n]), 0.0)) / sample
         except (LinAlgError, ValueError):
             return None
         push = torque[:, None] * G - (_direction(speeds) * levels) @ each.T
         x = _smoothed(np.ascontiguousarray(F), np.ascontiguousarray(push), gain, np.ascontiguousarray(back), shown - shown[0])
         if not np.all(np.isfinite(x)):
             return None
-        speeds = x[:, n:]
+        speeds = x[:, n:] * units[n:]
     numbers = np.arange(len(shown))
     spline = CubicHermiteSpline(numbers, x[:, 0] + shown[0], speeds[:, 0] * sample)
     place = np.arange(len(motion.theta)) / motion.substeps

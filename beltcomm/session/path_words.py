@@ -37,7 +37,8 @@ def path_data(path: TorquePath, sample_s: float) -> dict[str, Any]:
     Returns
     -------
     dict
-        drive: delay and delay_interval in periods, lags, gain; reading: late in periods, lags; commanded; rivals of the same shape;
+        drive: delay and delay_interval in periods, lags, gain; reading: late in periods, lags, at_end (of the period, else its mean);
+        commanded; rivals of the same shape;
         sample_period_s; delay_s from setpoint to acting torque, None without a setpoint; words, a list of sentences, empty for a whole
         delay and a faithful reading.
     """

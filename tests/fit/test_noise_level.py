@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from beltcomm.fit.noise_level import noise_untold, torque_noise
+from beltcomm.fit.noise_level import noise_colour, noise_untold, repeats_itself, torque_noise
 from beltcomm.recording import Recording
 from beltcomm.sidecar import ExcitationNote, Sidecar
 from identify.records import NOISE_NM, Recorder
@@ -122,3 +122,25 @@ def test_an_excitation_that_falls_with_frequency_is_no_plateau_of_noise() -> Non
     record = excited_by(lfilter([0.1], [1.0, -0.9], driven))
     assert torque_noise([record]) > 1.5 * NOISE_NM
     assert "cannot be told" in noise_untold([record])
+
+
+@pytest.mark.parametrize("colour", [0.0, 0.5, 0.9])
+def test_the_colour_of_the_noise_shows_between_periods(colour: float) -> None:
+    """Without a setpoint: differences of a high order would show little of a noise that changes slowly."""
+    plant = draw("g_b", np.random.default_rng(15))
+    silent = Recorder(seed=15, noise_nm=0.0).shaken(plant, 0.3, 3)
+    white = np.random.default_rng(16).normal(0.0, NOISE_NM, len(silent.torque))
+    noise = lfilter([np.sqrt(1.0 - colour**2)], [1.0, -colour], white)
+    record = replace(silent, torque=silent.torque + noise, torque_setpoint=None, cart_position_m=None)
+    assert noise_colour([record]) == pytest.approx(colour, abs=0.08)
+    assert torque_noise([record]) == pytest.approx(NOISE_NM, rel=0.25)
+
+
+def test_a_command_that_comes_back_repeats_itself_and_a_measured_torque_does_not() -> None:
+    plant = draw("g_b", np.random.default_rng(15))
+    command = Recorder(seed=15, noise_nm=0.0).shaken(plant, 0.3, 3)
+    rounded = replace(command, torque=np.round(command.torque / 4e-4) * 4e-4, torque_setpoint=None, cart_position_m=None)
+    assert repeats_itself([rounded])
+    assert not repeats_itself([shaken()])
+    coarse = shaken()
+    assert not repeats_itself([replace(coarse, torque=np.round(coarse.torque / 0.02) * 0.02)])

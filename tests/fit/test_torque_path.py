@@ -162,3 +162,30 @@ def test_a_damaged_path_is_refused(damage: dict[str, object]) -> None:
     strange["drive"]["lags"][0]["kind"] = "notch"
     with pytest.raises(ValueError, match="notch"):
         path_from_dict(strange)
+
+
+@pytest.mark.parametrize("late", [0.3, 0.7, 1.0, 1.4])
+def test_a_late_reading_is_undone_without_a_setpoint(late: float) -> None:
+    torque = np.random.default_rng(9).normal(0.0, 0.2, 400)
+    whole, part = int(late), late - int(late)
+    means = np.concatenate((np.full(whole, torque[0]), torque[: len(torque) - whole]))
+    before = np.concatenate((means[:1], means[:-1]))
+    found, _ = TorquePath(None, ReadingLaw(late)).acting((1.0 - part) * means + part * before, None, SAMPLE_S)
+    np.testing.assert_allclose(found[40:-40], torque[40:-40], atol=1e-5)
+
+
+def test_noise_of_an_undone_reading_is_as_large_and_coloured_as_is_said() -> None:
+    path, noise = TorquePath(None, ReadingLaw(0.3)), np.random.default_rng(10).normal(0.0, 1.0, 200_000)
+    size, colour = path.noise_undone(0.0)
+    found, _ = path.acting(noise, None, SAMPLE_S)
+    assert float(np.std(found)) == pytest.approx(size, rel=0.01)
+    assert float(np.mean(found[1:] * found[:-1]) / np.var(found)) == pytest.approx(colour, abs=0.01)
+    assert TorquePath(DriveLaw(1.0), ReadingLaw(0.3)).noise_undone(0.2) == (1.0, 0.2)
+
+
+def test_a_limited_slew_rate_is_exact_between_cells() -> None:
+    """From 0 to 1 N m at 500 N m/s: 2 ms; from then on at rest.  Means over each sample of 1 ms."""
+    setpoint = np.array([0.0, 1.0, 1.0, 1.0, 1.0])
+    law = DriveLaw(0.0, (Lag("slew rate", (500.0,)),))
+    np.testing.assert_allclose(means(law.cells(setpoint, 1e-3), 1).reshape(-1), [0.0, 0.25, 0.75, 1.0, 1.0], atol=1e-12)
+    assert law.delay_s(1e-3) == 0.0
