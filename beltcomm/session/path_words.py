@@ -15,6 +15,8 @@ from beltcomm.recording import Recording
 
 #: Periods by which a reading is late, in words.
 _NUMBERS = {1: "one sample", 2: "two samples", 3: "three samples"}
+#: Rivals of a path that are named.
+MOST_RIVALS = 2
 #: A share of a filter of samples from which on nothing is left of it after a sample.
 _AT_ONCE = 1.0 - 1e-9
 
@@ -53,7 +55,8 @@ def path_lines(path: TorquePath | None, sample_s: float) -> list[str]:
     said = words_of(path, sample_s)
     lines = [said] if said else []
     if path.rivals:
-        others = " or ".join(dict.fromkeys(words_of(rival, sample_s) or "a plain delay" for rival in path.rivals))
+        every = dict.fromkeys(words_of(rival, sample_s) or "a plain delay" for rival in path.rivals)
+        others = " or ".join(list(every)[:MOST_RIVALS])
         lines.append(
             f"the records do not tell whether {said or 'it is a plain delay'} or {others}; one excited louder, at a higher frequency, would"
         )

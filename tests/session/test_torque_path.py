@@ -69,6 +69,7 @@ def shaken() -> Recording:
         (TorquePath(DriveLaw(1.0, (Lag("sampled", (1.0 - np.exp(-2.0),)),))), ["the drive filters the torque setpoint with 0.5 ms"]),
         (TorquePath(DriveLaw(1.57, (), delay_interval=0.003)), ["the torque switches at 0.570 ± 0.003 of the sample"]),
         (LATE, ["the torque reading is one sample late"]),
+        (TorquePath(DriveLaw(1.0, (Lag("slew rate", (24.3,), (0.4,)),))), ["the drive changes the torque by at most 24.3 ± 0.4 N m/s"]),
         (TorquePath(DriveLaw(1.0), ReadingLaw(0.0, (Lag("sampled", (1.0 - np.exp(-0.5),)),))), ["the torque reading lags 2 ms"]),
         (
             TorquePath(DriveLaw(1.0), commanded=True),
