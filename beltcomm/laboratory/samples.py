@@ -11,8 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beltcomm.fit.low_pass import legible
-from beltcomm.fit.segment import STICK_SPEED_RAD_S, Segment
+from beltcomm.fit.segment import Segment
 from beltcomm.model import Model
 
 Array = NDArray[np.float64]
@@ -185,14 +184,8 @@ def bands(judged: Sequence[Judged], width_hz: float = BAND_HZ) -> Bands:
 
 
 def motor_speed(item: Judged) -> Array:
-    """Speed of the motor at the kept samples, rad/s; smoothed where steps of the encoder would sort the samples by their rounding."""
-    piece, motion = item.piece, item.piece.motion
-    if motion.creep is not None:
-        return np.asarray(motion.creep[1][:: motion.substeps][piece.counted])
-    if piece.step_rad > STICK_SPEED_RAD_S * motion.sample_s:
-        _, angle = legible(motion.theta[:: motion.substeps], motion.sample_s, piece.step_rad)
-        return np.asarray(np.gradient(angle, motion.sample_s)[piece.counted])
-    return np.asarray(motion.omega[:: motion.substeps][piece.counted])
+    """Speed of the motor at the kept samples, rad/s."""
+    return np.asarray(item.piece.motion.omega[:: item.piece.motion.substeps][item.piece.counted])
 
 
 def motor_angle(item: Judged) -> Array:

@@ -8,9 +8,11 @@ The rms of the whole says little of a small error that always has the same sign 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
 
 from beltcomm.laboratory.samples import Judged, Samples, gathered
 
@@ -18,15 +20,24 @@ Array = NDArray[np.float64]
 
 #: Widths of the bins: m, s, and factor of the speed.  None by torque: its own noise would sort the values.
 PLACE_M, TIME_S, SPEED_FACTOR = 0.05, 10.0, 1.5
+#: s, width of the Gaussian that a speed is smoothed with.
+STEADY_S = 0.025
 #: A bin with fewer values, and values beyond which one says no more, say little.
 FEWEST, OUTLIER = 60, 5.0
 
 
 def structure(judged: Sequence[Judged]) -> dict[str, float]:
     """z of the module by partition: speed, position, time and record, each by direction."""
-    samples = gathered(judged)
+    samples = replace(gathered(judged), speed=np.concatenate([steady_speed(item) for item in judged]))
     white = np.clip(samples.white, -OUTLIER, OUTLIER)
     return {name: excess(white, number) for name, number in partitions(samples).items()}
+
+
+def steady_speed(item: Judged) -> Array:
+    """Speed at the kept samples, length per second, smooth: by its own noise a stroke would be sorted into samples above and below."""
+    motion = item.piece.motion
+    smooth = gaussian_filter1d(motion.omega[:: motion.substeps], STEADY_S / motion.sample_s, mode="nearest")
+    return np.asarray(smooth[item.piece.counted] * item.ratio_m_rad)
 
 
 def partitions(samples: Samples) -> dict[str, NDArray[np.int64]]:
