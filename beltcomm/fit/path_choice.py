@@ -19,7 +19,7 @@ from scipy.optimize import minimize_scalar
 from beltcomm.fit.estimate import Fitted, fit
 from beltcomm.fit.noise_level import repeats_itself
 from beltcomm.fit.reading_fit import CLEAR, COMMAND, NORMAL_95, WHOLE, ReadingFit
-from beltcomm.fit.records import Data, made, smallest_step
+from beltcomm.fit.records import Data, made
 from beltcomm.fit.torque_path import DriveLaw, Lag, ReadingLaw, TorquePath
 from beltcomm.model import Model
 from beltcomm.recording import Recording
@@ -28,8 +28,8 @@ Array = NDArray[np.float64]
 
 #: Error over the noise up to which a faithful reading is not doubted.
 GOOD = 1.05
-#: Factor on the rounding of a reading up to which what it leaves is that.
-ROUNDED = 1.2
+#: Largest value over the rms up to which what a reading leaves is rounding of setpoint and reading (2.45), and share of the torque of that.
+BOUNDED, HARDLY = 2.6, 0.01
 #: s of records that the splits are held against, and iterations of each fit.
 ENOUGH_S, ITERATIONS = 8.0, 15
 #: Time constants of a reading without setpoint and of a drive whose reading is its command, s, that are tried.
@@ -72,8 +72,7 @@ def commands(chain: ReadingFit | None, recordings: Sequence[Recording]) -> bool:
     if chain is None:
         return repeats_itself(recordings)
     scale = max(float(np.sqrt(np.mean(r.torque**2))) for r in recordings)
-    rounded = min(smallest_step(r.torque) for r in recordings) / math.sqrt(12.0)
-    return chain.rest_nm <= max(COMMAND * scale, ROUNDED * rounded)
+    return chain.rest_nm <= COMMAND * scale or (chain.crest < BOUNDED and chain.rest_nm <= HARDLY * scale)
 
 
 def choose_path(data: Data, fitted: Fitted, start: Model, chain: ReadingFit | None) -> PathChoice:

@@ -68,7 +68,7 @@ class ReadingFit:
     """law : of drive and reading together, with intervals.   rest_nm : rms it leaves, N m.   cost : -2 ln L with ln N for each value.
 
     samples : N, how many were looked at.   values : how many were found.   at_end : whether the reading is the torque at the end of the
-    period.   rivals : others that explain the reading nearly as well.
+    period.   crest : largest of what is left over its rms.   rivals : others that explain the reading nearly as well.
     """
 
     law: DriveLaw
@@ -77,6 +77,7 @@ class ReadingFit:
     samples: int
     values: int
     at_end: bool = False
+    crest: float = math.inf
     rivals: tuple[ReadingFit, ...] = ()
 
 
@@ -226,7 +227,9 @@ def _fitted(
     if gain <= 0.0:
         return None
     law = _with_intervals(_law(chain, best[1], sample_s), _deviations(rest_at, best[1], rest))
-    return ReadingFit(replace(law, gain=gain), float(np.sqrt(np.mean(rest**2))), best[0], samples, best[2], at_end)
+    rms = float(np.sqrt(np.mean(rest**2)))
+    crest = float(np.abs(rest).max()) / max(rms, 1e-300)
+    return ReadingFit(replace(law, gain=gain), rms, best[0], samples, best[2], at_end, crest)
 
 
 def _deviations(rest_at: Callable[[Array], Array], x: Array, rest: Array) -> Array:
