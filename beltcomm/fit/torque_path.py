@@ -128,12 +128,14 @@ class ReadingLaw:
         """The reading without noise, (n,), N m, of a torque, mean over each cell of every period, (n, cells)."""
         for lag in self.lags:
             cells = lag.filtered(cells, sample_s)
-        whole = math.floor(self.late)
-        part = self.late - whole
         if self.at_end:
-            return _later(torque_at(cells, 1.0 - part), whole)
-        means = cells.mean(axis=1)
-        return np.asarray((1.0 - part) * _later(means, whole) + part * _later(means, whole + 1))
+            whole = math.floor(self.late)
+            return _later(torque_at(cells, 1.0 - (self.late - whole)), whole)
+        n, number = cells.shape
+        integral = np.concatenate(([0.0], np.cumsum(cells)))
+        edges = (np.arange(n + 1) - self.late) * number
+        at = np.where(edges < 0.0, edges * cells[0, 0], np.interp(edges, np.arange(len(integral)), integral))
+        return np.asarray(np.diff(at) / number)
 
     def delay_s(self, sample_s: float) -> float:
         """Delay of a slow torque, s."""
