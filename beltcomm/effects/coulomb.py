@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from beltcomm.effects._effect import Effect, Ground, Parameter, Trial, body_units
 
-_HIGH = {"motor": 5.0, "cart": 400.0, "end_pulley": 100.0, "load": 5.0}
+_HIGH = {"motor": 50.0, "cart": 4000.0, "end_pulley": 100.0, "load": 50.0}
 _START = {"motor": 0.05, "cart": 3.0, "end_pulley": 1.0, "load": 0.05}
 _TITLE = {
     "motor": "Coulomb friction at the motor",

@@ -111,14 +111,19 @@ def _shares(data: Data) -> dict[str, tuple[float, float]]:
     return {piece.record: piece.rounding for piece in (*data.fitted, *data.held_out)}
 
 
+def _free_delays(path: TorquePath) -> tuple[int, ...]:
+    """Which of both delays are values: one that is not whole, and both where the reading's is not, for it hides a part of the drive's."""
+    late = [abs(delay - round(delay)) > WHOLE for delay in _delays(path)]
+    return tuple(place for place in (0, 1) if late[place] or (place == 0 and late[1] and path.drive is not None))
+
+
 def _lags(path: TorquePath) -> tuple[Lag, ...]:
     return (*(path.drive.lags if path.drive is not None else ()), *path.reading.lags)
 
 
 def _values(path: TorquePath) -> Array:
     """Values of all filters of the drive, then of the reading, then delays that are not whole, then the loop's that no setpoint shows."""
-    own = [value for lag in _lags(path) for value in lag.values]
-    own += [delay for delay in _delays(path) if abs(delay - round(delay)) > WHOLE]
+    own = [value for lag in _lags(path) for value in lag.values] + [_delays(path)[place] for place in _free_delays(path)]
     return np.array([*own, *([path.loop_s] if path.loop_s > 0.0 else [])])
 
 
@@ -142,11 +147,11 @@ def _with_values(path: TorquePath, values: Array, halves: Array | None = None) -
 
     drive = None if path.drive is None else replace(path.drive, lags=lags(path.drive.lags))
     reading = replace(path.reading, lags=lags(path.reading.lags))
-    delay, late = _delays(path)
-    if drive is not None and abs(delay - round(delay)) > WHOLE:
+    free = _free_delays(path)
+    if drive is not None and 0 in free:
         half = drive.delay_interval if halves is None else float(halves[place])
         drive, place = replace(drive, delay=float(values[place]), delay_interval=half), place + 1
-    if abs(late - round(late)) > WHOLE:
+    if 1 in free:
         reading, place = replace(reading, late=float(values[place])), place + 1
     return replace(path, drive=drive, reading=reading, loop_s=float(values[place]) if path.loop_s > 0.0 else 0.0)
 

@@ -18,6 +18,7 @@ from beltcomm.fit.moving import creeping
 from beltcomm.fit.noise_level import noise_colour, torque_noise
 from beltcomm.fit.observer import needs_observer
 from beltcomm.fit.segment import Segment, evaluate, noise_paths_of, segments, with_observers
+from beltcomm.fit.thinning import smallest_step
 from beltcomm.fit.torque_path import FAITHFUL, TorquePath
 from beltcomm.fit.whitening import whitener
 from beltcomm.model import Model
@@ -38,6 +39,8 @@ QUIETEST_SHARE = 1e-4
 QUIETER = 7.0
 #: ln of the factor by which a noisy angle may be rougher than it looks where it rests, for there it hangs on the encoder's steps.
 ROUGHER = 0.5
+#: The same where nothing was seen of it before.
+MUCH_ROUGHER = 2.5
 #: Samples of a window in which an angle's roughness is taken, and factor from which on it is more than its rounding makes.
 CALM_WINDOW, NOISY = 64, 1.3
 #: Mean change of a torque from sample to sample over its noise up to which nothing but noise changes it: that alone is 2/√π.
@@ -252,12 +255,12 @@ def likeliest_noise(data: Data, model: Model, residuals: Sequence[Array], most_n
     )
 
 
-def likeliest_step(data: Data, model: Model, residuals: Sequence[Array], least_rad: float) -> float:
+def likeliest_step(data: Data, model: Model, residuals: Sequence[Array], least_rad: float, rougher: float = ROUGHER) -> float:
     """Step whose rounding is as much as the noise of the angle that the residuals tell, rad: from a least one to somewhat more than so far.
 
-    Where the torque is calm the motion may be rough by what the drive makes beside its setpoint.
+    Where the torque is calm the motion may be rough by what the drive makes beside its setpoint.   rougher : ln of the largest factor.
     """
-    bounds = (math.log(least_rad / data.step_rad), ROUGHER)
+    bounds = (math.log(least_rad / data.step_rad), rougher)
     more = _likeliest(data, model, residuals, bounds, lambda piece, x: (piece.step_rad * math.exp(x), piece.noise_nm))
     return data.step_rad * math.exp(more)
 
@@ -322,13 +325,3 @@ def by_place(position: Array, torque: Array) -> tuple[Array, Array]:
     """Both in the order of the position."""
     order = np.argsort(position)
     return position[order], torque[order]
-
-
-def smallest_step(position: Array) -> float:
-    """Smallest difference between two neighbouring values of an angle, rounding of the file left aside; rad."""
-    levels = np.unique(position)
-    if len(levels) < 2:
-        return np.inf
-    gaps = np.diff(levels)
-    real = gaps[gaps > 1e-9 * max(1.0, float(np.abs(levels).max()))]
-    return float(np.percentile(real, 2)) if len(real) else np.inf

@@ -26,7 +26,7 @@ from beltcomm.fit.observer import Observer, Seen, innovations, needs_observer, t
 from beltcomm.fit.reversals import LEVEL, passed, turns_at_once
 from beltcomm.fit.slack import stiffness_left
 from beltcomm.fit.smoother import smoothed
-from beltcomm.fit.thinning import thinned, thinned_noise, thinned_torque, thinning
+from beltcomm.fit.thinning import smallest_step, thinned, thinned_noise, thinned_torque, thinning
 from beltcomm.fit.torque_path import TorquePath
 from beltcomm.fit.whitening import Whitener, whiten
 from beltcomm.linear import matrices, operating_point
@@ -160,7 +160,8 @@ def segments(
     path : from the reading to the torque that acts; None takes the reading.
     """
     own = recording.sample_period_s
-    every = thinning(own, step_rad, "cart" in model.base_bodies) if fitted else 1
+    counted = min(step_rad, smallest_step(recording.position)) if fitted else step_rad  # without the angle's own noise, which is white
+    every = thinning(own, counted, "cart" in model.base_bodies) if fitted else 1
     sample, quieter = every * own, thinned_noise(every)
     cuts = [0, *(int(i) + 1 for i in recording.gaps()), len(recording.t_s)]
     start = recording.sidecar.start_position_m
@@ -200,7 +201,7 @@ def segments(
         smooth = smoothed(model, motion, push, step_rad, noise_nm) if hidden else None
         if smooth is not None:
             motion = replace(motion, creep=(smooth.theta, smooth.omega))
-            keep = ~resting(motion, max(stick_speed + SURE * smooth.off_rad_s, WHITE_STEPS * step_rad / sample))
+            keep = ~resting(motion, max(stick_speed + SURE * smooth.off_rad_s, WHITE_STEPS * counted / sample))
         elif fitted and reversals and turns_at_once(model):
             slow = max(stick_speed, STICK_STEPS * step_rad / sample)
             motion, keep, turns = passed(

@@ -43,3 +43,13 @@ def thinned_torque(torque: Array, within: Intersample | None, every: int) -> tup
     cells = cells[: number * every].reshape(number, CELLS, every).mean(axis=2)
     means = cells.mean(axis=1)
     return means, Intersample(cells - means[:, None])
+
+
+def smallest_step(position: Array) -> float:
+    """Smallest difference between two neighbouring values of an angle, rounding of the file left aside; rad."""
+    levels = np.unique(position)
+    if len(levels) < 2:
+        return np.inf
+    gaps = np.diff(levels)
+    real = gaps[gaps > 1e-9 * max(1.0, float(np.abs(levels).max()))]
+    return float(np.percentile(real, 2)) if len(real) else np.inf
