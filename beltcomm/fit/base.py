@@ -19,7 +19,6 @@ from beltcomm.fit.path_choice import choose_path, commands
 from beltcomm.fit.path_values import refine_path
 from beltcomm.fit.reading_fit import fit_reading
 from beltcomm.fit.records import (
-    MUCH_ROUGHER,
     NOISY,
     PUBLISHED_SUBSTEPS,
     SUBSTEPS,
@@ -38,8 +37,8 @@ from beltcomm.model import Model
 
 Array = NDArray[np.float64]
 
-#: Error over the noise below which only the noise may be wrong, and with noisy angles alone up to which they explain it.
-NEARLY, EXPLAINED = 1.25, 1.1
+#: Error over the noise below which only the noise may be wrong.
+NEARLY = 1.25
 #: Iterations of the first fit from start values, of one that goes on from a neighbouring model, and of the last one.
 FIRST_ITERATIONS, NEXT_ITERATIONS, LAST_ITERATIONS = 25, 12, 6
 #: Mean square of the whitened residual in samples with a reversal, over that of the others, up to which they count; intervals by which
@@ -109,8 +108,6 @@ def _fit_base(
     least = min(smallest_step(r.position) for r in data.recordings)
     if fitted.ratio < NEARLY and data.step_rad > NOISY * least:
         data = replace(data, step_rad=likeliest_step(data, fitted.model, _residuals(fitted), least))
-    elif fitted.ratio > NEARLY:
-        data, fitted = _with_noisy_angles(data, fitted, least, fixed)
     data, fitted = again(data, fitted, LAST_ITERATIONS, PUBLISHED_SUBSTEPS if publish else SUBSTEPS, fixed=fixed)
     progress(0.9)
     data, fitted = through_reversals(data, fitted, fixed=fixed)
@@ -122,17 +119,6 @@ def with_own_noise(data: Data, fitted: Fitted) -> tuple[Data, Fitted]:
     """The records with no more noise of the torque than what the model leaves tells; the fit as it was."""
     noise = likeliest_noise(data, fitted.model, _residuals(fitted), data.noise_nm)
     return (replace(data, noise_nm=noise) if noise < QUIET * data.noise_nm else data), fitted
-
-
-def _with_noisy_angles(data: Data, fitted: Fitted, least_rad: float, fixed: Sequence[str]) -> tuple[Data, Fitted]:
-    """Records and fit with as much noise of the angle as the residuals tell, where that alone explains them; else as they were."""
-    ahead, found = data, fitted
-    for _ in range(ROUNDS):
-        step = likeliest_step(ahead, found.model, _residuals(found), least_rad, MUCH_ROUGHER)
-        ahead, found = again(replace(ahead, step_rad=step), found, NEXT_ITERATIONS, fixed=fixed)
-        if found.ratio < EXPLAINED:
-            return ahead, found
-    return data, fitted
 
 
 def _residuals(fitted: Fitted) -> list[Array]:

@@ -39,8 +39,6 @@ QUIETEST_SHARE = 1e-4
 QUIETER = 7.0
 #: ln of the factor by which a noisy angle may be rougher than it looks where it rests, for there it hangs on the encoder's steps.
 ROUGHER = 0.5
-#: The same where nothing was seen of it before.
-MUCH_ROUGHER = 2.5
 #: Samples of a window in which an angle's roughness is taken, and factor from which on it is more than its rounding makes.
 CALM_WINDOW, NOISY = 64, 1.3
 #: Mean change of a torque from sample to sample over its noise up to which nothing but noise changes it: that alone is 2/√π.
@@ -255,12 +253,12 @@ def likeliest_noise(data: Data, model: Model, residuals: Sequence[Array], most_n
     )
 
 
-def likeliest_step(data: Data, model: Model, residuals: Sequence[Array], least_rad: float, rougher: float = ROUGHER) -> float:
+def likeliest_step(data: Data, model: Model, residuals: Sequence[Array], least_rad: float) -> float:
     """Step whose rounding is as much as the noise of the angle that the residuals tell, rad: from a least one to somewhat more than so far.
 
-    Where the torque is calm the motion may be rough by what the drive makes beside its setpoint.   rougher : ln of the largest factor.
+    Where the torque is calm the motion may be rough by what the drive makes beside its setpoint.
     """
-    bounds = (math.log(least_rad / data.step_rad), rougher)
+    bounds = (math.log(least_rad / data.step_rad), ROUGHER)
     more = _likeliest(data, model, residuals, bounds, lambda piece, x: (piece.step_rad * math.exp(x), piece.noise_nm))
     return data.step_rad * math.exp(more)
 
