@@ -39,7 +39,7 @@ def within_scope(found: Diagnosis, recordings: Sequence[Recording]) -> tuple[Dia
         return replace(found, verdict="cannot tell"), [doubt]
     if found.data.path.commanded and not found.named:
         return replace(found, verdict="cannot tell"), [only_commanded(found)]
-    sentence = "" if found.verdict == "explained" else undersampled(found.base.model, recordings)
+    sentence = "" if found.verdict == "explained" or acts_slowly(found) else undersampled(found.base.model, recordings)
     sentence = sentence or unknown_delivery(found, recordings)
     if sentence and found.verdict != "nothing missing":
         return without_names(found), [sentence]
@@ -62,6 +62,12 @@ def within_scope(found: Diagnosis, recordings: Sequence[Recording]) -> tuple[Dia
         )
         return replace(found, verdict="cannot tell"), [sentence]
     return found, []
+
+
+def acts_slowly(found: Diagnosis) -> bool:
+    """Whether what was named first shows far below the antiresonance, too."""
+    slots = {effect.name: effect.slot for effect in EFFECTS}
+    return bool(found.named) and slots.get(found.named[0], FAST_SLOTS[0]) not in FAST_SLOTS
 
 
 def without_names(found: Diagnosis) -> Diagnosis:
