@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from beltcomm.control import CascadeStructure
 from beltcomm.errors import DataError, Refused
 from beltcomm.fit.acting import acting_recordings
+from beltcomm.fit.reading_fit import WHOLE
+from beltcomm.identify.dead_time import DeadTime
 from beltcomm.identify.magnitude_fit import Solver
 from beltcomm.model import Model
 from beltcomm.recording import Recording
@@ -40,9 +43,18 @@ def measure_delay_and_damping(findings: Findings, recordings: Sequence[Recording
         return
     _, resonance = analyse.characteristic_hz(model, recordings[0].sidecar.start_position_m or 0.0)
     try:
-        findings.dead_time = analyse.dead_time_of(recordings, resonance)
+        findings.dead_time = _behind_slew_rate(analyse.dead_time_of(recordings, resonance), findings, recordings[0].sample_period_s)
     except DataError as problem:
         findings.remarks.append(str(problem))
+
+
+def _behind_slew_rate(measured: DeadTime, findings: Findings, sample_s: float) -> DeadTime:
+    """The delay of a drive that limits the slew rate: an excitation that jumps is late by the limit, and a loop's torque hardly jumps."""
+    drive = findings.path.drive if findings.path is not None else None
+    if drive is None or not any(lag.kind == "slew rate" for lag in drive.lags):
+        return measured
+    delay_s = drive.delay_s(sample_s)
+    return replace(measured, value_s=delay_s, interval_s=max(drive.delay_interval, WHOLE) * sample_s, samples=delay_s / sample_s)
 
 
 def delay(findings: Findings) -> float:
