@@ -1,4 +1,4 @@
-"""What a fit takes from elsewhere and is not quite known: values of the torque path, and parameters held at the data sheet.
+"""Values of the torque path and parameters held at the data sheet: a fit takes them from elsewhere, and their doubt with them.
 
 A parameter that the records do not tell is no result of theirs: it is held at the data sheet, its tolerance is its interval, and the
 intervals of the others bear that.
@@ -66,7 +66,7 @@ def hold(model: Model, sheet: Model, name: str) -> Model:
 
 
 def held_remarks(model: Model) -> list[str]:
-    """What is to be said of the parameters that are held."""
+    """Sentences on the parameters that are held."""
     held = [(name, item) for name, item in model.parameters.items() if item.origin == HELD and item.interval is not None]
     return [
         f"these records do not tell {name}: the data sheet's {item.value:.4g} ± {item.interval:.2g} {item.unit} was taken; an excitation "

@@ -73,8 +73,8 @@ class Parts:
 
 @dataclass(frozen=True)
 class Doubt:
-    """What comes from elsewhere and is not quite known: change of the whitened residual with each of it, (n, k), 1/variance, (k, k), and
-    whether the records tell it too, (k,)."""
+    """Quantities from elsewhere, not quite known: change of the whitened residual with each, (n, k), 1/variance, (k, k), and whether the
+    records tell it too, (k,)."""
 
     columns: Array
     information: Array

@@ -97,7 +97,7 @@ def choose_path(data: Data, fitted: Fitted, start: Model, chain: ReadingFit | No
 
 
 def _illegible(data: Data, start: Model) -> bool:
-    """Whether the rounding of the acceleration hides all that a torque does within a few samples."""
+    """True where the rounding of the acceleration hides all that a torque does within a few samples."""
     rounded = [start["motor.inertia"] * data.step_rad * math.sqrt(0.5) / piece.motion.sample_s**2 for piece in data.fitted]
     return all(nm > ILLEGIBLE * float(np.std(piece.torque)) for nm, piece in zip(rounded, data.fitted, strict=True))
 

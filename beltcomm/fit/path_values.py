@@ -75,7 +75,7 @@ def path_doubt(data: Data, fitted: Fitted) -> Doubt | None:
 
 @dataclass(frozen=True)
 class ByReading:
-    """What setpoint and reading say of a path's values: information, (k, k), pull, (k,), and the squares left, in units of the noise."""
+    """Information of setpoint and reading on a path's values, (k, k), their pull, (k,), and the squares left, in units of the noise."""
 
     information: Array
     pull: Array
