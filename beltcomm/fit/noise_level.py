@@ -62,7 +62,7 @@ def torque_noise(recordings: Sequence[Recording], quiet_nm: float = 1e-3) -> flo
 
 
 def repeats_itself(recordings: Sequence[Recording]) -> bool:
-    """True for a torque that repeats from period to period as no measured one does: most values the same, the others a step or two apart."""
+    """True for a torque that repeats from period to period as no measured one does: most values the same, others a step or two apart."""
     for recording in recordings:
         repeated, note = _repeated(recording), recording.sidecar.excitation
         if repeated is None or note is None or len(repeated) < (note.period_samples or 0):
