@@ -299,12 +299,13 @@ def _by_motion(data: Data, start: Model, to_fit: Sequence[Recording], chain: Rea
         law = replace(chain.law, delay=chain.law.delay + time_s / sample_s, delay_interval=half_s / sample_s)
         return TorquePath(law, commanded=True)
 
-    swing = max(float(np.abs(np.diff(r.torque_setpoint)).max()) for r in lively if r.torque_setpoint is not None)
+    swing = max((float(np.abs(np.diff(r.torque_setpoint)).max()) for r in lively if r.torque_setpoint is not None), default=0.0)
 
     def limited(time_s: float, half_s: float) -> TorquePath:
         limit = Lag("slew rate", (swing / time_s,), (half_s * swing / time_s**2,))
         return TorquePath(replace(chain.law, lags=(*chain.law.lags, limit)), commanded=True)
 
     first = _tried(data, lively, start, plain)
-    trials = [(plain, first), *(_searched(data, lively, start, first, family) for family in (behind, later, limited))]
+    families = (behind, later, limited) if swing > 0.0 else (behind, later)
+    trials = [(plain, first), *(_searched(data, lively, start, first, family) for family in families)]
     return _best(trials, chain)

@@ -25,6 +25,8 @@ Array = NDArray[np.float64]
 
 #: Rounds; relative step of a difference; largest relative change at a time; fall of O that is worth a round, nats; iterations of its fit.
 ROUNDS, STEP, MOST, WORTH, ITERATIONS = 3, 0.02, 0.4, 10.0, 6
+#: N m, noise of a reading without any.
+LEAST_NOISE_NM = 1e-9
 #: Share of a value that it is known to at least.
 UNKNOWN = 1.0
 
@@ -97,7 +99,7 @@ def by_reading(data: Data, values: Array) -> ByReading:
 
     colour = colour_of([rest_at(values)])
     rest = rest_at(values, colour)
-    noise = robust_rms(rest, torque_step(np.concatenate([reading for _, reading in pairs])))
+    noise = max(robust_rms(rest, torque_step(np.concatenate([reading for _, reading in pairs]))), LEAST_NOISE_NM)
     steps = STEP * values
     slopes = np.column_stack([(rest_at(values + step, colour) - rest) / np.sum(step) for step in np.diag(steps)]) / noise
     return ByReading(slopes.T @ slopes + hardly, -slopes.T @ rest / noise, float(rest @ rest) / noise**2)
@@ -113,8 +115,9 @@ def _shares(data: Data) -> dict[str, tuple[float, float]]:
 
 def _free_delays(path: TorquePath) -> tuple[int, ...]:
     """Which of both delays are values: one that is not whole, and both where the reading's is not, for it hides a part of the drive's."""
-    late = [abs(delay - round(delay)) > WHOLE for delay in _delays(path)]
-    return tuple(place for place in (0, 1) if late[place] or (place == 0 and late[1] and path.drive is not None))
+    delays = _delays(path)
+    late = [abs(delay - round(delay)) > WHOLE for delay in delays]
+    return tuple(place for place in (0, 1) if late[place] or (place == 0 and late[1] and delays[0] > WHOLE))
 
 
 def _lags(path: TorquePath) -> tuple[Lag, ...]:
