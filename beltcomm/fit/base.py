@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.compiled import in_one_thread
-from beltcomm.fit.doubt import hold, next_to_hold, with_doubt
+from beltcomm.fit.decimation import smallest_step
 from beltcomm.fit.estimate import AT_A_TIME, Fitted, fit, resume_fit
 from beltcomm.fit.intervals import UNEXPLAINED, with_intervals
 from beltcomm.fit.likelihood import OFFSET_M
+from beltcomm.fit.nuisance import hold, next_to_hold, with_nuisance
 from beltcomm.fit.observer import needs_observer
 from beltcomm.fit.path_choice import choose_path, commands
 from beltcomm.fit.path_values import refine_path
@@ -31,7 +32,6 @@ from beltcomm.fit.records import (
 )
 from beltcomm.fit.reversals import turns_at_once
 from beltcomm.fit.sensor_noise import split_noise
-from beltcomm.fit.thinning import smallest_step
 from beltcomm.fit.torque_path import TorquePath
 from beltcomm.model import Model
 
@@ -112,7 +112,7 @@ def _fit_base(
     progress(0.9)
     data, fitted = through_reversals(data, fitted, fixed=fixed)
     progress(1.0)
-    return data, with_doubt(data, fitted)
+    return data, with_nuisance(data, fitted)
 
 
 def with_own_noise(data: Data, fitted: Fitted) -> tuple[Data, Fitted]:
@@ -167,7 +167,7 @@ def again(data: Data, fitted: Fitted, iterations: int, substeps: int = SUBSTEPS,
         piece.motion.forget()  # these records are looked at as they were once more at most
     # Behind an observer a light body may fly off; a motion rebuilt by a model far off makes it worse.
     first = fitted.problem.pieces[0]
-    louder = first.noise_nm / (first.quieter * data.noise_nm)  # the same error over a noise that is known better now
+    louder = first.noise_nm / (first.noise_factor * data.noise_nm)  # the same error over a noise that is known better now
     now, then = in_groups_of(found, fitted), in_groups_of(fitted, found)
     sound = math.isfinite(found.objective) and now < WORSE * then * max(louder, 1.0)
     return (ahead, found) if sound else (data, fitted)

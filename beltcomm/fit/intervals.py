@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from beltcomm.fit.estimate import Fitted
-from beltcomm.fit.likelihood import Doubt, Problem, time_blocks
+from beltcomm.fit.likelihood import Nuisance, Problem, time_blocks
 from beltcomm.model import Model
 
 Array = NDArray[np.float64]
@@ -78,7 +78,7 @@ class Spread:
 
 
 #: Models with their intervals, and by what doubt, as long as the fits live that they are of.
-_KNOWN: WeakKeyDictionary[Fitted, tuple[Doubt | None, Model]] = WeakKeyDictionary()
+_KNOWN: WeakKeyDictionary[Fitted, tuple[Nuisance | None, Model]] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True)
@@ -148,11 +148,11 @@ def information_of(fitted: Fitted) -> Information:
     names = tuple(problem.free[i] for i in free)
     scores, pulls = summed(gradient, time_blocks(problem.pieces, GROUP_S)), summed(gradient, records)
     doubt = np.zeros_like(inverse)
-    if problem.doubt is not None:
-        others, known = problem.doubt.columns * weights[:, None], problem.doubt.information
+    if problem.nuisance is not None:
+        others, known = problem.nuisance.columns * weights[:, None], problem.nuisance.information
         cross = columns.T @ others
         moved = inverse @ cross
-        told = np.outer(problem.doubt.told, problem.doubt.told)
+        told = np.outer(problem.nuisance.told, problem.nuisance.told)
         values, vectors = np.linalg.eigh(told * (others.T @ others - cross.T @ moved))
         beside = (vectors * np.maximum(values, 0.0)) @ vectors.T  # nothing is told less than not at all
         doubt = moved @ np.linalg.pinv(beside + known, hermitian=True) @ moved.T
@@ -231,11 +231,11 @@ def without_each(told: Information) -> tuple[Array, Array]:
 def with_intervals(fitted: Fitted) -> Model:
     """The model with half widths of 95 %, worked out once: several answers in a row ask for it; None where a parameter sits at a bound."""
     doubt, known = _KNOWN.get(fitted, (None, None))
-    if known is None or doubt is not fitted.problem.doubt:
+    if known is None or doubt is not fitted.problem.nuisance:
         spread = spread_of(fitted)
         parameters = dict(fitted.model.parameters)
         for name in fitted.problem.free:
             parameters[name] = replace(parameters[name], interval=spread.half_width({name: 1.0}))
         known = replace(fitted.model, parameters=parameters)
-        _KNOWN[fitted] = fitted.problem.doubt, known
+        _KNOWN[fitted] = fitted.problem.nuisance, known
     return known

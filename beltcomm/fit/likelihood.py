@@ -72,7 +72,7 @@ class Parts:
 
 
 @dataclass(frozen=True)
-class Doubt:
+class Nuisance:
     """Quantities from elsewhere, not quite known: change of the whitened residual with each, (n, k), 1/variance, (k, k), and whether the
     records tell it too, (k,)."""
 
@@ -119,7 +119,7 @@ class Problem:
         owners = np.repeat(np.arange(len(self._pieces)), [len(piece.counted) for piece in self._pieces])
         self.piece_of_block = np.zeros(len(self.count), dtype=np.intp)
         self.piece_of_block[self.blocks] = owners
-        self.doubt: Doubt | None = None
+        self.nuisance: Nuisance | None = None
         # What was worked out last of each piece: the search asks for it again.
         self.last: dict[int, tuple[tuple[bytes, float], Parts]] = {}
         self.seen: tuple[bytes, list[Array]] = (b"", [])

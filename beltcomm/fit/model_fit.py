@@ -13,10 +13,10 @@ from scipy.special import stdtrit
 
 from beltcomm.errors import DataError
 from beltcomm.fit.base import fit_base
-from beltcomm.fit.doubt import held_remarks
 from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.intervals import Spread, spread_of, wanted_of, with_intervals
 from beltcomm.fit.noise_level import noise_colour, torque_noise
+from beltcomm.fit.nuisance import held_remarks
 from beltcomm.fit.records import Data, made, shown_step
 from beltcomm.fit.remarks import remark_on, remarks_on_pairs
 from beltcomm.fit.torque_path import TorquePath

@@ -24,8 +24,9 @@ QUARTER, JUMP, TOUCHED, FEWEST = 0.3186, 8.0, 0.1, 200
 REPEATING = 2.0
 #: Share of the values that are the same a period later, and share of the torque that they differ by, of a command that comes back.
 SAME, NO_NOISE = 0.3, 2e-3
-#: Correlations of neighbours from which on noise has a colour, and up to which; distance of that two apart from its square.
-COLOURED, MOST_COLOUR, LIKE_FIRST_ORDER = 0.25, 0.98, 0.08
+#: Correlations of neighbours from which on noise has a colour between periods, from which on beside a setpoint, and up to which;
+#: distance of that two apart from its square.
+COLOURED, LEAST_COLOUR, MOST_COLOUR, LIKE_FIRST_ORDER = 0.25, 0.1, 0.98, 0.08
 #: Share of the torque's own deviation above which the roughness of a record that may be excited is the excitation, as far as anybody knows.
 MOSTLY = 0.1
 #: Error over the noise below which the noise is not what it was taken for: healthy machines leave 0.93 and more.
@@ -82,6 +83,12 @@ def torque_step(torque: Array) -> float:
     gaps = np.diff(np.unique(torque))
     real = gaps[gaps > 1e-9 * float(np.abs(torque).max())] if len(gaps) else gaps
     return float(np.percentile(real, 2)) if len(real) else 0.0
+
+
+def correlation(rests: Sequence[Array], samples: int = 1) -> float:
+    """Autocorrelation of some rows, (n,) each, of mean 0, at a lag of so many samples; 0 where all are 0."""
+    power = sum(float(rest @ rest) for rest in rests)
+    return sum(float(rest[samples:] @ rest[:-samples]) for rest in rests) / power if power > 0.0 else 0.0
 
 
 def robust_rms(rest: Array, step_nm: float = 0.0) -> float:
@@ -143,11 +150,10 @@ def _coloured(recording: Recording) -> Level | None:
         return None
     number = np.arange(len(repeated))
     rest = repeated - np.polyval(np.polyfit(number, repeated, 1), number)
-    power = float(rest @ rest)
-    first, second = (float(rest[k:] @ rest[:-k]) / power if power > 0.0 else 0.0 for k in (1, 2))
+    first, second = correlation([rest], 1), correlation([rest], 2)
     if not COLOURED < first < MOST_COLOUR or abs(second - first**2) > LIKE_FIRST_ORDER:
         return None
-    return Level(math.sqrt(power / len(rest)), True, first)
+    return Level(float(np.sqrt(np.mean(rest**2))), True, first)
 
 
 def _without_setpoint(recording: Recording) -> Level:

@@ -72,7 +72,7 @@ def commands(chain: ReadingFit | None, recordings: Sequence[Recording]) -> bool:
     if chain is None:
         return repeats_itself(recordings)
     scale = max(float(np.sqrt(np.mean(r.torque**2))) for r in recordings)
-    return chain.rest_nm <= COMMAND * scale or (chain.crest < BOUNDED and chain.rest_nm <= HARDLY * scale)
+    return chain.rest_nm <= COMMAND * scale or (chain.crest_factor < BOUNDED and chain.rest_nm <= HARDLY * scale)
 
 
 def choose_path(data: Data, fitted: Fitted, start: Model, chain: ReadingFit | None) -> PathChoice:

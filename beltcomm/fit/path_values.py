@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.fit.estimate import Fitted, fit
-from beltcomm.fit.likelihood import Doubt
+from beltcomm.fit.likelihood import Nuisance
 from beltcomm.fit.noise_level import robust_rms, torque_step
 from beltcomm.fit.reading_fit import NORMAL_95, TAPS, WHOLE, colour_of, lively_pairs, whitened_row
 from beltcomm.fit.records import Data, made
@@ -66,13 +66,13 @@ def _with_half_widths(data: Data, fitted: Fitted) -> Data:
     return replace(data, path=_with_values(data.path, values, halves))
 
 
-def path_doubt(data: Data, fitted: Fitted) -> Doubt | None:
+def path_nuisance(data: Data, fitted: Fitted) -> Nuisance | None:
     """Of the path's values, which the reading tells; None without any."""
     values = _values(data.path)
     columns = _columns(data, fitted, values) if len(values) else None
     if columns is None or not np.any(columns):
         return None
-    return Doubt(columns, by_reading(data, values).information, np.ones(len(values), dtype=np.bool_))
+    return Nuisance(columns, by_reading(data, values).information, np.ones(len(values), dtype=np.bool_))
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from beltcomm.fit.noise_level import LEAST_COLOUR, MOST_COLOUR, correlation
 from beltcomm.fit.torque_path import DriveLaw, Kind, Lag, torque_at
 from beltcomm.recording import Recording
 
@@ -55,8 +56,6 @@ STEP, LONGEST = np.array(1e-4), 40
 DIFFERENCE, NORMAL_95 = 1e-3, 1.96
 #: Gain of -2 ln L beyond ln N for each further value that makes a chain the better one.
 CLEAR = 10.0
-#: Colour of the noise below which it is white, and the largest.
-LEAST_COLOUR, MOST_COLOUR = 0.1, 0.98
 #: -2 ln L above the best up to which the motion is asked; periods below which a delay beside whole ones is none.
 NEARLY, WHOLE = 60.0, 0.02
 #: A reading that follows its setpoint to this share of it is a command that comes back.
@@ -68,7 +67,7 @@ class ReadingFit:
     """law : of drive and reading together, with intervals.   rest_nm : rms it leaves, N m.   cost : -2 ln L with ln N for each value.
 
     samples : N, how many were looked at.   values : how many were found.   at_end : whether the reading is the torque at the end of the
-    period.   crest : largest of what is left over its rms.   rivals : others that explain the reading nearly as well.
+    period.   crest_factor : largest of what is left over its rms.   rivals : others that explain the reading nearly as well.
     """
 
     law: DriveLaw
@@ -77,7 +76,7 @@ class ReadingFit:
     samples: int
     values: int
     at_end: bool = False
-    crest: float = math.inf
+    crest_factor: float = math.inf
     rivals: tuple[ReadingFit, ...] = ()
 
 
@@ -228,8 +227,8 @@ def _fitted(
         return None
     law = _with_intervals(_law(chain, best[1], sample_s), _deviations(rest_at, best[1], rest))
     rms = float(np.sqrt(np.mean(rest**2)))
-    crest = float(np.abs(rest).max()) / max(rms, 1e-300)
-    return ReadingFit(replace(law, gain=gain), rms, best[0], samples, best[2], at_end, crest)
+    crest_factor = float(np.abs(rest).max()) / max(rms, 1e-300)
+    return ReadingFit(replace(law, gain=gain), rms, best[0], samples, best[2], at_end, crest_factor)
 
 
 def _deviations(rest_at: Callable[[Array], Array], x: Array, rest: Array) -> Array:
@@ -264,8 +263,7 @@ def _colour_beside(found: ReadingFit, pairs: Sequence[Pair], sample_s: float) ->
 
 def colour_of(rests: Sequence[Array]) -> float:
     """Correlation of neighbours; 0 where it is hardly any."""
-    power = sum(float(rest @ rest) for rest in rests)
-    found = sum(float(rest[1:] @ rest[:-1]) for rest in rests) / power if power > 0.0 else 0.0
+    found = correlation(rests)
     return min(found, MOST_COLOUR) if found > LEAST_COLOUR else 0.0
 
 

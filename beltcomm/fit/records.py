@@ -14,11 +14,11 @@ from scipy.optimize import minimize_scalar
 
 from beltcomm.axis import Axis
 from beltcomm.errors import DataError
+from beltcomm.fit.decimation import smallest_step
 from beltcomm.fit.moving import creeping
 from beltcomm.fit.noise_level import noise_colour, torque_noise
 from beltcomm.fit.observer import needs_observer
 from beltcomm.fit.segment import Segment, evaluate, noise_paths_of, segments, with_observers
-from beltcomm.fit.thinning import smallest_step
 from beltcomm.fit.torque_path import FAITHFUL, TorquePath
 from beltcomm.fit.whitening import whitener
 from beltcomm.model import Model
@@ -155,7 +155,7 @@ def remade(data: Data, model: Model, offsets_m: Array, substeps: int = SUBSTEPS,
         left: dict[str, list[tuple[Segment, Array]]] = {}
         for piece, offset in zip(pieces, [*offsets_m, *np.zeros(len(data.held_out))], strict=True):
             known = replace(
-                piece, noise_nm=piece.quieter * data.noise_nm, colour=data.colour
+                piece, noise_nm=piece.noise_factor * data.noise_nm, colour=data.colour
             )  # by now maybe better than when the stretch was made
             left.setdefault(piece.record, []).append((known, evaluate(piece, model, model.vector(), float(offset))))
         shares = {name: rounding_shares(parts, model) for name, parts in left.items()}
@@ -249,7 +249,7 @@ def likeliest_noise(data: Data, model: Model, residuals: Sequence[Array], most_n
     """
     high = math.log(most_nm)
     return math.exp(
-        _likeliest(data, model, residuals, (high - QUIETER, high), lambda piece, x: (piece.step_rad, piece.quieter * math.exp(x)))
+        _likeliest(data, model, residuals, (high - QUIETER, high), lambda piece, x: (piece.step_rad, piece.noise_factor * math.exp(x)))
     )
 
 

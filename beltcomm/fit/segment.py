@@ -20,13 +20,13 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from beltcomm.compiled import compiled
+from beltcomm.fit.decimation import decimated, decimated_noise, decimated_torque, decimation, smallest_step
 from beltcomm.fit.moving import creeping, crept, ran_in, resting
 from beltcomm.fit.noise_path import Way, way
 from beltcomm.fit.observer import Observer, Seen, innovations, needs_observer, tuned, untuned
 from beltcomm.fit.reversals import LEVEL, passed, turns_at_once
 from beltcomm.fit.slack import stiffness_left
 from beltcomm.fit.smoother import smoothed
-from beltcomm.fit.thinning import smallest_step, thinned, thinned_noise, thinned_torque, thinning
 from beltcomm.fit.torque_path import TorquePath
 from beltcomm.fit.whitening import Whitener, whiten
 from beltcomm.linear import matrices, operating_point
@@ -83,7 +83,7 @@ class Segment:
     near the right one; without it every evaluation works out its own.   group : see :func:`grouped`.   rounding : shares for ``whitener``.
     process_noise, freedom_m : for ``observer``, that of a carriage which is free at times, see :func:`with_observer`.   turns : what the
     kernel's Coulomb friction of level 1 lacks at the reversals that count, (n,); None where none of those count, or the motor has no such
-    friction.   colour : of the torque's noise, see ``whitening``.   quieter : factor on the noise of a stretch that was thinned.
+    friction.   colour : of the torque's noise, see ``whitening``.   noise_factor : factor on the noise of a stretch that was decimated.
     """
 
     record: str
@@ -104,7 +104,7 @@ class Segment:
     observer: Observer | None = None
     turns: Array | None = None
     colour: float = 0.0
-    quieter: float = 1.0
+    noise_factor: float = 1.0
 
     @cached_property
     def firsts(self) -> NDArray[np.intp]:
@@ -161,8 +161,8 @@ def segments(
     """
     own = recording.sample_period_s
     counted = min(step_rad, smallest_step(recording.position)) if fitted else step_rad  # without the angle's own noise, which is white
-    every = thinning(own, counted, "cart" in model.base_bodies) if fitted else 1
-    sample, quieter = every * own, thinned_noise(every)
+    every = decimation(own, counted, "cart" in model.base_bodies) if fitted else 1
+    sample, noise_factor = every * own, decimated_noise(every)
     cuts = [0, *(int(i) + 1 for i in recording.gaps()), len(recording.t_s)]
     start = recording.sidecar.start_position_m
     pieces = []
@@ -178,8 +178,8 @@ def segments(
             torque, within = path.acting(torque, None if setpoint is None else setpoint[part], own)
             push = path.likeliest(torque, None if setpoint is None else setpoint[part], own)
         if every > 1:
-            position, push = position[::every][: len(position) // every], thinned(push, every)
-            torque, within = thinned_torque(torque, within, every)
+            position, push = position[::every][: len(position) // every], decimated(push, every)
+            torque, within = decimated_torque(torque, within, every)
         # Without a start position the recorded angle is the absolute one: a phase of cogging holds for all records of a run.
         place = float(recording.position[first]) if start is None else start / ratio + recording.position[first] - recording.position[0]
         time = (recording.sidecar.session_time_s or 0.0) + recording.t_s[first] - recording.t_s[0]
@@ -226,11 +226,11 @@ def segments(
                 torque,
                 motion,
                 keep,
-                quieter * noise_nm,
+                noise_factor * noise_nm,
                 step_rad,
                 start_offset(model, motion),
                 turns=turns,
-                quieter=quieter,
+                noise_factor=noise_factor,
             )
         )
     return pieces

@@ -14,11 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from beltcomm.fit.decimation import decimated
 from beltcomm.fit.estimate import Fitted
-from beltcomm.fit.noise_level import robust_rms, torque_step
+from beltcomm.fit.noise_level import LEAST_COLOUR, MOST_COLOUR, correlation, robust_rms, torque_step
 from beltcomm.fit.records import Data
 from beltcomm.fit.segment import Segment
-from beltcomm.fit.thinning import thinned
 from beltcomm.recording import Recording
 
 Array = NDArray[np.float64]
@@ -27,8 +27,8 @@ Array = NDArray[np.float64]
 LEAST_SHARE, KNOWN = 0.02, 4.0
 #: Share of the sensor from which on nearly all is its.
 MOSTLY = 0.8
-#: Colours that are none, and the largest; deviations from which on there is one.
-LEAST_COLOUR, MOST_COLOUR, COLOURED = 0.1, 0.98, 4.0
+#: Deviations of a colour from which on there is one.
+COLOURED = 4.0
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ def split_noise(data: Data, fitted: Fitted) -> NoiseSplit | None:
             continue
         rests.append(rest)
         every = round(piece.motion.sample_s / by_name[piece.record].sample_period_s)
-        rest = thinned(rest, every)
+        rest = decimated(rest, every)
         mean = np.zeros(len(rest))
         mean[1:-1] = 0.5 * (rest[:-2] + rest[1:-1])
         white, left, weight = piece.white(mean), fitted.residual[here], weights[here]
@@ -77,9 +77,7 @@ def split_noise(data: Data, fitted: Fitted) -> NoiseSplit | None:
 
 def _own_colour(rests: list[Array]) -> float:
     """ρ of white noise behind a filter of first order, from neighbours; 0 where it is not clearly above."""
-    power = sum(float(rest @ rest) for rest in rests)
-    number = sum(len(rest) for rest in rests)
-    colour = sum(float(rest[1:] @ rest[:-1]) for rest in rests) / power if power > 0.0 else 0.0
+    number, colour = sum(len(rest) for rest in rests), correlation(rests)
     return min(colour, MOST_COLOUR) if colour > max(LEAST_COLOUR, COLOURED / math.sqrt(number)) else 0.0
 
 

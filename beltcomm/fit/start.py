@@ -11,10 +11,10 @@ from scipy.ndimage import gaussian_filter1d
 
 from beltcomm.axis import Axis
 from beltcomm.errors import DataError
+from beltcomm.fit.decimation import smallest_step
 from beltcomm.fit.first_estimate import INERTIA_SHARES, first_estimate
 from beltcomm.fit.first_path import first_path
 from beltcomm.fit.low_pass import legible
-from beltcomm.fit.thinning import smallest_step
 from beltcomm.model import Model, build_model
 from beltcomm.recording import Recording
 from beltcomm.recording_checks import rigid_inertia

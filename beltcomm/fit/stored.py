@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from beltcomm.axis import Axis
-from beltcomm.fit.doubt import with_doubt
 from beltcomm.fit.estimate import Fitted, held_objective, judged, problem_of
+from beltcomm.fit.nuisance import with_nuisance
 from beltcomm.fit.observer import needs_observer
 from beltcomm.fit.records import Data, made
 from beltcomm.fit.torque_path import path_from_dict, path_to_dict
@@ -72,4 +72,4 @@ def restored(recordings: Sequence[Recording], found: Mapping[str, Any]) -> tuple
     residual = problem.residual(x)
     best = problem.model_at(x, "laboratory")
     held = tuple(judged(piece, best) for piece in data.held_out)
-    return data, with_doubt(data, Fitted(best, problem, x, residual, problem.objective(residual, x), held, held_objective(data, held)))
+    return data, with_nuisance(data, Fitted(best, problem, x, residual, problem.objective(residual, x), held, held_objective(data, held)))

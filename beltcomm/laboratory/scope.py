@@ -65,7 +65,7 @@ def within_scope(found: Diagnosis, recordings: Sequence[Recording]) -> tuple[Dia
 
 
 def acts_slowly(found: Diagnosis) -> bool:
-    """Whether what was named first shows far below the antiresonance, too."""
+    """True where the effect that was named first shows far below the antiresonance, too."""
     slots = {effect.name: effect.slot for effect in EFFECTS}
     return bool(found.named) and slots.get(found.named[0], FAST_SLOTS[0]) not in FAST_SLOTS
 

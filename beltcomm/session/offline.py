@@ -12,7 +12,7 @@ from beltcomm.axis import Axis
 from beltcomm.control import Cascade, CascadeStructure
 from beltcomm.design.feedforward import FeedforwardKind
 from beltcomm.errors import DataError, UsageError
-from beltcomm.fit.thinning import smallest_step
+from beltcomm.fit.decimation import smallest_step
 from beltcomm.foreign.checks import check
 from beltcomm.given import pasted
 from beltcomm.identify.final import final_model

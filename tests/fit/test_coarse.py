@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from beltcomm.fit.doubt import HELD, TOLERANCES
+from beltcomm.fit.decimation import decimated_noise, decimated_torque, decimation
 from beltcomm.fit.model_fit import fit_model
+from beltcomm.fit.nuisance import HELD, TOLERANCES
 from beltcomm.fit.segment import segments
 from beltcomm.fit.smoother import smoothed
-from beltcomm.fit.thinning import thinned_noise, thinned_torque, thinning
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 from identify.records import NOISE_NM, PERIOD_S, Recorder, true_model
@@ -76,7 +76,7 @@ def test_the_second_difference_over_some_periods_is_the_mean_torque_over_them(ev
     torque = np.random.default_rng(5).normal(0.0, 0.1, n)
     speed = np.concatenate(([0.0], np.cumsum(torque / inertia * PERIOD_S)))
     angle = np.concatenate(([0.0], np.cumsum((speed[:-1] + 0.5 * torque / inertia * PERIOD_S) * PERIOD_S)))[:n]
-    means, within = thinned_torque(torque, None, every)
+    means, within = decimated_torque(torque, None, every)
     taken, sample = angle[::every], every * PERIOD_S
     needed = inertia * np.diff(taken, 2) / sample**2
     given = (0.5 * (means[:-1] + means[1:]) + within.triangular()[1:])[: len(needed)]
@@ -86,12 +86,12 @@ def test_the_second_difference_over_some_periods_is_the_mean_torque_over_them(ev
 def test_the_noise_of_a_thinned_torque_is_that_of_its_mean_with_the_triangular_weight() -> None:
     noise = np.random.default_rng(6).normal(0.0, 1.0, 400_000)
     for every in (1, 2, 4):
-        means, within = thinned_torque(noise, None, every)
+        means, within = decimated_torque(noise, None, every)
         weighted = 0.5 * (means[:-1] + means[1:]) + within.triangular()[1:]
-        assert float(np.std(weighted[:-1])) == pytest.approx(thinned_noise(every) * np.sqrt(0.5), rel=0.01)
+        assert float(np.std(weighted[:-1])) == pytest.approx(decimated_noise(every) * np.sqrt(0.5), rel=0.01)
 
 
 @pytest.mark.parametrize(("sample_s", "counts", "belt", "every"), [(5e-4, 865, True, 2), (5e-4, 65536, True, 1), (1e-3, 500, True, 1),
                                                                    (5e-4, 600, False, 4), (2e-3, 500, False, 1)])  # fmt: skip
 def test_only_coarse_and_fast_records_are_thinned(sample_s: float, counts: int, belt: bool, every: int) -> None:
-    assert thinning(sample_s, 2.0 * np.pi / counts, belt) == every
+    assert decimation(sample_s, 2.0 * np.pi / counts, belt) == every

@@ -55,7 +55,7 @@ class Line:
             pieces=pieces, free=("line.slope", "body.level"), scale=SCALE, ends=size * np.arange(self.records + 1),
             low=np.array([-9.0, x[1] if at_bound else -9.0]), high=np.array([9.0, 9.0]),
             jacobian=lambda _x: ArrowheadJacobian(np.pad(self.columns * SCALE, ((0, 0), (0, 1))), np.zeros(1, dtype=np.intp)),
-            weights=lambda _r: np.ones(len(self.left)), blocks=blocks, count=count, doubt=None,
+            weights=lambda _r: np.ones(len(self.left)), blocks=blocks, count=count, nuisance=None,
             rounding=lambda x: (count[:, None] * (2.0 * turned @ x), count[:, None, None] * turned),
         )  # fmt: skip
         model = Named({"line.slope": float(self.found[0]), "body.level": float(self.found[1])})

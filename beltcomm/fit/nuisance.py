@@ -15,8 +15,8 @@ from scipy.linalg import block_diag
 
 from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.intervals import with_intervals
-from beltcomm.fit.likelihood import OFFSET_M, Doubt
-from beltcomm.fit.path_values import path_doubt
+from beltcomm.fit.likelihood import OFFSET_M, Nuisance
+from beltcomm.fit.path_values import path_nuisance
 from beltcomm.fit.records import Data
 from beltcomm.fit.segment import evaluated
 from beltcomm.model import Model
@@ -35,13 +35,13 @@ HELD = "data sheet, held"
 STEP = 1e-3
 
 
-def with_doubt(data: Data, fitted: Fitted) -> Fitted:
+def with_nuisance(data: Data, fitted: Fitted) -> Fitted:
     """The fit, whose intervals count with what path and held parameters leave open."""
-    known = [one for one in (path_doubt(data, fitted), _held_doubt(fitted)) if one is not None]
+    known = [one for one in (path_nuisance(data, fitted), _held_nuisance(fitted)) if one is not None]
     if known:
         information = block_diag(*(one.information for one in known))
         told = np.concatenate([one.told for one in known])
-        fitted.problem.doubt = Doubt(np.hstack([one.columns for one in known]), information, told)
+        fitted.problem.nuisance = Nuisance(np.hstack([one.columns for one in known]), information, told)
     return fitted
 
 
@@ -75,7 +75,7 @@ def held_remarks(model: Model) -> list[str]:
     ]
 
 
-def _held_doubt(fitted: Fitted) -> Doubt | None:
+def _held_nuisance(fitted: Fitted) -> Nuisance | None:
     """Of the parameters that are held; None without any."""
     problem, held = fitted.problem, [name for name, item in fitted.model.parameters.items() if item.origin == HELD]
     if not held or any(piece.whitener is None for piece in problem.pieces):
@@ -89,4 +89,4 @@ def _held_doubt(fitted: Fitted) -> Doubt | None:
         columns.append(piece.white(changes))
     deviations = [TOLERANCES[name] * fitted.model[name] / 1.96 for name in held]
     information = np.diag([1.0 / deviation**2 for deviation in deviations])
-    return Doubt(np.concatenate(columns), information, np.zeros(len(held), dtype=np.bool_))
+    return Nuisance(np.concatenate(columns), information, np.zeros(len(held), dtype=np.bool_))

@@ -15,29 +15,38 @@ from beltcomm.simulate.intersample import CELLS, Intersample
 Array = NDArray[np.float64]
 
 #: rad/s that a step of the encoder may make in a sample, so that every sample is taken, and longest period of those that are, s.
-THIN_RAD_S, THINNED_BELT_S, THINNED_S = 2.0, 1e-3, 2e-3
+FINE_STEP_RAD_S, LONGEST_BELT_S, LONGEST_S = 2.0, 1e-3, 2e-3
 
 
-def thinning(sample_s: float, step_rad: float, belt: bool) -> int:
-    """Every which sample of a coarse encoder's angle is taken, a power of two: then rounding is white, and the torque's mean exact."""
-    longest, every = THINNED_BELT_S if belt else THINNED_S, 1
-    while step_rad > THIN_RAD_S * every * sample_s and 2 * every * sample_s <= longest * (1.0 + 1e-9):
+def decimation(sample_s: float, step_rad: float, belt: bool) -> int:
+    """Every which sample of a coarse encoder's angle is taken, a power of two: then rounding is white, and the torque's mean exact.
+
+    sample_s : s.   step_rad : of the encoder, rad at the motor.   belt : whether a carriage swings behind it.
+    """
+    longest, every = LONGEST_BELT_S if belt else LONGEST_S, 1
+    while step_rad > FINE_STEP_RAD_S * every * sample_s and 2 * every * sample_s <= longest * (1.0 + 1e-9):
         every *= 2
     return every
 
 
-def thinned_noise(every: int) -> float:
-    """Noise of a thinned torque, so that its mean over two periods is as noisy as that with the triangular weight; 1 for all samples."""
+def decimated_noise(every: int) -> float:
+    """Factor on white noise of the torque, so that the mean of two decimated ones is as noisy as that with the triangular weight.
+
+    √((4/3 - 1/(3 m²))/m) for every m-th sample; 1 for all of them.
+    """
     return math.sqrt((4.0 / 3.0 - 1.0 / (3.0 * every**2)) / every)
 
 
-def thinned(row: Array, every: int) -> Array:
-    """Mean over so many samples, without the rest at the end."""
+def decimated(row: Array, every: int) -> Array:
+    """Mean of a row, (n,), over so many samples, without the rest at the end; (n // every,)."""
     return np.asarray(row[: len(row) // every * every].reshape(-1, every).mean(axis=1))
 
 
-def thinned_torque(torque: Array, within: Intersample | None, every: int) -> tuple[Array, Intersample]:
-    """Mean of the torque over so many periods, and how it is spread over them."""
+def decimated_torque(torque: Array, within: Intersample | None, every: int) -> tuple[Array, Intersample]:
+    """Mean of the torque over so many periods, (n // every,), N m at the motor, and how it is spread over them.
+
+    torque : mean over each period, (n,), N m at the motor.   within : its spread inside; None: it is held.
+    """
     number = len(torque) // every
     cells = torque[:, None] + (np.zeros((1, CELLS)) if within is None else within.above)
     cells = cells[: number * every].reshape(number, CELLS, every).mean(axis=2)
