@@ -116,7 +116,12 @@ def _fit_base(
 
 
 def with_own_noise(data: Data, fitted: Fitted) -> tuple[Data, Fitted]:
-    """The records with no more noise of the torque than what the model leaves tells; the fit as it was."""
+    """The records with no more noise of the torque than what the model leaves tells; the fit as it was.
+
+    What a model leaves above the noise says nothing of the noise.
+    """
+    if fitted.ratio >= 1.0:
+        return data, fitted
     noise = likeliest_noise(data, fitted.model, _residuals(fitted), data.noise_nm)
     return (replace(data, noise_nm=noise) if noise < QUIET * data.noise_nm else data), fitted
 

@@ -199,9 +199,13 @@ def _level(fitted: Fitted, first: Fitted | None = None) -> float:
     return fitted.objective / fitted.problem.samples if fitted.problem.samples > fewest else math.inf
 
 
-def _best(trials: Sequence[tuple[TorquePath, Fitted]], chain: ReadingFit | None) -> PathChoice:
-    """The split with the least O; a faithful one unless another is clearly better."""
-    faithful, first = min((trial for trial in trials if trial[0].reading.faithful), key=lambda trial: _level(trial[1]))
+def _best(trials: Sequence[tuple[TorquePath, Fitted]], chain: ReadingFit | None, *, plain_first: bool = False) -> PathChoice:
+    """The split with the least O; a faithful one unless another is clearly better.
+
+    plain_first : the first trial is the one that stays, whatever else is faithful.
+    """
+    usual = trials[:1] if plain_first else [trial for trial in trials if trial[0].reading.faithful]
+    faithful, first = min(usual, key=lambda trial: _level(trial[1]))
     path, best = min(trials, key=lambda trial: _level(trial[1], first))
     samples = first.problem.samples
     gain = samples * (_level(first) - _level(best))
@@ -272,7 +276,7 @@ def _undone(data: Data, start: Model, to_fit: Sequence[Recording]) -> PathChoice
     found = [(faithful, first), _searched(data, lively, start, first, path_of)]
     for family, shares in ((behind_loop, LOOP_SHARES), (late, LATE_SHARES)):
         found.append(_searched(data, lively, start, first, family, [share * sample_s for share in shares]))
-    return _best(found, None)
+    return _best(found, None, plain_first=True)
 
 
 def _loop_shows(fitted: Fitted) -> bool:
@@ -308,4 +312,4 @@ def _by_motion(data: Data, start: Model, to_fit: Sequence[Recording], chain: Rea
     first = _tried(data, lively, start, plain)
     families = (behind, later, limited) if swing > 0.0 else (behind, later)
     trials = [(plain, first), *(_searched(data, lively, start, first, family) for family in families)]
-    return _best(trials, chain)
+    return _best(trials, chain, plain_first=True)
