@@ -12,7 +12,9 @@ Array = NDArray[np.float64]
 
 #: s, and steps of the encoder: a motor that gets on by so many steps in so long, before and after, is not at rest.
 CREEP_S, CREEP_STEPS = 0.05, 3.0
-#: Steps of the encoder by which it may be off an even motion there.
+#: Parts of both spans together, in each of which it gets on: one that stands in one of them may be stuck.
+PARTS, LEAST_STEPS, LEAST_SHARE = 4, 0.5, 0.25
+#: Steps of the encoder by which it may be off an even motion there, for its speed to be taken as even.
 EVEN_STEPS = 1.1
 #: m the carriage must have travelled before a stretch counts: until then its belt stretch at the start is unknown.
 RUN_IN_TRAVEL_M = 1e-4
@@ -32,25 +34,30 @@ def resting(motion: FineMotion, stick_speed: float) -> NDArray[np.bool_]:
     return touched
 
 
-def creeping(position: Array, sample_s: float, step_rad: float) -> NDArray[np.bool_]:
-    """Samples around which the motor goes on in one direction, however slowly: then friction is known to act against it.
+def creeping(position: Array, sample_s: float, step_rad: float) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Samples around which the motor goes on in one direction, however slowly, and those of them where it does so evenly, (n,) each.
 
     In each of the two spans of time before and after it, it gets on by several steps of the encoder, nowhere there back by one, and
-    evenly: one that stopped in between has been stuck.
+    nowhere stops for half of one, as if stuck: then friction is known to act against it.   A motor that cogs goes on unevenly.
     """
     n, w = len(position), max(2, round(CREEP_S / sample_s))
-    found = np.zeros(n, dtype=bool)
+    found, even = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
     if n <= 2 * w + 2:
-        return found
+        return found, even
     around, along = np.lib.stride_tricks.sliding_window_view(position, 2 * w + 1), np.linspace(0.0, 1.0, 2 * w + 1)
+    edges = np.linspace(0, 2 * w, PARTS + 1).round().astype(np.intp)
     for side in (1.0, -1.0):
         path = side * around
         back = np.max(np.maximum.accumulate(path, axis=1) - path, axis=1)
         gets_on = np.minimum(path[:, w] - path[:, 0], path[:, -1] - path[:, w]) > CREEP_STEPS * step_rad
-        evenly = np.abs(path - path[:, :1] - (path[:, -1:] - path[:, :1]) * along).max(axis=1) <= EVEN_STEPS * step_rad
-        found[w : n - w] |= gets_on & evenly & (back <= step_rad)
-    found[[0, -1]] = False
-    return found
+        parts = np.diff(path[:, edges], axis=1)
+        least = np.maximum(LEAST_STEPS * step_rad, LEAST_SHARE * parts.mean(axis=1))
+        goes_on = gets_on & (back <= step_rad) & (parts.min(axis=1) > least)
+        off = np.abs(path - path[:, :1] - (path[:, -1:] - path[:, :1]) * along).max(axis=1)
+        found[w : n - w] |= goes_on
+        even[w : n - w] |= goes_on & (off <= EVEN_STEPS * step_rad)
+    found[[0, -1]] = even[[0, -1]] = False
+    return found, even
 
 
 def crept(motion: FineMotion, position: Array, creeps: NDArray[np.bool_]) -> tuple[Array, Array] | None:

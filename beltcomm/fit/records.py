@@ -304,7 +304,7 @@ def white_step(position: Array) -> float:
 def repeat_noise(recordings: Sequence[Recording], step_rad: float) -> float:
     """What no model of the motion can explain, N m rms: torque at the same place in records of the same slow motion, 0 without any."""
     found = []
-    creeps = [(r, creeping(r.position, r.sample_period_s, step_rad)) for r in recordings]
+    creeps = [(r, creeping(r.position, r.sample_period_s, step_rad)[0]) for r in recordings]
     for (one, first), (two, second) in itertools.combinations(creeps, 2):
         if min(first.sum(), second.sum()) < FEWEST:
             continue

@@ -215,9 +215,9 @@ def segments(
         else:
             # Nothing rings behind the motor: what creeps on counts as well, and friction that turns within a step of the encoder is noise.
             if smooth is None:
-                creeps = creeping(position, sample, step_rad)
-                keep |= creeps
-                motion = replace(motion, bristle_m=max(motion.bristle_m, ratio * step_rad), creep=crept(motion, position, creeps))
+                creeps, even = creeping(position, sample, step_rad)
+                creep = crept(motion, position, even | (creeps & ~keep))
+                motion, keep = replace(motion, bristle_m=max(motion.bristle_m, ratio * step_rad), creep=creep), keep | creeps
         pieces.append(
             Segment(
                 recording.name,

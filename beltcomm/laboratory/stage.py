@@ -143,7 +143,7 @@ def search(
         if number < (FOLLOWED_REFITTED if needs_observer(base.model) else REFITTED) and promised > max(
             REFIT_PROMISE, REFIT_SHARE * found_most
         ):
-            candidates.append(refitted(data, base, best[name], len(ways[name]), against or base))
+            candidates.append(best_standing(data, base, (best[name], *ways[name][1:]), against or base))
         else:
             candidates.append(Candidate(best[name].effect, best[name].drop, promised, 0.0, 0.0, None, False))
         progress(0.7 + 0.3 * min(1.0, (number + 1) / REFITTED))
@@ -225,6 +225,15 @@ def price(effect: Effect, base: Fitted, starts: int) -> float:
 def refitted(data: Data, base: Fitted, way: Scored, starts: int, against: Fitted) -> Candidate:
     """Everything fitted again with the effect, from its best way."""
     return candidate(data, against, way.effect, way.drop, grown(data, base, way, against.objective), starts)
+
+
+def best_standing(data: Data, base: Fitted, ways: Sequence[Scored], against: Fitted) -> Candidate:
+    """The first way refitted; where something speaks against it, and the next is another order of a ripple, that one."""
+    first = refitted(data, base, ways[0], len(ways), against)
+    if first.stands or not first.effect.harmonic:
+        return first
+    others = (refitted(data, base, way, len(ways), against) for way in ways[1:] if promise(way, base, len(ways)) > REFIT_PROMISE)
+    return next((other for other in others if other.accepted), first)
 
 
 def strayed(base: Fitted, start: Model, above: float = MISSING) -> bool:
