@@ -38,7 +38,8 @@ def creeping(position: Array, sample_s: float, step_rad: float) -> tuple[NDArray
     """Samples around which the motor goes on in one direction, however slowly, and those of them where it does so evenly, (n,) each.
 
     In each of the two spans of time before and after it, it gets on by several steps of the encoder, nowhere there back by one, and
-    nowhere stops for half of one, as if stuck: then friction is known to act against it.   A motor that cogs goes on unevenly.
+    nowhere stops for half of one, as if stuck: then friction is known to act against it.   A motor that cogs goes on unevenly; what its
+    speed is there the samples must say.
     """
     n, w = len(position), max(2, round(CREEP_S / sample_s))
     found, even = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)

@@ -18,6 +18,7 @@ from scipy.optimize import minimize_scalar
 
 from beltcomm.fit.estimate import Fitted, fit
 from beltcomm.fit.noise_level import repeats_itself
+from beltcomm.fit.path_values import refine_path
 from beltcomm.fit.reading_fit import CLEAR, COMMAND, NORMAL_95, WHOLE, ReadingFit
 from beltcomm.fit.records import Data, made
 from beltcomm.fit.torque_path import DriveLaw, Lag, ReadingLaw, TorquePath
@@ -32,6 +33,8 @@ GOOD = 1.05
 BOUNDED, HARDLY = 2.6, 0.01
 #: s of records that the splits are held against, and iterations of each fit.
 ENOUGH_S, ITERATIONS = 8.0, 15
+#: Splits, the best by values of the reading alone, whose values the motion is asked for before one is taken.
+REFINED = 3
 #: Time constants of a reading without setpoint and of a drive whose reading is its command, s, that are tried.
 TIMES_S = (2e-4, 5e-4, 1e-3, 2e-3, 4e-3, 8e-3)
 #: Time constants of a current loop without setpoint that are tried, in sampling periods.
@@ -92,8 +95,16 @@ def choose_path(data: Data, fitted: Fitted, start: Model, chain: ReadingFit | No
     ways = [path for one in (chain, other) if one is not None for law in _apart(one.law) for path in splits(law, one.at_end)]
     if not any(path.reading.faithful for path in ways):
         ways.append(faithful)
-    found = _best([(path, _tried(data, lively, start, path)) for path in ways], chain)
-    return _best_shape(data, lively, found)
+    trials = sorted(((path, _tried(data, lively, start, path)) for path in ways), key=lambda trial: _level(trial[1]))
+    trials = [*(_refined(data, lively, *trial) for trial in trials[:REFINED]), *trials[REFINED:]]
+    return _best_shape(data, lively, _best(trials, chain))
+
+
+def _refined(data: Data, recordings: Sequence[Recording], path: TorquePath, fitted: Fitted) -> tuple[TorquePath, Fitted]:
+    """A path with its values as motion and reading together have them, and the fit by it."""
+    trial = made(recordings, fitted.model, data.noise_nm, data.step_rad, {}, path=path, colour=data.colour)
+    ahead, found = refine_path(trial, fitted)
+    return ahead.path, found
 
 
 def _illegible(data: Data, start: Model) -> bool:

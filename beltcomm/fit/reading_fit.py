@@ -57,7 +57,7 @@ DIFFERENCE, NORMAL_95 = 1e-3, 1.96
 #: Gain of -2 ln L beyond ln N for each further value that makes a chain the better one.
 CLEAR = 10.0
 #: -2 ln L above the best up to which the motion is asked; periods below which a delay beside whole ones is none.
-NEARLY, WHOLE = 60.0, 0.02
+NEARLY, WHOLE = 60.0, 0.004
 #: A reading that follows its setpoint to this share of it is a command that comes back.
 COMMAND = 1e-4
 

@@ -216,8 +216,9 @@ def segments(
             # Nothing rings behind the motor: what creeps on counts as well, and friction that turns within a step of the encoder is noise.
             if smooth is None:
                 creeps, even = creeping(position, sample, step_rad)
-                creep = crept(motion, position, even | (creeps & ~keep))
-                motion, keep = replace(motion, bristle_m=max(motion.bristle_m, ratio * step_rad), creep=creep), keep | creeps
+                creep = crept(motion, position, even)
+                motion = replace(motion, bristle_m=max(motion.bristle_m, ratio * step_rad), creep=creep)
+                keep |= even | (creeps & ~resting(motion, 0.0))
         pieces.append(
             Segment(
                 recording.name,
