@@ -52,6 +52,9 @@ SLOW_SHARES = (0.0, 0.03, 0.08, 0.15, 0.25, 0.35, 0.5)
 AGITATIONS, USUAL, STRAY = (0.0, 0.003, 0.01, 0.03, 0.1, 0.3), 2, 5.0
 #: Neighbouring values that make one: where the axis is excited, and elsewhere; Hz that are left at least.
 EXCITED_GROUP, STEADY_GROUP, BAND_HZ = 2, 4, 120.0
+#: Torque of the acceleration's rounding over the torque's noise from which on each value is one by itself: at a steady speed rounding
+#: goes with the motion, and is not white over several samples.
+ROUNDED = 3.0
 
 
 @dataclass(frozen=True)
@@ -112,7 +115,8 @@ def made(
     rattles = any(effect.rattles for effect in model.effect_list())
     for recording in recordings:
         shown = shares.get(recording.name, (1.0, 0.0))
-        group = 1 if usual == PUBLISHED_SUBSTEPS else group_of(recording)
+        rounded = model["motor.inertia"] * step_rad * math.sqrt(0.5) / recording.sample_period_s**2
+        group = 1 if usual == PUBLISHED_SUBSTEPS or rounded > ROUNDED * noise_nm else group_of(recording)
         stroke = recording.sidecar.experiment == "friction_sweep"
         substeps = (RATTLING_STROKE_SUBSTEPS if rattles else STROKE_SUBSTEPS) if stroke else (RATTLING_SUBSTEPS if rattles else usual)
         for piece in segments(recording, model, step_rad, noise_nm, fitted=True, substeps=substeps, path=path, reversals=reversals):

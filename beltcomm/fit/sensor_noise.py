@@ -42,7 +42,7 @@ class NoiseSplit:
 
 
 def split_noise(data: Data, fitted: Fitted) -> NoiseSplit | None:
-    """Noise of the sensor and torque that the drive makes beside its setpoint; None where no setpoint tells."""
+    """Noise of the sensor and torque that the drive makes beside its setpoint; None where no setpoint tells, or no more than is known."""
     if data.path.drive is None or data.path.commanded:
         return None
     by_name = {r.name: r for r in data.recordings}
@@ -68,7 +68,8 @@ def split_noise(data: Data, fitted: Fitted) -> NoiseSplit | None:
     total = robust_rms(np.concatenate(rests), max(torque_step(r.torque) for r in by_name.values()))
     share, deviation = sums[0] / sums[1], math.sqrt(sums[2]) / sums[1]
     if deviation * KNOWN > 1.0 and share < KNOWN * deviation:
-        return None
+        # The motion does not tell: all of it may be the sensor's, and more it cannot be.
+        return NoiseSplit(total, 0.0, 0.5 * total, _own_colour(rests)) if total < data.noise_nm else None
     share = min(max(share, LEAST_SHARE), 1.0)
     # Where nearly all is the sensor's, its colour is that of the difference, which no rounding hides.
     colour = _own_colour(rests) if share > MOSTLY else _colour(colours)
