@@ -46,6 +46,8 @@ FIRST_ITERATIONS, NEXT_ITERATIONS, LAST_ITERATIONS = 25, 12, 6
 REVERSAL_MISFIT, MOST_MOVED, RUBBING = 1.15, 2.0, ("coulomb.", "cart_friction.", "viscous")
 #: Share of the torque's rms that its noise is taken for at first where nothing tells; share below which noise is less than was thought.
 LOUD, QUIET = 0.3, 0.95
+#: Share of its noise so far up to which a torque's noise, once told, is worth asking the motion of the path again.
+CALMER = 0.7
 #: How often a short fit and what an observer does not know are found anew, each by the other, before the fit.
 ROUNDS = 3
 #: Share of the values that must be left where a model rebuilds the motion, and factor by which the error may be larger with it.
@@ -102,7 +104,10 @@ def _fit_base(
     split = split_noise(data, fitted)
     if split is not None:
         acts = split.process_nm**2 / (split.process_nm**2 + split.sensor_nm**2)
+        quieter = split.sensor_nm < CALMER * data.noise_nm
         data = replace(data, noise_nm=split.sensor_nm, colour=split.colour, path=replace(data.path, acts=acts))
+        if quieter and path is None:  # the motion tells more of the path now
+            data, fitted = refine_path(*again(data, fitted, NEXT_ITERATIONS, fixed=fixed))
     elif chain is None or commanded:
         data, fitted = with_own_noise(data, fitted)
     least = min(smallest_step(r.position) for r in data.recordings)

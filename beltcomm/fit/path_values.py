@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from beltcomm.fit.decimation import decimated_torque
 from beltcomm.fit.estimate import Fitted, fit
 from beltcomm.fit.likelihood import Nuisance
 from beltcomm.fit.noise_level import robust_rms, torque_step
@@ -43,7 +44,7 @@ def refine_path(data: Data, fitted: Fitted) -> tuple[Data, Fitted]:
         near, told = fitted.nearby.best(columns=columns), by_reading(data, values)
         known = fitted.nearby.information(columns)
         step = np.linalg.solve(known + told.information, known @ near.amounts + told.pull)
-        step = np.clip(step, -MOST * values, MOST * values)
+        step *= min(1.0, float(np.min(_most(data.path, values) / np.maximum(np.abs(step), 1e-300))))  # what one loses another gains
         path = _with_values(data.path, values + step)
         same = (data.noise_nm, data.step_rad, _shares(data), data.substeps, path, data.reversals, data.colour)
         ahead = made(data.recordings, fitted.model, *same)
@@ -120,6 +121,14 @@ def _free_delays(path: TorquePath) -> tuple[int, ...]:
     return tuple(place for place in (0, 1) if late[place] or (place == 0 and late[1] and delays[0] > WHOLE))
 
 
+def _most(path: TorquePath, values: Array) -> Array:
+    """Changes of the values that a first order bears: of a delay part of a period, but not below 0."""
+    most, first = MOST * values, sum(len(lag.values) for lag in _lags(path))
+    delays = slice(first, first + len(_free_delays(path)))
+    most[delays] = np.minimum(MOST, values[delays])
+    return most
+
+
 def _lags(path: TorquePath) -> tuple[Lag, ...]:
     return (*(path.drive.lags if path.drive is not None else ()), *path.reading.lags)
 
@@ -168,7 +177,8 @@ def _columns(data: Data, fitted: Fitted, values: Array) -> Array | None:
             return None
         recording = by_name[piece.record]
         changes = np.zeros((piece.motion.samples, len(values)))
-        if len(recording.t_s) == piece.motion.samples:  # of a record with gaps this would be another piece
+        every = round(piece.motion.sample_s / recording.sample_period_s)
+        if len(recording.t_s) // every == piece.motion.samples:  # of a record with gaps this would be another piece
             motion = true_motion(fitted.model, piece.motion, vector)
             here = acting_torque(fitted.model, motion, piece.torque, vector)
             for k, value in enumerate(values):
@@ -176,6 +186,8 @@ def _columns(data: Data, fitted: Fitted, values: Array) -> Array | None:
                 ahead[k] += STEP * value
                 path = _with_values(data.path, ahead)
                 torque, within = path.acting(recording.torque, recording.torque_setpoint, recording.sample_period_s)
+                if every > 1:
+                    torque, within = decimated_torque(torque, within, every)
                 changes[:, k] = -(acting_torque(fitted.model, replace(motion, within=within), torque, vector) - here) / (STEP * value)
         parts.append(piece.white(changes))
     return np.concatenate(parts)

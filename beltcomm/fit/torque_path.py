@@ -279,11 +279,19 @@ def _behind_loop(means: Array, time_s: float, sample_s: float) -> Array:
 
 
 def torque_at(cells: Array, share: float) -> Array:
-    """Torque at a share of every period, (n,), N m, from its mean over each cell, (n, cells): of the parabola through three of them."""
+    """Torque at a share of every period, (n,), N m, from its mean over each cell, (n, cells): of the parabola through three of them.
+
+    Between two beginnings of a cell it is linear."""
     row, number = cells.reshape(-1), cells.shape[1]
-    edges = np.arange(len(cells)) * number + round(share * number)  # the cell that begins there
-    last = np.maximum(edges - 1, 0)
-    return np.asarray((11.0 * row[last] - 7.0 * row[np.maximum(last - 1, 0)] + 2.0 * row[np.maximum(last - 2, 0)]) / 6.0)
+    whole = math.floor(share * number)
+    part = share * number - whole
+
+    def beginning(cell: int) -> Array:
+        last = np.clip(np.arange(len(cells)) * number + cell - 1, 0, len(row) - 1)
+        return np.asarray((11.0 * row[last] - 7.0 * row[np.maximum(last - 1, 0)] + 2.0 * row[np.maximum(last - 2, 0)]) / 6.0)
+
+    here = beginning(whole)
+    return here if part == 0.0 else here + part * (beginning(whole + 1) - here)
 
 
 def _unmixed(read: Array, part: float) -> Array:

@@ -23,6 +23,7 @@ from beltcomm.laboratory.acceptance import (
     EVIDENCE,
     STIFFNESS,
     drop_by,
+    drop_in_means,
     enough,
     explained_share,
     fitted_to_nothing,
@@ -279,6 +280,9 @@ def candidate(data: Data, base: Fitted, effect: Effect, promised: float, best: F
     hollow = bool(impossible(best.model)) or grown_out_of_bounds(best.model, effect) or fitted_to_nothing(best.model, effect)
     grows = left_as_a_whole(base, best) >= 1.0
     accepted = enough(evidence, explained, drop, held_gain, base) and not (hollow or grows)
+    if accepted and (means := drop_in_means(data, base, best)) < drop:
+        evidence = means - price(effect, base, starts)
+        accepted = evidence > EVIDENCE
     idle = accepted and not lowers(data, base, best)
     return Candidate(effect, promised, evidence, explained, held_gain, best, accepted and not idle, hollow, grows, idle=idle)
 
