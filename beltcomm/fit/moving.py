@@ -16,6 +16,8 @@ CREEP_S, CREEP_STEPS = 0.05, 3.0
 PARTS, LEAST_STEPS, LEAST_SHARE = 4, 0.5, 0.25
 #: Steps of the encoder by which it may be off an even motion there, for its speed to be taken as even.
 EVEN_STEPS = 1.1
+#: Samples around one in which an angle may go so many times the way that is counted and a step.
+AROUND, MOST_WAY = 17, 1.5
 #: m the carriage must have travelled before a stretch counts: until then its belt stretch at the start is unknown.
 RUN_IN_TRAVEL_M = 1e-4
 #: s after that travel, for the free oscillation of the carriage to die out.
@@ -77,6 +79,15 @@ def crept(motion: FineMotion, position: Array, creeps: NDArray[np.bool_]) -> tup
     theta = np.where(here, np.interp(place, number, even) + start, motion.theta)
     omega = np.where(here, np.interp(place, number, np.gradient(even, motion.sample_s)), motion.omega)
     return theta, omega
+
+
+def between_steps(angle: Array, position: Array, step_rad: float) -> NDArray[np.bool_]:
+    """Samples around which an angle swings further than its counts tell, (n,): a slow motion that steps now and then looks so.
+
+    angle : the likeliest, rad, (n,).   position : as it was counted, rad, (n,).
+    """
+    ways = [uniform_filter1d(np.abs(np.diff(row, prepend=row[0])), AROUND, mode="nearest") * AROUND for row in (angle, position)]
+    return np.asarray(ways[0] > MOST_WAY * (ways[1] + step_rad))
 
 
 def ran_in(motion: FineMotion, ratio: float) -> NDArray[np.bool_]:

@@ -21,7 +21,7 @@ from scipy.optimize import minimize_scalar
 
 from beltcomm.compiled import compiled
 from beltcomm.fit.decimation import decimated, decimated_noise, decimated_torque, decimation, smallest_step
-from beltcomm.fit.moving import creeping, crept, ran_in, resting
+from beltcomm.fit.moving import between_steps, creeping, crept, ran_in, resting
 from beltcomm.fit.noise_path import Way, way
 from beltcomm.fit.observer import Observer, Seen, innovations, needs_observer, tuned, untuned
 from beltcomm.fit.reversals import LEVEL, passed, turns_at_once
@@ -202,6 +202,7 @@ def segments(
         if smooth is not None:
             motion = replace(motion, creep=(smooth.theta, smooth.omega))
             keep = ~resting(motion, max(stick_speed + SURE * smooth.off_rad_s, WHITE_STEPS * counted / sample))
+            keep &= ~between_steps(smooth.theta[:: motion.substeps] - smooth.theta[0], position - position[0], counted)
         elif fitted and reversals and turns_at_once(model):
             slow = max(stick_speed, STICK_STEPS * step_rad / sample)
             motion, keep, turns = passed(

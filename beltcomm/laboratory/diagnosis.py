@@ -366,7 +366,9 @@ def verdict_of(base: Fitted, steps: Sequence[Step], twins: tuple[str, ...], left
     if added and left_as_a_whole(base, after) > MOSTLY_LEFT:
         return NONE_EXPLAINS
     if not added:
-        return "nothing missing" if level < NOISE_KNOWN and left < (STRUCTURED if level > QUIET else STRUCTURED_BESIDE) else NONE_EXPLAINS
+        rounded = any(piece.group == 1 for piece in base.problem.pieces) and base.problem.pieces[0].observer is None
+        most = STRUCTURED_BESIDE if rounded or level <= QUIET else STRUCTURED
+        return "nothing missing" if level < NOISE_KNOWN and left < most else NONE_EXPLAINS
     if level >= MISSING or left >= STRUCTURED_BESIDE or run_away(after.model, base.model):
         return "partly explained"
     if undetermined(with_intervals(after), base.model) or unlikely(after.model, base.model):
