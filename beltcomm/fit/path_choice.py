@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -97,7 +98,8 @@ def choose_path(data: Data, fitted: Fitted, start: Model, chain: ReadingFit | No
         ways.append(faithful)
     trials = sorted(((path, _tried(data, lively, start, path)) for path in ways), key=lambda trial: _level(trial[1]))
     trials = [*(_refined(data, lively, *trial) for trial in trials[:REFINED]), *trials[REFINED:]]
-    return _best_shape(data, lively, _best(trials, chain))
+    less_likely = {other.at_end: other.cost - chain.cost} if other is not None else {}
+    return _best_shape(data, lively, _best(trials, chain, less_likely=less_likely))
 
 
 def _refined(data: Data, recordings: Sequence[Recording], path: TorquePath, fitted: Fitted) -> tuple[TorquePath, Fitted]:
@@ -210,15 +212,22 @@ def _level(fitted: Fitted, first: Fitted | None = None) -> float:
     return fitted.objective / fitted.problem.samples if fitted.problem.samples > fewest else math.inf
 
 
-def _best(trials: Sequence[tuple[TorquePath, Fitted]], chain: ReadingFit | None, *, plain_first: bool = False) -> PathChoice:
+def _best(
+    trials: Sequence[tuple[TorquePath, Fitted]],
+    chain: ReadingFit | None,
+    *,
+    plain_first: bool = False,
+    less_likely: Mapping[bool, float] = MappingProxyType({}),
+) -> PathChoice:
     """The split with the least O; a faithful one unless another is clearly better.
 
-    plain_first : the first trial is the one that stays, whatever else is faithful.
+    plain_first : the first trial is the one that stays, whatever else is faithful.   less_likely : -2 ln L of setpoint and reading above
+    the least, by whether the reading is the torque at the end of the period.
     """
     usual = trials[:1] if plain_first else [trial for trial in trials if trial[0].reading.faithful]
     faithful, first = min(usual, key=lambda trial: _level(trial[1]))
-    path, best = min(trials, key=lambda trial: _level(trial[1], first))
     samples = first.problem.samples
+    path, best = min(trials, key=lambda trial: _level(trial[1], first) + less_likely.get(trial[0].reading.at_end, 0.0) / samples)
     gain = samples * (_level(first) - _level(best))
     above = samples * (_level(first) - 1.0)
     if gain <= math.log(max(samples, 2)) + CLEAR or gain < EXPLAINED * above:

@@ -26,6 +26,8 @@ Array = NDArray[np.float64]
 
 #: Rounds; relative step of a difference; largest relative change at a time; fall of O that is worth a round, nats; iterations of its fit.
 ROUNDS, STEP, MOST, WORTH, ITERATIONS = 3, 0.02, 0.4, 10.0, 6
+#: Share of a delay by which it may fall at a time.
+NEARLY_ALL = 0.9
 #: N m, noise of a reading without any.
 LEAST_NOISE_NM = 1e-9
 #: Share of a value that it is known to at least.
@@ -125,7 +127,7 @@ def _most(path: TorquePath, values: Array) -> Array:
     """Changes of the values that a first order bears: of a delay part of a period, but not below 0."""
     most, first = MOST * values, sum(len(lag.values) for lag in _lags(path))
     delays = slice(first, first + len(_free_delays(path)))
-    most[delays] = np.minimum(MOST, values[delays])
+    most[delays] = np.minimum(MOST, NEARLY_ALL * values[delays])
     return most
 
 

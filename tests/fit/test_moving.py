@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from beltcomm.fit.moving import CREEP_S, creeping
+from beltcomm.fit.moving import CREEP_S, between_steps, creeping
 
 PERIOD_S, STEP_RAD = 1e-3, 2e-3
 TIME_S = np.arange(0.0, 2.0, PERIOD_S)
@@ -41,3 +41,12 @@ def test_a_motor_that_stops_in_between_may_be_stuck() -> None:
 def test_a_motor_about_to_turn_does_not_count() -> None:
     creeps, _ = creeping(counted(-4.0 * (TIME_S - 1.0) ** 2), PERIOD_S, STEP_RAD)
     assert not creeps[np.abs(TIME_S - 1.0) < 0.9 * CREEP_S].any()
+
+
+def test_an_angle_that_swings_between_its_counts_tells_no_friction() -> None:
+    slow = 0.1 * TIME_S
+    swings = slow + STEP_RAD * np.sin(2.0 * np.pi * 50.0 * TIME_S)
+    assert between_steps(swings, counted(slow), STEP_RAD)[INSIDE].mean() > 0.95
+    assert not between_steps(slow, counted(slow), STEP_RAD).any()
+    lively = slow + 20.0 * STEP_RAD * np.sin(2.0 * np.pi * 50.0 * TIME_S)
+    assert not between_steps(lively, counted(lively), STEP_RAD).any()

@@ -106,6 +106,21 @@ def test_a_reading_that_is_late_is_told_from_a_drive_that_is() -> None:
     assert_right(fit, truth)
 
 
+def test_a_fraction_of_a_sample_is_divided_between_drive_and_reading() -> None:
+    """Torque that switches 0.12 ms after the sample, read as the mean of a period that ended 0.85 ms before: 0.03 of it is new."""
+    records, truth = session(8, delay_s=1.12e-3)
+    rng, late = np.random.default_rng(9), []
+    for record in records:
+        assert record.torque_setpoint is not None
+        one, two = (np.append(np.full(k, record.torque_setpoint[0]), record.torque_setpoint[:-k]) for k in (1, 2))
+        late.append(replace(record, torque=0.03 * one + 0.97 * two + rng.normal(0.0, NOISE_NM, len(one))))
+    fit = fitted(late, truth)
+    assert fit.path.drive is not None
+    assert fit.path.drive.delay_s(PERIOD_S) == pytest.approx(1.12e-3, abs=0.02e-3)
+    assert fit.path.drive.delay_s(PERIOD_S) + fit.path.reading.late * PERIOD_S == pytest.approx(1.97e-3, abs=0.01e-3)
+    assert_right(fit, truth)
+
+
 def test_a_drive_that_switches_between_samples_is_the_drives() -> None:
     """1.57 ms from setpoint to torque: without the setpoint nobody knows of it, and more than twice the noise is left."""
     records, truth = session(6, delay_s=1.57e-3)

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from beltcomm.fit.base import fit_base
-from beltcomm.fit.path_values import refine_path
+from beltcomm.fit.estimate import fit
+from beltcomm.fit.path_values import path_nuisance, refine_path
 from beltcomm.fit.records import made
 from beltcomm.fit.torque_path import DriveLaw, Lag, ReadingLaw, TorquePath
+from fit.test_rounding_bias import model, turned
 from identify.records import NOISE_NM, STEP_RAD, Recorder, true_model
 from truth.rigs import draw
 
@@ -34,3 +39,15 @@ def test_any_path_is_refined_to_finite_values(path: TorquePath) -> None:
     assert np.all(np.isfinite(values))
     assert min(values) >= 0.0
     assert np.isfinite(fitted.objective)
+
+
+def test_a_coarse_record_tells_the_values_of_a_path_too() -> None:
+    """Every second sample of its angle is taken; how the torque acts is asked at all of them."""
+    fine, step = turned(3), math.tau / 1500
+    coarse = replace(fine, position=step * np.floor(fine.position / step), torque_setpoint=fine.torque)
+    path = TorquePath(DriveLaw(0.3), ReadingLaw(0.1))
+    data = made([coarse], model(), 0.01, step, {}, path=path)
+    assert data.fitted[0].motion.sample_s == 2.0 * fine.sample_period_s
+    nuisance = path_nuisance(data, fit(data, model(), 3))
+    assert nuisance is not None
+    assert np.all(np.linalg.norm(nuisance.columns, axis=0) > 0.0)

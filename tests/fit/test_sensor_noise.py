@@ -53,3 +53,14 @@ def test_a_drive_that_makes_torque_beside_its_setpoint_still_leaves_one() -> Non
     found = fit_model([record], true_model(plant), counts_per_rev=COUNTS)
     assert found.noise_nm == pytest.approx(8e-3, rel=0.08)
     assert found.misfit == pytest.approx(1.0, abs=0.1)
+
+
+def test_what_the_motion_does_not_tell_is_no_more_than_reading_and_setpoint_leave() -> None:
+    """Behind rounding a hundred times as loud nobody knows how much of it acts: all of it may be the sensor's."""
+    plant = draw("g_b", np.random.default_rng(5))
+    record, truth = Recorder(7, counts=600).shaken(plant, 0.3, 4), true_model(plant)
+    data = made([record], truth, 30.0 * NOISE_NM, 2.0 * np.pi / 600, {}, path=TorquePath(DriveLaw(1.0)))
+    found = split_noise(data, fit(data, truth, 5))
+    assert found is not None
+    assert found.sensor_nm == pytest.approx(NOISE_NM, rel=0.05)
+    assert found.process_nm == 0.0

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from beltcomm.fit.torque_path import FAITHFUL, DriveLaw, Lag, ReadingLaw, TorquePath, path_from_dict, path_to_dict
+from beltcomm.fit.torque_path import FAITHFUL, DriveLaw, Lag, ReadingLaw, TorquePath, path_from_dict, path_to_dict, torque_at
 from beltcomm.simulate.intersample import CELLS
 from fit.drives import FINE, behind, first_order, held, second_order, smoothed
 
@@ -189,3 +189,14 @@ def test_a_limited_slew_rate_is_exact_between_cells() -> None:
     law = DriveLaw(0.0, (Lag("slew rate", (500.0,)),))
     np.testing.assert_allclose(means(law.cells(setpoint, 1e-3), 1).reshape(-1), [0.0, 0.25, 0.75, 1.0, 1.0], atol=1e-12)
     assert law.delay_s(1e-3) == 0.0
+
+
+def test_the_torque_at_an_instant_moves_with_it_and_never_jumps() -> None:
+    """Of t² between the cells' beginnings too, where a straight line in a cell is off by a quarter of its curvature."""
+    number = 32
+    edges = np.arange(6 * number + 1) / number
+    cells = (np.diff(edges**3) / 3.0 * number).reshape(6, number)
+    shares = np.linspace(0.0, 1.0, 301)
+    found = np.array([torque_at(cells, float(share))[3] for share in shares])
+    np.testing.assert_allclose(found, (3.0 + shares) ** 2, atol=0.3 / number**2)
+    assert np.all(np.diff(found) > 0.0)
