@@ -18,7 +18,7 @@ from beltcomm.fit.nuisance import hold, next_to_hold, with_nuisance
 from beltcomm.fit.observer import needs_observer
 from beltcomm.fit.path_choice import choose_path, commands
 from beltcomm.fit.path_values import refine_path
-from beltcomm.fit.reading_fit import fit_reading
+from beltcomm.fit.reading_fit import CLEAR, fit_reading
 from beltcomm.fit.records import (
     NOISY,
     PUBLISHED_SUBSTEPS,
@@ -99,7 +99,7 @@ def _fit_base(
     progress(0.5)
     data, fitted = again(data, first, NEXT_ITERATIONS, fixed=fixed)
     if path is None:
-        data, fitted = refine_path(data, fitted)
+        data, fitted = _best_rival(*refine_path(data, fitted), fixed)
     progress(0.7)
     split = split_noise(data, fitted)
     if split is not None:
@@ -118,6 +118,21 @@ def _fit_base(
     data, fitted = through_reversals(data, fitted, fixed=fixed)
     progress(1.0)
     return data, with_nuisance(data, fitted)
+
+
+def _best_rival(data: Data, fitted: Fitted, fixed: Sequence[str]) -> tuple[Data, Fitted]:
+    """Records and fit by the likeliest of the paths that a part of the records could not tell apart; its rivals those that all cannot."""
+    tried = [(data, fitted)]
+    for rival in data.path.rivals:
+        ahead = made(data.recordings, fitted.model, data.noise_nm, data.step_rad, {}, path=rival, colour=data.colour)
+        tried.append(refine_path(ahead, fit(ahead, fitted.model, NEXT_ITERATIONS, fixed=fixed)))
+    samples = fitted.problem.samples
+    lacks = [samples * other.objective / max(other.problem.samples, 1) for _, other in tried]
+    clear, least = math.log(max(samples, 2)) + CLEAR, min(lacks)
+    best = 0 if lacks[0] <= least + clear else lacks.index(least)
+    near = tuple(ahead.path for number, (ahead, _) in enumerate(tried) if number != best and lacks[number] <= lacks[best] + clear)
+    ahead, found = tried[best]
+    return replace(ahead, path=replace(ahead.path, rivals=tuple(replace(path, rivals=()) for path in near))), found
 
 
 def with_own_noise(data: Data, fitted: Fitted) -> tuple[Data, Fitted]:
