@@ -1,0 +1,26 @@
+"""Healthy motors of the examination, behind drives and encoders that are drawn: nothing is named, and the error is the noise.
+
+Draws that were wrong once: rounding that goes with a steady speed, a path of which a part of the records tells too little, a filter read
+at the end of a period.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
+from hidden_effects import examined
+
+
+@pytest.mark.parametrize("seed", [990031, 990045, 970019])
+def test_a_healthy_motor_behind_a_drawn_drive_misses_nothing(seed: int) -> None:
+    line = examined("rigid", seed, (), 1.0)
+    assert line["verdict"] == "nothing missing"
+    assert line["kept"] == []
+    assert line["ratio"][0] == pytest.approx(1.0, abs=0.05)
+    for name, (truth, found, half) in line["base"].items():
+        assert half is not None, name
+        assert abs(found - truth) < 1.5 * half, name
