@@ -19,7 +19,7 @@ from scipy.optimize import minimize_scalar
 
 from beltcomm.fit.estimate import Fitted, fit
 from beltcomm.fit.noise_level import repeats_itself
-from beltcomm.fit.path_values import refine_path
+from beltcomm.fit.path_values import columns_of, refine_path
 from beltcomm.fit.reading_fit import CLEAR, COMMAND, NORMAL_95, WHOLE, ReadingFit
 from beltcomm.fit.records import Data, made
 from beltcomm.fit.torque_path import DriveLaw, Lag, ReadingLaw, TorquePath
@@ -42,6 +42,8 @@ TIMES_S = (2e-4, 5e-4, 1e-3, 2e-3, 4e-3, 8e-3)
 LOOP_SHARES = (0.03, 0.1, 0.25, 0.5, 1.0)
 #: Lateness of a reading without setpoint that is tried, in sampling periods; between the last two neighbours cancel.
 LATE_SHARES = (0.08, 0.2, 0.35, 0.65, 0.8, 1.0)
+#: Share that is new in each sample of a reading whose filter hardly shows.
+NEARLY_NEW = 0.9
 #: Damping ratios of a current loop that are tried.
 DAMPING_RATIOS = (0.35, 0.5, 0.7, 1.0)
 #: Rounding of a torque of acceleration over the torque from which on the motion does not tell a path.
@@ -87,7 +89,7 @@ def choose_path(data: Data, fitted: Fitted, start: Model, chain: ReadingFit | No
     faithful = TorquePath(chain.law if chain is not None else None)
     shaped = chain is not None and (bool(chain.law.lags) or abs(chain.law.delay - round(chain.law.delay)) > WHOLE)
     if chain is None:
-        good = fitted.ratio <= GOOD and not _loop_shows(fitted)
+        good = fitted.ratio <= GOOD and not _asked_for(data, fitted)
         return PathChoice(faithful, chain) if good else _undone(data, start, to_fit)
     if (fitted.ratio <= GOOD and not shaped) or _illegible(data, start):
         return PathChoice(faithful, chain)
@@ -299,16 +301,18 @@ def _undone(data: Data, start: Model, to_fit: Sequence[Recording]) -> PathChoice
     return _best(found, None, plain_first=True)
 
 
-def _loop_shows(fitted: Fitted) -> bool:
-    """Whether the motion asks for a torque that rises inside the period, to first order."""
-    columns = []
-    for piece in fitted.problem.pieces:
-        sample_s = piece.motion.sample_s
-        _, within = TorquePath(loop_s=LOOP_SHARES[0] * sample_s).acting(piece.torque, None, sample_s)
-        columns.append(piece.white(-within.triangular()) if within is not None else np.zeros(len(piece.counted)))
-    near = fitted.nearby.best(columns=np.concatenate(columns)[:, None])
-    gain = fitted.nearby.objective - near.objective
-    return bool(near.amounts[0] > 0.0 and gain > math.log(max(fitted.problem.samples, 2)) + CLEAR)
+def _asked_for(data: Data, fitted: Fitted) -> bool:
+    """Whether the motion asks for a loop inside the period, or for a reading that is late or filtered, to first order."""
+    sample_s = data.recordings[0].sample_period_s
+    late, filtered = ReadingLaw(LATE_SHARES[0]), ReadingLaw(0.0, (Lag("sampled", (NEARLY_NEW,)),))
+    for path in (TorquePath(loop_s=LOOP_SHARES[0] * sample_s), TorquePath(None, late), TorquePath(None, filtered)):
+        columns = columns_of(replace(data, path=path), fitted)
+        if columns is not None and np.any(columns):
+            near = fitted.nearby.best(columns=columns)
+            gain = fitted.nearby.objective - near.objective
+            if near.amounts[0] > 0.0 and gain > math.log(max(fitted.problem.samples, 2)) + CLEAR:
+                return True
+    return False
 
 
 def _by_motion(data: Data, start: Model, to_fit: Sequence[Recording], chain: ReadingFit) -> PathChoice:

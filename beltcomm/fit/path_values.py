@@ -40,7 +40,7 @@ def refine_path(data: Data, fitted: Fitted) -> tuple[Data, Fitted]:
         values = _values(data.path)
         if not len(values):
             break
-        columns = _columns(data, fitted, values)
+        columns = columns_of(data, fitted)
         if columns is None:
             break
         near, told = fitted.nearby.best(columns=columns), by_reading(data, values)
@@ -61,7 +61,7 @@ def refine_path(data: Data, fitted: Fitted) -> tuple[Data, Fitted]:
 def _with_half_widths(data: Data, fitted: Fitted) -> Data:
     """The records by a path whose values have their intervals, from motion and reading beside everything fitted."""
     values = _values(data.path)
-    columns = _columns(data, fitted, values) if len(values) else None
+    columns = columns_of(data, fitted) if len(values) else None
     if columns is None:
         return data
     known = fitted.nearby.information(columns) + by_reading(data, values).information
@@ -72,7 +72,7 @@ def _with_half_widths(data: Data, fitted: Fitted) -> Data:
 def path_nuisance(data: Data, fitted: Fitted) -> Nuisance | None:
     """Of the path's values, which the reading tells; None without any."""
     values = _values(data.path)
-    columns = _columns(data, fitted, values) if len(values) else None
+    columns = columns_of(data, fitted) if len(values) else None
     if columns is None or not np.any(columns):
         return None
     return Nuisance(columns, by_reading(data, values).information, np.ones(len(values), dtype=np.bool_))
@@ -170,8 +170,9 @@ def _with_values(path: TorquePath, values: Array, halves: Array | None = None) -
     return replace(path, drive=drive, reading=reading, loop_s=float(values[place]) if path.loop_s > 0.0 else 0.0)
 
 
-def _columns(data: Data, fitted: Fitted, values: Array) -> Array | None:
-    """Change of the whitened residual with each value, (n, k); None behind observers."""
+def columns_of(data: Data, fitted: Fitted) -> Array | None:
+    """Change of the whitened residual with each value of the path, (n, k); None behind observers."""
+    values = _values(data.path)
     by_name = {r.name: r for r in data.recordings}
     vector, parts = fitted.problem.full(fitted.x), []
     for piece in fitted.problem.pieces:

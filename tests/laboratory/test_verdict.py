@@ -83,7 +83,7 @@ def test_friction_that_falls_more_slowly_than_any_that_was_measured_is_named(exp
 def test_what_is_explained_would_pass_as_a_machine_of_which_nothing_is_missing(
     monkeypatch: pytest.MonkeyPatch, level: float, ratio: float, verdict: str
 ) -> None:
-    model, problem = BASE.with_effect("tilt", {}), SimpleNamespace(samples=5000)
+    model, problem = BASE.with_effect("tilt", {}), SimpleNamespace(pieces=(), samples=5000)
     after: Any = SimpleNamespace(model=model, objective=level * 5000, problem=problem, ratio=ratio, held_ratio=None)
     base: Any = SimpleNamespace(model=BASE, ratio=1.5, held_ratio=None)
     monkeypatch.setattr(diagnosis, "with_intervals", lambda _fitted: BASE)
@@ -251,7 +251,7 @@ def test_what_the_held_out_records_do_not_confirm_is_said(
 ) -> None:
     monkeypatch.setattr(ladder_words, "with_intervals", lambda _fitted: BASE)
     monkeypatch.setattr(ladder_words, "effect_lines", lambda *_: [])
-    quiet = {"objective": 100.0, "problem": SimpleNamespace(samples=10)}
+    quiet = {"objective": 100.0, "problem": SimpleNamespace(pieces=(), samples=10)}
     base, after = (SimpleNamespace(model=BASE, ratio=2.0, held_ratio=ratio, held_residual=(), **quiet) for ratio in held)
     found: Any = SimpleNamespace(
         base=base, stated=(None, base), after=after, told=after, steps=(), named=["cogging", "tilt"], twins=(), verdict=verdict
@@ -286,7 +286,7 @@ def test_an_effect_with_which_the_error_as_a_whole_grows_is_not_taken(
     """But where the held-out records say that it is there; and a per cent is the noise, which is calibrated anew."""
 
     def fitted(ratio: float, held_ratio: float) -> Any:
-        size = {"objective": 10.0, "problem": SimpleNamespace(samples=10, forget=lambda: None)}
+        size = {"objective": 10.0, "problem": SimpleNamespace(pieces=(), samples=10, forget=lambda: None)}
         return SimpleNamespace(model=SimpleNamespace(effects=()), ratio=ratio, held_ratio=held_ratio, **size)
 
     candidate = Candidate(effect_named("measurement_lag"), 0.0, 500.0, 0.5, 1.0, fitted(1.9, 1.9), accepted=True)
