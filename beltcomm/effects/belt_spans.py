@@ -8,7 +8,7 @@ from beltcomm.effects._effect import BELT_SPRING, DRIVING_END, Effect, Element, 
 BELT_PARAMETERS = (
     Parameter("specific_stiffness", "N", "belt", 1e5, 1e3, 1e7, "tensile stiffness EA of the belt"),
     Parameter("pulley_distance", "m", "belt", 1.0, 0.05, 50.0, "distance l3 between the pulley centres"),
-    Parameter("offset", "m", "belt", 0.1, 0.0, 10.0, "free belt length l1 at carriage position 0"),
+    Parameter("offset", "m", "belt", 0.1, 1e-3, 10.0, "free belt length l1 at carriage position 0"),
 )
 
 
