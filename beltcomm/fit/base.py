@@ -39,6 +39,8 @@ Array = NDArray[np.float64]
 
 #: Error over the noise below which only the noise may be wrong.
 NEARLY = 1.25
+#: Error over the noise from which on, and up to which, an angle may have noise of its own that its counts hide at rest.
+GOOD, ROUGH = 1.05, 2.0
 #: Iterations of the first fit from start values, of one that goes on from a neighbouring model, and of the last one.
 FIRST_ITERATIONS, NEXT_ITERATIONS, LAST_ITERATIONS = 25, 12, 6
 #: Mean square of the whitened residual in samples with a reversal, over that of the others, up to which they count; intervals by which
@@ -111,7 +113,8 @@ def _fit_base(
     elif chain is None or commanded:
         data, fitted = with_own_noise(data, fitted)
     least = min(smallest_step(r.position) for r in data.recordings)
-    if fitted.ratio < NEARLY and data.step_rad > NOISY * least:
+    rounded = all(piece.group == 1 for piece in data.fitted)  # then what is left is above all what the angle is rough by
+    if (fitted.ratio < NEARLY and data.step_rad > NOISY * least) or (rounded and GOOD < fitted.ratio < ROUGH):
         data = replace(data, step_rad=likeliest_step(data, fitted.model, _residuals(fitted), least))
     data, fitted = again(data, fitted, LAST_ITERATIONS, PUBLISHED_SUBSTEPS if publish else SUBSTEPS, fixed=fixed)
     progress(0.9)

@@ -37,8 +37,9 @@ def within_scope(found: Diagnosis, recordings: Sequence[Recording]) -> tuple[Dia
     doubt = noise_doubt(found.after.ratio, recordings)
     if doubt and found.verdict != "partly explained":
         return replace(found, verdict="cannot tell"), [doubt]
-    if found.data.path.commanded and not found.named:
-        return replace(found, verdict="cannot tell"), [only_commanded(found)]
+    slots = {effect.name: effect.slot for effect in EFFECTS}
+    if found.data.path.commanded and all(slots.get(name) in DRIVE_SLOTS for name in found.named):
+        return without_names(found), [only_commanded(found)]
     sentence = "" if found.verdict == "explained" or acts_slowly(found) else undersampled(found.base.model, recordings)
     sentence = sentence or unknown_delivery(found, recordings)
     if sentence and found.verdict != "nothing missing":
