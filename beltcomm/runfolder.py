@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
 from pathlib import Path
 from typing import IO, Any
@@ -27,7 +27,7 @@ from typing import IO, Any
 from beltcomm import __version__
 from beltcomm.axis import Axis, load_axis, save_axis
 from beltcomm.configfiles import did_you_mean, read_yaml, to_yaml, write_text
-from beltcomm.errors import DataError, UsageError
+from beltcomm.errors import DataError, NoMotion, UsageError
 from beltcomm.given import pasted
 from beltcomm.recording import Recording, RecordingWriter, Sidecar, common_side, load_recording, save_recording
 from beltcomm.recording_columns import MOTOR_COLUMNS
@@ -46,12 +46,14 @@ class RunFolder:
 
     path : the folder.     axis : as read from its ``axis.yaml``; None when the folder has none.
     elapsed_s : s of date and time since the run began on its drive, as far as :meth:`claim_drive` knows it.
+    remarks : what :meth:`recordings` left out last, and why, as sentences.
     """
 
     def __init__(self, path: Path, axis: Axis | None) -> None:
         self.path = path
         self._axis = axis
         self.elapsed_s = 0.0
+        self.remarks: tuple[str, ...] = ()
 
     @classmethod
     def create(cls, path: Path, axis: Axis, *, resume: bool = False) -> RunFolder:
@@ -167,13 +169,14 @@ class RunFolder:
     def recordings(self, experiment: str | None = None) -> list[Recording]:
         """The complete recordings, checked, sorted by name; those of one kind of experiment when it is given.
 
-        Raises DataError when there is none, one of them cannot be used (with file, column and row), or they are of two axes.
+        One in which the axis did not move is left out beside others (``remarks``).   Raises DataError when there is none, one of them
+        cannot be used (with file, column and row), or they are of two axes.
         """
         if not self.recordings_folder.is_dir():
             raise DataError(f"{self.recordings_folder} is missing; record with `beltcomm identify`, or put CSV files there")
         names = self.finished_names()
         self._check_sidecars(names)
-        loaded = [self.recording(name) for name in names]
+        loaded = self._moved(names)
         chosen = [item for item in loaded if experiment in (None, item.sidecar.experiment)]
         if not chosen:
             kind = f" of the kind {experiment}" if experiment else ""
@@ -184,6 +187,20 @@ class RunFolder:
         except DataError as error:
             raise DataError(f"{self.recordings_folder}: {error}") from error
         return chosen
+
+    def _moved(self, names: Sequence[str]) -> list[Recording]:
+        """The recordings of these names without those in which nothing moved, where others did."""
+        loaded: list[Recording] = []
+        still: list[NoMotion] = []
+        for name in names:
+            try:
+                loaded.append(self.recording(name))
+            except NoMotion as problem:
+                still.append(problem)
+        if still and all(recording.is_static_map for recording in loaded):
+            raise still[0]
+        self.remarks = tuple(f"left out: {problem}" for problem in still)
+        return loaded
 
     def _check_sidecars(self, names: list[str]) -> None:
         """Raise DataError when a recording that a drive made has lost its sidecar; those made by hand may have none."""

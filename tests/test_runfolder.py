@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from beltcomm.axis import Coupling, load_axis, save_axis
-from beltcomm.errors import DataError, UsageError
+from beltcomm.errors import DataError, NoMotion, UsageError
 from beltcomm.recording import Recording, Sidecar
 from beltcomm.runfolder import RunFolder
 
@@ -139,6 +139,21 @@ def test_a_folder_made_by_hand_works(tmp_path: Path) -> None:
     run = RunFolder.open(by_hand(tmp_path / "R"))
     assert [item.sidecar.experiment for item in run.recordings()] == ["free"]
     assert run.axis == RIG
+
+
+def test_a_record_without_motion_is_left_out_beside_others_and_told(tmp_path: Path) -> None:
+    run = RunFolder.create(tmp_path / "R", RIG)
+    writer = run.new_recording("still", Sidecar(experiment="frf"))
+    for row in rows():
+        writer.write((*row[:3], 3.0, *row[4:]))
+    writer.close(finished=True)
+    with pytest.raises(NoMotion, match=r"still\.csv: position_rad is 3 rad in every row"):
+        run.recordings()
+    record(run, "moved")
+    assert [item.name for item in run.recordings()] == ["moved"]
+    assert len(run.remarks) == 1
+    assert run.remarks[0].startswith("left out: ")
+    assert "still.csv: position_rad is 3 rad in every row: the axis did not move" in run.remarks[0]
 
 
 def test_a_folder_half_there_says_what_is_missing(tmp_path: Path) -> None:

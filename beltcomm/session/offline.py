@@ -27,6 +27,7 @@ from beltcomm.session import analyse
 from beltcomm.session.delays import measure_delay_and_damping
 from beltcomm.session.findings import Findings
 from beltcomm.session.kept_path import kept_path
+from beltcomm.session.opened import left_out
 from beltcomm.session.revisions import CURRENT, model_named, trusted_model
 from beltcomm.session.store import cascade_from_dict, delay_from_dict, structure_from_dict
 from beltcomm.session.strokes import slowest_fitted_rad_s
@@ -165,7 +166,7 @@ def fit_for_belt_model(folder: RunFolder) -> Checked:
     if not folder.drive:  # a sign or a unit before what is held out: an adapter has them right, whoever writes files by hand may not
         for recording in recordings:
             check(recording)
-    return checked(recordings, folder.axis, foreign=False)
+    return left_out(folder, checked(recordings, folder.axis, foreign=False))
 
 
 def middle_m(axis: Axis) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -39,7 +39,12 @@ class Opened:
 
 def records_of(folder: RunFolder) -> Checked:
     """The records of a run, checked together.   Raises DataError for records that no model can be judged on."""
-    return checked(folder.recordings(), folder.axis, foreign=not folder.drive)
+    return left_out(folder, checked(folder.recordings(), folder.axis, foreign=not folder.drive))
+
+
+def left_out(folder: RunFolder, records: Checked) -> Checked:
+    """The records with what was left out among the remarks."""
+    return replace(records, remarks=(*folder.remarks, *records.remarks))
 
 
 def opened(run: Path, talk: Talk) -> Opened:
