@@ -16,7 +16,7 @@ from beltcomm.fit.intervals import UNEXPLAINED, with_intervals
 from beltcomm.fit.likelihood import OFFSET_M
 from beltcomm.fit.nuisance import hold, next_to_hold, with_nuisance
 from beltcomm.fit.observer import needs_observer
-from beltcomm.fit.path_choice import choose_path, commands
+from beltcomm.fit.path_choice import EXPLAINED, choose_path, commands
 from beltcomm.fit.path_values import refine_path
 from beltcomm.fit.reading_fit import CLEAR, fit_reading
 from beltcomm.fit.records import (
@@ -28,6 +28,7 @@ from beltcomm.fit.records import (
     likeliest_step,
     made,
     remade,
+    rounded,
     with_process_noise,
 )
 from beltcomm.fit.reversals import turns_at_once
@@ -39,7 +40,8 @@ Array = NDArray[np.float64]
 
 #: Error over the noise below which only the noise may be wrong.
 NEARLY = 1.25
-#: Error over the noise from which on, and up to which, an angle may have noise of its own that its counts hide at rest.
+#: Error over the noise from which on an angle may have noise of its own that its counts hide at rest, and up to which what is left is
+#: above all what the angle is rough by.
 GOOD, ROUGH = 1.05, 2.0
 #: Iterations of the first fit from start values, of one that goes on from a neighbouring model, and of the last one.
 FIRST_ITERATIONS, NEXT_ITERATIONS, LAST_ITERATIONS = 25, 12, 6
@@ -112,9 +114,10 @@ def _fit_base(
             data, fitted = refine_path(*again(data, fitted, NEXT_ITERATIONS, fixed=fixed))
     elif chain is None or commanded:
         data, fitted = with_own_noise(data, fitted)
+    if fitted.ratio < ROUGH and rounded(data, fitted.model):
+        data, fitted = again(replace(data, single=True), fitted, NEXT_ITERATIONS, fixed=fixed)
     least = min(smallest_step(r.position) for r in data.recordings)
-    rounded = all(piece.group == 1 for piece in data.fitted)  # then what is left is above all what the angle is rough by
-    if (fitted.ratio < NEARLY and data.step_rad > NOISY * least) or (rounded and GOOD < fitted.ratio < ROUGH):
+    if (fitted.ratio < NEARLY and data.step_rad > NOISY * least) or (data.single and GOOD < fitted.ratio < ROUGH):
         data = replace(data, step_rad=likeliest_step(data, fitted.model, _residuals(fitted), least))
     data, fitted = again(data, fitted, LAST_ITERATIONS, PUBLISHED_SUBSTEPS if publish else SUBSTEPS, fixed=fixed)
     progress(0.9)
@@ -127,11 +130,13 @@ def _best_rival(data: Data, fitted: Fitted, fixed: Sequence[str]) -> tuple[Data,
     """Records and fit by the likeliest of the paths that a part of the records could not tell apart; its rivals those that all cannot."""
     tried = [(data, fitted)]
     for rival in data.path.rivals:
-        ahead = made(data.recordings, fitted.model, data.noise_nm, data.step_rad, {}, path=rival, colour=data.colour)
+        ahead = made(data.recordings, fitted.model, data.noise_nm, data.step_rad, {}, path=rival, colour=data.colour, single=data.single)
         tried.append(refine_path(ahead, fit(ahead, fitted.model, NEXT_ITERATIONS, fixed=fixed)))
     samples = fitted.problem.samples
     lacks = [samples * other.objective / max(other.problem.samples, 1) for _, other in tried]
-    clear, least = math.log(max(samples, 2)) + CLEAR, min(lacks)
+    # A model that is far off itself does not tell small things of a path.
+    far_off = EXPLAINED * (lacks[0] - samples) if fitted.ratio > ROUGH else 0.0
+    clear, least = max(math.log(max(samples, 2)) + CLEAR, far_off), min(lacks)
     best = 0 if lacks[0] <= least + clear else lacks.index(least)
     near = tuple(ahead.path for number, (ahead, _) in enumerate(tried) if number != best and lacks[number] <= lacks[best] + clear)
     ahead, found = tried[best]

@@ -48,7 +48,7 @@ def refine_path(data: Data, fitted: Fitted) -> tuple[Data, Fitted]:
         step = np.linalg.solve(known + told.information, known @ near.amounts + told.pull)
         step *= min(1.0, float(np.min(_most(data.path, values) / np.maximum(np.abs(step), 1e-300))))  # what one loses another gains
         path = _with_values(data.path, values + step)
-        same = (data.noise_nm, data.step_rad, _shares(data), data.substeps, path, data.reversals, data.colour)
+        same = (data.noise_nm, data.step_rad, _shares(data), data.substeps, path, data.reversals, data.colour, data.single)
         ahead = made(data.recordings, fitted.model, *same)
         better = fit(ahead, fitted.model, ITERATIONS, offsets=fitted.offsets)
         gain = (_level(fitted) - _level(better)) * fitted.problem.samples

@@ -52,8 +52,7 @@ SLOW_SHARES = (0.0, 0.03, 0.08, 0.15, 0.25, 0.35, 0.5)
 AGITATIONS, USUAL, STRAY = (0.0, 0.003, 0.01, 0.03, 0.1, 0.3), 2, 5.0
 #: Neighbouring values that make one: where the axis is excited, and elsewhere; Hz that are left at least.
 EXCITED_GROUP, STEADY_GROUP, BAND_HZ = 2, 4, 120.0
-#: Torque of the acceleration's rounding over the torque's noise from which on each value is one by itself: at a steady speed rounding
-#: goes with the motion, and is not white over several samples.
+#: Torque of the acceleration's rounding over the torque's noise from which on rounding is most of it.
 ROUNDED = 3.0
 
 
@@ -63,7 +62,7 @@ class Data:
 
     recordings : all of them.   noise_nm : rms of the torque's noise, N m.   step_rad : step of the encoder, rad.   path : from setpoint and
     reading to the torque that acts.   substeps : usual fine steps a sample.   reversals : whether samples count in which the motor
-    passes through a reversal.   colour : of the torque's noise.
+    passes through a reversal.   colour : of the torque's noise.   single : whether each value is one by itself, see :func:`rounded`.
     """
 
     recordings: tuple[Recording, ...]
@@ -75,6 +74,7 @@ class Data:
     substeps: int = SUBSTEPS
     reversals: bool = False
     colour: float = 0.0
+    single: bool = False
 
 
 def prepare(recordings: Sequence[Recording], axis: Axis, model: Model) -> Data:
@@ -104,6 +104,7 @@ def made(
     path: TorquePath | None = None,
     reversals: bool = False,
     colour: float = 0.0,
+    single: bool = False,
 ) -> Data:
     """The same with known noise and step.
 
@@ -115,8 +116,7 @@ def made(
     rattles = any(effect.rattles for effect in model.effect_list())
     for recording in recordings:
         shown = shares.get(recording.name, (1.0, 0.0))
-        rounded = model["motor.inertia"] * step_rad * math.sqrt(0.5) / recording.sample_period_s**2
-        group = 1 if usual == PUBLISHED_SUBSTEPS or rounded > ROUNDED * noise_nm else group_of(recording)
+        group = 1 if usual == PUBLISHED_SUBSTEPS or single else group_of(recording)
         stroke = recording.sidecar.experiment == "friction_sweep"
         substeps = (RATTLING_STROKE_SUBSTEPS if rattles else STROKE_SUBSTEPS) if stroke else (RATTLING_SUBSTEPS if rattles else usual)
         for piece in segments(recording, model, step_rad, noise_nm, fitted=True, substeps=substeps, path=path, reversals=reversals):
@@ -131,7 +131,14 @@ def made(
         usual,
         reversals,
         colour,
+        single,
     )
+
+
+def rounded(data: Data, model: Model) -> bool:
+    """Whether rounding is most of the noise: at a steady speed it goes with the motion, and over several samples it is not white."""
+    sample_s = min(recording.sample_period_s for recording in data.recordings)
+    return model["motor.inertia"] * data.step_rad * math.sqrt(0.5) / sample_s**2 > ROUNDED * data.noise_nm
 
 
 def group_of(recording: Recording) -> int:
@@ -163,7 +170,7 @@ def remade(data: Data, model: Model, offsets_m: Array, substeps: int = SUBSTEPS,
             )  # by now maybe better than when the stretch was made
             left.setdefault(piece.record, []).append((known, evaluate(piece, model, model.vector(), float(offset))))
         shares = {name: rounding_shares(parts, model) for name, parts in left.items()}
-    ahead = made(data.recordings, model, data.noise_nm, data.step_rad, shares, substeps, data.path, reversals, data.colour)
+    ahead = made(data.recordings, model, data.noise_nm, data.step_rad, shares, substeps, data.path, reversals, data.colour, data.single)
     return with_process_noise(ahead, model) if needs_observer(model) else ahead
 
 

@@ -41,6 +41,7 @@ def kept(data: Data, fitted: Fitted) -> dict[str, Any] | None:
         "substeps": data.substeps,
         "reversals": data.reversals,
         "colour": float(data.colour),
+        "single": data.single,
         "unknowns": [float(x) for x in fitted.x],
         "shares": {piece.record: [float(share) for share in piece.rounding] for piece in (*data.fitted, *data.held_out)},
         "noise_nm": float(data.noise_nm),
@@ -64,6 +65,7 @@ def restored(recordings: Sequence[Recording], found: Mapping[str, Any]) -> tuple
         path,
         bool(found["reversals"]),
         float(found["colour"]),
+        bool(found["single"]),
     )
     problem = problem_of(data, model, found["fixed"])
     x = np.array(found["unknowns"], dtype=np.float64)
