@@ -39,7 +39,7 @@ from beltcomm.errors import BeltcommError
 from beltcomm.fit.estimate import Fitted, fit
 from beltcomm.fit.intervals import spread_of
 from beltcomm.fit.start import start_model
-from beltcomm.laboratory.diagnosis import Diagnosis, diagnose
+from beltcomm.laboratory.diagnosis import Diagnosis, diagnose, fitted_base
 from beltcomm.laboratory.run_checks import checked
 from beltcomm.laboratory.scope import within_scope
 from beltcomm.laboratory.score import ground_of
@@ -121,12 +121,13 @@ def examined(name: str, seed: int, names: tuple[str, ...], strength: float) -> d
             start = start_model(run.axis, recordings)
             if "belt_damping" in names:
                 start = start.without_effect("belt_damping")
-            found = diagnose(recordings, run.axis, start)
+            begun = fitted_base(recordings, run.axis, start)  # the fit that is published, as a user's diagnosis begins with
+            found = diagnose(recordings, run.axis, start, begun=begun)
             if name in FAMILIES:  # as a user hears it
                 found, line["doubts"] = within_scope(found, recordings)
             line["cpu_s"] = time.process_time() - begin
             line |= judged(machine, found, run)
-            return line | ({"base": base_of(machine, found.after)} if name in FAMILIES else {})
+            return line | ({"base": base_of(machine, found.told)} if name in FAMILIES else {})
         except BeltcommError as error:
             said = str(error).replace(f"{folder}/run/recordings/", "")
             return line | {"verdict": f"{type(error).__name__}: {said}", "cpu_s": time.process_time() - begin}
