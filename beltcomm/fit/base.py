@@ -16,8 +16,8 @@ from beltcomm.fit.intervals import UNEXPLAINED, with_intervals
 from beltcomm.fit.likelihood import OFFSET_M
 from beltcomm.fit.nuisance import hold, next_to_hold, with_nuisance
 from beltcomm.fit.observer import needs_observer
-from beltcomm.fit.path_choice import EXPLAINED, choose_path, commands
-from beltcomm.fit.path_values import refine_path
+from beltcomm.fit.path_choice import EXPLAINED, GOOD, choose_path, commands
+from beltcomm.fit.path_values import by_path, refine_path
 from beltcomm.fit.reading_fit import CLEAR, fit_reading
 from beltcomm.fit.records import (
     NOISY,
@@ -40,9 +40,8 @@ Array = NDArray[np.float64]
 
 #: Error over the noise below which only the noise may be wrong.
 NEARLY = 1.25
-#: Error over the noise from which on an angle may have noise of its own that its counts hide at rest, and up to which what is left is
-#: above all what the angle is rough by.
-GOOD, ROUGH = 1.05, 2.0
+#: Error over the noise up to which what is left is above all what the angle is rough by: noise of its own that its counts hide at rest.
+ROUGH = 2.0
 #: Iterations of the first fit from start values, of one that goes on from a neighbouring model, and of the last one.
 FIRST_ITERATIONS, NEXT_ITERATIONS, LAST_ITERATIONS = 25, 12, 6
 #: Mean square of the whitened residual in samples with a reversal, over that of the others, up to which they count; intervals by which
@@ -130,7 +129,7 @@ def _best_rival(data: Data, fitted: Fitted, fixed: Sequence[str]) -> tuple[Data,
     """Records and fit by the likeliest of the paths that a part of the records could not tell apart; its rivals those that all cannot."""
     tried = [(data, fitted)]
     for rival in data.path.rivals:
-        ahead = made(data.recordings, fitted.model, data.noise_nm, data.step_rad, {}, path=rival, colour=data.colour, single=data.single)
+        ahead = by_path(data, fitted.model, rival)
         tried.append(refine_path(ahead, fit(ahead, fitted.model, NEXT_ITERATIONS, fixed=fixed)))
     samples = fitted.problem.samples
     lacks = [samples * other.objective / max(other.problem.samples, 1) for _, other in tried]

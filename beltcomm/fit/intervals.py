@@ -77,7 +77,7 @@ class Spread:
         return float(np.hypot(max(over_time, among * float(stdtrit(freedom, 0.975))), law))
 
 
-#: Models with their intervals, and by what doubt, as long as the fits live that they are of.
+#: Models with their intervals, and the nuisance they count with, as long as the fits live that they are of.
 _KNOWN: WeakKeyDictionary[Fitted, tuple[Nuisance | None, Model]] = WeakKeyDictionary()
 
 
@@ -87,7 +87,7 @@ class Information:
 
     names : of the parameters.   scores : gradient of each group, (groups, n).   pulls, parts : gradient, (records, n), and information,
     (records, n, n), of each record.   inverse : of the information of all, (n, n).   unknown : variance of what is told by nothing, (n, n).
-    level : mean square of what is left, weighted.   doubt : variance by what comes from elsewhere, (n, n).
+    level : mean square of what is left, weighted.   elsewhere : variance by what comes from there, (n, n).
     """
 
     names: tuple[str, ...]
@@ -98,7 +98,7 @@ class Information:
     inverse: Array
     unknown: Array
     level: float
-    doubt: Array
+    elsewhere: Array
 
     @property
     def freedom(self) -> int:
@@ -112,7 +112,7 @@ class Information:
         # Between few groups the scatter falls below what the noise alone gives, by chance, or where they are fewer than the parameters.
         least = np.diag(self.inverse) * max(self.level, 1.0)
         wider = np.sqrt(np.maximum(least / np.maximum(np.diag(scatter), 1e-300), 1.0))
-        return np.asarray(scatter * np.outer(wider, wider) + self.unknown) + self.doubt
+        return np.asarray(scatter * np.outer(wider, wider) + self.unknown) + self.elsewhere
 
 
 def information_of(fitted: Fitted) -> Information:
@@ -147,7 +147,7 @@ def information_of(fitted: Fitted) -> Information:
     inverse, unknown = inverse_of(whole - turned.sum(axis=0) * least_left(whole, turned.sum(axis=0)))
     names = tuple(problem.free[i] for i in free)
     scores, pulls = summed(gradient, time_blocks(problem.pieces, GROUP_S)), summed(gradient, records)
-    doubt = np.zeros_like(inverse)
+    elsewhere = np.zeros_like(inverse)
     if problem.nuisance is not None:
         others, known = problem.nuisance.columns * weights[:, None], problem.nuisance.information
         cross = columns.T @ others
@@ -155,8 +155,8 @@ def information_of(fitted: Fitted) -> Information:
         told = np.outer(problem.nuisance.told, problem.nuisance.told)
         values, vectors = np.linalg.eigh(told * (others.T @ others - cross.T @ moved))
         beside = (vectors * np.maximum(values, 0.0)) @ vectors.T  # nothing is told less than not at all
-        doubt = moved @ np.linalg.pinv(beside + known, hermitian=True) @ moved.T
-    return Information(names, scale, scores, pulls, parts, inverse, unknown, float(np.mean(left**2)), doubt)
+        elsewhere = moved @ np.linalg.pinv(beside + known, hermitian=True) @ moved.T
+    return Information(names, scale, scores, pulls, parts, inverse, unknown, float(np.mean(left**2)), elsewhere)
 
 
 def at_bound(fitted: Fitted) -> NDArray[np.bool_]:
@@ -230,8 +230,8 @@ def without_each(told: Information) -> tuple[Array, Array]:
 
 def with_intervals(fitted: Fitted) -> Model:
     """The model with half widths of 95 %, worked out once: several answers in a row ask for it; None where a parameter sits at a bound."""
-    doubt, known = _KNOWN.get(fitted, (None, None))
-    if known is None or doubt is not fitted.problem.nuisance:
+    nuisance, known = _KNOWN.get(fitted, (None, None))
+    if known is None or nuisance is not fitted.problem.nuisance:
         spread = spread_of(fitted)
         parameters = dict(fitted.model.parameters)
         for name in fitted.problem.free:

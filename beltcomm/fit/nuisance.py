@@ -1,4 +1,4 @@
-"""Values of the torque path and parameters held at the data sheet: a fit takes them from elsewhere, and their doubt with them.
+"""Values of the torque path and parameters held at the data sheet: not quite known, from elsewhere, and every interval counts with them.
 
 A parameter that the records do not tell is no result of theirs: it is held at the data sheet, its tolerance is its interval, and the
 intervals of the others bear that.

@@ -21,7 +21,7 @@ from beltcomm.fit.estimate import Fitted, fit
 from beltcomm.fit.noise_level import repeats_itself
 from beltcomm.fit.path_values import columns_of, refine_path
 from beltcomm.fit.reading_fit import CLEAR, COMMAND, NORMAL_95, WHOLE, ReadingFit
-from beltcomm.fit.records import Data, made
+from beltcomm.fit.records import Data, made, rounding_torque
 from beltcomm.fit.torque_path import DriveLaw, Lag, ReadingLaw, TorquePath
 from beltcomm.model import Model
 from beltcomm.recording import Recording
@@ -113,8 +113,8 @@ def _refined(data: Data, recordings: Sequence[Recording], path: TorquePath, fitt
 
 def _illegible(data: Data, start: Model) -> bool:
     """True where the rounding of the acceleration hides all that a torque does within a few samples."""
-    rounded = [start["motor.inertia"] * data.step_rad * math.sqrt(0.5) / piece.motion.sample_s**2 for piece in data.fitted]
-    return all(nm > ILLEGIBLE * float(np.std(piece.torque)) for nm, piece in zip(rounded, data.fitted, strict=True))
+    feigned = [rounding_torque(start["motor.inertia"], data.step_rad, piece.motion.sample_s) for piece in data.fitted]
+    return all(nm > ILLEGIBLE * float(np.std(piece.torque)) for nm, piece in zip(feigned, data.fitted, strict=True))
 
 
 def _apart(law: DriveLaw) -> list[DriveLaw]:
@@ -302,7 +302,7 @@ def _undone(data: Data, start: Model, to_fit: Sequence[Recording]) -> PathChoice
 
 
 def _asked_for(data: Data, fitted: Fitted) -> bool:
-    """Whether the motion asks for a loop inside the period, or for a reading that is late or filtered, to first order."""
+    """True where the motion asks for a loop inside the period, or for a reading that is late or filtered, to first order."""
     sample_s = data.recordings[0].sample_period_s
     late, filtered = ReadingLaw(LATE_SHARES[0]), ReadingLaw(0.0, (Lag("sampled", (NEARLY_NEW,)),))
     for path in (TorquePath(loop_s=LOOP_SHARES[0] * sample_s), TorquePath(None, late), TorquePath(None, filtered)):

@@ -20,6 +20,7 @@ from beltcomm.fit.noise_level import robust_rms, torque_step
 from beltcomm.fit.reading_fit import NORMAL_95, TAPS, WHOLE, colour_of, lively_pairs, whitened_row
 from beltcomm.fit.records import Data, made
 from beltcomm.fit.torque_path import Lag, TorquePath
+from beltcomm.model import Model
 from beltcomm.simulate.inverse import acting_torque, true_motion
 
 Array = NDArray[np.float64]
@@ -48,9 +49,9 @@ def refine_path(data: Data, fitted: Fitted) -> tuple[Data, Fitted]:
         step = np.linalg.solve(known + told.information, known @ near.amounts + told.pull)
         step *= min(1.0, float(np.min(_most(data.path, values) / np.maximum(np.abs(step), 1e-300))))  # what one loses another gains
         path = _with_values(data.path, values + step)
-        same = (data.noise_nm, data.step_rad, _shares(data), data.substeps, path, data.reversals, data.colour, data.single)
-        ahead = made(data.recordings, fitted.model, *same)
-        better = fit(ahead, fitted.model, ITERATIONS, offsets=fitted.offsets)
+        ahead = by_path(data, fitted.model, path)
+        held = [name for name in fitted.model.parameters if name not in fitted.problem.free]
+        better = fit(ahead, fitted.model, ITERATIONS, offsets=fitted.offsets, fixed=held)
         gain = (_level(fitted) - _level(better)) * fitted.problem.samples
         if gain + told.squares - by_reading(ahead, values + step).squares < WORTH:
             break
@@ -112,8 +113,11 @@ def _level(fitted: Fitted) -> float:
     return fitted.objective / max(fitted.problem.samples, 1)
 
 
-def _shares(data: Data) -> dict[str, tuple[float, float]]:
-    return {piece.record: piece.rounding for piece in (*data.fitted, *data.held_out)}
+def by_path(data: Data, model: Model, path: TorquePath) -> Data:
+    """The same records with the torque as another path has it, and the motion between the samples by a model."""
+    shares = {piece.record: piece.rounding for piece in (*data.fitted, *data.held_out)}
+    same = (data.noise_nm, data.step_rad, shares, data.substeps, path, data.reversals, data.colour, data.single)
+    return made(data.recordings, model, *same)
 
 
 def _free_delays(path: TorquePath) -> tuple[int, ...]:

@@ -136,9 +136,17 @@ def made(
 
 
 def rounded(data: Data, model: Model) -> bool:
-    """Whether rounding is most of the noise: at a steady speed it goes with the motion, and over several samples it is not white."""
+    """True where rounding is most of the noise: at a steady speed it goes with the motion, and over several samples it is not white."""
     sample_s = min(recording.sample_period_s for recording in data.recordings)
-    return model["motor.inertia"] * data.step_rad * math.sqrt(0.5) / sample_s**2 > ROUNDED * data.noise_nm
+    return rounding_torque(model["motor.inertia"], data.step_rad, sample_s) > ROUNDED * data.noise_nm
+
+
+def rounding_torque(inertia: float, step_rad: float, sample_s: float) -> float:
+    """Torque of acceleration that white rounding feigns, J (q √6/√12)/T², N m rms at the motor; kg m², rad, s.
+
+    A second difference of rounding, variance q²/12 each, has the variance 6 q²/12.
+    """
+    return inertia * step_rad * math.sqrt(0.5) / sample_s**2
 
 
 def group_of(recording: Recording) -> int:

@@ -281,7 +281,8 @@ def _behind_loop(means: Array, time_s: float, sample_s: float) -> Array:
 def torque_at(cells: Array, share: float) -> Array:
     """Torque at a share of every period, (n,), N m, from its mean over each cell, (n, cells): of the parabola through three of them.
 
-    Between two beginnings of a cell it is linear."""
+    Between two beginnings of a cell it is linear.
+    """
     row, number = cells.reshape(-1), cells.shape[1]
     whole = math.floor(share * number)
     part = share * number - whole

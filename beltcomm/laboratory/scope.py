@@ -22,6 +22,8 @@ from beltcomm.recording import Recording
 
 #: Slots of effects that show near the antiresonance and above.
 FAST_SLOTS = ("torque_delay", "torque_reading", "belt_law", "body", "element")
+#: Slot of every effect of the catalogue.
+SLOTS = {effect.name: effect.slot for effect in EFFECTS}
 #: Slots of effects that a drive has as well, between setpoint, torque and reading; error over the noise up to which it may be all of it.
 DRIVE_SLOTS, FAR_OFF_BASE = ("torque_delay", "torque_reading"), 10.0
 #: Share of the sampling rate up to which a resonance is sampled well enough.
@@ -37,8 +39,7 @@ def within_scope(found: Diagnosis, recordings: Sequence[Recording]) -> tuple[Dia
     doubt = noise_doubt(found.after.ratio, recordings)
     if doubt and found.verdict != "partly explained":
         return replace(found, verdict="cannot tell"), [doubt]
-    slots = {effect.name: effect.slot for effect in EFFECTS}
-    if found.data.path.commanded and all(slots.get(name) in DRIVE_SLOTS for name in found.named):
+    if found.data.path.commanded and all(SLOTS.get(name) in DRIVE_SLOTS for name in found.named):
         return without_names(found), [only_commanded(found)]
     sentence = "" if found.verdict == "explained" or acts_slowly(found) else undersampled(found.base.model, recordings)
     sentence = sentence or unknown_delivery(found, recordings)
@@ -67,8 +68,7 @@ def within_scope(found: Diagnosis, recordings: Sequence[Recording]) -> tuple[Dia
 
 def acts_slowly(found: Diagnosis) -> bool:
     """True where the effect that was named first shows far below the antiresonance, too."""
-    slots = {effect.name: effect.slot for effect in EFFECTS}
-    return bool(found.named) and slots.get(found.named[0], FAST_SLOTS[0]) not in FAST_SLOTS
+    return bool(found.named) and SLOTS.get(found.named[0], FAST_SLOTS[0]) not in FAST_SLOTS
 
 
 def without_names(found: Diagnosis) -> Diagnosis:

@@ -100,6 +100,7 @@ def friction_compare(runs: Place | Sequence[Place], *, pictures: bool = False, c
         studies.append((folder, found, model))
         data[str(folder.path)] = {"friction": plain(found.friction), **data_of(found), "pictures": shown}
         text += [f"{folder.path}:"] if len(folders) > 1 else []
+        text += [f"Note: {remark}" for remark in folder.remarks]
         text += words.friction_lines(found.friction) + friction_words.study_lines(found.sweeps, found.drifts, ())
         text += [*friction_words.standstill_lines(found.standstill), *drawing.lines(folder, shown, remarks), ""]
     payloads = {s.payload_kg for _, found, _ in studies for s in found.sweeps if s.fit is not None}
