@@ -11,11 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
-from beltcomm.fit.likelihood import OFFSET_M, Minimum, Problem, free_parameters, hopeless, time_blocks
+from beltcomm.fit.likelihood import OFFSET_M, Minimum, Problem, hopeless, time_blocks
 from beltcomm.fit.local_quadratic import Nearby
 from beltcomm.fit.observer import needs_observer
 from beltcomm.fit.records import Data
 from beltcomm.fit.segment import Segment, whitened, with_observer, with_observers
+from beltcomm.fit.touches import free_parameters
 from beltcomm.model import Model
 
 Array = NDArray[np.float64]

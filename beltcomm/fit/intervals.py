@@ -22,6 +22,7 @@ from scipy.special import stdtrit
 
 from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.likelihood import Nuisance, Problem, time_blocks
+from beltcomm.fit.noise_information import noise_information
 from beltcomm.model import Model
 
 Array = NDArray[np.float64]
@@ -37,6 +38,9 @@ LAW = 0.005
 NOTHING = 1e-14
 #: Share of the information that rounding, which is no white noise where the motor hardly moves, leaves in any direction.
 LEAST_LEFT = 0.05
+#: How much wider an interval is where every model is judged in its own noise: rounding follows the motion and says which samples
+#: count, so it is not as white as it is taken for.  On 14 simulated axes with 500 to 4000 counts 78 % were covered without it.
+NOT_WHITE = 1.5
 #: Least degrees of freedom of a comparison among records.
 LEAST_FREEDOM = 2.0
 #: Effects whose law is the machine's own, not a likeness of it; error over the noise from which on something else is at work.
@@ -141,10 +145,12 @@ def information_of(fitted: Fitted) -> Information:
     pulled = (of_block / problem.count)[:, None] * slope[:, free] / norms
     gradient = columns * left[:, None] - 0.5 * pulled[problem.blocks]
     records = records_of(problem)
-    turned = of_block[:, None, None] * curvature[:, free[:, None], free] / np.outer(norms, norms)
+    alike = of_block * np.array([not piece.own_noise for piece in problem.pieces])[problem.piece_of_block]
+    turned = np.tensordot(alike, curvature, 1) + noise_information(problem, fitted.x, weights)
+    turned = turned[free[:, None], free] / np.outer(norms, norms)
     parts = np.array([columns[records == r].T @ columns[records == r] for r in range(int(records.max()) + 1)])
     whole = parts.sum(axis=0)
-    inverse, unknown = inverse_of(whole - turned.sum(axis=0) * least_left(whole, turned.sum(axis=0)))
+    inverse, unknown = inverse_of(whole - turned * least_left(whole, turned))
     names = tuple(problem.free[i] for i in free)
     scores, pulls = summed(gradient, time_blocks(problem.pieces, GROUP_S)), summed(gradient, records)
     elsewhere = np.zeros_like(inverse)
@@ -156,6 +162,8 @@ def information_of(fitted: Fitted) -> Information:
         values, vectors = np.linalg.eigh(told * (others.T @ others - cross.T @ moved))
         beside = (vectors * np.maximum(values, 0.0)) @ vectors.T  # nothing is told less than not at all
         elsewhere = moved @ np.linalg.pinv(beside + known, hermitian=True) @ moved.T
+    if any(piece.own_noise for piece in problem.pieces):
+        scores, pulls = NOT_WHITE * scores, NOT_WHITE * pulls
     return Information(names, scale, scores, pulls, parts, inverse, unknown, float(np.mean(left**2)), elsewhere)
 
 

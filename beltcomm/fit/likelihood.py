@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.compiled import in_one_thread
-from beltcomm.effects import effect_named
 from beltcomm.fit.arrowhead import ArrowheadJacobian
 from beltcomm.fit.observer import Step, slopes
 from beltcomm.fit.reversals import LEVEL
@@ -251,8 +250,8 @@ class Problem:
         for i, piece in enumerate(self.pieces):
             old = self.balance(i, x, float(offsets[i]))
             here = old.residual
-            changes: dict[int, Array] = {}
-            belts: dict[int, tuple[float, Array, float]] = {}
+            neighbours: dict[int, Array] = {}
+            belts: dict[int, tuple[Array, float]] = {}
             # An observer knows itself how the carriage may stand at first.
             offset_of = [own + i] if own + i in asked and piece.observer is None else []
             for j in [j for j in shared if j not in observed] + offset_of:
@@ -260,14 +259,21 @@ class Problem:
                 touch: Touch = self.touches[j] if j < own else "belt"
                 offset = OFFSET_M * float(ahead[own + i]) if self.movable else 0.0
                 if touch == "belt":
-                    belts[j] = (step, self.full(ahead), offset)
+                    belts[j] = (self.full(ahead), offset)
                 else:
-                    changes[j] = (self.beside(i, ahead, offset, old, touch).residual - here) / step
+                    neighbours[j] = self.beside(i, ahead, offset, old, touch).residual
             if belts:
-                steps, vectors, places = zip(*belts.values(), strict=True)
+                vectors, places = zip(*belts.values(), strict=True)
                 loads = belt_loads(self.model, old.motion, vectors, places)
-                for k, j in enumerate(belts):
-                    changes[j] = (replace(old, belt=loads[:, k]).residual - here) / steps[k]
+                neighbours |= {j: replace(old, belt=load).residual for j, load in zip(belts, loads.T, strict=True)}
+            changes: dict[int, Array] = {}
+            for j, beside in neighbours.items():
+                step, ahead = self.stepped(x, j)
+                if piece.own_noise and j < own and self.touches_noise[j]:
+                    white = in_noise(piece, self.model, self.full(ahead), beside) - in_noise(piece, self.model, vector, here)
+                    columns[self.ends[i] : self.ends[i + 1], j] = white / step
+                else:
+                    changes[j] = (beside - here) / step
             if changes:
                 white = in_noise(piece, self.model, vector, np.stack(list(changes.values()), axis=1))
                 columns[self.ends[i] : self.ends[i + 1], [min(j, own) for j in changes]] = white
@@ -376,15 +382,6 @@ def hopeless(above: float, gain: float, left: int) -> bool:
     left : iterations.
     """
     return above > PACE * gain * left
-
-
-def free_parameters(model: Model, fixed: Sequence[str] = ("transmission.ratio",)) -> tuple[str, ...]:
-    """Names of the parameters that a fit moves: not those fixed, known beforehand or without room between their bounds."""
-    known = set(fixed)
-    for name in model.effects:
-        effect = effect_named(name)
-        known |= {f"{name}.{parameter.name}" for parameter in effect.parameters if not (parameter.fitted or parameter.form)}
-    return tuple(name for name, item in model.parameters.items() if name not in known and item.low < item.high)
 
 
 def time_blocks(pieces: Sequence[Segment], seconds: float) -> NDArray[np.int64]:

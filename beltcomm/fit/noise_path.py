@@ -1,11 +1,21 @@
 """How the noises of a record reach the residual of a model: the encoder's rounding through inertia and belt, the torque's own.
 
-With x the displacements and speeds of the bodies behind the motor, q the rounding, linear between the samples, and w the torque's noise,
+With x the displacements and speeds of the bodies behind the motor, q the rounding and w the torque's noise,
 
-    x[n+1] = Φ x[n] + Γ_a q[n] + Γ_b q[n+1],
-    e[n] = <load(x, q)>[n] + J (q[n+1] - 2 q[n] + q[n-1])/T² - (w[n-1] + w[n])/2,
+    x[n+1] = Φ x[n] + Γ (c[n-1], c[n], c[n+1], c[n+2]),
+    e[n] = <load(x, c)>[n] + J (q[n+1] - 2 q[n] + q[n-1])/T² - (w[n-1] + w[n])/2,
 
-linearised around sliding.  Lags of the reading smooth what q does, delays of the acting torque what w does.
+linearised around sliding.  Between the samples the angle is a cubic spline (``beltcomm.simulate.inverse``), so q is one, too:
+
+    q(t) = Σ c[k] B(t/T - k),    q[n] = (c[n-1] + 4 c[n] + c[n+1])/6.
+
+q white of variance σ², c has the spectrum σ² 36/(4 + 2 cos ωT)², that of the causal
+
+    c[n+2] = -2 a c[n+1] - a² c[n] + 6 a ε[n],    a = 2 - √3,  ε white of variance σ².
+
+(A q linear between the samples makes the load of a stiff belt, and with it what rounding adds, a fifth smaller near half the sampling
+rate.)  Lags of the reading smooth what q does, delays of the acting torque what w does.
+Source: Unser, Splines, IEEE Signal Processing Magazine 16 (1999), for B and the poles.
 """
 
 from __future__ import annotations
@@ -24,8 +34,14 @@ from beltcomm.model import Model
 
 Array = NDArray[np.float64]
 
-#: Columns of the variances at the first sample.
-MOTION, ROUNDING, TORQUE = range(3)
+#: What makes the covariance at the first sample.
+MOTION, ROUNDING, SLOW, TORQUE = range(4)
+#: Of c[n-1], c[n], c[n+1], c[n+2] between two samples: the angle and its first three rates per sample at the first of them.
+SPLINE = np.array([[1.0, 4.0, 1.0, 0.0], [-3.0, 0.0, 3.0, 0.0], [6.0, -12.0, 6.0, 0.0], [-6.0, 18.0, -18.0, 6.0]]) / 6.0
+#: c[n+2] of c[n] and c[n+1], and of ε[n]; covariance of three c in a row in units of the variance of ε.
+POLE = 2.0 - math.sqrt(3.0)
+FURTHER, NEW = np.array([-(POLE**2), -2.0 * POLE]), 6.0 * POLE
+TOGETHER = 2.0 * math.sqrt(3.0) * np.array([1.0, -0.5, POLE - POLE**2])[np.abs(np.subtract.outer(range(3), range(3)))]
 #: Relative change of the stiffness within a level: at its ends 2 % are left out of account, half a Hz of an antiresonance at 50 Hz.
 LEVEL = 0.04
 #: Places on a way at which the stiffness is worked out, and at which it is looked up.
@@ -40,12 +56,12 @@ KEPT = 512
 
 @dataclass(frozen=True)
 class NoisePath:
-    """How the noises reach the residual:  s[n+1] = F s[n] + G (q[n+1], w[n]),   e[n] = H s[n] + D (q[n+1], w[n]).
+    """How the noises reach the residual:  s[n+1] = F s[n] + G (ε[n], w[n]),   e[n] = H s[n] + D (ε[n], w[n]).
 
-    s = (x[n], q[n], what x[n-1] and q[n-1] leave of e[n], w[n-1]).   F : (k, k), zero in its last two columns.   G : (k, 2).
-    H : (k,).   D : (2,).   begins : (k, 3), variance of s at the first sample: by motion that the record does not show, and in units
-    of the variances of q and of w.
-    e in N m, q in rad, both at the motor shaft, w in N m.   sample_s : s.
+    s = (x[n], c[n-1], c[n], c[n+1], what x and c of the period before leave of e[n], w[n-1]).   F : (k, k), zero in its last two columns.
+    G : (k, 2).   H : (k,).   D : (2,).   begins : (k, k, 4), covariance of s at the first sample: by motion that the record does not show,
+    and in units of the variances of a rounding that is white, of one that is slow, and of w.
+    e in N m, c and ε in rad, both at the motor shaft, w in N m.   sample_s : s.
     """
 
     F: Array
@@ -147,42 +163,49 @@ def _path(
 ) -> NoisePath:
     mass, damping, stiffness = np.frombuffer(known).reshape(3, len(swings), len(swings))
     motor, behind = 0, np.arange(1, len(swings))
-    n = 2 * len(behind)  # states; then the angle, its rate, the load's integral and that one's integral
+    n = 2 * len(behind)  # states; then the angle and its three rates, the load's integral and that one's integral
     inverse = np.diag(1.0 / np.diag(mass)[behind])
-    a = np.zeros((n + 4, n + 4))
+    a = np.zeros((n + 6, n + 6))
     a[: n // 2, n // 2 : n] = np.eye(n // 2)
     a[n // 2 : n, : n // 2] = -inverse @ stiffness[np.ix_(behind, behind)]
     a[n // 2 : n, n // 2 : n] = -inverse @ damping[np.ix_(behind, behind)]
     a[n // 2 : n, n] = -inverse @ stiffness[behind, motor]
     a[n // 2 : n, n + 1] = -inverse @ damping[behind, motor]
-    a[n, n + 1] = 1.0
-    a[n + 2, : n // 2], a[n + 2, n // 2 : n] = stiffness[motor, behind], damping[motor, behind]
-    a[n + 2, n], a[n + 2, n + 1] = stiffness[motor, motor], damping[motor, motor]
-    a[n + 3, n + 2] = 1.0
+    a[n, n + 1] = a[n + 1, n + 2] = a[n + 2, n + 3] = 1.0
+    a[n + 4, : n // 2], a[n + 4, n // 2 : n] = stiffness[motor, behind], damping[motor, behind]
+    a[n + 4, n], a[n + 4, n + 1] = stiffness[motor, motor], damping[motor, motor]
+    a[n + 5, n + 4] = 1.0
     moved = exponential(a * sample_s)
-    # from (x, angle, rate) to (x, angle before, angle after)
-    moved[:, n + 1] /= sample_s
-    moved[:, n] -= moved[:, n + 1]
-    first, second = moved[n + 2, : n + 2] / sample_s, moved[n + 3, : n + 2] / sample_s**2
+    # from (x, angle and rates) to (x, c before, here, after, one further), of which the last one comes from those two before it and ε
+    spline = moved[:, n : n + 4] @ (SPLINE / sample_s ** np.arange(4)[:, None])
+    spline[:, 1:3] += spline[:, 3:] * FURTHER
+    moved = np.concatenate([moved[:, :n], spline[:, :3], NEW * spline[:, 3:]], axis=1)
+    first, second = moved[n + 4] / sample_s, moved[n + 5] / sample_s**2
     after, before = second, first - second
-    g = inertia / sample_s**2
-    f, gain, h = np.zeros((n + 3, n + 3)), np.zeros((n + 3, 2)), np.zeros(n + 3)
-    f[:n, : n + 1], gain[:n, 0] = moved[:n, : n + 1], moved[:n, n + 1]
-    gain[n, 0] = 1.0
-    f[n + 1, : n + 1], gain[n + 1, 0] = before[: n + 1], before[n + 1]
-    f[n + 1, n] += g
-    gain[n + 2, 1] = 1.0
-    h[: n + 1] = after[: n + 1]
-    h[n] -= 2.0 * g
-    h[n + 1], h[n + 2] = 1.0, -0.5
-    begins = np.zeros((n + 3, 3))
-    begins[n, ROUNDING] = begins[n + 2, TORQUE] = 1.0
+    g = inertia / (6.0 * sample_s**2)
+    f, gain, h = np.zeros((n + 5, n + 5)), np.zeros((n + 5, 2)), np.zeros(n + 5)
+    f[:n, : n + 3], gain[:n, 0] = moved[:n, : n + 3], moved[:n, n + 3]
+    f[n, n + 1] = f[n + 1, n + 2] = 1.0
+    f[n + 2, n + 1 : n + 3], gain[n + 2, 0] = FURTHER, NEW
+    f[n + 3, : n + 3], gain[n + 3, 0] = before[: n + 3], before[n + 3]
+    f[n + 3, n] += g
+    gain[n + 4, 1] = 1.0
+    h[: n + 3] = after[: n + 3]
+    h[n : n + 3] += g * np.array([2.0, -6.0 + FURTHER[0], 2.0 + FURTHER[1]])
+    h[n + 3], h[n + 4] = 1.0, -0.5
+    begins, splined = np.zeros((n + 5, n + 5, 4)), slice(n, n + 3)
+    begins[splined, splined, ROUNDING], begins[splined, splined, SLOW], begins[n + 4, n + 4, TORQUE] = TOGETHER, 1.0, 1.0
     for i in behind:
-        begins[i - 1, MOTION] = swings[i] ** 2
+        begins[i - 1, i - 1, MOTION] = swings[i] ** 2
         # Free in a gap, a force that goes with the place may push it away from where it is.
-        begins[n // 2 + i - 1, MOTION] = swings[i] ** 2 * max(stiffness[i, i], 0.0) / mass[i, i]
-    path = NoisePath(f, gain, h, np.array([after[n + 1] + g, -0.5]), begins, sample_s)
+        begins[n // 2 + i - 1, n // 2 + i - 1, MOTION] = swings[i] ** 2 * max(stiffness[i, i], 0.0) / mass[i, i]
+    path = NoisePath(f, gain, h, np.array([after[n + 3] + NEW * g, -0.5]), begins, sample_s)
     return acting_late(read_late(path, reading_s), dead_s, lag_s)
+
+
+def with_state_in_front(begins: Array) -> Array:
+    """``NoisePath.begins`` with one more state, about which nothing is known there."""
+    return np.pad(begins, ((1, 0), (1, 0), (0, 0)))
 
 
 def read_late(path: NoisePath, time_s: float) -> NoisePath:
@@ -203,8 +226,8 @@ def read_late(path: NoisePath, time_s: float) -> NoisePath:
     old, place = np.r_[:torque, torque], np.r_[1 : torque + 1, size + 1]
     f, gain, h = np.zeros((size + 2, size + 2)), np.zeros((size + 2, 2)), np.zeros(size + 2)
     f[np.ix_(place, place)], gain[place] = path.F[np.ix_(old, old)], path.G[old]
-    begins = np.zeros((size + 2, 3))
-    begins[place] = path.begins[old]
+    begins = np.zeros((size + 2, size + 2, path.begins.shape[2]))
+    begins[np.ix_(place, place)] = path.begins[np.ix_(old, old)]
     f[0, 0], gain[0, 0] = decay, (decay * c + b) * path.D[0]
     f[0, place] = (decay * c + b) * needed[old]
     h[0], h[place] = 1.0, c * needed[old]
@@ -240,7 +263,8 @@ def acting_late(path: NoisePath, dead_s: float, lag_s: float) -> NoisePath:
     gain[1, 1] = 1.0
     f[-1, :2], gain[-1, 1] = -rising[:2], -rising[2]
     h[:2], h[-1] = -falling[:2], 1.0
-    begins = np.concatenate([path.begins[[-1, -1]], path.begins])
+    begins = np.zeros((size + 2, size + 2, path.begins.shape[2]))
+    begins[2:, 2:], begins[[0, 1], [0, 1]] = path.begins, path.begins[-1, -1]
     return NoisePath(f, gain, h, np.array([path.D[0], -falling[2]]), begins, path.sample_s)
 
 

@@ -150,7 +150,7 @@ def untuned(
     sides = [noises(path_of(model, linear, motion.sample_s), step_rad, noise_nm, rounding, alike=True) for linear in (apart, there)]
     (opened, variances, start), (shut, _, _) = sides
     names = [body.name for _, body in model.bodies()]
-    first = len(shut.H) - 2 * (len(names) - 1) - 3
+    first = len(shut.H) - 2 * (len(names) - 1) - 5
     places = np.array([first + names.index(b.name) - 1 if b.name in names[1:] else -1 for _, b in catalogue_bodies()], dtype=np.int64)
     covariance = start.copy()
     cart = first + names.index("cart") - 1

@@ -18,7 +18,7 @@ from beltcomm.fit.decimation import smallest_step
 from beltcomm.fit.moving import creeping
 from beltcomm.fit.noise_level import noise_colour, torque_noise
 from beltcomm.fit.observer import needs_observer
-from beltcomm.fit.segment import Segment, evaluate, noise_paths_of, segments, with_observers
+from beltcomm.fit.segment import Segment, evaluate, noise_paths_of, segments, whitener_of, with_observers
 from beltcomm.fit.torque_path import FAITHFUL, TorquePath
 from beltcomm.fit.whitening import whitener
 from beltcomm.model import Model
@@ -52,6 +52,10 @@ SLOW_SHARES = (0.0, 0.03, 0.08, 0.15, 0.25, 0.35, 0.5)
 AGITATIONS, USUAL, STRAY = (0.0, 0.003, 0.01, 0.03, 0.1, 0.3), 2, 5.0
 #: Neighbouring values that make one: where the axis is excited, and elsewhere; Hz that are left at least.
 EXCITED_GROUP, STEADY_GROUP, BAND_HZ = 2, 4, 120.0
+#: Variance of a belt axis's innovations over that by the torque's noise alone from which on every model is judged in its own noise.
+MOSTLY_ROUNDING = 100.0
+#: Hz up to which steady motion counts there: above, rounding follows the motion for many samples, is not white and tells a false inertia.
+CALM_BAND_HZ = 20.0
 #: Torque of the acceleration's rounding over the torque's noise from which on rounding is most of it.
 ROUNDED = 3.0
 
@@ -120,7 +124,10 @@ def made(
         stroke = recording.sidecar.experiment == "friction_sweep"
         substeps = (RATTLING_STROKE_SUBSTEPS if rattles else STROKE_SUBSTEPS) if stroke else (RATTLING_SUBSTEPS if rattles else usual)
         for piece in segments(recording, model, step_rad, noise_nm, fitted=True, substeps=substeps, path=path, reversals=reversals):
-            pieces.append(rewhitened(replace(piece, rounding=shown, group=group, colour=colour), model))
+            made_ready = rewhitened(replace(piece, rounding=shown, group=group, colour=colour), model)
+            if made_ready.own_noise and recording.sidecar.experiment != "frf":
+                made_ready = replace(made_ready, group=max(group, round(0.5 / (CALM_BAND_HZ * piece.motion.sample_s))))
+            pieces.append(made_ready)
     return Data(
         tuple(recordings),
         tuple(p for p in pieces if not p.held_out),
@@ -158,8 +165,11 @@ def group_of(recording: Recording) -> int:
 
 def rewhitened(piece: Segment, model: Model) -> Segment:
     """A stretch with the noise as a model passes it on."""
-    worked_out = whitener(piece.keep, noise_paths_of(piece, model), piece.step_rad, piece.noise_nm, piece.rounding, piece.colour)
-    return replace(piece, whitener=worked_out, reference=model)
+    worked_out = whitener_of(piece, model)
+    kept = worked_out.deviations[piece.keep]
+    torque = 0.25 * (1.0 - piece.colour**2) * piece.noise_nm**2  # of the innovations of its mean with the triangular weight
+    own = "cart" in model.base_bodies and len(kept) > 0 and float(np.median(kept)) ** 2 > MOSTLY_ROUNDING * torque
+    return replace(piece, whitener=worked_out, reference=model, own_noise=own)
 
 
 def remade(data: Data, model: Model, offsets_m: Array, substeps: int = SUBSTEPS, *, reversals: bool = False) -> Data:
@@ -177,7 +187,9 @@ def remade(data: Data, model: Model, offsets_m: Array, substeps: int = SUBSTEPS,
                 piece, noise_nm=piece.noise_factor * data.noise_nm, colour=data.colour
             )  # by now maybe better than when the stretch was made
             left.setdefault(piece.record, []).append((known, evaluate(piece, model, model.vector(), float(offset))))
-        shares = {name: rounding_shares(parts, model) for name, parts in left.items()}
+        # Where rounding is most of the noise, a share of it found from few samples would make them count for all others.
+        calm = {name: parts for name, parts in left.items() if not any(piece.own_noise for piece, _ in parts)}
+        shares = {name: rounding_shares(parts, model) for name, parts in calm.items()}
     ahead = made(data.recordings, model, data.noise_nm, data.step_rad, shares, substeps, data.path, reversals, data.colour, data.single)
     return with_process_noise(ahead, model) if needs_observer(model) else ahead
 

@@ -7,6 +7,9 @@ The whitening filter W of a segment is worked out once, for a model near the rig
 σ_m the noises' deviations.  v(x) falls where the model needs less torque for the rounding, so the squares alone would be least at too
 small an inertia and a too soft belt: regression on noisy regressors.  |W e|²/n - (v(x) - v(x₀)) has its minimum, in the mean, at the
 truth, whatever the torque was; it is the whitened form of least squares corrected for noise in the regressors.
+
+That holds near x₀.  Where rounding is most of the noise every model is judged by the filter W(x) for its own noise instead: v = 1
+whatever x, so nothing is taken off.  Either way the squares of ∂(W T)/∂x δ_m are no information, and are taken off that.
 Source: Fuller, Measurement Error Models, 1987, section 3.1.
 """
 
@@ -61,6 +64,7 @@ class RoundingBias:
                 segment.noise_nm,
                 segment.group,
                 segment.colour,
+                segment.own_noise,
                 id(references[i]),
             )
             if key not in known:
@@ -104,7 +108,7 @@ class RoundingBias:
             base, ahead = _padded(here, long).reshape(-1), np.zeros((k, len(here) * long))
             for i, (response, step) in enumerate(zip(beside, steps, strict=True)):
                 ahead[i] = (_padded(response, long).reshape(-1) - base) / step
-            slope[number], curvature[number] = 2.0 * ahead @ base, ahead @ ahead.T
+            slope[number], curvature[number] = (0.0 if kind.segment.own_noise else 2.0 * ahead @ base), ahead @ ahead.T
         return slope[self.of_segment], curvature[self.of_segment]
 
 
@@ -114,14 +118,13 @@ class _Kind:
     def __init__(self, segment: Segment, model: Model, place_m: float) -> None:
         self.segment, self.where = segment, (place_m, segment.motion.sample_s)
         self._known: dict[int, tuple[NoisePath, Array]] = {}
-        self.path, self.gains, self.deviation = self._filter(model)
-        self.start = self.power(noise_path(model, *self.where))
+        here = noise_path(model, *self.where)
+        self.filter = self._filter(here)
+        self.start = self.power(here)
 
-    def _filter(self, model: Model) -> tuple[NoisePath, Array, float]:
+    def _filter(self, plain: NoisePath) -> tuple[NoisePath, Array, float]:
         segment = self.segment
-        path, variances, start = noises(
-            noise_path(model, *self.where), segment.step_rad, segment.noise_nm, segment.rounding, segment.colour
-        )
+        path, variances, start = noises(plain, segment.step_rad, segment.noise_nm, segment.rounding, segment.colour)
         keep = np.ones(SETTLING, dtype=np.bool_)
         gains, deviations = gains_of(keep, [path], np.zeros(SETTLING, dtype=np.int64), variances, start)
         return path, gains[-1].copy(), float(deviations[-1])
@@ -132,11 +135,12 @@ class _Kind:
         found = self._known.get(id(plain))
         if found is None or found[0] is not plain:
             path, variances, _ = noises(plain, segment.step_rad, segment.noise_nm, segment.rounding, segment.colour)
+            known, gains, deviation = self._filter(plain) if segment.own_noise else self.filter
             parts = []
             for m, variance in enumerate(variances):
                 out = np.zeros(LONGEST)
-                length = _passed(path.F, path.G[:, m].copy(), path.H, float(path.D[m]), self.path.F, self.path.H, self.gains, out)
-                size = np.sqrt(variance) / (self.deviation * np.sqrt(segment.group))
+                length = _passed(path.F, path.G[:, m].copy(), path.H, float(path.D[m]), known.F, known.H, gains, out)
+                size = np.sqrt(variance) / (deviation * np.sqrt(segment.group))
                 parts.append(np.convolve(out[:length], np.ones(segment.group)) * size)
             used = max(len(part) for part in parts)
             found = plain, np.stack([np.concatenate((part, np.zeros(used - len(part)))) for part in parts])
@@ -145,6 +149,8 @@ class _Kind:
 
     def power(self, path: NoisePath) -> float:
         """v of the module; inf where the model does not hold its bodies."""
+        if self.segment.own_noise:
+            return 1.0
         with np.errstate(over="ignore", invalid="ignore"):
             response = self.response(path)
             found = float(np.sum(response * response))

@@ -12,7 +12,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 
 import numpy as np
@@ -28,7 +28,7 @@ from beltcomm.fit.reversals import LEVEL, passed, turns_at_once
 from beltcomm.fit.slack import stiffness_left
 from beltcomm.fit.smoother import smoothed
 from beltcomm.fit.torque_path import TorquePath
-from beltcomm.fit.whitening import Whitener, whiten
+from beltcomm.fit.whitening import Whitener, whitener
 from beltcomm.linear import matrices, operating_point
 from beltcomm.model import Model
 from beltcomm.recording import Recording
@@ -69,6 +69,8 @@ COARSE_SUBSTEPS = 4
 MOVING_STRETCH_M = 5e-4
 #: Squared whitened residual beyond which a sample has no more weight when a start offset is looked for: five deviations.
 OUTLIER = 25.0
+#: Whiteners that are kept with a stretch.
+KNOWN = 2
 #: By how much more than the model's friction at the carriage the belt may be stretched where the axis begins at rest.
 HELD_SPREAD = 1.2
 
@@ -84,6 +86,7 @@ class Segment:
     process_noise, freedom_m : for ``observer``, that of a carriage which is free at times, see :func:`with_observer`.   turns : what the
     kernel's Coulomb friction of level 1 lacks at the reversals that count, (n,); None where none of those count, or the motor has no such
     friction.   colour : of the torque's noise, see ``whitening``.   noise_factor : factor on the noise of a stretch that was decimated.
+    own_noise : whether every model is judged in the noise that it passes on itself, for rounding is most of it; else in the reference's.
     """
 
     record: str
@@ -105,6 +108,9 @@ class Segment:
     turns: Array | None = None
     colour: float = 0.0
     noise_factor: float = 1.0
+    own_noise: bool = False
+    #: Whiteners of the models that were judged last, each in its own noise.
+    known: dict[tuple[tuple[str, ...], bytes], Whitener] = field(init=False, repr=False, compare=False, default_factory=dict)
 
     @cached_property
     def firsts(self) -> NDArray[np.intp]:
@@ -194,11 +200,12 @@ def segments(
             time_s=time,
             within=within,
         )
-        if fitted:
-            motion = rebuilt(motion, model, position, push, place)
         stick_speed, turns = STICK_SPEED_M_S if recording.side == "load" else STICK_SPEED_RAD_S, None
         hidden = fitted and step_rad / sample > COARSE_RAD_S
         smooth = smoothed(model, motion, push, step_rad, noise_nm) if hidden else None
+        if fitted:
+            likely = motion if smooth is None else replace(motion, theta=smooth.theta, omega=smooth.omega)
+            motion = rebuilt(likely, model, position, push, place)
         if smooth is not None:
             motion = replace(motion, creep=(smooth.theta, smooth.omega))
             keep = ~resting(motion, max(stick_speed + SURE * smooth.off_rad_s, WHITE_STEPS * counted / sample))
@@ -241,7 +248,10 @@ def segments(
 def rebuilt(
     motion: FineMotion, model: Model, position: Array, torque: Array, start_rad: float, *, lacking: Array | float = 0.0
 ) -> FineMotion:
-    """The motion between the samples with the load that it gives rise to, and one that is lacking there, N m, mean over each fine step."""
+    """The motion between the samples with the load that it gives rise to, and one that is lacking there, N m, mean over each fine step.
+
+    motion : that the load is worked out from; behind a coarse encoder the likeliest one, for a stiff belt would take the steps for a load.
+    """
     true = true_motion(model, motion)
     load, _ = fine_load(model, true)
     if not np.all(np.abs(load) < ABSURD_NM):  # the model lets its bodies fly off and says nothing of the motor
@@ -306,29 +316,6 @@ def whitened(segment: Segment, model: Model, vector: Array, offset_m: float = 0.
     return in_noise(segment, model, vector, evaluate(segment, model, vector, offset_m))
 
 
-def whitened_beside(segment: Segment, model: Model, vectors: Sequence[Array], offsets_m: Sequence[float]) -> Array:
-    """The same of a stretch without observer and whitener for several vectors side by side, (values, k): each in its own noise.
-
-    What does not touch the noise, as a start offset or the level of friction, is whitened together.
-    """
-    left = evaluated(segment, model, vectors, offsets_m)
-    ways = {p.tobytes(): (noise_paths_of(segment, model.with_vector(p)), list[int]()) for p in vectors}
-    for column, p in enumerate(vectors):
-        ways[p.tobytes()][1].append(column)
-    alike: list[tuple[Way, list[int]]] = []
-    for course, columns in ways.values():
-        same = next((old for known, old in alike if known.same(course)), None)
-        if same is None:
-            alike.append((course, columns))
-        else:
-            same += columns
-    out = np.empty((np.count_nonzero(segment.keep), len(vectors)))
-    for course, columns in alike:
-        together = np.stack([left[c] for c in columns], axis=1)
-        out[:, columns] = whiten(together, segment.keep, course, segment.step_rad, segment.noise_nm)
-    return out
-
-
 def squares_left(piece: Segment, model: Model, vector: Array) -> Array:
     """Squared whitened residual of a stretch that the model was not fitted to; only where its carriage stuck at the start is."""
 
@@ -350,9 +337,19 @@ def in_noise(segment: Segment, model: Model, vector: Array, torque: Array) -> Ar
 
     With a whitener worked out beforehand several torques at once, (n, k) -> (kept, k).
     """
-    if segment.whitener is not None or segment.observer is not None:
+    if segment.observer is not None or not (segment.own_noise or segment.whitener is None):
         return segment.white(torque)
-    return whiten(torque, segment.keep, noise_paths_of(segment, model.with_vector(vector)), segment.step_rad, segment.noise_nm)
+    key = (model.effects, vector.tobytes())
+    if key not in segment.known:
+        while len(segment.known) >= KNOWN:
+            del segment.known[next(iter(segment.known))]
+        segment.known[key] = whitener_of(segment, model.with_vector(vector))
+    return segment.grouped(segment.known[key](torque, segment.keep))
+
+
+def whitener_of(segment: Segment, model: Model) -> Whitener:
+    """The filter of a stretch for the noise that a model passes on."""
+    return whitener(segment.keep, noise_paths_of(segment, model), segment.step_rad, segment.noise_nm, segment.rounding, segment.colour)
 
 
 def grouped(keep: NDArray[np.bool_], size: int) -> NDArray[np.intp]:

@@ -1,9 +1,11 @@
-"""What of the torque balance, and of its noise, goes with a parameter."""
+"""Which parameters a fit moves, and what of the torque balance, and of its noise, goes with each."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Literal
 
+from beltcomm.effects import effect_named
 from beltcomm.model import Model
 from beltcomm.simulate.writer import acts_on_motor
 
@@ -35,3 +37,12 @@ def touches_noise(model: Model, name: str) -> bool:
     """Whether the noise's path to the residual goes with a parameter: all but those of friction that has one level while it slides."""
     slots = {effect.slot for effect in model.effect_list() if name in (*effect.full_names(), *effect.uses)}
     return not slots or not slots <= {"friction_level", "sensor", "external"}
+
+
+def free_parameters(model: Model, fixed: Sequence[str] = ("transmission.ratio",)) -> tuple[str, ...]:
+    """Names of the parameters that a fit moves: not those fixed, known beforehand or without room between their bounds."""
+    known = set(fixed)
+    for name in model.effects:
+        effect = effect_named(name)
+        known |= {f"{name}.{parameter.name}" for parameter in effect.parameters if not (parameter.fitted or parameter.form)}
+    return tuple(name for name, item in model.parameters.items() if name not in known and item.low < item.high)

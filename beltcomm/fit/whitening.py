@@ -18,8 +18,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beltcomm.compiled import compiled, in_lanes
-from beltcomm.fit.noise_path import ROUNDING, NoisePath, Way
+from beltcomm.compiled import compiled, in_lanes, inlined
+from beltcomm.fit.noise_path import SLOW, NoisePath, Way, with_state_in_front
 from beltcomm.simulate.observer import filtered, lanes_for
 
 Array = NDArray[np.float64]
@@ -29,9 +29,10 @@ SLOW_HZ = 40.0
 #: Relative change of the gains from one sample to the next below which they stay as they are.
 SETTLED = 1e-8
 #: States of the path with one body behind the motor, without slow rounding.
-ONE_BODY = 5
-#: What is 0 of its F, slow rounding in front: s = (slow rounding, x, v, q, what x and q leave, w).
-ONE_BODY_ZEROS = np.array([[0, 1, 1, 1, 1, 1], [0, 0, 0, 0, 1, 1], [0, 0, 0, 0, 1, 1], [0, 1, 1, 1, 1, 1], [0, 0, 0, 0, 1, 1], [1] * 6]) > 0
+ONE_BODY = 7
+#: What may differ from 0 of its F, slow rounding in front: s = (slow rounding, x, v, c before, here and after, what x and c leave, w).
+ONE_BODY_FULL = np.zeros((8, 8), dtype=np.bool_)
+ONE_BODY_FULL[[1, 2, 6], :6] = ONE_BODY_FULL[[0, 3, 4, 5, 5, 5], [0, 4, 5, 0, 4, 5]] = True
 
 
 def whiten(residual: Array, keep: NDArray[np.bool_], way: Way, step_rad: float, noise_nm: float) -> Array:
@@ -67,9 +68,9 @@ class Whitener:
         if slow in (0, 1):
             f, h = np.zeros((levels, ONE_BODY + 1, ONE_BODY + 1)), np.zeros((levels, ONE_BODY + 1))
             f[:, 1 - slow :, 1 - slow :], h[:, 1 - slow :] = self.F, self.H
-            if not (f[:, ONE_BODY_ZEROS].any() or f[:, -1].any()):
+            if not f[:, ~ONE_BODY_FULL].any():
                 out, columns, lanes = np.empty((kept, residual.shape[1])), np.ascontiguousarray(residual), lanes_for(residual.shape[1])
-                _one_body(columns, keep, f, h, self.level, self.gains, self.deviations, slow, lanes, np.empty(112), out)
+                _one_body(columns, keep, f, h, self.level, self.gains, self.deviations, slow, lanes, np.empty(144), out)
                 return out
         if levels > 1:
             return np.stack([self(np.ascontiguousarray(column), keep) for column in residual.T], axis=1)
@@ -121,9 +122,9 @@ def noises(
     variances = np.array([fast, torque])
     if slow > 0.0 or alike:
         path, variances = with_slow_rounding(path), np.array([fast, slow, torque])
-    start = np.diag(path.begins @ np.array([1.0, fast + slow, torque]))
+    start = path.begins @ np.array([1.0, fast, slow, torque])
     if slow > 0.0 or alike:
-        start[0] = start[:, 0] = slow * path.begins[:, ROUNDING]
+        start[0] = start[:, 0] = slow * np.diag(path.begins[:, :, SLOW])
         start[0, 0] = slow
     if colour != 0.0:
         path, size = with_coloured_torque(path, colour), len(path.H)
@@ -143,7 +144,7 @@ def with_coloured_torque(path: NoisePath, colour: float) -> NoisePath:
     g[1:, last] *= new
     d, h = path.D.copy(), np.concatenate(([colour * path.D[last]], path.H))
     d[last] *= new
-    return NoisePath(f, g, h, d, np.concatenate([np.zeros((1, path.begins.shape[1])), path.begins]), path.sample_s)
+    return NoisePath(f, g, h, d, with_state_in_front(path.begins), path.sample_s)
 
 
 def with_slow_rounding(path: NoisePath) -> NoisePath:
@@ -156,7 +157,7 @@ def with_slow_rounding(path: NoisePath) -> NoisePath:
     g[0, 1], g[1:, 0], g[1:, 1], g[1:, 2] = new, path.G[:, 0], new * path.G[:, 0], path.G[:, 1]
     d = np.array([path.D[0], new * path.D[0], path.D[1]])
     h = np.concatenate(([keeps * path.D[0]], path.H))
-    return NoisePath(f, g, h, d, np.concatenate([np.zeros((1, 3)), path.begins]), path.sample_s)
+    return NoisePath(f, g, h, d, with_state_in_front(path.begins), path.sample_s)
 
 
 @compiled
@@ -193,6 +194,11 @@ def _filtered(
             states[0, i] = states[1, i]
 
 
+@inlined
+def _row(f: Array, at: int, i: int, sz: float, sx: float, sv: float, sb: float, sq: float, sy: float) -> float:
+    return float(f[at, i, 0] * sz + f[at, i, 1] * sx + f[at, i, 2] * sv + f[at, i, 3] * sb + f[at, i, 4] * sq + f[at, i, 5] * sy)
+
+
 @in_lanes
 def _one_body(
     e: Array,
@@ -208,7 +214,7 @@ def _one_body(
     out: Array,
 ) -> None:
     # The filter of ``filtered`` for a path of one body, without what is always 0.  One block of memory, so that nothing can overlap.
-    z, x, v, q, p, w, nu = 0, 16, 32, 48, 64, 80, 96
+    z, x, v, b, q, y, p, w, nu = 0, 16, 32, 48, 64, 80, 96, 112, 128
     for begin in range(0, e.shape[1], lanes):
         width = min(lanes, e.shape[1] - begin)
         for c in range(s.shape[0]):
@@ -217,17 +223,21 @@ def _one_body(
         for n in range(e.shape[0]):
             # Gains are 0 where a sample is not kept, as is then its innovation.
             at, kept, share, kz = level[n], keep[n], 1.0 / deviations[n], slow * gains[n, 0]
-            kx, kv, kq, kp, kw = gains[n, slow], gains[n, slow + 1], gains[n, slow + 2], gains[n, slow + 3], gains[n, slow + 4]
+            kx, kv, kb, kq = gains[n, slow], gains[n, slow + 1], gains[n, slow + 2], gains[n, slow + 3]
+            ky, kp, kw = gains[n, slow + 4], gains[n, slow + 5], gains[n, slow + 6]
             for c in range(width):
                 s[nu + c] = e[n, begin + c] if kept else 0.0
             for c in range(lanes):
-                sz, sx, sv, sq = s[z + c], s[x + c], s[v + c], s[q + c]
-                new = s[nu + c] - h[at, 0] * sz - h[at, 1] * sx - h[at, 2] * sv - h[at, 3] * sq - h[at, 4] * s[p + c] - h[at, 5] * s[w + c]
+                sz, sx, sv, sb, sq, sy = s[z + c], s[x + c], s[v + c], s[b + c], s[q + c], s[y + c]
+                new = s[nu + c] - h[at, 0] * sz - h[at, 1] * sx - h[at, 2] * sv - h[at, 3] * sb - h[at, 4] * sq - h[at, 5] * sy
+                new -= h[at, 6] * s[p + c] + h[at, 7] * s[w + c]
                 s[z + c] = f[at, 0, 0] * sz + kz * new
-                s[x + c] = f[at, 1, 0] * sz + f[at, 1, 1] * sx + f[at, 1, 2] * sv + f[at, 1, 3] * sq + kx * new
-                s[v + c] = f[at, 2, 0] * sz + f[at, 2, 1] * sx + f[at, 2, 2] * sv + f[at, 2, 3] * sq + kv * new
-                s[q + c] = f[at, 3, 0] * sz + kq * new
-                s[p + c] = f[at, 4, 0] * sz + f[at, 4, 1] * sx + f[at, 4, 2] * sv + f[at, 4, 3] * sq + kp * new
+                s[x + c] = _row(f, at, 1, sz, sx, sv, sb, sq, sy) + kx * new
+                s[v + c] = _row(f, at, 2, sz, sx, sv, sb, sq, sy) + kv * new
+                s[b + c] = f[at, 3, 4] * sq + kb * new
+                s[q + c] = f[at, 4, 5] * sy + kq * new
+                s[y + c] = f[at, 5, 0] * sz + f[at, 5, 4] * sq + f[at, 5, 5] * sy + ky * new
+                s[p + c] = _row(f, at, 6, sz, sx, sv, sb, sq, sy) + kp * new
                 s[w + c] = kw * new
                 s[nu + c] = share * new
             if kept:

@@ -71,6 +71,7 @@ def ahead(size: int, noises: int, wide: int, share: float, keep: bool, room: Arr
             put(room, f + m * wide + b, at(room, F + m * wide + b) + share * at(room, F + (own + m) * wide + b))
         for m in range(noises):
             put(room, g + m * wide + b, at(room, G + m * wide + b) + share * at(room, G + (noises + m) * wide + b))
+    for b in range(0, wide, LANES):  # once all of f stands there
         for i in range(size):
             total = eight(0.0)
             for m in range(own):

@@ -43,7 +43,12 @@ class Line:
         """rounding : variance of what the first column is off by, which the fit has taken off the squares."""
         size = len(self.left) // self.records
         pieces = [
-            SimpleNamespace(record=f"record {i}", counted=np.arange(size), motion=SimpleNamespace(sample_s=SAMPLE_S, samples=size))
+            SimpleNamespace(
+                record=f"record {i}",
+                counted=np.arange(size),
+                motion=SimpleNamespace(sample_s=SAMPLE_S, samples=size),
+                own_noise=False,
+            )
             for i in range(self.records)
         ]
         x = self.found / SCALE
@@ -56,6 +61,8 @@ class Line:
             low=np.array([-9.0, x[1] if at_bound else -9.0]), high=np.array([9.0, 9.0]),
             jacobian=lambda _x: ArrowheadJacobian(np.pad(self.columns * SCALE, ((0, 0), (0, 1))), np.zeros(1, dtype=np.intp)),
             weights=lambda _r: np.ones(len(self.left)), blocks=blocks, count=count, nuisance=None,
+            piece_of_block=np.repeat(np.arange(self.records), len(count) // self.records), touches_noise=(False, False),
+            model=SimpleNamespace(with_vector=lambda _v: None), full=lambda x: x,
             rounding=lambda x: (count[:, None] * (2.0 * turned @ x), count[:, None, None] * turned),
         )  # fmt: skip
         model = Named({"line.slope": float(self.found[0]), "body.level": float(self.found[1])})

@@ -27,7 +27,7 @@ def test_a_payload_that_still_swings_when_the_record_begins_leaves_no_trace() ->
     keep = np.ones(len(residual), dtype=bool)
     one = Way((path,), np.zeros(len(residual), dtype=np.int64))
     left = whiten(residual, keep, one, STEP_RAD, NOISE_NM)
-    forgotten = replace(one, paths=(replace(path, begins=path.begins * [0.0, 1.0, 1.0]),))
+    forgotten = replace(one, paths=(replace(path, begins=path.begins * [0.0, 1.0, 1.0, 1.0]),))
     unknown = whiten(residual, keep, forgotten, STEP_RAD, NOISE_NM)
     assert np.abs(unknown[500:]).max() > 3.0  # it rings for seconds, and is far above the noise
     assert np.abs(left[500:]).max() < 0.1
@@ -46,7 +46,7 @@ def test_a_carriage_that_still_swings_when_the_record_begins_leaves_no_trace() -
     keep = np.arange(len(residual)) > 0  # the first is behind half a triangle
     one = Way((path,), np.zeros(len(residual), dtype=np.int64))
     left = whiten(residual, keep, one, STEP_RAD, NOISE_NM)
-    forgotten = replace(one, paths=(replace(path, begins=path.begins * [0.0, 1.0, 1.0]),))
+    forgotten = replace(one, paths=(replace(path, begins=path.begins * [0.0, 1.0, 1.0, 1.0]),))
     unknown = whiten(residual, keep, forgotten, STEP_RAD, NOISE_NM)
     assert np.sum(left[:500] ** 2) < 10.0, "no more than a few values of white noise"
     assert np.sum(unknown[:500] ** 2) > 500.0, "as much again as the noise itself"

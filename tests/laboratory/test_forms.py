@@ -12,10 +12,10 @@ import pytest
 
 from beltcomm.effects import effect_named
 from beltcomm.fit.estimate import fit
-from beltcomm.fit.likelihood import free_parameters
 from beltcomm.fit.records import prepare
 from beltcomm.fit.segment import evaluate
 from beltcomm.fit.start import start_model
+from beltcomm.fit.touches import free_parameters
 from beltcomm.laboratory import forms
 from beltcomm.laboratory.acceptance import grown_out_of_bounds
 from beltcomm.model import Model, build_model

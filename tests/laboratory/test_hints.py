@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from beltcomm.fit.estimate import BLOCK_S, Fitted
-from beltcomm.fit.likelihood import Problem, free_parameters, time_blocks
+from beltcomm.fit.likelihood import Problem, time_blocks
 from beltcomm.fit.segment import segments
+from beltcomm.fit.touches import free_parameters
 from beltcomm.laboratory.hints import BY_CHANCE, explained_stretch, likeliest
 from identify.records import NOISE_NM, STEP_RAD, Recorder, true_model
 from truth.rigs import draw

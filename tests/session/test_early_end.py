@@ -49,7 +49,8 @@ def test_the_gap_in_the_records_of_a_session_that_cannot_go_on_is_named(folder: 
     folder.add_recording(excited("frf_1", 0.5, 2e-4, 2))
     told = early_end.early_end(folder, SafetyStop("50 mm off its reference", "lag"), Silence())
     assert told is not None
-    assert told["named"] == ["backlash"]
+    assert told["named"][0] == "backlash"
+    assert set(told["named"]) <= {"backlash", "cart_friction"}, "the rig has that, too"
     assert str(told["found"]).startswith("backlash (backlash.gap 0.0002")
     assert "by hand" in str(told["check"])
     kept = (folder.path / "verdict.txt").read_text(encoding="utf-8")

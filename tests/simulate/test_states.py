@@ -116,7 +116,7 @@ def test_a_record_begins_as_it_says(effect: Effect) -> None:
         assert late_torque(model, held, T) == pytest.approx(held)
         assert torque_as_read(model, held, T) == pytest.approx(held)
     if effect.bodies and "cart" in model.base_bodies:
-        counted = np.count_nonzero(noise_path(model, AT_M, T).begins[:, MOTION])
+        counted = np.count_nonzero(noise_path(model, AT_M, T).begins[:, :, MOTION])
         assert (counted > 2) == ("swings" in starts), "place and speed of the carriage always do"
     if effect.bodies:
         gliding = model.with_values({name: 0.0 for name in FRICTION if name in model.parameters})
