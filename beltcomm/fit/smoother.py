@@ -11,12 +11,13 @@ Source: Rauch, Tung, Striebel, Maximum likelihood estimates of linear dynamic sy
 from __future__ import annotations
 
 import math
+import warnings
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
-from scipy.linalg import LinAlgError, expm, solve_discrete_are, solve_discrete_lyapunov
+from scipy.linalg import LinAlgError, LinAlgWarning, expm, solve_discrete_are, solve_discrete_lyapunov
 
 from beltcomm.compiled import compiled
 from beltcomm.errors import Refused
@@ -86,11 +87,14 @@ def smoothed(model: Model, motion: FineMotion, torque: Array, step_rad: float, n
         loads = max(share * float(np.std(torque)), noise_nm)
         Q = loads**2 * np.outer(G, G) + np.diag(np.diag(F @ F.T)) * (LEAST * step_rad) ** 2
         try:
-            P = solve_discrete_are(F.T, H[:, None], Q, np.array([[r]]))
-            gain = P @ H / (P[0, 0] + r)
-            after = P - np.outer(gain, P[0])
-            back = after @ F.T @ np.linalg.inv(P)
-            off = math.sqrt(max(float(solve_discrete_lyapunov(back, after - back @ P @ back.T)[n, n]), 0.0)) / sample
+            with warnings.catch_warnings():  # what is ill-conditioned shows in the motion, which is looked at below
+                warnings.simplefilter("ignore", LinAlgWarning)
+                P = solve_discrete_are(F.T, H[:, None], Q, np.array([[r]]))
+                gain = P @ H / (P[0, 0] + r)
+                after = P - np.outer(gain, P[0])
+                back = after @ F.T @ np.linalg.inv(P)
+                rest = solve_discrete_lyapunov(back, after - back @ P @ back.T)
+            off = math.sqrt(max(float(rest[n, n]), 0.0)) / sample
         except (LinAlgError, ValueError):
             return None
         push = torque[:, None] * G - (_direction(speeds) * levels) @ each.T
