@@ -53,9 +53,9 @@ AGITATIONS, USUAL, STRAY = (0.0, 0.003, 0.01, 0.03, 0.1, 0.3), 2, 5.0
 #: Neighbouring values that make one: where the axis is excited, and elsewhere; Hz that are left at least.
 EXCITED_GROUP, STEADY_GROUP, BAND_HZ = 2, 4, 120.0
 #: Variance of a belt axis's innovations over that by the torque's noise alone from which on every model is judged in its own noise.
-MOSTLY_ROUNDING = 100.0
+MOSTLY_ROUNDING = 200.0
 #: Hz up to which steady motion counts there: above, rounding follows the motion for many samples, is not white and tells a false inertia.
-CALM_BAND_HZ = 20.0
+CALM_BAND_HZ, EXCITED_BAND_HZ = 20.0, 250.0
 #: Torque of the acceleration's rounding over the torque's noise from which on rounding is most of it.
 ROUNDED = 3.0
 
@@ -125,8 +125,9 @@ def made(
         substeps = (RATTLING_STROKE_SUBSTEPS if rattles else STROKE_SUBSTEPS) if stroke else (RATTLING_SUBSTEPS if rattles else usual)
         for piece in segments(recording, model, step_rad, noise_nm, fitted=True, substeps=substeps, path=path, reversals=reversals):
             made_ready = rewhitened(replace(piece, rounding=shown, group=group, colour=colour), model)
-            if made_ready.own_noise and recording.sidecar.experiment != "frf":
-                made_ready = replace(made_ready, group=max(group, round(0.5 / (CALM_BAND_HZ * piece.motion.sample_s))))
+            if made_ready.own_noise:
+                band_hz = EXCITED_BAND_HZ if recording.sidecar.experiment == "frf" else CALM_BAND_HZ
+                made_ready = replace(made_ready, group=max(group, round(0.5 / (band_hz * piece.motion.sample_s))))
             pieces.append(made_ready)
     return Data(
         tuple(recordings),
