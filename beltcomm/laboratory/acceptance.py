@@ -162,11 +162,11 @@ def drop_in_means(data: Data, base: Fitted, grown: Fitted) -> float:
     At a steady speed rounding is no white noise, and what smooths it looks like an effect; over some samples together there is less of it.
     """
     groups = {r.name: group_of(r) for r in data.recordings}
-    if data.substeps == PUBLISHED_SUBSTEPS or all(piece.group == groups[piece.record] for piece in base.problem.pieces):
+    if data.substeps == PUBLISHED_SUBSTEPS or all(piece.group >= groups[piece.record] for piece in base.problem.pieces):
         return math.inf
     levels = []
     for one in (base, grown):
-        pieces = [replace(piece, group=groups[piece.record]) for piece in one.problem.pieces]
+        pieces = [replace(piece, group=max(piece.group, groups[piece.record])) for piece in one.problem.pieces]
         problem = Problem(pieces, one.problem.model, one.problem.free, BLOCK_S)
         levels.append(problem.objective(problem.residual(one.x), one.x))
     return levels[0] - levels[1]

@@ -366,8 +366,9 @@ def verdict_of(base: Fitted, steps: Sequence[Step], twins: tuple[str, ...], left
     if added and left_as_a_whole(base, after) > MOSTLY_LEFT:
         return NONE_EXPLAINS
     if not added:
-        single = any(piece.group == 1 and piece.observer is None for piece in base.problem.pieces)  # rounding is most of the noise
-        most = STRUCTURED_BESIDE if single or level <= QUIET else STRUCTURED
+        # Rounding is most of the noise.
+        rounded = any(piece.own_noise or (piece.group == 1 and piece.observer is None) for piece in base.problem.pieces)
+        most = STRUCTURED_BESIDE if rounded or level <= QUIET else STRUCTURED
         return "nothing missing" if level < NOISE_KNOWN and left < most else NONE_EXPLAINS
     if level >= MISSING or left >= STRUCTURED_BESIDE or run_away(after.model, base.model):
         return "partly explained"
