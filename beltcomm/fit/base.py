@@ -51,8 +51,8 @@ REVERSAL_MISFIT, MOST_MOVED, RUBBING = 1.15, 2.0, ("coulomb.", "cart_friction.",
 LOUD, QUIET = 0.3, 0.95
 #: Share of its noise so far up to which a torque's noise, once told, is worth asking the motion of the path again.
 CALMER = 0.7
-#: Factor on the noise of the angle from which on a fit with the former one is no place to go on from.
-ROUGHER = 1.1
+#: Factor by which the noise of the angle is more than was thought, from which on the fit made before is no place to go on from.
+UNDERRATED = 1.1
 #: How often a short fit and what an observer does not know are found anew, each by the other, before the fit.
 ROUNDS = 3
 #: Share of the values that must be left where a model rebuilds the motion, and factor by which the error may be larger with it.
@@ -120,8 +120,8 @@ def _fit_base(
     least = min(smallest_step(r.position) for r in data.recordings)
     if (fitted.ratio < NEARLY and data.step_rad > NOISY * least) or (data.single and GOOD < fitted.ratio < ROUGH):
         step = likeliest_step(data, fitted.model, _residuals(fitted), least)
-        rougher, data = step > ROUGHER * data.step_rad, replace(data, step_rad=step)
-        if rougher:  # what was fitted so far stands where noise that was taken for motion has pulled it
+        underrated, data = step > UNDERRATED * data.step_rad, replace(data, step_rad=step)
+        if underrated:  # what was fitted so far stands where noise that was taken for motion has pulled it
             data, fitted = _afresh(*again(data, fitted, NEXT_ITERATIONS, fixed=fixed), start, fixed)
             data = replace(data, step_rad=likeliest_step(data, fitted.model, _residuals(fitted), least))
     data, fitted = again(data, fitted, LAST_ITERATIONS, PUBLISHED_SUBSTEPS if publish else SUBSTEPS, fixed=fixed)
@@ -132,7 +132,7 @@ def _fit_base(
 
 
 def _afresh(data: Data, fitted: Fitted, start: Model, fixed: Sequence[str]) -> tuple[Data, Fitted]:
-    """Records and fit from the start values once more, with the noise as it is known now; as they were where that ends worse."""
+    """Records and fit from the start values once more, with the noise as it is known now; those given where that ends worse."""
     ahead = made(data.recordings, start, data.noise_nm, data.step_rad, {}, path=data.path, colour=data.colour, single=data.single)
     ahead, found = again(ahead, fit(ahead, start, FIRST_ITERATIONS, fixed=fixed), NEXT_ITERATIONS, fixed=fixed)
     return (ahead, found) if in_groups_of(found, fitted) < in_groups_of(fitted, found) else (data, fitted)

@@ -267,11 +267,11 @@ class Problem:
                 loads = belt_loads(self.model, old.motion, vectors, places)
                 neighbours |= {j: replace(old, belt=load).residual for j, load in zip(belts, loads.T, strict=True)}
             changes: dict[int, Array] = {}
+            own_white = in_noise(piece, self.model, vector, here) if piece.own_noise else np.zeros(0)
             for j, beside in neighbours.items():
                 step, ahead = self.stepped(x, j)
                 if piece.own_noise and j < own and self.touches_noise[j]:
-                    white = in_noise(piece, self.model, self.full(ahead), beside) - in_noise(piece, self.model, vector, here)
-                    columns[self.ends[i] : self.ends[i + 1], j] = white / step
+                    columns[self.ends[i] : self.ends[i + 1], j] = (in_noise(piece, self.model, self.full(ahead), beside) - own_white) / step
                 else:
                     changes[j] = (beside - here) / step
             if changes:

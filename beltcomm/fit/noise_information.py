@@ -1,4 +1,4 @@
-"""What of the squares of a Jacobian is noise: where every model is judged in its own noise, each column holds noise of its own.
+"""Share of a Jacobian's squares that is noise: where every model is judged in its own noise, each column holds noise of its own.
 
     A = Σ ∂ν ∂νᵀ - E Σ ∂(W T ε) ∂(W T ε)ᵀ
 
@@ -21,7 +21,10 @@ Array = NDArray[np.float64]
 
 
 def noise_information(problem: Problem, x: Array, weights: Array) -> Array:
-    """The expectation of the module, (p, p), p : shared unknowns.   weights : of the values of the residual, (n,)."""
+    """Expected sum of squares of the module, (p, p), in nats per scaled unknown squared.
+
+    x : scaled unknowns, p of them shared by all segments.   weights : of the values of the whitened residual, (n,).
+    """
     own = len(problem.free)
     found = np.zeros((own, own))
     moved = [j for j in range(own) if problem.touches_noise[j]]
@@ -40,7 +43,7 @@ def noise_information(problem: Problem, x: Array, weights: Array) -> Array:
 
 
 def passed_on(piece: Segment, model: Model, seed: int) -> Array:
-    """One draw of the noises of a stretch as a model passes them on, in the units of the noise that it expects; (values,)."""
+    """One draw, by ``seed``, of the noises of a segment as a model passes them on, over the deviation that it expects; (values,)."""
     along = noise_paths_of(piece, model)
     levels = [noises(path, piece.step_rad, piece.noise_nm, piece.rounding, piece.colour) for path in along.paths]
     f, g, h, d = (np.stack([getattr(path, name) for path, _, _ in levels]) for name in "FGHD")
@@ -51,7 +54,7 @@ def passed_on(piece: Segment, model: Model, seed: int) -> Array:
 
 @compiled
 def _driven(f: Array, g: Array, h: Array, d: Array, level: NDArray[np.int64], drawn: Array) -> Array:
-    """e[n] of the noises, (n, m) -> (n,)."""
+    """e[n], N m at the motor shaft, of drawn noises ε, rad, and w, N m; (n, m) -> (n,)."""
     size = h.shape[1]
     s, moved, out = np.zeros(size), np.zeros(size), np.zeros(drawn.shape[0])
     for n in range(drawn.shape[0]):

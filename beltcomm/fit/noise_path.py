@@ -79,13 +79,6 @@ class Way:
     paths: tuple[NoisePath, ...]
     level: NDArray[np.int64]
 
-    def same(self, other: Way) -> bool:
-        """Whether both are the same in every number."""
-        if len(self.paths) != len(other.paths) or not np.array_equal(self.level, other.level):
-            return False
-        pairs = itertools.product(zip(self.paths, other.paths, strict=True), ("F", "G", "H", "D", "begins"))
-        return all(np.array_equal(getattr(a, name), getattr(b, name)) for (a, b), name in pairs)
-
 
 def way(model: Model, places_m: Array, sample_s: float, left: Array | None = None) -> Way:
     """The paths at the places of the carriage, (n,), m: one in the middle of the way, several where the belt's stiffness changes on it
@@ -204,7 +197,7 @@ def _path(
 
 
 def with_state_in_front(begins: Array) -> Array:
-    """``NoisePath.begins`` with one more state, about which nothing is known there."""
+    """``NoisePath.begins``, (k, k, 4), with one more state in front, 0 at the first sample; (k + 1, k + 1, 4)."""
     return np.pad(begins, ((1, 0), (1, 0), (0, 0)))
 
 

@@ -114,7 +114,7 @@ def _level(fitted: Fitted) -> float:
 
 
 def by_path(data: Data, model: Model, path: TorquePath) -> Data:
-    """The same records with the torque as another path has it, and the motion between the samples by a model."""
+    """Records with the torque as another path has it, and the motion between the samples by a model."""
     shares = {piece.record: piece.rounding for piece in (*data.fitted, *data.held_out)}
     same = (data.noise_nm, data.step_rad, shares, data.substeps, path, data.reversals, data.colour, data.single)
     return made(data.recordings, model, *same)

@@ -54,7 +54,8 @@ AGITATIONS, USUAL, STRAY = (0.0, 0.003, 0.01, 0.03, 0.1, 0.3), 2, 5.0
 EXCITED_GROUP, STEADY_GROUP, BAND_HZ = 2, 4, 120.0
 #: Variance of a belt axis's innovations over that by the torque's noise alone from which on every model is judged in its own noise.
 MOSTLY_ROUNDING = 200.0
-#: Hz up to which steady motion counts there: above, rounding follows the motion for many samples, is not white and tells a false inertia.
+#: Hz up to which steady and excited motion counts there: above, rounding follows a steady motion for many samples, is not white and tells
+#: a false inertia.
 CALM_BAND_HZ, EXCITED_BAND_HZ = 20.0, 250.0
 #: Torque of the acceleration's rounding over the torque's noise from which on rounding is most of it.
 ROUNDED = 3.0
@@ -124,11 +125,8 @@ def made(
         stroke = recording.sidecar.experiment == "friction_sweep"
         substeps = (RATTLING_STROKE_SUBSTEPS if rattles else STROKE_SUBSTEPS) if stroke else (RATTLING_SUBSTEPS if rattles else usual)
         for piece in segments(recording, model, step_rad, noise_nm, fitted=True, substeps=substeps, path=path, reversals=reversals):
-            made_ready = rewhitened(replace(piece, rounding=shown, group=group, colour=colour), model)
-            if made_ready.own_noise:
-                band_hz = EXCITED_BAND_HZ if recording.sidecar.experiment == "frf" else CALM_BAND_HZ
-                made_ready = replace(made_ready, group=max(group, round(0.5 / (band_hz * piece.motion.sample_s))))
-            pieces.append(made_ready)
+            known = rewhitened(replace(piece, rounding=shown, group=group, colour=colour), model)
+            pieces.append(band_limited(known, EXCITED_BAND_HZ if recording.sidecar.experiment == "frf" else CALM_BAND_HZ))
     return Data(
         tuple(recordings),
         tuple(p for p in pieces if not p.held_out),
@@ -162,6 +160,13 @@ def group_of(recording: Recording) -> int:
     if recording.sidecar.experiment == "frf":
         return EXCITED_GROUP
     return min(STEADY_GROUP, max(EXCITED_GROUP, int(0.5 / (BAND_HZ * recording.sample_period_s))))
+
+
+def band_limited(piece: Segment, band_hz: float) -> Segment:
+    """A segment with as many neighbours in each value as leave frequencies up to ``band_hz``, Hz, where rounding is most of its noise."""
+    if not piece.own_noise:
+        return piece
+    return replace(piece, group=max(piece.group, round(0.5 / (band_hz * piece.motion.sample_s))))
 
 
 def rewhitened(piece: Segment, model: Model) -> Segment:

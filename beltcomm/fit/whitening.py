@@ -35,11 +35,6 @@ ONE_BODY_FULL = np.zeros((8, 8), dtype=np.bool_)
 ONE_BODY_FULL[[1, 2, 6], :6] = ONE_BODY_FULL[[0, 3, 4, 5, 5, 5], [0, 4, 5, 0, 4, 5]] = True
 
 
-def whiten(residual: Array, keep: NDArray[np.bool_], way: Way, step_rad: float, noise_nm: float) -> Array:
-    """Innovations of the kept samples over their deviation; (n,) N m -> (kept,).   step_rad : rad.   noise_nm : N m rms."""
-    return whitener(keep, way, step_rad, noise_nm)(residual, keep)
-
-
 @dataclass(frozen=True)
 class Whitener:
     """The filter of one stretch with its gains worked out: they depend on the noises and on what is kept, not on the residual.

@@ -19,7 +19,7 @@ from beltcomm.fit.segment import (
     segments,
     whitened,
 )
-from beltcomm.fit.whitening import whiten, whitener
+from beltcomm.fit.whitening import whitener
 from beltcomm.model import Model, build_model
 from beltcomm.recording import Recording
 from beltcomm.simulate.inverse import FineMotion, between, torque_residuals
@@ -65,11 +65,12 @@ def test_whitening_is_the_dense_cholesky_of_the_kept_samples(share: float) -> No
     keep[0] = False
     factor = np.linalg.cholesky(masked_covariance(keep, *bands(7e-5)))
     expected = np.linalg.solve(factor, residual[keep])
-    np.testing.assert_allclose(whiten(residual, keep, free_inertia(7e-5, len(keep)), STEP_RAD, NOISE_NM), expected, rtol=1e-7)
+    np.testing.assert_allclose(whitener(keep, free_inertia(7e-5, len(keep)), STEP_RAD, NOISE_NM)(residual, keep), expected, rtol=1e-7)
 
 
 def test_whitening_of_nothing_is_nothing() -> None:
-    assert whiten(np.ones(20), np.zeros(20, dtype=bool), free_inertia(7e-5, 20), STEP_RAD, NOISE_NM).shape == (0,)
+    keep = np.zeros(20, dtype=bool)
+    assert whitener(keep, free_inertia(7e-5, 20), STEP_RAD, NOISE_NM)(np.ones(20), keep).shape == (0,)
 
 
 def test_gains_worked_out_beforehand_give_the_same() -> None:
@@ -91,7 +92,7 @@ def test_rounding_is_white_behind_a_belt_as_well(period_s: float, counts: int) -
     residual = torque_residuals(model, motion, NOISE_NM * rng.normal(size=n), [model.vector()], [0.0])[0]
     keep = np.ones(n, dtype=bool)
     keep[:500] = keep[-5:] = False  # the carriage starts at rest there, and at the end the spline has no sample behind it
-    white = whiten(residual, keep, way(model, np.full(n, 0.25), period_s), step, NOISE_NM)
+    white = whitener(keep, way(model, np.full(n, 0.25), period_s), step, NOISE_NM)(residual, keep)
     for lag in range(4):
         product = white[lag:] * white[: len(white) - lag]
         assert np.mean(product) == pytest.approx(1.0 if lag == 0 else 0.0, abs=4.0 * np.sqrt(2.0 / n))
@@ -135,11 +136,11 @@ def test_rounding_is_white_all_along_a_way_on_which_the_stiffness_changes() -> N
         state = here.F @ state + here.G @ new
     keep = np.ones(n, dtype=bool)
     along = way(model, places, PERIOD_S)
-    white = whiten(residual, keep, along, STEP_RAD, NOISE_NM)
+    white = whitener(keep, along, STEP_RAD, NOISE_NM)(residual, keep)
     columns = whitener(keep, along, STEP_RAD, NOISE_NM)(np.stack([residual, 2.0 * residual], axis=1), keep)
     np.testing.assert_allclose(columns, np.stack([white, 2.0 * white], axis=1), rtol=0.0, atol=1e-9)
     middle = Way((noise_path(model, 0.45, PERIOD_S),), np.zeros(n, dtype=np.int64))
-    blind = whiten(residual, keep, middle, STEP_RAD, NOISE_NM)
+    blind = whitener(keep, middle, STEP_RAD, NOISE_NM)(residual, keep)
     parts = np.split(np.arange(n), 4)
     assert max(abs(float(np.mean(white[part] ** 2)) - 1.0) for part in parts) < 0.12  # three deviations of 1000 samples
     assert max(abs(float(np.mean(blind[part] ** 2)) - 1.0) for part in parts) > 0.5  # that of one path for all places
@@ -160,7 +161,7 @@ def test_whitened_noise_is_white() -> None:
     n, inertia = 400_000, 7e-5
     q, w = STEP_RAD * (rng.random(n) - 0.5), rng.normal(0.0, NOISE_NM, n)
     e = inertia * (q[2:] - 2.0 * q[1:-1] + q[:-2]) / PERIOD_S**2 - 0.5 * (w[:-2] + w[1:-1])
-    white = whiten(e, np.ones(n - 2, dtype=bool), free_inertia(inertia, n - 2), STEP_RAD, NOISE_NM)
+    white = whitener(np.ones(n - 2, dtype=bool), free_inertia(inertia, n - 2), STEP_RAD, NOISE_NM)(e, np.ones(n - 2, dtype=bool))
     for lag in range(4):
         product = white[lag:] * white[: len(white) - lag]
         assert np.mean(product) == pytest.approx(1.0 if lag == 0 else 0.0, abs=4.0 * np.sqrt(2.0 / n))

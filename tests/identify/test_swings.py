@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from beltcomm.fit.noise_path import Way, noise_path
-from beltcomm.fit.whitening import whiten
+from beltcomm.fit.whitening import whitener
 from beltcomm.model import build_model
 
 PERIOD_S, STEP_RAD, NOISE_NM = 1e-3, 2.0 * math.pi / 65536, 2e-3
@@ -26,9 +26,9 @@ def test_a_payload_that_still_swings_when_the_record_begins_leaves_no_trace() ->
         swing = path.F @ swing
     keep = np.ones(len(residual), dtype=bool)
     one = Way((path,), np.zeros(len(residual), dtype=np.int64))
-    left = whiten(residual, keep, one, STEP_RAD, NOISE_NM)
+    left = whitener(keep, one, STEP_RAD, NOISE_NM)(residual, keep)
     forgotten = replace(one, paths=(replace(path, begins=path.begins * [0.0, 1.0, 1.0, 1.0]),))
-    unknown = whiten(residual, keep, forgotten, STEP_RAD, NOISE_NM)
+    unknown = whitener(keep, forgotten, STEP_RAD, NOISE_NM)(residual, keep)
     assert np.abs(unknown[500:]).max() > 3.0  # it rings for seconds, and is far above the noise
     assert np.abs(left[500:]).max() < 0.1
 
@@ -45,8 +45,8 @@ def test_a_carriage_that_still_swings_when_the_record_begins_leaves_no_trace() -
     residual = -ratio * np.convolve(pull, np.bartlett(41) / 20, mode="valid")[::20]
     keep = np.arange(len(residual)) > 0  # the first is behind half a triangle
     one = Way((path,), np.zeros(len(residual), dtype=np.int64))
-    left = whiten(residual, keep, one, STEP_RAD, NOISE_NM)
+    left = whitener(keep, one, STEP_RAD, NOISE_NM)(residual, keep)
     forgotten = replace(one, paths=(replace(path, begins=path.begins * [0.0, 1.0, 1.0, 1.0]),))
-    unknown = whiten(residual, keep, forgotten, STEP_RAD, NOISE_NM)
+    unknown = whitener(keep, forgotten, STEP_RAD, NOISE_NM)(residual, keep)
     assert np.sum(left[:500] ** 2) < 10.0, "no more than a few values of white noise"
     assert np.sum(unknown[:500] ** 2) > 500.0, "as much again as the noise itself"
