@@ -13,7 +13,7 @@ import pytest
 
 from beltcomm.axis import load_axis
 from beltcomm.model import load_plant
-from beltcomm.session.study_file import load_study
+from beltcomm.study.file import load_study
 from beltcomm_adapters.profiles import load_profile
 
 CHECKOUT = Path(__file__).parent.parent

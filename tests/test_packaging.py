@@ -130,7 +130,7 @@ def used_s() -> float:
 RUN_KERNELS = """
 from pathlib import Path
 import numpy as np
-from beltcomm import cascade_kernel
+from beltcomm.control import cascade_kernel
 from beltcomm.model import load_plant
 from beltcomm.simulate import first_root
 from beltcomm.simulate.compose import kernel_for

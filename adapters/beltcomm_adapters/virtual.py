@@ -10,10 +10,10 @@ from dataclasses import replace
 from typing import Any, Final
 
 from beltcomm.drive import Adapter, Drive, Service
-from beltcomm.drive_section import DRIVE_KEYS
+from beltcomm.drive.finding import Finding
 from beltcomm.errors import UsageError
-from beltcomm.finding import Finding
 from beltcomm.model import load_plant
+from beltcomm.plant.drive_section import DRIVE_KEYS
 from beltcomm.simulate.plant import SimulatedPlant
 from beltcomm.virtual.bus import LockstepBus
 from beltcomm.virtual.device import VirtualDrive

@@ -29,8 +29,8 @@ from beltcomm.fit.slack import stiffness_left
 from beltcomm.fit.smoother import smoothed
 from beltcomm.fit.torque_path import TorquePath
 from beltcomm.fit.whitening import Whitener, whitener
-from beltcomm.linear import matrices, operating_point
 from beltcomm.model import Model
+from beltcomm.model.linear import matrices, operating_point
 from beltcomm.recording import Recording
 from beltcomm.simulate.inverse import (
     FineMotion,

@@ -17,7 +17,7 @@ from beltcomm.fit.first_path import first_path
 from beltcomm.fit.low_pass import legible
 from beltcomm.model import Model, build_model
 from beltcomm.recording import Recording
-from beltcomm.recording_checks import rigid_inertia
+from beltcomm.recording.checks import rigid_inertia
 
 Array = NDArray[np.float64]
 

@@ -14,8 +14,8 @@ from beltcomm.axis import Axis
 from beltcomm.effects import EFFECTS, Ground
 from beltcomm.fit.estimate import Fitted
 from beltcomm.laboratory.score import Scorer
-from beltcomm.linear import modes, operating_point, values_of
 from beltcomm.model import Model
+from beltcomm.model.linear import modes, operating_point, values_of
 from beltcomm.recording import Recording
 
 Array = NDArray[np.float64]

@@ -20,9 +20,9 @@ from beltcomm.foreign.checks import check
 from beltcomm.laboratory.gap_checks import before_gaps, check_whole, gap_remarks
 from beltcomm.laboratory.place_checks import names_of, placed, sensor_remarks
 from beltcomm.recording import Recording
-from beltcomm.recording_checks import clipped_share, long_steps, rigid_inertia, unit_words
-from beltcomm.recording_columns import CHANNELS
-from beltcomm.sampling_checks import EVEN, SIGMAS, Jitter, Uneven, encoder_grid, finest, stamp_jitter, uneven_rows
+from beltcomm.recording.checks import clipped_share, long_steps, rigid_inertia, unit_words
+from beltcomm.recording.columns import CHANNELS
+from beltcomm.recording.sampling import EVEN, SIGMAS, Jitter, Uneven, encoder_grid, finest, stamp_jitter, uneven_rows
 
 Array = NDArray[np.float64]
 

@@ -7,8 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from beltcomm.cascade_kernel import cascade_step, velocity_step
 from beltcomm.compiled import compiled
+from beltcomm.control.cascade_kernel import cascade_step, velocity_step
 
 Array = NDArray[np.float64]
 
@@ -25,8 +25,8 @@ def setpoint(
 ) -> float:
     """Torque setpoint of period ``k``, N m, for a motor that stands at ``motor_rad``; moves ``state`` on.
 
-    coefficients, state : as in :mod:`beltcomm.cascade_kernel`.   references : ndarray (4, n): position, speed, acceleration at the motor
-    shaft, torque added.   sensing : ndarray (4,): angle of the encoder's zero and of one count,
+    coefficients, state : as in :mod:`beltcomm.control.cascade_kernel`.   references : ndarray (4, n): position, speed, acceleration at the
+    motor shaft, torque added.   sensing : ndarray (4,): angle of the encoder's zero and of one count,
     dead zone and bound of the position error, rad.
     """
     step = sensing[1]

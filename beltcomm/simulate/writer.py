@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 
-from beltcomm import cascade_kernel
+from beltcomm.control import cascade_kernel
 from beltcomm.effects import (
     BELT_DAMPING,
     BELT_SPRING,

@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from beltcomm.comparisons import closed_loop
-from beltcomm.comparisons.closed_loop import Run
 from beltcomm.report.style import Caption
-from beltcomm.report.thesis_closed_loop import figures
+from beltcomm.thesis import closed_loop
+from beltcomm.thesis.closed_loop import Run
+from beltcomm.thesis.figures.closed_loop import figures
 
 
 @pytest.fixture(scope="module")

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from beltcomm.comparisons import designs
-from beltcomm.comparisons.designs import Designs, published_gains, thesis_plants
 from beltcomm.design.cascade import meets
 from beltcomm.design.margins import margins
 from beltcomm.design.specification import Specification
-from beltcomm.report import thesis_designs
 from beltcomm.report.style import Caption
-from beltcomm.session.thesis import thesis
+from beltcomm.thesis import designs
+from beltcomm.thesis.designs import Designs, published_gains, thesis_plants
+from beltcomm.thesis.figures import designs as thesis_designs
+from beltcomm.thesis.topics import thesis
 
 
 @pytest.fixture(scope="module")

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from beltcomm.comparisons import discretisation
-from beltcomm.comparisons.discretisation import Discretisation
-from beltcomm.report import thesis_discretisation
-from beltcomm.session.thesis import thesis
+from beltcomm.thesis import discretisation
+from beltcomm.thesis.discretisation import Discretisation
+from beltcomm.thesis.figures import discretisation as thesis_discretisation
+from beltcomm.thesis.topics import thesis
 
 
 @pytest.fixture(scope="module")

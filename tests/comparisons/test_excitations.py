@@ -7,11 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from beltcomm.comparisons import excitations
 from beltcomm.errors import UsageError
 from beltcomm.report.style import Caption
-from beltcomm.report.thesis_excitations import figures
-from beltcomm.session.thesis import TOPICS, thesis
+from beltcomm.thesis import excitations
+from beltcomm.thesis.figures.excitations import figures
+from beltcomm.thesis.topics import TOPICS, thesis
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +56,7 @@ def test_words_and_figure(study: excitations.Study, monkeypatch: pytest.MonkeyPa
     assert sum(line.startswith(("prbs", "gprbs", "chirp", "multisine")) for line in text) == 4
     best = min(study.rows, key=excitations.score).kind
     assert any(line.startswith(f"g_b: {best} has the smallest errors") for line in text)
-    monkeypatch.setattr("beltcomm.report.thesis_excitations.PLANTS", ("g_b",))
+    monkeypatch.setattr("beltcomm.thesis.figures.excitations.PLANTS", ("g_b",))
     assert list(figures(study, Caption("test", "none"))) == ["excitations_g_b"]
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from beltcomm.comparisons import friction
 from beltcomm.report.style import Caption
-from beltcomm.report.thesis_friction import figures
+from beltcomm.thesis import friction
+from beltcomm.thesis.figures.friction import figures
 
 FEW = (1.5, 0.005, 0.2, 0.02, 0.8, 1.1, 0.002, 0.4, 0.05)
 

@@ -7,13 +7,13 @@ import math
 import numpy as np
 import pytest
 
-from beltcomm.closed_loop import feedback, from_setpoint_excitation, from_torque_excitation, setpoint_path
-from beltcomm.comparisons import identification
-from beltcomm.comparisons.identification import PERIOD_S, STRONG, WEAK
 from beltcomm.errors import DataError
 from beltcomm.report.style import Caption
-from beltcomm.report.thesis_identification import figures
 from beltcomm.response import FrequencyResponse
+from beltcomm.response.closed_loop import feedback, from_setpoint_excitation, from_torque_excitation, setpoint_path
+from beltcomm.thesis import identification
+from beltcomm.thesis.figures.identification import figures
+from beltcomm.thesis.identification import PERIOD_S, STRONG, WEAK
 
 
 @pytest.fixture(scope="module")

@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from beltcomm.comparisons import models
 from beltcomm.report.style import Caption
-from beltcomm.report.thesis_models import figures
+from beltcomm.thesis import models
+from beltcomm.thesis.figures.models import figures
 
 
 @pytest.fixture(scope="module")

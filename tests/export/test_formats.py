@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from beltcomm.cascade_kernel import _velocity_loop, new_state
 from beltcomm.configfiles import read_yaml
 from beltcomm.control import Cascade, Feedforward, discrete_coefficients
+from beltcomm.control.cascade_kernel import _velocity_loop, new_state
 from beltcomm.errors import UsageError
 from beltcomm.export.program import (
     COEFFICIENTS,

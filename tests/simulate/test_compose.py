@@ -13,10 +13,10 @@ import pytest
 from beltcomm.effects import EFFECTS
 from beltcomm.effects.cogging import COUNT
 from beltcomm.model import Model, build_model
+from beltcomm.model.statics import smooth_forces
 from beltcomm.simulate import sources
 from beltcomm.simulate.compose import kernel_for, kernel_source
 from beltcomm.simulate.forward import simulate_torque
-from beltcomm.statics import smooth_forces
 
 FULL = ("belt_sections", "coupling", "belt_damping", "viscous", "viscous_cart", "viscous_end_pulley",
         "coulomb", "cart_friction", "presliding_cart", "coulomb_end_pulley", "tilt")  # fmt: skip
