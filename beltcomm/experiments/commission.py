@@ -33,6 +33,7 @@ from beltcomm.rundata.delays import assume_delay, delay, measure_delay_and_dampi
 from beltcomm.rundata.findings import Apply as Apply
 from beltcomm.rundata.findings import Findings as Findings
 from beltcomm.rundata.findings import Settings as Settings
+from beltcomm.rundata.first_motions import Excited
 from beltcomm.rundata.proof import SURE_MARGIN_DEG, move_name, proof, thin_margins
 from beltcomm.schedule import record_schedule as programme
 from beltcomm.schedule.record_schedule import Extent
@@ -94,7 +95,7 @@ def identify_here(machine: Machine, findings: Findings, *, brief: bool = False) 
     return model
 
 
-def first_response(machine: Machine, findings: Findings, excited: raising.Excited, seconds: float) -> None:
+def first_response(machine: Machine, findings: Findings, excited: Excited, seconds: float) -> None:
     """The frequency response at the present place; where the carriage wanders too far again where it then stands, with less torque.
 
     Then no response after it is louder, either.   One that does not move the axis is made louder.   Raises SafetyStop when stops have

@@ -20,6 +20,7 @@ from beltcomm.model import Model
 from beltcomm.recording import Recording
 from beltcomm.recording.sidecar import EXPERIMENTS, Sidecar, load_sidecar
 from beltcomm.rundata import analyse
+from beltcomm.rundata.first_motions import CLEAR_SHARE
 from beltcomm.schedule.steps import LOUD, Step
 from beltcomm.simulate.stopping import total_friction
 from beltcomm.trajectory import Trajectory
@@ -136,7 +137,7 @@ def holding_at(sweep: Recording, ratio: float, position_m: float) -> float | Non
     regressor = np.stack([np.ones(len(x)), x, np.sign(v), v], axis=1)
     (constant, slope, coulomb, _), *_ = np.linalg.lstsq(regressor, sweep.torque[steady], rcond=None)
     held = float(constant + slope * position_m)
-    return held if abs(held) > phases.CLEAR_SHARE * abs(coulomb) else 0.0
+    return held if abs(held) > CLEAR_SHARE * abs(coulomb) else 0.0
 
 
 def loudest_made(machine: Machine) -> float:

@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,11 +21,12 @@ from beltcomm.drive import Limits, Motion, Row
 from beltcomm.errors import DataError, Refused, UsageError
 from beltcomm.experiments import phases
 from beltcomm.machine import gravity, host_loss
-from beltcomm.machine.creep import Breakaway, Enough, creep
+from beltcomm.machine.creep import Enough, creep
 from beltcomm.machine.machine import Machine
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 from beltcomm.recording.sidecar import Sidecar
+from beltcomm.rundata.first_motions import Breakaway, Found, Holding, Settled
 from beltcomm.trajectory import Trajectory, at_rest, join, plan_trajectory
 
 Array = NDArray[np.float64]
@@ -47,61 +47,6 @@ STOOD_M = 1e-5
 TILT_READ_DEG = 1.0
 #: Record of the slow strokes.
 RECORD = "holding"
-
-
-@dataclass(frozen=True)
-class Found:
-    """A holding torque, N m at the motor, with its 95 % interval (half width)."""
-
-    torque_nm: float
-    interval_nm: float
-
-
-@dataclass(frozen=True)
-class Settled:
-    """Where the integrating controller settled, N m.   began_nm : its first torque.   slipped_m : on the way.   stood : at the end."""
-
-    torque_nm: float
-    began_nm: float
-    slipped_m: float
-    stood: bool
-
-
-@dataclass(frozen=True)
-class Holding:
-    """All that was found of the holding torque.
-
-    expected_nm, bounds_nm : by axis.yaml.   breakaway, creep : way (b).   integrators : way (a), from below and from above.
-    coulomb_nm : half the difference at breakaway.   slipped_m : furthest that the carriage slipped under a torque that did not hold it.
-    held_by : what holds it without torque, in words.
-    """
-
-    expected_nm: float
-    bounds_nm: tuple[float, float]
-    breakaway: Found
-    coulomb_nm: float
-    slipped_m: float
-    held_by: str
-    integrators: tuple[Settled, ...] = ()
-    creep: Found | None = None
-    creep_coulomb_nm: float | None = None
-    why_not: str = ""
-
-    @property
-    def best(self) -> Found:
-        """What the records hold the axis with: slow creep where there is one."""
-        return self.creep or self.breakaway
-
-    @property
-    def friction_nm(self) -> float:
-        """Coulomb friction by the same way, N m."""
-        return self.coulomb_nm if self.creep_coulomb_nm is None else self.creep_coulomb_nm
-
-    def to_dict(self) -> dict[str, Any]:
-        """For ``results/gravity.yaml`` and ``--json``."""
-        bands = [{"low_nm": s.torque_nm - self.friction_nm, "high_nm": s.torque_nm + self.friction_nm} for s in self.integrators]
-        found = {**asdict(self), "used": asdict(self.best)}
-        return {**found, "integrators": [{**asdict(s), **band} for s, band in zip(self.integrators, bands, strict=True)]}
 
 
 def mean_of(values: Sequence[float]) -> Found:

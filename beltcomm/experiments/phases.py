@@ -27,13 +27,13 @@ from beltcomm.identify.amplitude import (
     largest_amplitude,
 )
 from beltcomm.machine import exciting, host_loss, stops
-from beltcomm.machine.creep import CLEAR_SHARE as CLEAR_SHARE
-from beltcomm.machine.creep import Breakaway, creep
+from beltcomm.machine.creep import creep
 from beltcomm.machine.heat import Thermal
 from beltcomm.machine.machine import Machine, Room, stroking
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 from beltcomm.rundata import analyse
+from beltcomm.rundata.first_motions import Breakaway
 from beltcomm.schedule.sequences import HARDLY, calmer_choice, held_choice
 from beltcomm.simulate.stopping import total_friction
 from beltcomm.trajectory import Strokes, Trajectory, held, plan_trajectory

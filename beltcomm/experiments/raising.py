@@ -15,13 +15,12 @@ from beltcomm.experiments.recentre import stands_after
 from beltcomm.fit.acting import acting_recording
 from beltcomm.fit.first_estimate import data_sheet_model, moved_enough, stiffness_range
 from beltcomm.fit.first_path import first_path
-from beltcomm.fit.torque_path import FAITHFUL, TorquePath
 from beltcomm.identify.amplitude import UNKNOWN_MASSES_KG, AmplitudeStep, MotionLimits, around, largest_amplitude, unknown_payload
 from beltcomm.machine import exciting, gravity, host_loss, scale, stops
-from beltcomm.machine.creep import Breakaway
 from beltcomm.machine.machine import Machine
 from beltcomm.model import Model
 from beltcomm.recording import Recording
+from beltcomm.rundata.first_motions import Breakaway, Excited
 from beltcomm.schedule.sequences import SHAPES
 from beltcomm.simulate.stopping import HostLoss
 
@@ -32,20 +31,6 @@ STIFFNESS_FACTOR = 4.0
 #: Growth of the amplitude from one record to the next; below this share of what is allowed a kept record was bound by that growth.
 GROWTH, KEPT_SHARE = 1.7, 0.9
 MOST_STEPS = 5
-
-
-@dataclass(frozen=True)
-class Excited:
-    """Outcome of the amplitude search: the last step, all recordings, and the model and torque path that they gave.
-
-    at_most_nm : of the next excitation, whatever its sequence: no record is louder than the one before by more than ``GROWTH``.
-    """
-
-    step: AmplitudeStep
-    recordings: tuple[Recording, ...]
-    model: Model
-    at_most_nm: float
-    path: TorquePath = FAITHFUL
 
 
 def unknown_axis(machine: Machine, breakaway: Breakaway, masses_kg: Sequence[float]) -> tuple[Model, Sequence[Model]]:

@@ -14,9 +14,9 @@ from beltcomm.experiments import phases
 from beltcomm.experiments.raising import unknown_axis
 from beltcomm.identify.amplitude import largest_amplitude
 from beltcomm.machine import exciting, host_loss, stops
-from beltcomm.machine.creep import Breakaway
 from beltcomm.machine.machine import Machine
 from beltcomm.recording import Recording
+from beltcomm.rundata.first_motions import Breakaway
 from beltcomm.schedule.sequences import SHAPES
 
 #: Breakaway torque and motion may differ by this factor from the earlier session's: temperature, place and grease do less.

@@ -112,7 +112,8 @@ def _search(folder: RunFolder, talk: Talk) -> dict[str, Any]:
     """The search itself.   Raises DataError for records that nothing can be said of."""
     from beltcomm.fit.intervals import with_intervals
     from beltcomm.jobs.effect_search import search_of
-    from beltcomm.sentences.cross_checks import doubts_of, sheet_lines
+    from beltcomm.laboratory.cross_checks import doubts_of
+    from beltcomm.sentences.cross_checks import sheet_lines
 
     try:
         records, found, remarks = search_of(folder, talk, MOST_NAMED)

@@ -5,23 +5,40 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 
-from beltcomm.drive import Motion, Row
+from beltcomm.axis import Axis
+from beltcomm.control import Cascade
+from beltcomm.drive import Drive, Motion, Row
 from beltcomm.machine.envelope import Room
 from beltcomm.machine.prediction_watch import BeltWatch
 from beltcomm.machine.resonance import ResonanceWatch, allowed, band_of, predicted_torque
+from beltcomm.model import Model
 from beltcomm.simulate.stopping import total_friction, total_inertia
 from beltcomm.verify import Loop
 
-if TYPE_CHECKING:
-    from beltcomm.machine.machine import Machine
-
-
 #: The drive may use so many times the planned torque.
 OVER_PLAN = 1.5
+
+
+class Watched(Protocol):
+    """What of :class:`beltcomm.machine.machine.Machine` the watch of a closed loop rests on, named as there."""
+
+    axis: Axis
+    drive: Drive
+    ratio: float
+    origin_rad: float
+    friction: tuple[float, float]
+    holding_nm: float
+    deceleration_m_s2: float
+    closed: tuple[Model, float] | None
+    cascade: Cascade | None
+
+    def full_room(self) -> Room:
+        """The travel and all that axis and drive allow."""
+        ...
 
 
 def unwatched(_row: Row) -> None:
@@ -41,7 +58,7 @@ def within(room: Room, found: Foreseen) -> Room:
     return replace(room, torque_nm=min(room.torque_nm, found.torque_nm))
 
 
-def foreseen(machine: Machine, motion: Motion) -> Foreseen:
+def foreseen(machine: Watched, motion: Motion) -> Foreseen:
     """The watch of a motion in the drive's own loops; what an excitation may do is watched by its own prediction.
 
     As soon as there is a model to predict the motion with, swings around the resonance are watched, and the drive gets a torque limit

@@ -12,14 +12,9 @@ from beltcomm.drive import GUARD_S, Drive, Guarding, Limits, Motion, Row
 from beltcomm.errors import DriveError, Refused, SafetyStop
 from beltcomm.identify.amplitude import UNKNOWN_MASSES_KG
 from beltcomm.machine.guard_times import guard_times_s
+from beltcomm.rundata.first_motions import MOVED_M, SLIDING_SHARE
 from beltcomm.simulate.stopping import Braking, HostLoss, first_deceleration, run_on
 
-#: m: what counts as moving; more than belt and coupling give way before friction breaks.
-MOVED_M = 5e-5
-#: Sliding friction is at least this share of the torque at which the carriage began to move.
-SLIDING_SHARE = 0.5
-#: Breakaway torques that differ by less than this share of friction either way are the same.
-CLEAR_SHARE = 0.05
 #: Share of the torque that axis and motor allow at which an axis that does not move is given up.
 BREAKAWAY_SHARE = 0.6
 #: The same share on a tilted axis, where most of the torque may hold the carriage.
@@ -52,38 +47,6 @@ class Crept:
     onset_nm: float
     moved_m: float
     slope_nm_s: float
-
-
-@dataclass(frozen=True)
-class Breakaway:
-    """Torque at which the carriage began to move, N m at the motor shaft, in each direction (both positive on a level axis).
-
-    slope_nm_s : how fast the torque rose, N m/s.   held_nm : torque that a stop of the drive sends along, N m.
-    """
-
-    forward_nm: float
-    backward_nm: float
-    slope_nm_s: float = 0.0
-    held_nm: float = 0.0
-
-    @property
-    def coulomb_nm(self) -> float:
-        """Half the difference of the two: friction."""
-        return 0.5 * (self.forward_nm + self.backward_nm)
-
-    def sliding_nm(self, inertia_kg_m2: float, ratio: float) -> float:
-        """What is sure of the friction in motion, N m, on an axis with this inertia at the motor; 0 when nothing is.
-
-        The torque went on rising until the carriage had moved by ``MOVED_M``:  x = i_t Ṁ t³/6J  gives by how much.
-        """
-        rising_s = (6.0 * MOVED_M * inertia_kg_m2 / (ratio * self.slope_nm_s)) ** (1.0 / 3.0) if self.slope_nm_s else 0.0
-        return max(0.0, SLIDING_SHARE * (self.coulomb_nm - self.slope_nm_s * rising_s) - abs(self.holding_nm - self.held_nm))
-
-    @property
-    def holding_nm(self) -> float:
-        """Half the sum with sign: what holds the axis against gravity; 0 where that is within the scatter of friction."""
-        half = 0.5 * (self.forward_nm - self.backward_nm)
-        return half if abs(half) > CLEAR_SHARE * self.coulomb_nm else 0.0
 
 
 class Enough(SafetyStop):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 from beltcomm.control import Cascade, PrefilterKind
 from beltcomm.design.cascade import DesignResult
@@ -16,17 +16,13 @@ from beltcomm.identify.final import FinalModel
 from beltcomm.identify.friction import FrictionFit
 from beltcomm.identify.magnitude_fit import MagnitudeFit
 from beltcomm.identify.standstill import Standstill
+from beltcomm.laboratory.cross_checks import SheetDoubt
 from beltcomm.model import Model
 from beltcomm.rundata import analyse
+from beltcomm.rundata.first_motions import Breakaway, Excited, Holding
+from beltcomm.schedule.record_schedule import Extent
 from beltcomm.trajectory import Trajectory
 from beltcomm.verify import Demand, Verdict
-
-if TYPE_CHECKING:  # what moves a machine takes long to import
-    from beltcomm.experiments import holding
-    from beltcomm.experiments.raising import Excited
-    from beltcomm.laboratory.cross_checks import SheetDoubt
-    from beltcomm.machine.creep import Breakaway
-    from beltcomm.schedule.record_schedule import Extent
 
 Apply = Literal["keep", "restore", "save"]
 
@@ -66,7 +62,7 @@ class Findings:
     """
 
     breakaway: Breakaway | None = None
-    holding: holding.Holding | None = None
+    holding: Holding | None = None
     excited: Excited | None = None
     thesis: dict[str, MagnitudeFit] = field(default_factory=dict)
     dead_time: DeadTime | None = None

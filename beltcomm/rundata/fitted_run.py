@@ -10,12 +10,11 @@ from beltcomm.errors import DataError
 from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.records import Data
 from beltcomm.given import pasted
-from beltcomm.laboratory.cross_checks import SheetDoubt
+from beltcomm.laboratory.cross_checks import SheetDoubt, doubts_of
 from beltcomm.laboratory.run_checks import Checked, checked
 from beltcomm.rundata.kept_fit import fitted_to
 from beltcomm.rundata.revisions import current_model
 from beltcomm.runfolder import RunFolder
-from beltcomm.sentences.cross_checks import doubts_of
 from beltcomm.talk import Talk
 
 #: Error over noise from which on nothing is said of a model: whole torques are some hundred times the noise of a drive.

@@ -9,17 +9,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from beltcomm.axis import Axis
-from beltcomm.fit.estimate import Fitted
-from beltcomm.fit.intervals import with_intervals
 from beltcomm.laboratory.cross_checks import (
     MapCheck,
     Resonances,
     SheetDoubt,
     amplitudes_fitted,
+    doubts_of,
     friction_bound,
     map_checks,
     resonances,
-    sheet_doubts,
 )
 from beltcomm.laboratory.score import ground_of
 from beltcomm.recording import Recording
@@ -60,11 +58,6 @@ def cross_checked(found: Diagnosis, recordings: Sequence[Recording], axis: Axis)
         friction_bound(found.after, ground_of(found.after, found.data.fitted, axis)) if open_question else None,
         doubts_of(found.after, axis, recordings),
     )
-
-
-def doubts_of(fitted: Fitted, axis: Axis, recordings: Sequence[Recording]) -> tuple[SheetDoubt, ...]:
-    """What of the data sheets a fitted model contradicts."""
-    return sheet_doubts(with_intervals(fitted), fitted.ratio, axis, recordings)
 
 
 def sheet_lines(doubts: Sequence[SheetDoubt]) -> list[str]:

@@ -8,7 +8,6 @@ are compiled here as any other.  It begins before numba is loaded here: this mod
 from __future__ import annotations
 
 import atexit
-import gc
 import hashlib
 import os
 import subprocess
@@ -34,9 +33,9 @@ def begin(meanwhile: Iterable[Callable[[], object]] = ()) -> None:
     meanwhile : calls that compile what is needed later, made here while :func:`wait` has nothing else to do.
     """
     _meanwhile[:] = reversed(tuple(meanwhile))
-    note = _note()
+    note = note_file()
     if note is not None and not note.exists() and len(os.sched_getaffinity(0)) > 1:
-        start([sys.executable, "-P", "-m", __name__])
+        start([sys.executable, "-P", "-m", "beltcomm.simulate.compile_largest"])
 
 
 def start(command: Sequence[str]) -> None:
@@ -81,14 +80,18 @@ def _end(child: subprocess.Popen[bytes]) -> None:
     child.wait()
 
 
-def _note() -> Path | None:
+def note_file() -> Path | None:
     """Says that what stands in these files was compiled here by this numba; whether its machine code still fits, numba alone decides.
 
     None where it cannot be written.
     """
     kernels, package = cached.folder(), cached.package()
     numba = find_spec("numba")
-    sources = [path for part in ("*.py", "effects/*.py", "simulate/*.py") for path in sorted(package.glob(part))]
+    sources = [
+        path
+        for part in ("compiled.py", "control/*.py", "effects/*.py", "model/*.py", "simulate/*.py")
+        for path in sorted(package.glob(part))
+    ]
     try:
         kernels.mkdir(parents=True, exist_ok=True)
         stamps = [(path, path.stat().st_size, path.stat().st_mtime_ns) for path in (*sources, Path(str(numba and numba.origin)))]
@@ -96,29 +99,3 @@ def _note() -> Path | None:
         return None
     key = hashlib.sha256(repr((os.environ.get("NUMBA_CACHE_DIR"), stamps)).encode()).hexdigest()[:20]
     return kernels / f"ahead_{key}" if os.access(kernels, os.W_OK) else None
-
-
-def main() -> None:
-    """Compile both by calls with the types of every other call."""
-    import numpy as np
-
-    from beltcomm.effects import EFFECTS
-    from beltcomm.simulate.compose import load_module
-    from beltcomm.simulate.observer import NOTHING
-    from beltcomm.simulate.plain_belt import plain_belt, values_of
-    from beltcomm.simulate.writer import catalogue_parameters
-
-    p, on = np.ones(len(catalogue_parameters())), np.zeros(len(EFFECTS), dtype=np.bool_)
-    motion, rest, load, cart = np.zeros((4, 3))
-    load_module().load(motion, rest, p, on, 0.0, 1.0, 1.0, 0.0, load, cart, NOTHING)
-    richest = values_of(1, lambda name: 1.0 if name.endswith("distance") else 0.5, np.zeros(1))
-    plain_belt(motion, rest, 1.0, 2, 1.0, 0.0, richest)
-    note = _note()
-    if note is not None:
-        cached.write_note(note)
-        cached.prune(note)
-
-
-if __name__ == "__main__":
-    gc.disable()  # a compiler drops little
-    main()

@@ -15,8 +15,8 @@ from beltcomm.experiments import raising
 from beltcomm.fit.first_path import FirstPath
 from beltcomm.fit.torque_path import FAITHFUL
 from beltcomm.identify.amplitude import AmplitudeStep, Prediction
-from beltcomm.machine.creep import Breakaway
 from beltcomm.model import load_plant
+from beltcomm.rundata.first_motions import Breakaway
 from beltcomm.talk import Silence
 
 BREAKAWAY = Breakaway(0.1, 0.1)
