@@ -225,7 +225,7 @@ def _copied(folder: RunFolder, run: Path) -> set[str]:
 
 def _options_for(options: Options, machine: Machine, twin: _Twin, place_m: float) -> Options:
     """The same job on the twin, with nobody to ask."""
-    needs_observer = machine.drive.capabilities.structure.torque_feedforward
+    with_feedforward = machine.drive.capabilities.structure.torque_feedforward
     return replace(
         options,
         yes=True,
@@ -241,7 +241,7 @@ def _options_for(options: Options, machine: Machine, twin: _Twin, place_m: float
         wall_clock=None,
         visible=False,
         pictures=False,
-        profile=WITH_FEEDFORWARD if needs_observer else WITHOUT_FEEDFORWARD,
+        profile=WITH_FEEDFORWARD if with_feedforward else WITHOUT_FEEDFORWARD,
         node=None,
         bitrate=None,
         realtime=False,

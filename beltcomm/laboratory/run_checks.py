@@ -136,7 +136,7 @@ def _sampled(timed: Sequence[Recording], axis: Axis, remarks: list[str]) -> list
     uneven_ones = [
         (r, j) for r in timed if (j := stamps[r.name]) is not None and j.real and (j.share > MOST_UNEVEN or _poses(r, j, axis) > 1.0)
     ]
-    beyond = [(r, j) for r, j in uneven_ones if j.largest > MOST_MOVED or abs(j.needs_observer - 1.0) > SIGMAS * j.error + TRUE_STAMPS]
+    beyond = [(r, j) for r, j in uneven_ones if j.largest > MOST_MOVED or abs(j.slope - 1.0) > SIGMAS * j.error + TRUE_STAMPS]
     if beyond:
         raise _jitter_fault(beyond, axis)
     false_stamps = [r for r in timed if (j := stamps[r.name]) is not None and j.only_stamps]

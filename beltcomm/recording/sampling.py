@@ -117,14 +117,14 @@ def _noise(position: Array) -> float:
 @dataclass(frozen=True)
 class Jitter:
     """largest, rms : deviation of the time steps from even ones, in periods.   period_s : s, the even one.
-    follows : slope of the motion's own unevenness over that of the stamps: 1 where the samples were taken when the stamps say, 0 where
+    slope : of the motion's own unevenness over that of the stamps: 1 where the samples were taken when the stamps say, 0 where
     they were even; nan where nobody can tell.   error : its standard deviation.   share : of the motion's unevenness, its square, that
     comes from the stamps'.   bend : rms of the position's second differences that stamps alone make, in the position's unit."""
 
     largest: float
     rms: float
     period_s: float
-    needs_observer: float
+    slope: float
     error: float
     share: float
     bend: float
@@ -132,18 +132,18 @@ class Jitter:
     @property
     def real(self) -> bool:
         """Whether the samples were taken unevenly: proven."""
-        return self.needs_observer > SIGMAS * self.error and abs(self.needs_observer - 1.0) < abs(self.needs_observer)
+        return self.slope > SIGMAS * self.error and abs(self.slope - 1.0) < abs(self.slope)
 
     @property
     def only_stamps(self) -> bool:
         """Whether the samples were even and the stamps alone jitter: proven."""
-        return 1.0 - self.needs_observer > SIGMAS * self.error and abs(self.needs_observer) < abs(1.0 - self.needs_observer)
+        return 1.0 - self.slope > SIGMAS * self.error and abs(self.slope) < abs(1.0 - self.slope)
 
 
 def stamp_jitter(t_s: Array, position: Array, long_steps: NDArray[np.intp]) -> Jitter | None:
     """How time stamps jitter, and whether the motion followed them; None for even ones.
 
-        x[n+1] - x[n] - its neighbours' mean = follows · speed · (the same of t)
+        x[n+1] - x[n] - its neighbours' mean = slope · speed · (the same of t)
 
     Lost samples, whole periods long, are no jitter.   t_s : (n,), s.   position : (n,), any unit.
     long_steps : samples after which some were lost.
@@ -168,6 +168,6 @@ def stamp_jitter(t_s: Array, position: Array, long_steps: NDArray[np.intp]) -> J
     if power <= 0.0:
         return Jitter(largest, rms, period, math.nan, math.inf, 0.0, 0.0)
     bend = float(np.sqrt(np.mean((speed * (times[1:-1] - times[:-2]))[sound] ** 2)))
-    needs_observer = float(cause @ seen) / power
-    error = math.sqrt(float(np.sum(cause**2 * (seen - needs_observer * cause) ** 2))) / power
-    return Jitter(largest, rms, period, needs_observer, error, max(0.0, needs_observer * float(cause @ seen) / float(seen @ seen)), bend)
+    slope = float(cause @ seen) / power
+    error = math.sqrt(float(np.sum(cause**2 * (seen - slope * cause) ** 2))) / power
+    return Jitter(largest, rms, period, slope, error, max(0.0, slope * float(cause @ seen) / float(seen @ seen)), bend)

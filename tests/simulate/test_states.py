@@ -64,8 +64,8 @@ def test_the_second_record_goes_on_where_the_first_ended(effect: Effect) -> None
     model, (first, second) = model_with(effect), torques()
     whole = run(model, np.concatenate([first, second]))
     ended = run(model, first)
-    resume_fit = run(model, second, ended.end, FIRST * T)
-    apart = np.max(np.abs(resume_fit.velocity_rad_s - whole.velocity_rad_s[FIRST:])) / np.max(np.abs(whole.velocity_rad_s))
+    continued = run(model, second, ended.end, FIRST * T)
+    apart = np.max(np.abs(continued.velocity_rad_s - whole.velocity_rad_s[FIRST:])) / np.max(np.abs(whole.velocity_rad_s))
     assert (apart > 1e-3) if carried(effect, "no") else (apart < 1e-9)
 
 
