@@ -27,6 +27,9 @@ TEXTS = [path for path in CHECKOUT.glob("*.*") if path.suffix in (".md", ".toml"
 LOADERS: dict[str, Callable[[str], Any]] = {"axes": load_axis, "plants": load_plant, "drives": load_profile, "studies": load_study}
 CONFIGS = sorted((CHECKOUT / "configs").rglob("*.*"))
 
+#: Files of more than 400 lines, and why each is one thing.
+LONG: dict[str, str] = {}
+
 RUN = "python3 -m venv .venv && .venv/bin/pip install -q . && .venv/bin/beltcomm commission --drive virtual --yes"
 TEST = "python3 -m venv .venv && .venv/bin/pip install -q -e '.[dev]' && .venv/bin/python -m pytest"
 
@@ -36,9 +39,10 @@ def settings() -> dict[str, Any]:
         return tomllib.load(file)
 
 
-def test_files_stay_short_enough_to_be_read_at_once() -> None:
+def test_a_long_file_has_its_reason() -> None:
+    """A file that is read in one go has no more than 400 lines; one that says a single thing at greater length is not cut for that."""
     lengths = {path.relative_to(CHECKOUT).as_posix(): len(path.read_text(encoding="utf-8").splitlines()) for path in SOURCES}
-    assert {name: lines for name, lines in lengths.items() if lines > 400} == {}
+    assert {name for name, lines in lengths.items() if lines > 400} == set(LONG)
 
 
 def test_no_text_names_a_folder_of_one_machine() -> None:

@@ -6,22 +6,26 @@ The records are simulated with the model from the data sheets, and what they wou
 
 from __future__ import annotations
 
+import hashlib
+import json
 import math
 import textwrap
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from platformdirs import user_cache_path
 
 from beltcomm.axis import Axis
+from beltcomm.configfiles import write_text
 from beltcomm.drive import Capabilities
 from beltcomm.errors import BeltcommError
 from beltcomm.excitation import choose_prbs, prbs
 from beltcomm.experiments import phases
 from beltcomm.experiments.bounds import course_before, seconds_of
-from beltcomm.experiments.detectability_kept import kept
 from beltcomm.experiments.execute_step import EXPERIMENT, RESPONSE_S, quieter
 from beltcomm.experiments.options import Options
 from beltcomm.experiments.paths import Course, path_of, start_of
@@ -32,6 +36,7 @@ from beltcomm.laboratory.diagnosis import fitted_base
 from beltcomm.laboratory.score import Scorer, ground_of
 from beltcomm.laboratory.visible import Sight, visible
 from beltcomm.model import Model
+from beltcomm.programs import source_hash
 from beltcomm.recording import Recording
 from beltcomm.recording.sidecar import ExcitationNote, Sidecar
 from beltcomm.result import plain, with_unit
@@ -257,3 +262,32 @@ class _Simulated:
         acting = np.concatenate(([0.0], moved.torque_nm[:-1]))  # one period late, as assumed
         sidecar = Sidecar(EXPERIMENT[step.kind], start, closed_loop=True)
         return _Motion(moved.t_s, acting, start / ratio + self.counted((moved.motor_m - start) / ratio), sidecar)
+
+
+def kept(axis: Axis, capabilities: Capabilities, extent: Extent, make: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+    """The last answer of this extent where everything is as it was, else a new one.   Raises what ``make`` raises."""
+    path, key = user_cache_path("beltcomm") / f"foresight_{extent}.json", key_of(axis, capabilities, extent)
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+        if found["key"] == key:
+            return dict(found["visible"])
+    except (OSError, ValueError, KeyError, TypeError):
+        pass  # nothing there, or nothing that can be used: it is made again
+    visible = make()
+    keep(path, {"key": key, "visible": visible})
+    return visible
+
+
+def keep(path: Path, found: dict[str, Any]) -> None:
+    """Write an answer where that is possible."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_text(path, json.dumps(found) + "\n")
+    except (OSError, BeltcommError):
+        pass  # a cache that cannot be written costs the time only
+
+
+def key_of(axis: Axis, capabilities: Capabilities, extent: Extent) -> str:
+    """Changes with everything that the answer rests on."""
+    drive = {name: sorted(map(str, v)) if isinstance(v, set | frozenset) else str(v) for name, v in asdict(capabilities).items()}
+    return hashlib.sha256(json.dumps([axis.to_dict(), drive, extent, source_hash()], default=str, sort_keys=True).encode()).hexdigest()

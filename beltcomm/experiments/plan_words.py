@@ -9,7 +9,7 @@ from beltcomm.axis import Axis
 from beltcomm.drive import Capabilities
 from beltcomm.experiments import holding, phases
 from beltcomm.machine import creep, gravity
-from beltcomm.machine.guard_times import guard_times_s
+from beltcomm.machine.host_loss import guard_times_s
 from beltcomm.result import Row
 from beltcomm.simulate.stopping import first_deceleration
 

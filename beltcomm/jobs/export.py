@@ -17,8 +17,7 @@ from beltcomm.experiments.options import Options
 from beltcomm.export.dcf import dcf_text
 from beltcomm.export.program import controller_of
 from beltcomm.export.texts import FORMATS, text_of
-from beltcomm.given import Place, pasted, place
-from beltcomm.jobs.files import may_write
+from beltcomm.given import Place, may_write, pasted, place
 from beltcomm.result import Result
 from beltcomm.rundata import offline
 from beltcomm.rundata.proof import doubts

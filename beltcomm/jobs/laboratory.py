@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from beltcomm.effects import EFFECTS, effect_named, stands_for
-from beltcomm.errors import UsageError
+from beltcomm.errors import BeltcommError, UsageError
 from beltcomm.experiments.redundant_steps import Before, shown_already
 from beltcomm.fit.acting import acting_recordings
 from beltcomm.fit.base import NEXT_ITERATIONS, again
@@ -19,25 +19,25 @@ from beltcomm.fit.observer import needs_observer
 from beltcomm.fit.records import Data
 from beltcomm.given import Place, pasted, place, word
 from beltcomm.jobs.confounded_effects import together
-from beltcomm.jobs.diagnosis_start import better, named_beside
 from beltcomm.jobs.effect_search import search_of
 from beltcomm.jobs.rungs import base_revision, plain_of, revision_of
-from beltcomm.laboratory.acceptance import confirmed
+from beltcomm.laboratory.acceptance import confirmed, drop_by
 from beltcomm.laboratory.compare import Comparison, compare, landmarks, worst
 from beltcomm.laboratory.diagnosis import Diagnosis, Step, settled
-from beltcomm.laboratory.forms import formed, placed
+from beltcomm.laboratory.forms import formed, held, placed
 from beltcomm.laboratory.freedom import unneeded
 from beltcomm.laboratory.place_words import in_words
 from beltcomm.laboratory.plain_error import of_run
 from beltcomm.laboratory.scope import lacking, not_named
 from beltcomm.laboratory.score import ground_of
-from beltcomm.laboratory.stage import may_add, with_effect
+from beltcomm.laboratory.stage import MISSING, may_add, with_effect
 from beltcomm.laboratory.visible import visible
+from beltcomm.model import Model
 from beltcomm.pages import pictures as drawn
 from beltcomm.recording import Recording
 from beltcomm.result import Result, plain
+from beltcomm.rundata.cost import cost_and_words, priced
 from beltcomm.rundata.fitted_run import Opened, explainable, opened
-from beltcomm.rundata.kept_cost import cost_of, priced
 from beltcomm.rundata.kept_path import KEY
 from beltcomm.rundata.kept_result import answered
 from beltcomm.rundata.revisions import (
@@ -151,7 +151,7 @@ def diagnosed(folder: RunFolder, run: Path, auto: bool, cost: bool, following: b
     text += [*path_sentences(found.data.path, recordings), *check_lines(crossed)]
     if cost and found.named:
         talk.phase(1, 1, "what it costs in tracking")
-        data["cost"], lines = cost_of(folder, found.base.model, with_intervals(found.after), " and ".join(found.named))
+        data["cost"], lines = cost_and_words(folder, found.base.model, with_intervals(found.after), " and ".join(found.named))
         text += lines
     seen, lines, planned = sight(folder, found, recordings, following)
     data |= seen
@@ -271,7 +271,7 @@ def add_to_run(
     result = change_result(here, data, after, rung, notes, command, pictures)
     if not cost:
         return result
-    price, lines = cost_of(here.folder, here.fitted.model, with_intervals(after), effect)
+    price, lines = cost_and_words(here.folder, here.fitted.model, with_intervals(after), effect)
     keep_cost(here.folder, rung.name, None if price is None else {"of": effect, **price})
     return Result({**result.data, "cost": price}, [*result.text[:-1], *lines, result.text[-1]])
 
@@ -340,3 +340,39 @@ def ratios(comparison: Comparison) -> dict[str, Any]:
         "ratio": {"overall": comparison.ratio, "held_out": comparison.held_out},
         "plain": {"overall": plain(comparison.plain), "held_out": plain(comparison.plain_held_out)},
     }
+
+
+def told_before(folder: RunFolder, model: Model, effect: str) -> Model | None:
+    """The model with the effect and the values that ``results/diagnosis.yaml`` ended with; None where it says nothing of it."""
+    try:
+        after = (folder.load_result("diagnosis") or {})["after"]
+        if effect not in after["effects"]:
+            return None
+        grown = model.with_effect(effect)
+        told = {name: float(said["value"]) for name, said in after["parameters"].items() if name in grown.parameters}
+        for form in held(grown, effect_named(effect)):  # stays the usual one: it is found after the effect
+            told.pop(form, None)
+        return grown.with_values(told, "diagnosis")
+    except (BeltcommError, KeyError, TypeError, ValueError, AttributeError):
+        return None  # a start value that cannot be read is none
+
+
+def named_beside(folder: RunFolder, model: Model) -> list[str]:
+    """Effects that the last diagnosis names and a model does not have, without those that `add` tries by itself."""
+    try:
+        named = [effect_named(str(name)) for name in (folder.load_result("diagnosis") or {})["named"]]
+    except (BeltcommError, KeyError, TypeError):
+        return []
+    along = {part for effect in named for part in effect.completed_by}
+    return [e.name for e in named if e.name not in model.effects and e.name not in along]
+
+
+def better(folder: RunFolder, data: Data, base: Fitted, grown: Fitted, effect: str) -> Fitted:
+    """The model grown from a base, or the same begun at what the diagnosis found where that leaves less: it may have come another way."""
+    if grown.objective < MISSING * grown.problem.samples:
+        return grown
+    told = told_before(folder, base.model, effect)
+    if told is None:
+        return grown
+    again = fit(data, told, NEXT_ITERATIONS, offsets=grown.offsets)
+    return again if drop_by(grown, again) > 0.0 else grown

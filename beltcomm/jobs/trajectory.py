@@ -10,8 +10,7 @@ import numpy as np
 
 from beltcomm.errors import UsageError
 from beltcomm.experiments.options import Options
-from beltcomm.given import Place, number, pasted, place
-from beltcomm.jobs.files import may_write
+from beltcomm.given import Place, may_write, number, pasted, place
 from beltcomm.recording.signalfile import write_columns
 from beltcomm.result import Result, plain
 from beltcomm.talk import Silence, Talk

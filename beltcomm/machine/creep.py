@@ -11,7 +11,7 @@ from beltcomm.axis import Axis
 from beltcomm.drive import GUARD_S, Drive, Guarding, Limits, Motion, Row
 from beltcomm.errors import DriveError, Refused, SafetyStop
 from beltcomm.identify.amplitude import UNKNOWN_MASSES_KG
-from beltcomm.machine.guard_times import guard_times_s
+from beltcomm.machine.host_loss import guard_times_s
 from beltcomm.rundata.first_motions import MOVED_M, SLIDING_SHARE
 from beltcomm.simulate.stopping import Braking, HostLoss, first_deceleration, run_on
 

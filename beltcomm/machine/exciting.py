@@ -10,7 +10,7 @@ from beltcomm.errors import DriveError, Refused
 from beltcomm.excitation import Excitation
 from beltcomm.identify.amplitude import Prediction
 from beltcomm.machine import delivered, host_loss
-from beltcomm.machine.guard_times import guard_times_s
+from beltcomm.machine.host_loss import guard_times_s
 from beltcomm.machine.machine import Machine, Room
 from beltcomm.machine.prediction_watch import Expectation
 from beltcomm.model import Model

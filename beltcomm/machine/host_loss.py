@@ -11,10 +11,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from beltcomm.drive import Guarding, Row
+from beltcomm.drive import GUARD_S, Capabilities, Guarding, Row
 from beltcomm.errors import SafetyStop
 from beltcomm.identify.amplitude import Prediction
-from beltcomm.machine.guard_times import guard_times_s
 from beltcomm.machine.machine import Machine
 from beltcomm.machine.stops import Designed, Found, braking_of
 from beltcomm.model import Model
@@ -26,6 +25,8 @@ SPEED_OVER_S = 0.012
 REACH_M = 1e-2
 #: Speeds of the watch's table.
 GRID = 200
+#: Guard times that are tried, s, longest first: a short one makes a fault of every hiccup of the computer.
+GUARD_TIMES_S = (GUARD_S, 0.035, 0.025, 0.02)
 
 
 def prove(machine: Machine, holding_nm: float | None = None) -> Guarding:
@@ -163,3 +164,9 @@ class RunOnWatch:
                 f"and {1e3 * left:.0f} mm are left to the end; the axis was stopped; reduce the amplitude or start nearer to the middle",
                 "position",
             )
+
+
+def guard_times_s(capabilities: Capabilities) -> tuple[float, ...]:
+    """Guard times that drive and bus allow, longest first; the shortest one always."""
+    shortest = capabilities.shortest_guard_s or GUARD_S
+    return (*(time for time in GUARD_TIMES_S if time > shortest), shortest)

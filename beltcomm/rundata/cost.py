@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from beltcomm.axis import Axis
 from beltcomm.axis.entries import TrajectoryLimits
@@ -18,14 +18,19 @@ from beltcomm.design.compensation import compensated, compensation
 from beltcomm.design.margins import margins
 from beltcomm.errors import BeltcommError, Refused
 from beltcomm.model import Model
+from beltcomm.result import plain
 from beltcomm.rundata import analyse
 from beltcomm.rundata.delays import assume_delay, delay, measure_delay_and_damping
 from beltcomm.rundata.findings import Findings
 from beltcomm.rundata.kept_path import kept_path
 from beltcomm.rundata.offline import structure_of
+from beltcomm.rundata.revisions import Revision, keep_cost, model_named
 from beltcomm.runfolder import RunFolder
 from beltcomm.trajectory import Trajectory, held, plan_trajectory
 from beltcomm.verify import MOVE_M, REST_S, Loop, TrackingError, demand, predict_move, predict_range, tracking_error
+
+if TYPE_CHECKING:  # the report, which searches for nothing, uses this module too
+    from beltcomm.laboratory.diagnosis import Diagnosis
 
 #: Limits of the move where axis.yaml names none: those of an ordinary handling axis.
 USUAL = TrajectoryLimits(jerk_m_s3=200.0, acceleration_m_s2=10.0, speed_m_s=1.5)
@@ -195,3 +200,22 @@ def _errors(
 
 def _um(value_m: float) -> str:
     return f"{1e6 * value_m:.0f} µm" if value_m < 1e-3 else f"{1e3 * value_m:.2f} mm"
+
+
+def cost_and_words(folder: RunFolder, before: Model, after: Model, name: str) -> tuple[dict[str, Any] | None, list[str]]:
+    """What an effect costs, for programs and for people."""
+    price, reason = cost_or_reason(folder, before, after)
+    return (None if price is None else dict(plain(price))), cost_lines(price, reason, name)
+
+
+def priced(folder: RunFolder, found: Diagnosis, made: list[Revision], whole: dict[str, Any] | None) -> list[Revision]:
+    """The revisions of a climb with what their effects together cost, kept with the last.   whole : of all that was named."""
+    last = made[-1]
+    new = [name for name in last.effects if name not in found.base.model.effects]
+    if not new:
+        return made
+    if set(found.named) - set(last.effects):
+        whole, _ = cost_and_words(folder, found.base.model, model_named(folder, last.name), "")
+    kept = None if whole is None else {"of": " and ".join(new), **whole}
+    keep_cost(folder, last.name, kept)
+    return [*made[:-1], replace(last, cost=kept)]

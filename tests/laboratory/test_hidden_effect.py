@@ -17,7 +17,7 @@ from beltcomm.effects import effect_named
 from beltcomm.fit.estimate import Fitted, fit
 from beltcomm.fit.records import Data
 from beltcomm.fit.start import start_model
-from beltcomm.jobs.diagnosis_start import better, told_before
+from beltcomm.jobs.laboratory import better, told_before
 from beltcomm.laboratory.diagnosis import Step, fitted_base, shorter
 from beltcomm.laboratory.score import Scorer, ground_of
 from beltcomm.laboratory.stage import candidate, with_effect

@@ -12,14 +12,14 @@ import pytest
 
 from beltcomm.axis import load_axis
 from beltcomm.jobs import rungs
-from beltcomm.jobs.diagnosis_start import named_beside
+from beltcomm.jobs.laboratory import named_beside
 from beltcomm.laboratory import acceptance
 from beltcomm.laboratory.figures import PlainError
 from beltcomm.model import load_plant
 from beltcomm.pages import missing
 from beltcomm.report.page import Table
 from beltcomm.result import plain
-from beltcomm.rundata import kept_cost
+from beltcomm.rundata import cost as costs
 from beltcomm.rundata.cost import Cost
 from beltcomm.rundata.revisions import Revision, as_mapping, keep_cost, new_revision, revisions
 from beltcomm.runfolder import RunFolder
@@ -106,9 +106,9 @@ def test_a_climb_keeps_the_cost_of_what_it_added(
         asked.append((before, after))
         return {"move": "anew"}, []
 
-    monkeypatch.setattr(kept_cost, "cost_of", cost)
+    monkeypatch.setattr(costs, "cost_and_words", cost)
     found: Any = SimpleNamespace(base=SimpleNamespace(model=model), named=named)
-    made = kept_cost.priced(folder, found, revisions(folder), {"move": "whole"})
+    made = costs.priced(folder, found, revisions(folder), {"move": "whole"})
     assert [rung.cost for rung in made] == [None, {"of": "backlash", "move": "anew" if computed else "whole"}]
     assert revisions(folder) == made
     assert [after.effects[-1] for _, after in asked] == ["backlash"] * computed

@@ -11,9 +11,8 @@ import pytest
 from beltcomm.axis import Axis, load_axis
 from beltcomm.drive import Capabilities, open_drive
 from beltcomm.excitation import choose_prbs, prbs
+from beltcomm.experiments import detectability, phases
 from beltcomm.experiments import detectability as foresight
-from beltcomm.experiments import detectability_kept as foresight_kept
-from beltcomm.experiments import phases
 from beltcomm.experiments.bounds import bounds_of, course_before
 from beltcomm.experiments.detectability import Foresight, foresee, lines_of
 from beltcomm.experiments.execute_step import holding_at, quieter
@@ -204,7 +203,7 @@ class Counted:
 def test_the_default_plan_says_what_its_records_could_name_and_keeps_it(
     capabilities: Capabilities, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(foresight_kept, "user_cache_path", lambda _: tmp_path)
+    monkeypatch.setattr(detectability, "user_cache_path", lambda _: tmp_path)
     found = Counted()
     monkeypatch.setattr(foresight, "foresee", found)
     bare = Plan("", (), notes=("first",))

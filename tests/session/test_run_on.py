@@ -16,7 +16,7 @@ from beltcomm.drive import Limits, Row
 from beltcomm.errors import DriveError, DriveFault, Refused, SafetyStop
 from beltcomm.identify.amplitude import DIES, MotionLimits, around, largest_amplitude, predict
 from beltcomm.machine import creep, host_loss
-from beltcomm.machine.guard_times import guard_times_s
+from beltcomm.machine.host_loss import guard_times_s
 from beltcomm.machine.machine import Machine
 from beltcomm.recording.sidecar import Sidecar
 from beltcomm.runfolder import RunFolder
