@@ -77,7 +77,7 @@ def commission(drive: str, axis: Axis | Place, run: Place, *, options: Options |
     """
     options, talk, axis, run = given(options), talk or Silence(), axis_of(axis), place(run)
     referencing.suitable(axis)
-    agreed = Agreement(options, talk, lambda name, at, asked: commission(name, axis, at, options=asked), goes_on=False)
+    agreed = Agreement(options, talk, partial(commission, axis=axis), goes_on=False)
     with able(open_drive(drive, options.for_drive()), "torque") as opened, supervised(opened, drive, run, options, talk) as connected:
         analyse.offered(connected.capabilities.structure, options.prefilter, options.feedforward)
         if options.window_m is not None:
@@ -119,7 +119,7 @@ def identify(drive: str, axis: Axis | Place, run: Place, *, options: Options | N
     closed = options.in_loop
     with able(open_drive(drive, options.for_drive()), "torque") as opened, supervised(opened, drive, run, options, talk) as connected:
         if closed:
-            again = Agreement(options, talk, lambda name, at, asked: identify(name, axis, at, options=asked))
+            again = Agreement(options, talk, partial(identify, axis=axis))
             return identify_in_loop(connected, axis, run, options, again, talk)
         return _identify(connected, drive, axis, run, options, talk)
 
@@ -132,7 +132,7 @@ def _identify(connected: Drive, drive: str, axis: Axis, run: Path, options: Opti
     findings = Findings()
     with Machine(connected, axis, folder, talk) as machine:
         window = referencing.reference(machine, settings_of(options), needed=False)
-        agreed = Agreement(options, talk, lambda name, at, asked: identify(name, axis, at, options=asked), goes_on=False)
+        agreed = Agreement(options, talk, partial(identify, axis=axis), goes_on=False)
         agreed(identify_plan(axis, connected.capabilities, window), machine)
         machine.titles, machine.excitation = sequence.TITLES[1:4], options.excitation
         with early_end.kept(machine, findings):
@@ -150,7 +150,7 @@ def follow(drive: str, run: Place, plan: Place, *, options: Options | None = Non
     """The records of a plan that ``diagnose`` wrote, into the run that it was written for."""
     options, talk, run, plan = given(options), talk or Silence(), place(run), place(plan, "plan")
     with able(open_drive(drive, options.for_drive()), "torque") as opened, supervised(opened, drive, run, options, talk) as connected:
-        agreed = Agreement(options, talk, lambda name, at, asked: follow(name, at, plan, options=asked))
+        agreed = Agreement(options, talk, partial(follow, plan=plan))
         return follow_plan(connected, run, plan, options, agreed, talk)
 
 
@@ -171,7 +171,7 @@ def friction(
         findings = offline.fitted(folder, "lm", Silence(), model)
         with Machine(connected, folder.axis, folder, talk) as machine:
             referencing.reference(machine, settings_of(options))
-            Agreement(options, talk, lambda name, at, asked: friction(name, at, options=asked))(plan, machine)
+            Agreement(options, talk, friction)(plan, machine)
             check_sign(machine)
             machine.titles = (sequence.TITLES[4], sequence.TITLES[5])
             sequence.close_first_loop(machine, findings, model, ask=not options.yes)
@@ -228,7 +228,7 @@ def verify(
             drive,
             run,
             options,
-            Agreement(options, talk, lambda name, at, asked: verify(name, at, **how, options=asked)),
+            Agreement(options, talk, partial(verify, **how)),
             talk,
             **how,
             planned=(lambda plan, axis: planned(plan, connected.capabilities, options, axis)) if options.dry_run else None,
@@ -246,7 +246,7 @@ def apply(
     options, talk, run = given(options), talk or Silence(), place(run)
     dcf, folder = None if dcf is None else place(dcf, "file"), RunFolder.open(run)
     admitted(folder, options, talk, dcf, shown)
-    agreed = Agreement(options, talk, lambda name, at, asked: apply(name, at, dcf=dcf, shown=shown, options=asked))
+    agreed = Agreement(options, talk, partial(apply, dcf=dcf, shown=shown))
     with open_drive(drive, options.for_drive()) as opened, supervised(opened, drive, run, options, talk) as connected:
         return apply_to(connected, drive, folder, options, talk, agreed, dcf=dcf, shown=shown)
 
@@ -269,7 +269,7 @@ def rollback(drive: str, run: Place, *, backup: str | None = None, options: Opti
 def calibrate(drive: str, axis: Axis | Place | None, run: Place, *, options: Options | None = None, talk: Talk | None = None) -> Result:
     """What the drive's gains mean, by small steps of its setpoints, into a run: a new one for ``axis``, or an existing one without it."""
     options, talk, run = given(options), talk or Silence(), place(run)
-    agreed = Agreement(options, talk, lambda name, at, asked: calibrate(name, axis, at, options=asked), goes_on=axis is None)
+    agreed = Agreement(options, talk, partial(calibrate, axis=axis), goes_on=axis is None)
     with open_drive(drive, options.for_drive()) as opened, supervised(opened, drive, run, options, talk) as connected:
         of_axis = RunFolder.open(run).axis if axis is None else axis_of(axis)
         plan = calibrate_job.plan_of(of_axis, connected.capabilities)

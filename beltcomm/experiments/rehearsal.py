@@ -9,10 +9,10 @@ from __future__ import annotations
 import math
 import shutil
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -34,12 +34,18 @@ from beltcomm.simulate.plant import SimulatedPlant, substeps_needed
 from beltcomm.simulate.stopping import total_friction
 from beltcomm.talk import Talk
 
-#: The job as a function of the drive's name, the run folder and the options.
-Job = Callable[[str, Path, Options], object]
 #: Profiles that the virtual drive plays, with a torque along its reference and without.
 WITH_FEEDFORWARD, WITHOUT_FEEDFORWARD = "reference", "cmmp-as"
 #: A torque may exceed its limit by this share: ripple and noise of a measured torque.
 TORQUE_SHARE = 1.1
+
+
+class Job(Protocol):
+    """A command of :mod:`beltcomm.api` with all that was asked for but the drive, the run folder and the options."""
+
+    def __call__(self, *, drive: str, run: Path, options: Options) -> object:
+        """Do it there."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -144,7 +150,7 @@ def rehearse(machine: Machine, options: Options, talk: Talk, job: Job, goes_on: 
         before = _copied(folder, run) if goes_on else set()
         twin = _Twin(model, place)
         try:
-            job(f"virtual:{file}", run, _options_for(options, machine, twin, place))
+            job(drive=f"virtual:{file}", run=run, options=_options_for(options, machine, twin, place))
         except BeltcommError as problem:
             raise Refused(
                 f"on the twin ({what}) the job ends so: {problem}. Nothing was moved; look at axis.yaml and the model"
