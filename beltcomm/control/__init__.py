@@ -131,11 +131,6 @@ class CascadeStructure:
     dead_zone_rad: float = 0.0
     roll_off: bool = False
 
-    def position_error_seen(self, error_rad: float, kpp_1_s: float) -> float:
-        """Position error that acts: less the dead zone, and no more than makes the largest output; rad, motor shaft."""
-        seen = max(0.0, abs(error_rad) - self.dead_zone_rad)
-        return math.copysign(min(seen, self.output_limit_rad_s / kpp_1_s) if kpp_1_s > 0.0 else seen, error_rad)
-
 
 def discrete_coefficients(cascade: Cascade, period_s: float, torque_limit_nm: float) -> Array:
     """The numbers that the compiled step runs on, in the order that :mod:`beltcomm.control.cascade_kernel` unpacks.

@@ -297,13 +297,6 @@ class Words:
     most: str
 
 
-def names_in(text: str) -> set[str]:
-    """Names that an expression reads."""
-    nodes = list(ast.walk(ast.parse(text, mode="eval")))
-    functions = {id(node.func) for node in nodes if isinstance(node, ast.Call)}
-    return {node.id for node in nodes if isinstance(node, ast.Name) and id(node) not in functions}
-
-
 _SIGNS: Mapping[type[ast.AST], tuple[str, int]] = {
     ast.Add: ("+", 3), ast.Sub: ("-", 3), ast.Mult: ("*", 4), ast.Div: ("/", 4),
     ast.Gt: (">", 2), ast.GtE: (">=", 2), ast.Lt: ("<", 2), ast.LtE: ("<=", 2),

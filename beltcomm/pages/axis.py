@@ -19,9 +19,6 @@ from beltcomm.rundata.analyse import nonlinearities
 from beltcomm.sentences.response_table import Row, table_lines, table_of
 from beltcomm.sentences.words import friction_lines, nonlinearity_lines
 
-#: Records of which distortion and noise are drawn.
-SPLIT = 2
-
 
 def frequency(run: Gathered) -> Section:
     """All responses with their 95 % bands and landmarks; the model over those that differ most, with coherence."""

@@ -126,11 +126,6 @@ class Recording:
         named |= {signal: getattr(self, signal) for signal in COMMON if getattr(self, signal) is not None}
         return named | {name: column for name, column in self.extra.items() if name not in named}
 
-    def check_samples(self, fewest: int, method: str) -> None:
-        """Raise DataError when a method needs more samples than there are.   method : in words, for the message."""
-        if len(self.torque) < fewest:
-            raise self._fault(f"{method} needs {fewest} samples, it has {len(self.torque)}; record longer")
-
     def check_against(self, axis: Axis) -> None:
         """Raise DataError when the record contradicts the axis: travel, carriage sensor or torque in another unit.
 
