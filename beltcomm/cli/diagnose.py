@@ -8,7 +8,7 @@ import click
 
 from beltcomm.cli import options as shared
 from beltcomm.cli.frame import Frame, api, today
-from beltcomm.simulate import ahead
+from beltcomm.simulate.kernels import ahead
 
 
 @click.command("diagnose")

@@ -15,8 +15,8 @@ from beltcomm.fit.whitening import noises
 from beltcomm.model import Model
 from beltcomm.model.linear import matrices, operating_point
 from beltcomm.simulate.inverse import FineMotion, acting_torque, followed, followed_beside, motor_load, true_motion
-from beltcomm.simulate.observer import Watch, filtered, unseen
-from beltcomm.simulate.writer import catalogue_bodies
+from beltcomm.simulate.kernels.observer import Watch, filtered, unseen
+from beltcomm.simulate.kernels.writer import catalogue_bodies
 
 Array = NDArray[np.float64]
 

@@ -42,7 +42,7 @@ from beltcomm.simulate.inverse import (
     torque_residuals,
     true_motion,
 )
-from beltcomm.simulate.mean import ABSURD_NM
+from beltcomm.simulate.kernels.mean import ABSURD_NM
 
 Array = NDArray[np.float64]
 

@@ -13,7 +13,7 @@ from beltcomm.rundata.kept_fit import fitted_to
 from beltcomm.rundata.revisions import current_model
 from beltcomm.runfolder import RunFolder
 from beltcomm.sentences import ladder as words
-from beltcomm.simulate import ahead
+from beltcomm.simulate.kernels import ahead
 from beltcomm.talk import Talk
 
 

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from beltcomm.effects import DRIVING_END
 from beltcomm.model import Model
 from beltcomm.model.linear import acts_on, carriage_of, matrices, operating_point, stretch_of, values_of
-from beltcomm.simulate.exact_kernel import REACH, LinearAxis, Tables, runner
-from beltcomm.simulate.first_root import DEGREE
+from beltcomm.simulate.kernels.exact_kernel import REACH, LinearAxis, Tables, runner
+from beltcomm.simulate.kernels.first_root import DEGREE
 
 Array = NDArray[np.float64]
 

@@ -13,10 +13,10 @@ from beltcomm.errors import Refused, UsageError
 from beltcomm.model import Model
 from beltcomm.model.linear import describes, fastest_rate, operating_point
 from beltcomm.model.statics import equilibrium
-from beltcomm.simulate.compose import kernel_for, states_of
 from beltcomm.simulate.exact import exact_record, is_exact
-from beltcomm.simulate.glide import CELLS, LONGEST_STEP, STRIDE, glide_for, torque_at_stages
 from beltcomm.simulate.imperfect import is_late, late_torque, memory_s
+from beltcomm.simulate.kernels.compose import kernel_for, states_of
+from beltcomm.simulate.kernels.glide import CELLS, LONGEST_STEP, STRIDE, glide_for, torque_at_stages
 
 Array = NDArray[np.float64]
 

@@ -19,10 +19,10 @@ from beltcomm.effects.measurement_lag import read
 from beltcomm.laboratory.harmonics import gain_kernel, gain_means, load_kernel, load_means, powers_of
 from beltcomm.laboratory.prepared import last_compiled
 from beltcomm.model import build_model, expected_parameters
-from beltcomm.simulate import ahead, compile_largest
-from beltcomm.simulate.compose import inverse_kernel, load_source, motor_side_source, plain_source
-from beltcomm.simulate.fences import needed
 from beltcomm.simulate.inverse import FineMotion, torque_residuals
+from beltcomm.simulate.kernels import ahead, compile_largest
+from beltcomm.simulate.kernels.compose import inverse_kernel, load_source, motor_side_source, plain_source
+from beltcomm.simulate.kernels.fences import needed
 
 SLEEP = "import time; time.sleep(0.3)"
 
@@ -51,7 +51,7 @@ def test_a_process_that_cannot_be_started_or_fails_stops_nothing(tmp_path: Path)
 def test_it_ends_with_the_process_that_began_it(tmp_path: Path) -> None:
     late = tmp_path / "late"
     child = f"import time; time.sleep(1); open({str(late)!r}, 'w')"
-    text = f"import sys; from beltcomm.simulate import ahead; ahead.start([sys.executable, '-S', '-c', {child!r}])"
+    text = f"import sys; from beltcomm.simulate.kernels import ahead; ahead.start([sys.executable, '-S', '-c', {child!r}])"
     subprocess.run([sys.executable, "-c", text], check=True)
     time.sleep(1.2)
     assert not late.exists()
@@ -92,7 +92,7 @@ def test_what_is_compiled_ahead_is_called_and_noted(monkeypatch: pytest.MonkeyPa
     """The large load apart, which takes too long here; of a process beside nobody would hear that it failed."""
     module = SimpleNamespace(load=lambda *_given: None)
     monkeypatch.setattr(ahead, "note_file", lambda: tmp_path / "note")
-    monkeypatch.setattr("beltcomm.simulate.compose.load_module", lambda: module)
+    monkeypatch.setattr("beltcomm.simulate.kernels.compose.load_module", lambda: module)
     compile_largest.main()
     assert [path.name for path in tmp_path.iterdir()] == ["note"]
 

@@ -20,7 +20,7 @@ from types import ModuleType
 from typing import Any
 
 from beltcomm.compiled import within_lanes
-from beltcomm.simulate import fast_math, vectors
+from beltcomm.simulate.kernels import fast_math, vectors
 
 _math = ModuleType("math")
 _math.__dict__.update(vars(math))

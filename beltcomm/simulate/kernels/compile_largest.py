@@ -1,4 +1,4 @@
-"""``python -m beltcomm.simulate.compile_largest``: what :mod:`beltcomm.simulate.ahead` has compiled beside a process."""
+"""``python -m beltcomm.simulate.kernels.compile_largest``: what :mod:`beltcomm.simulate.kernels.ahead` has compiled beside a process."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ import gc
 import numpy as np
 
 from beltcomm.effects import EFFECTS
-from beltcomm.simulate import ahead, cached, compose
-from beltcomm.simulate.observer import NOTHING
-from beltcomm.simulate.plain_belt import plain_belt, values_of
-from beltcomm.simulate.writer import catalogue_parameters
+from beltcomm.simulate.kernels import ahead, cached, compose
+from beltcomm.simulate.kernels.observer import NOTHING
+from beltcomm.simulate.kernels.plain_belt import plain_belt, values_of
+from beltcomm.simulate.kernels.writer import catalogue_parameters
 
 
 def main() -> None:

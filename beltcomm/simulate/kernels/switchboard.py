@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from beltcomm.effects import EFFECTS, Effect, effect_named
 from beltcomm.model import expected_parameters
-from beltcomm.simulate.plain_belt import PLAIN, knows
-from beltcomm.simulate.writer import acts_on_motor, catalogue_parameters
+from beltcomm.simulate.kernels.plain_belt import PLAIN, knows
+from beltcomm.simulate.kernels.writer import acts_on_motor, catalogue_parameters
 
 Array = NDArray[np.float64]
 

@@ -33,7 +33,7 @@ def folder() -> Path:
 
 def package() -> Path:
     """Where this program stands."""
-    return Path(__file__).resolve().parents[1]
+    return Path(__file__).resolve().parents[2]
 
 
 def write_note(note: Path) -> None:

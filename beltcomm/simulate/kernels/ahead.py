@@ -18,7 +18,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import ParamSpec, TypeVar
 
-from beltcomm.simulate import cached
+from beltcomm.simulate.kernels import cached
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
@@ -35,7 +35,7 @@ def begin(meanwhile: Iterable[Callable[[], object]] = ()) -> None:
     _meanwhile[:] = reversed(tuple(meanwhile))
     note = note_file()
     if note is not None and not note.exists() and len(os.sched_getaffinity(0)) > 1:
-        start([sys.executable, "-P", "-m", "beltcomm.simulate.compile_largest"])
+        start([sys.executable, "-P", "-m", "beltcomm.simulate.kernels.compile_largest"])
 
 
 def start(command: Sequence[str]) -> None:
@@ -89,7 +89,7 @@ def note_file() -> Path | None:
     numba = find_spec("numba")
     sources = [
         path
-        for part in ("compiled.py", "control/*.py", "effects/*.py", "model/*.py", "simulate/*.py")
+        for part in ("compiled.py", "control/*.py", "effects/*.py", "model/*.py", "simulate/*.py", "simulate/kernels/*.py")
         for path in sorted(package.glob(part))
     ]
     try:

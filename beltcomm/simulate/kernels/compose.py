@@ -27,13 +27,13 @@ from types import ModuleType
 
 from beltcomm.effects import EFFECTS
 from beltcomm.model import Model, body_list
-from beltcomm.simulate.ahead import after_waiting
-from beltcomm.simulate.cached import VERSION, folder
-from beltcomm.simulate.fences import indented, needed
 from beltcomm.simulate.imperfect import LEAST_STEEP, ROUNDS
-from beltcomm.simulate.observer import Watch
-from beltcomm.simulate.plain_belt import PLAIN
-from beltcomm.simulate.writer import LOOK_AHEAD, MOVING_RAD_S, Writer, acts_on_motor
+from beltcomm.simulate.kernels.ahead import after_waiting
+from beltcomm.simulate.kernels.cached import VERSION, folder
+from beltcomm.simulate.kernels.fences import indented, needed
+from beltcomm.simulate.kernels.observer import Watch
+from beltcomm.simulate.kernels.plain_belt import PLAIN
+from beltcomm.simulate.kernels.writer import LOOK_AHEAD, MOVING_RAD_S, Writer, acts_on_motor
 
 #: A thread must not meet a module that another one is still executing.
 _IMPORTING = threading.RLock()
@@ -193,7 +193,9 @@ def _acted(writer: Writer) -> list[str]:
 
 @dataclass(frozen=True)
 class Inverse:
-    """The masked functions over the whole catalogue; ``p``, ``on`` as :class:`beltcomm.simulate.switchboard.Switchboard` gives them.
+    """The masked functions over the whole catalogue.
+
+    p, on : as :class:`beltcomm.simulate.kernels.switchboard.Switchboard` gives them.
 
     load(theta, omega, p, on, t, h, bristle, offset, load, cart, watch): load torque at the motor shaft, N m, of everything but the effects
         that act on the motor alone, for a given motor motion; cart position, m.  ``bristle`` : m, in which motor friction turns round.

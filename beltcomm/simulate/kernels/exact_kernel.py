@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.compiled import in_lanes
-from beltcomm.simulate.first_root import DEGREE, NEVER, first_root, largest, value
+from beltcomm.simulate.kernels.first_root import DEGREE, NEVER, first_root, largest, value
 
 Array = NDArray[np.float64]
 

@@ -21,12 +21,12 @@ from numpy.typing import NDArray
 
 from beltcomm.effects import Effect
 from beltcomm.model import Model
-from beltcomm.simulate import fast_math
-from beltcomm.simulate.compose import import_stable
-from beltcomm.simulate.fences import indented
-from beltcomm.simulate.sources import fingerprint
-from beltcomm.simulate.stick import stick_or_slide
-from beltcomm.simulate.writer import Writer
+from beltcomm.simulate.kernels import fast_math
+from beltcomm.simulate.kernels.compose import import_stable
+from beltcomm.simulate.kernels.fences import indented
+from beltcomm.simulate.kernels.sources import fingerprint
+from beltcomm.simulate.kernels.stick import stick_or_slide
+from beltcomm.simulate.kernels.writer import Writer
 
 Array = NDArray[np.float64]
 
@@ -267,8 +267,8 @@ def _module(writer: Writer, lines: list[str]) -> str:
     tables = "NODES, PLACES, PLACE_END, SPEEDS, SPEED_END, STAGES"
     head = [
         "import math", "", "import numpy as np", "", "from beltcomm.compiled import in_lanes",
-        "from beltcomm.simulate.fast_math import fast, sin, waves",
-        f"from beltcomm.simulate.glide import {tables}",
+        "from beltcomm.simulate.kernels.fast_math import fast, sin, waves",
+        f"from beltcomm.simulate.kernels.glide import {tables}",
         *[f"from {law.__module__} import {law.__name__} as _{name}" for name, law in laws],
         "", *[f"{name} = fast(_{name})" for name, _ in laws], "", "",
         "@in_lanes",

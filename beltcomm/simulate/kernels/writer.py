@@ -22,14 +22,14 @@ from beltcomm.effects import (
     is_plain_belt,
 )
 from beltcomm.model import BASE_BODIES, body_list, effect_parameters, expected_parameters
-from beltcomm.simulate import branchless, fast_math, loop_kernel
-from beltcomm.simulate.fences import fenced, indented
-from beltcomm.simulate.learning import learn
-from beltcomm.simulate.mean import weighted
-from beltcomm.simulate.observer import EXPECTED, LEARNED, OBSERVED, TAKEN, TOUCHED, contact, expected, observe, seen, taken
-from beltcomm.simulate.observer_lanes import brought, sampled
-from beltcomm.simulate.sources import fingerprint
-from beltcomm.simulate.stick import stick_or_slide
+from beltcomm.simulate.kernels import branchless, fast_math, loop_kernel
+from beltcomm.simulate.kernels.fences import fenced, indented
+from beltcomm.simulate.kernels.learning import learn
+from beltcomm.simulate.kernels.mean import weighted
+from beltcomm.simulate.kernels.observer import EXPECTED, LEARNED, OBSERVED, TAKEN, TOUCHED, contact, expected, observe, seen, taken
+from beltcomm.simulate.kernels.observer_lanes import brought, sampled
+from beltcomm.simulate.kernels.sources import fingerprint
+from beltcomm.simulate.kernels.stick import stick_or_slide
 
 #: rad/s: a stretch that begins faster than this begins in motion, all bodies with the motor (a gap in the middle of a stroke);
 #: more than the first milliseconds of an excitation from rest.
@@ -385,13 +385,13 @@ class Writer:
         several = "fast(_{0})"
         laws = [f"{name} = {(several if name in self.in_lanes else single).format(name)}" for name in sorted(self.laws)]
         if "setpoint(" in body:
-            imports.append("from beltcomm.simulate.loop_kernel import setpoint")
+            imports.append("from beltcomm.simulate.kernels.loop_kernel import setpoint")
         if self.in_lanes:
-            imports.append("from beltcomm.simulate.fast_math import fast")
+            imports.append("from beltcomm.simulate.kernels.fast_math import fast")
         if self.in_vectors:
-            imports.append("from beltcomm.simulate.branchless import in_vectors")
-            imports.append("from beltcomm.simulate.observer_lanes import brought, sampled")
-            imports.append("from beltcomm.simulate.vectors import at, eight, either, least, most, put")
+            imports.append("from beltcomm.simulate.kernels.branchless import in_vectors")
+            imports.append("from beltcomm.simulate.kernels.observer_lanes import brought, sampled")
+            imports.append("from beltcomm.simulate.kernels.vectors import at, eight, either, least, most, put")
         ours = "from beltcomm.compiled import compiled, in_lanes, within_kernels"
         head = ["import math", "", "import numpy as np", "", ours, *imports, "", *laws]
         made_of, modules = [*self.laws.values()], [loop_kernel.__name__, cascade_kernel.__name__, fast_math.__name__]

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.compiled import in_lanes
-from beltcomm.simulate.vectors import LANES, aligned, at, eight, put
+from beltcomm.simulate.kernels.vectors import LANES, aligned, at, eight, put
 
 Array = NDArray[np.float64]
 

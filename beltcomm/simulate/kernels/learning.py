@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.compiled import inlined
-from beltcomm.simulate.observer import LOST, Watch
-from beltcomm.simulate.vectors import LANES, aligned, at, eight, put
+from beltcomm.simulate.kernels.observer import LOST, Watch
+from beltcomm.simulate.kernels.vectors import LANES, aligned, at, eight, put
 
 Array = NDArray[np.float64]
 

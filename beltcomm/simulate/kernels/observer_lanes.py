@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.compiled import within_lanes
-from beltcomm.simulate.addresses import flag_at, number_at, set_flag, set_number
-from beltcomm.simulate.mean import ABSURD_NM
-from beltcomm.simulate.observer import LOST, OPEN, Watch
-from beltcomm.simulate.vectors import LANES, Vector, aligned, at, eight, put
+from beltcomm.simulate.kernels.addresses import flag_at, number_at, set_flag, set_number
+from beltcomm.simulate.kernels.mean import ABSURD_NM
+from beltcomm.simulate.kernels.observer import LOST, OPEN, Watch
+from beltcomm.simulate.kernels.vectors import LANES, Vector, aligned, at, eight, put
 
 Array = NDArray[np.float64]
 

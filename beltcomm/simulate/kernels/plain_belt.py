@@ -17,9 +17,9 @@ from beltcomm.compiled import in_lanes
 from beltcomm.effects._corner import REACH
 from beltcomm.effects.belt_slack import MOST_LOST
 from beltcomm.effects.stiffness_position import LEAST_COMPLIANCE
-from beltcomm.simulate import ahead
-from beltcomm.simulate.mean import ABSURD_NM
-from beltcomm.simulate.observer import lanes_for
+from beltcomm.simulate.kernels import ahead
+from beltcomm.simulate.kernels.mean import ABSURD_NM
+from beltcomm.simulate.kernels.observer import lanes_for
 
 Array = NDArray[np.float64]
 
