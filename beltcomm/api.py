@@ -52,7 +52,7 @@ from beltcomm.model import load_plant
 from beltcomm.pages import at_the_end
 from beltcomm.pages import report as report
 from beltcomm.pages import trend as trend
-from beltcomm.pages.friction_study import friction_compare as friction_compare
+from beltcomm.jobs.friction_compare import friction_compare as friction_compare
 from beltcomm.result import Result, plain
 from beltcomm.rundata import analyse, offline
 from beltcomm.rundata.backups import chosen

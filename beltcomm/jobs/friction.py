@@ -21,7 +21,8 @@ from beltcomm.identify.magnitude_fit import MagnitudeFit
 from beltcomm.identify.sweeps import SweepNote, note_of
 from beltcomm.machine.machine import Machine, stroking
 from beltcomm.model import Model
-from beltcomm.pages import friction_study, pictures
+from beltcomm.pages import pictures
+from beltcomm.rundata import friction_study
 from beltcomm.recording.sidecar import Sidecar, load_sidecar
 from beltcomm.result import Result, plain
 from beltcomm.runfolder import RunFolder

@@ -9,7 +9,7 @@ import numpy as np
 
 from beltcomm.errors import BeltcommError, DataError
 from beltcomm.given import pasted
-from beltcomm.pages.friction_study import study_of
+from beltcomm.rundata.friction_study import study_of
 from beltcomm.pages.gather import Gathered
 from beltcomm.report import bode, friction, levels, responses
 from beltcomm.report.page import Picture, Section, Table, Words, picture_of

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from beltcomm.errors import BeltcommError
 from beltcomm.identify.friction import FrictionFit
 from beltcomm.pages import tracking
-from beltcomm.pages.friction_study import study_of
+from beltcomm.rundata.friction_study import study_of
 from beltcomm.pages.gather import Gathered
 from beltcomm.pages.quantities import Quantity, quantities_of
 from beltcomm.report import friction, responses

@@ -1,4 +1,4 @@
-"""What the constant-speed sweeps of one run or of several say; no machine needed."""
+"""``beltcomm friction --compare``: the sweeps of one run once more, or friction against load over several; no machine needed."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from beltcomm.result import Result, plain
 from beltcomm.rundata import analyse, offline
 from beltcomm.rundata.delays import measure_delay_and_damping
 from beltcomm.rundata.findings import Findings
+from beltcomm.rundata.friction_study import Study, data_of, study_of
 from beltcomm.rundata.kept_path import kept_path
 from beltcomm.runfolder import RunFolder
 from beltcomm.schedule.strokes import slowest_fitted_rad_s
@@ -31,40 +32,6 @@ from beltcomm.talk import Silence, Talk
 MASS_SHARE = 0.05
 #: Entries of axis.yaml that may differ between runs of one axis: what is mounted, how fast it may go, what it is called.
 NOT_THE_AXIS = ("payload.", "trajectories.", "limits.", "name ")
-
-
-@dataclass(frozen=True)
-class Study:
-    """What the sweeps of a run say.   friction : (3.36) over all of them.   drifts : by measurement, or why it cannot be told.
-
-    standstill : the record whose apparent damping is the largest, None without a model, a response or a sweep.
-    """
-
-    friction: FrictionFit
-    sweeps: tuple[Sweep, ...]
-    drifts: Mapping[int, Drift | str]
-    standstill: Standstill | None
-
-
-def study_of(recordings: Sequence[Recording], axis: Axis, model: Model | None, fits: Mapping[str, MagnitudeFit]) -> Study:
-    """What the sweeps of a run say.   fits : log-magnitude fits of its responses.   Raises DataError without a usable sweep."""
-    slowest = slowest_fitted_rad_s(axis.transmission_m_rad)
-    inertia = analyse.moved_inertia(model) if model is not None else 0.0
-    sweeps = sweeps_of(recordings, slowest, inertia)
-    friction = analyse.friction_of(recordings, slowest, inertia)
-    drifts: dict[int, Drift | str] = {}
-    for number, group in measurements(sweeps).items():
-        try:
-            drifts[number] = drift_of([p for s in group for p in s.plateaus])
-        except DataError as problem:
-            drifts[number] = str(problem)
-    return Study(friction, sweeps, drifts, largest(recordings, fits, model, friction) if model is not None else None)
-
-
-def data_of(study: Study) -> dict[str, Any]:
-    """For programs and for ``results/friction_sweeps.yaml``; the passes stand in the recordings."""
-    sweeps = [{**plain(replace(s, plateaus=())), "name": s.name} for s in study.sweeps]
-    return {"sweeps": sweeps, "drift": plain(dict(study.drifts)), "standstill": plain(study.standstill)}
 
 
 def friction_compare(runs: Place | Sequence[Place], *, pictures: bool = False, command: str = "", talk: Talk | None = None) -> Result:
