@@ -38,6 +38,7 @@ from beltcomm.jobs.doctor import doctor as doctor
 from beltcomm.jobs.export import export as export
 from beltcomm.jobs.fit import fit as fit
 from beltcomm.jobs.follow import follow_plan
+from beltcomm.jobs.friction_compare import friction_compare as friction_compare
 from beltcomm.jobs.laboratory import add_to_run, compare_run, diagnose_run, ladder_of_run, remove_from_run
 from beltcomm.jobs.loop import identify_in_loop
 from beltcomm.jobs.serve import serve as serve
@@ -52,7 +53,6 @@ from beltcomm.model import load_plant
 from beltcomm.pages import at_the_end
 from beltcomm.pages import report as report
 from beltcomm.pages import trend as trend
-from beltcomm.jobs.friction_compare import friction_compare as friction_compare
 from beltcomm.result import Result, plain
 from beltcomm.rundata import analyse, offline
 from beltcomm.rundata.backups import chosen

@@ -22,9 +22,9 @@ from beltcomm.identify.sweeps import SweepNote, note_of
 from beltcomm.machine.machine import Machine, stroking
 from beltcomm.model import Model
 from beltcomm.pages import pictures
-from beltcomm.rundata import friction_study
 from beltcomm.recording.sidecar import Sidecar, load_sidecar
 from beltcomm.result import Result, plain
+from beltcomm.rundata import friction_study
 from beltcomm.runfolder import RunFolder
 from beltcomm.schedule import orders
 from beltcomm.schedule.orders import Stroke, Wanted

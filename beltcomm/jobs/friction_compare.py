@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
 from typing import Any
 
-from beltcomm.axis import Axis
 from beltcomm.errors import DataError, UsageError
 from beltcomm.given import Place, pasted, places
 from beltcomm.identify.friction import FrictionFit, fit_friction
-from beltcomm.identify.magnitude_fit import MagnitudeFit
-from beltcomm.identify.standstill import Standstill, largest
-from beltcomm.identify.sweeps import Drift, LoadDependence, Sweep, drift_of, load_dependence, measurements, sweeps_of
+from beltcomm.identify.sweeps import Drift, LoadDependence, Sweep, load_dependence
 from beltcomm.model import Model
 from beltcomm.pages import pictures as drawing
-from beltcomm.recording import Recording
 from beltcomm.result import Result, plain
-from beltcomm.rundata import analyse, offline
+from beltcomm.rundata import offline
 from beltcomm.rundata.delays import measure_delay_and_damping
 from beltcomm.rundata.findings import Findings
 from beltcomm.rundata.friction_study import Study, data_of, study_of

@@ -9,13 +9,13 @@ import numpy as np
 
 from beltcomm.errors import BeltcommError, DataError
 from beltcomm.given import pasted
-from beltcomm.rundata.friction_study import study_of
 from beltcomm.pages.gather import Gathered
 from beltcomm.report import bode, friction, levels, responses
 from beltcomm.report.page import Picture, Section, Table, Words, picture_of
 from beltcomm.report.style import Caption
 from beltcomm.response.distortion import distortion, line_scatter
 from beltcomm.rundata.analyse import nonlinearities
+from beltcomm.rundata.friction_study import study_of
 from beltcomm.sentences.response_table import Row, table_lines, table_of
 from beltcomm.sentences.words import friction_lines, nonlinearity_lines
 

@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from beltcomm.errors import BeltcommError
 from beltcomm.identify.friction import FrictionFit
 from beltcomm.pages import tracking
-from beltcomm.rundata.friction_study import study_of
 from beltcomm.pages.gather import Gathered
 from beltcomm.pages.quantities import Quantity, quantities_of
 from beltcomm.report import friction, responses
@@ -17,6 +16,7 @@ from beltcomm.report.changes import Bar, changes_figure
 from beltcomm.report.page import Picture, Section, Table, Words, picture_of
 from beltcomm.report.style import Caption
 from beltcomm.report.tracking import tracking_figure
+from beltcomm.rundata.friction_study import study_of
 from beltcomm.rundata.revisions import current_revision
 from beltcomm.sentences.response_table import Row, table_of
 
