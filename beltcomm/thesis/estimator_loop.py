@@ -10,9 +10,11 @@ from numpy.typing import NDArray
 
 from beltcomm.axis.entries import TrajectoryLimits
 from beltcomm.control import Cascade, Prefilter, discrete_coefficients, new_state, velocity_step
-from beltcomm.encoder.edges import INCREMENT_M
-from beltcomm.encoder.estimators import Settings, coefficients
-from beltcomm.encoder.kernel import (
+from beltcomm.model import Model, load_plant
+from beltcomm.simulate.plant import SimulatedPlant, substeps_needed
+from beltcomm.thesis.encoder.edges import INCREMENT_M
+from beltcomm.thesis.encoder.estimators import Settings, coefficients
+from beltcomm.thesis.encoder.kernel import (
     COUNT,
     INVALID,
     close_period,
@@ -24,8 +26,6 @@ from beltcomm.encoder.kernel import (
     new_estimator,
     take_stretch,
 )
-from beltcomm.model import Model, load_plant
-from beltcomm.simulate.plant import SimulatedPlant, substeps_needed
 from beltcomm.trajectory import Trajectory, plan_trajectory
 
 Array = NDArray[np.float64]

@@ -22,10 +22,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from beltcomm.encoder.edges import INCREMENT_M, TICK_S, Edges
-from beltcomm.encoder.kernel import INVALID, new_decoder, new_estimator, run_record
-from beltcomm.encoder.quadrature import require_order
 from beltcomm.errors import UsageError
+from beltcomm.thesis.encoder.edges import INCREMENT_M, TICK_S, Edges
+from beltcomm.thesis.encoder.kernel import INVALID, new_decoder, new_estimator, run_record
+from beltcomm.thesis.encoder.quadrature import require_order
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
